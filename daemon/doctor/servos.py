@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.line import Line
@@ -157,49 +158,76 @@ def _rate(
 ) -> None:
     """Cycles a second, of position and temperature, as the driver reads them when it is quick.
     *readable*: those that have answered a read of their own."""
-    length = family.warm_bytes
-    request = family.sync_read(ids, family.position, length)
-    bytes_each = len(feetech.status(1, 0, bytes(length)))
-    if family.name == "dynamixel":
-        bytes_each = dynamixel.status_size(length)
-    line_s = 10 * (len(request) + len(ids) * bytes_each) / line.baud
-    whole, cycles, began = 0, 0, time.monotonic()
-    answered: Counter[int] = Counter()
-    alerts: dict[int, int] = {}
-    while time.monotonic() - began < RATE_S:
-        heard: set[int] = set()
-        for packet in line.ask(family, request, ids, line_s + ANSWER_S):
-            for status in _whole(family, family.statuses(packet, length), length):
-                heard.add(status.id)
-                if family.alerts(status.error):
-                    alerts[status.id] = status.error
-        answered.update(heard)
-        whole += len(heard & set(ids)) == len(ids)
-        cycles += 1
-    seconds = time.monotonic() - began
-    patient.rate_hz = round(whole / seconds, 1)
+    cycles = _measure(line, family, [ids])
+    only_alone = [servo for servo in ids if servo in readable and not cycles.answered[servo]]
+    how = ""
+    if only_alone:  # the driver then reads all of them one by one
+        cycles, how = _measure(line, family, [[servo] for servo in ids]), ", read one by one"
+    patient.rate_hz = round(cycles.rate_hz, 1)
     patient.say(
-        f"{whole / seconds:.0f} whole cycles a second of {len(ids)} servos, position and "
-        f"temperature; the line alone would allow {1 / line_s:.0f}"
+        f"{cycles.rate_hz:.0f} whole cycles a second of {len(ids)} servos{how}, position and "
+        f"temperature; the line alone would allow {1 / cycles.line_s:.0f}"
     )
-    only_alone = [servo for servo in ids if servo in readable and not answered[servo]]
     if only_alone:
         each = "each of them" if len(only_alone) > 1 else "it"
         text = f"{_ids(only_alone)}: no answer to a sync read, though {each} answers when asked"
-        text += " alone: not the cable, but the firmware or the adapter"
+        text += " alone: not the cable, but the firmware or the adapter; armd reads the servos of"
+        text += f" this line one by one, {cycles.rate_hz:.0f} cycles a second"
         mend = f"update the firmware with {TOOL[family.name]}, or try another adapter"
         patient.find("no_sync_read", text, mend)
     for servo in ids:
-        if servo not in only_alone and answered[servo] < 0.95 * cycles:
-            text = f"servo {servo} answered {answered[servo]} of {cycles} cycles"
+        if cycles.answered[servo] < 0.95 * cycles.n:
+            text = f"servo {servo} answered {cycles.answered[servo]} of {cycles.n} cycles"
             patient.find("lost_answers", text, "check its cable and its supply voltage")
-    for servo, error in sorted(alerts.items()):
+    for servo, error in sorted(cycles.alerts.items()):
         bits: bytes | None = bytes([error])
         if family.alarm is not None:
             bits = read(line, family, servo, family.alarm, 1)
         words = family.complaints(bits[0]) if bits else "something that it does not name"
         mend = "remove its cause (load, heat, supply), then switch the supply off and on"
         patient.find("servo_alert", f"servo {servo} complains of: {words}", mend)
+
+
+@dataclass
+class _Cycles:
+    """What came of asking for some time."""
+
+    line_s: float  # that a cycle needs on the line
+    n: int = 0
+    rate_hz: float = 0.0  # of whole ones
+    answered: Counter[int] = field(default_factory=Counter)  # cycles, by servo
+    alerts: dict[int, int] = field(default_factory=dict)  # error bytes
+
+
+def _measure(line: Line, family: Family, parts: Sequence[Sequence[int]]) -> _Cycles:
+    """Ask for cycles of *parts*, the ids of one request each: a sync read, or a read of one."""
+    length, span = family.warm_bytes, (family.position, family.warm_bytes)
+    is_sync = len(parts) == 1
+    requests = [
+        family.sync_read(ids, *span) if is_sync else family.read(ids[0], *span) for ids in parts
+    ]
+    bytes_each = len(feetech.status(1, 0, bytes(length)))
+    if family.name == "dynamixel":
+        bytes_each = dynamixel.status_size(length)
+    part_s = [
+        10 * (len(request) + len(ids) * bytes_each) / line.baud
+        for ids, request in zip(parts, requests, strict=True)
+    ]
+    cycles, whole, began = _Cycles(sum(part_s)), 0, time.monotonic()
+    everyone = {servo for ids in parts for servo in ids}
+    while time.monotonic() - began < RATE_S:
+        heard: set[int] = set()
+        for ids, request, line_s in zip(parts, requests, part_s, strict=True):
+            for packet in line.ask(family, request, ids, line_s + ANSWER_S):
+                for status in _whole(family, family.statuses(packet, length), length):
+                    heard.add(status.id)
+                    if family.alerts(status.error):
+                        cycles.alerts[status.id] = status.error
+        cycles.answered.update(heard)
+        whole += heard >= everyone
+        cycles.n += 1
+    cycles.rate_hz = whole / (time.monotonic() - began)
+    return cycles
 
 
 def _whole(family: Family, statuses: list[Status], length: int) -> list[Status]:

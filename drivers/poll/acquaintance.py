@@ -3,6 +3,7 @@ the configuration wants written to them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ class Acquaintance:
 
     def restart(self) -> None:
         self._tries = 0
+        self._unanswered = 0  # sync reads since a servo answered that was asked alone
         #: geometries that the last verdict was about, by servo id
         self._judged: dict[int, dict[str, Any]] | None = None
         self._version = -1  # of the roster, when it was judged last
@@ -51,18 +53,21 @@ class Acquaintance:
         """Before the first cycle: all that have not said who they are; later after a write."""
         roster = self._decoder.roster
         if self._check:
-            servos, self._check = self._check, []
+            servos = self._plan.select(self._check)
+            self._check = [servo for servo in self._check if servo not in servos]
             self._checked |= set(servos)
             return self._plan.identity(servos)
         if self._judged is not None:
             return None
         wanted = self._missing
         self._tries += 1
-        beyond = self._tries - TRIES
-        if wanted and beyond > 0 and roster.servos:
-            return self._plan.identity_alone(wanted[(beyond - 1) % len(wanted)])
-        if beyond > 0 and beyond % 2:  # nobody yet: in turns
+        if self._decoder.one_by_one.active:
+            return self._plan.identity_alone(wanted[self._tries % len(wanted)])
+        # In turns: a servo that answers alone may have been switched on just now.
+        beyond = self._tries - (TRIES if roster.servos else 1)
+        if beyond > 0 and beyond % 2:
             return self._plan.identity_alone(wanted[beyond // 2 % len(wanted)])
+        self._unanswered = self._unanswered + 1 if roster.alone else 0
         return self._plan.identity(wanted)
 
     @property
@@ -92,12 +97,14 @@ class Acquaintance:
             self._adapter_asked = True
             yield from self._adapter()
         missing = self._missing
-        if self._judged is None:
-            # Those that a sync read does not reach are asked alone, once each.
-            if missing and (self._tries < TRIES + len(missing) or not roster.servos):
+        if self._judged is None and missing:
+            if self._unanswered >= max(TRIES, len(missing)):
+                self._tries = self._unanswered = 0
+                yield note(note="one_by_one")
                 return
-            if missing:
-                yield note(note="missing", servos=missing)
+            if not roster.servos or self._tries < self._patience(len(missing)):
+                return
+            yield note(note="missing", servos=missing)
         now_known = {servo: who.geometry for servo, who in roster.servos.items()}
         known = self._judged is not None and now_known.items() <= self._judged.items()
         self._version = roster.version
@@ -105,6 +112,14 @@ class Acquaintance:
             return
         self._judged = (self._judged or {}) | now_known
         yield from self._judge()
+
+    def _patience(self, n_missing: int) -> float:
+        """Requests before *n_missing* servos count as missing."""
+        if self._decoder.one_by_one.active:
+            return TRIES * len(self._decoder.everyone)
+        if self._decoder.roster.alone:  # it is not known yet whether they know sync reads
+            return math.inf
+        return TRIES + 2 * n_missing  # each is asked alone once
 
     def _accepted_meanwhile(self, now_ns: int) -> bool:
         if not self._decoder.roster.changed or now_ns < self._look_due_ns:

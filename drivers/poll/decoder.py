@@ -13,9 +13,10 @@ from typing import Any
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.button import Button
-from armd.drivers.poll.exchange import Exchange, Said, contradicts
+from armd.drivers.poll.exchange import Exchange, GatheredCycle, Said, contradicts
+from armd.drivers.poll.one_by_one import OneByOne
 from armd.drivers.poll.pauses import Pauses
-from armd.drivers.poll.protocol.family import FAMILIES, Servo
+from armd.drivers.poll.protocol.family import FAMILIES
 from armd.drivers.poll.protocol.packet import ReadRequest, Status
 from armd.drivers.poll.roster import Roster
 from armd.drivers.poll.sampler import ServoSampler
@@ -31,7 +32,8 @@ BITS = 10  # of a byte on the line: start, eight, stop
 
 
 def note(**fields: Any) -> bytes:
-    """Data of a "link" frame: {"note": "up", "down", "missing", "verdict", "foreign", "state"}."""
+    """Data of a "link" frame: {"note": "up", "down", "one_by_one", "missing", "verdict", "foreign",
+    "state"}."""
     return json.dumps(fields).encode()
 
 
@@ -43,6 +45,8 @@ class ServoDecoder:
         self.last_sample_ns: int | None = None  # arrival, host monotonic
         self.last_heard_ns: int | None = None  # of anybody who was asked
         self.exchange: Exchange | None = None  # the one whose answers may still come
+        self.one_by_one = OneByOne()
+        self._gathered: GatheredCycle | None = None  # the cycle that is being read one by one
         self._expected = expectation
         self._port = config.port
         self.byte_ns = BITS * 1e9 / config.baud
@@ -67,7 +71,7 @@ class ServoDecoder:
         self._splitter = family.splitter()
         self._own = family.splitter()  # of what we say
         self._asked: dict[bytes, ReadRequest | None] = {}  # what it means, by packet
-        self._sizes = range(0)  # of answers to the last request
+        self._sizes = self._other_sizes = range(0)  # of answers to the last requests
         self._number = -1  # of the present cycle
         self._settled = False  # it is known whose arm this is
         self.counted: Counter[str] = Counter()
@@ -103,23 +107,20 @@ class ServoDecoder:
         """What a fresh decoder must be fed to go on from here."""
         if not self._under_way or not self._settled:
             return []
-        number, broken = self._before if self.exchange else (self._number, self.chain_broken)
+        under_way = self._under_way if self.exchange or self._gathered else []
+        number, broken = self._before if under_way else (self._number, self.chain_broken)
         state = note(
             note="state",
             number=number,
             broken=broken,
-            heard=self.roster.heard_ns,
-            servos={servo: found.as_json() for servo, found in self.roster.servos.items()},
-            changed=self.roster.changed,
-            doubles=self.roster.doubles.state(),
+            one_by_one=self.one_by_one.active,
             said=[(each.id, each.error, each.data.hex()) for each in self._said.values()],
-            warmth=self._warmth.state(),
-            unproven=self._warmth.unproven(),
-            absurd=self._warmth.absurd(),
             sampler=self._sampler.state(),
+            **self.roster.state(),
+            **self._warmth.state(),
         )
         began = self._under_way[0]._replace(direction="link", data=state)
-        return [began, *(self._under_way if self.exchange else ())]
+        return [began, *under_way]
 
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes."""
@@ -136,20 +137,32 @@ class ServoDecoder:
 
     def _send(self, frame: RawFrame) -> list[Item]:
         items = self._close(frame)
-        self._before = self._number, self.chain_broken
-        self._under_way = [frame]
         if frame.data not in self._asked:
             (packet,) = self._own.push(frame.data)
             self._asked[frame.data] = self.family.request(packet)
         request = self._asked[frame.data]
+        if self._gathered is not None and not self._gathered.lacks(request):
+            items += self._end_gathered(self._gathered)
+        if self._gathered is None:
+            self._before, self._under_way = (self._number, self.chain_broken), []
+        self._under_way.append(frame)
         if request is None:  # a write: its answers say nothing that is not read again
             return items
         retry, self.chain_broken = self.chain_broken and not request.fast, False
-        if request.address == self.family.position and not retry:
+        if request.address == self.family.position and not retry and self._gathered is None:
             self._number += 1
-        self.exchange = Exchange(request, frame, self.family, self.counted, self._said)
-        before, self._sizes = self._sizes, self.family.sizes(request)
-        self._splitter.sizes = {len(frame.data), *self._sizes, *before}  # a late one is known
+            if request.alone:
+                warm = request.length >= self.family.warm_bytes
+                ids = self.everyone if warm else self.cycle_ids
+                self._gathered = GatheredCycle(request, frame, ids)
+        self.exchange = Exchange(
+            request, frame, self.family, self.counted, self._said, self.everyone
+        )
+        sizes = self.family.sizes(request)
+        if sizes != self._sizes:
+            self._other_sizes, self._sizes = self._sizes, sizes
+        # A late answer is known by its size.
+        self._splitter.sizes = {len(frame.data), *self._sizes, *self._other_sizes}
         return items
 
     def _receive(self, frame: RawFrame) -> list[Item]:
@@ -169,15 +182,18 @@ class ServoDecoder:
             self._splitter.flush()
             return []
         exchange.take(self._splitter.flush(), frame.monotonic_ns)
-        if exchange.request.alone:  # who answers so alone cannot be read in a cycle
-            self.roster.alone |= exchange.answers.keys()
-            return []
         if exchange.answers:
             self.last_heard_ns = exchange.heard_ns
+        if exchange.request.alone and not self.one_by_one.active:
+            self.roster.alone |= exchange.answers.keys()
+            return []
         exchange.note()
         twice = exchange.contradicted | exchange.doubtful
         items: list[Item] = [*self.roster.contradicted(twice, exchange.sent.monotonic_ns)]
         address = exchange.request.address
+        if (gathered := self._gathered) is not None:
+            gathered.add(exchange)
+            return items + self._end_gathered(gathered) if gathered.complete else items
         if address == self.family.position:
             return items + self._cycle(exchange)
         if address == self.family.alarm:
@@ -197,7 +213,14 @@ class ServoDecoder:
 
     # --- cycles --------------------------------------------------------------------------------
 
-    def _cycle(self, exchange: Exchange) -> list[Item]:
+    def _end_gathered(self, cycle: GatheredCycle) -> list[Item]:
+        self._gathered = None
+        items = self._cycle(cycle)
+        if cycle.answers:
+            items += self.one_by_one.events(cycle.sent.monotonic_ns)
+        return items
+
+    def _cycle(self, exchange: Exchange | GatheredCycle) -> list[Item]:
         request = exchange.request
         self.chain_broken = request.fast and not exchange.answers
         if self.chain_broken:  # it took others' answers away: the same cycle is asked once more
@@ -258,7 +281,11 @@ class ServoDecoder:
         return items
 
     def _temperatures(
-        self, exchange: Exchange, silent: set[int], at_ns: int, unix_minus_monotonic_ns: int
+        self,
+        exchange: Exchange | GatheredCycle,
+        silent: set[int],
+        at_ns: int,
+        unix_minus_monotonic_ns: int,
     ) -> list[Item]:
         """What the cycle before told, NaN of those who do not answer now."""
         items = self._warmth.reading(silent, self.roster.doubles, at_ns, unix_minus_monotonic_ns)
@@ -273,14 +300,16 @@ class ServoDecoder:
     def _take_note(self, note: dict[str, Any], now_ns: int) -> list[Item]:
         match note["note"]:
             case "up" | "down":
-                self.exchange = None
+                self.exchange = self._gathered = None
                 self._settled = self.chain_broken = False
+                self.one_by_one.end()
                 self._splitter.flush()
                 self._sampler.pause()
                 self.roster.forget()
                 self.stuck.forget()
-                if note["note"] == "up":  # what was heard last explains a line that is closed
-                    self.roster.alone.clear()
+            case "one_by_one":
+                self.one_by_one.begin(self.roster.alone)
+                self.roster.alone.clear()
             case "missing":
                 return [*self.roster.miss(note["servos"], self._port, now_ns)]
             case "verdict":
@@ -295,15 +324,11 @@ class ServoDecoder:
             case "state":  # a recording begins in the middle
                 self._number, self._settled = note["number"], True
                 self.chain_broken = note["broken"]
-                for servo, found in note["servos"].items():
-                    self.roster.identify(int(servo), Servo(**found), now_ns)
-                self.roster.heard_ns = {int(s): at_ns for s, at_ns in note["heard"].items()}
-                self.roster.changed = {int(s): phrases for s, phrases in note["changed"].items()}
-                self.roster.doubles.restore(note.get("doubles", ()))  # older recordings lack it
+                self.one_by_one.restore(note.get("one_by_one", False))  # older recordings lack it
+                self.roster.restore(note, now_ns)
                 for servo, error, data in note.get("said", ()):
                     status = Status(servo, error, bytes.fromhex(data))
                     self._said[servo, len(status.data)] = status
-                recent = (note.get(name, ()) for name in ("unproven", "absurd"))
-                self._warmth.restore(note["warmth"], *recent)
+                self._warmth.restore(note)
                 self._sampler.restore(note["sampler"])
         return []

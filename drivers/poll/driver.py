@@ -15,9 +15,8 @@ from armd.drivers.identity import Expectation
 from armd.drivers.poll.acquaintance import Acquaintance
 from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, note
 from armd.drivers.poll.exchange import Exchange
-from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, Pace, RequestPlan
+from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, PAUSE_MOST_NS, Pace, RequestPlan
 from armd.drivers.poll.protocol.packet import ReadRequest
-from armd.drivers.poll.roster import NO_SYNC_READ
 from armd.drivers.ports import is_pseudo
 from armd.drivers.sample import Item, RawFrame
 from armd.drivers.shell import SerialShell
@@ -72,11 +71,6 @@ class ServoDriver(SerialShell[ServoDecoder]):
             found = f"{self._strange_bytes} bytes that are no answer (another device, or rate?)"
         if self._decoder.counted["echoes"] > self._echoes:
             found = "what was asked, which the adapter hears (are the servos switched on?)"
-        if alone := self._decoder.roster.alone:
-            servos = ", ".join(map(str, sorted(alone)))
-            found = (
-                f"answers of {servos} when asked alone, and none to a sync read ({NO_SYNC_READ})"
-            )
         ids = ", ".join(map(str, self._decoder.everyone))
         kind = self._decoder.family.name
         return f" at {self._baud} baud: found {found}, expected answers of {kind} servos {ids}"
@@ -130,6 +124,9 @@ class ServoDriver(SerialShell[ServoDecoder]):
         """When no more answers are waited for."""
         due_ns = exchange.sent.monotonic_ns + self._needs_ns
         given_up = self._decoder.roster.given_up
+        if exchange.request.alone and self._is_cycle and self._heard_ns == 0:
+            is_expected = not given_up(exchange.request.ids[0])
+            return round(due_ns + (PAUSE_MOST_NS if is_expected else self._pace.accustomed_ns))
         if exchange.answers and all(map(given_up, exchange.missing)):
             return round(max(due_ns, self._heard_ns) + ACCUSTOMED_NS)
         if self._heard_ns == 0:
@@ -160,6 +157,8 @@ class ServoDriver(SerialShell[ServoDecoder]):
         exchange = self._decoder.exchange
         if (exchange is not None and not exchange.complete) or now_ns < self._hold_ns:
             return []
+        if self._plan.within_cycle:
+            return self._ask_cycle(port, now_ns)
         items: list[Item] = []
         for data in self._known.notes(now_ns):
             items += self._feed("link", data)
@@ -171,23 +170,29 @@ class ServoDriver(SerialShell[ServoDecoder]):
         request = self._known.question(now_ns) or self._side or self._plan.side_question(now_ns)
         self._side = None
         self._is_cycle = request is None
-        if request is None:
-            if now_ns < self._due_ns:
-                return items
-            if not self._decoder.chain_broken:
-                self._set_next_due(now_ns)
-            request = self._plan.cycle(now_ns)
-            self._plan.asked(request, now_ns)
-        return items + self._ask(port, request)
+        if request is not None:
+            return items + self._ask(port, request)
+        if now_ns < self._due_ns:
+            return items
+        if not self._decoder.chain_broken:
+            self._set_next_due(now_ns)
+        return items + self._ask_cycle(port, now_ns)
+
+    def _ask_cycle(self, port: serial.Serial, now_ns: int) -> list[Item]:
+        request = self._plan.cycle(now_ns)
+        self._plan.asked(request, now_ns)
+        return self._ask(port, request)
 
     def _think_ahead(self, now_ns: int) -> None:
         """While answers are under way: what to ask as soon as the last of them is here."""
-        if self._period_ns or self._side is not None or not self._known.idle:
-            return
-        self._side = self._plan.side_question(now_ns)
-        if self._side is None:
-            self._next = self._plan.cycle(now_ns)
-            self._ahead = self._packet(self._next)
+        if not self._plan.within_cycle:
+            if self._period_ns or self._side is not None or not self._known.idle:
+                return
+            self._side = self._plan.side_question(now_ns)
+            if self._side is not None:
+                return
+        self._next = self._plan.cycle(now_ns)
+        self._ahead = self._packet(self._next)
 
     def _set_next_due(self, now_ns: int) -> None:
         if self._period_ns:

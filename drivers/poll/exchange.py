@@ -9,7 +9,7 @@ at the most it is one slot earlier, and one run of the servo's own 1 ms loop.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from armd.drivers.poll.protocol.family import Family
 from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Status
@@ -40,8 +40,10 @@ class Exchange:
         family: Family,
         counted: Counter[str],
         said: Said,
+        known: Container[int],
     ) -> None:
-        """*said*: what the servos answered to the requests before this one."""
+        """*said*: what the servos answered to the requests before this one; *known*: ids that
+        other requests ask."""
         self.request = request
         self.sent = sent
         self.answers: dict[int, TimedStatus] = {}
@@ -49,6 +51,7 @@ class Exchange:
         #: who had answered an earlier request, and now does once more, in other words
         self.contradicted: set[int] = set()
         self._said = said
+        self._known = known
         self._family = family
         self._counted = counted
 
@@ -80,7 +83,8 @@ class Exchange:
         is_asked = status.id in self.request.ids
         refuses = self._family.refuses(status.error) or not status.data
         if not is_asked or len(status.data) != self.request.length:
-            why = "foreign" if not is_asked else "refused" if refuses else "late"
+            is_known = is_asked or status.id in self._known
+            why = "foreign" if not is_known else "refused" if refuses else "late"
             self._counted[why] += 1
             if contradicts(status, self._said):
                 self.contradicted.add(status.id)
@@ -121,6 +125,75 @@ class Exchange:
     def heard_ns(self) -> int:
         """When the last of its answers had arrived; there must be one."""
         return max(answer.arrived_ns for answer in self.answers.values())
+
+
+class GatheredCycle:
+    """The exchanges of a cycle whose servos are read one by one; as an `Exchange` to the decoder.
+
+    Each servo's instant comes from its own exchange. The sampler moves all joints to the first of
+    these instants, as after a sync read, over a longer time: see docs/servo.md.
+    """
+
+    def __init__(self, first: ReadRequest, sent: RawFrame, ids: tuple[int, ...]) -> None:
+        """*first*: the cycle's first request, *sent* in that frame; *ids*: all that it asks."""
+        self.request = first._replace(ids=ids, alone=False)
+        self.sent = sent
+        self.answers: dict[int, TimedStatus] = {}
+        self.doubtful: set[int] = set()
+        self._exchanges: dict[int, Exchange] = {}
+
+    def lacks(self, request: ReadRequest | None) -> bool:
+        """Whether *request* asks for a part of this cycle that is still missing."""
+        return (
+            request is not None
+            and request.alone
+            and request.address == self.request.address
+            and request.length == self.request.length
+            and request.ids[0] not in self._exchanges
+        )
+
+    def add(self, exchange: Exchange) -> None:
+        """*exchange* is closed."""
+        self._exchanges[exchange.request.ids[0]] = exchange
+        self.answers.update(exchange.answers)
+        self.doubtful |= exchange.doubtful
+
+    @property
+    def complete(self) -> bool:
+        """Whether the last servo has been asked; some may not have answered."""
+        return self.request.ids[-1] in self._exchanges
+
+    @property
+    def heard_ns(self) -> int:
+        return max(answer.arrived_ns for answer in self.answers.values())
+
+    def instants(self, byte_ns: float, gaps_ns: Sequence[float]) -> list[float]:
+        """As `Exchange.instants`; of a servo without an answer, when it could have answered."""
+        at_ns: list[float] = []
+        here_ns = float(self.sent.monotonic_ns)
+        for servo, gap_ns in zip(self.request.ids, gaps_ns, strict=True):
+            exchange = self._exchanges.get(servo)
+            if exchange is not None and exchange.answers:
+                (here_ns,) = exchange.instants(byte_ns, [gap_ns])
+            elif exchange is not None:
+                sent = exchange.sent
+                here_ns = sent.monotonic_ns + len(sent.data) * byte_ns + gap_ns
+            at_ns.append(here_ns)
+        return at_ns
+
+    def late_ns(self, byte_ns: float, gaps_ns: Sequence[float]) -> int:
+        """As `Exchange.late_ns`, the largest of all exchanges; or the longest time that the host
+        let pass between an answer and the next request, as that spreads the joints' instants."""
+        late_ns: list[int] = []
+        before: Exchange | None = None
+        for servo, gap_ns in zip(self.request.ids, gaps_ns, strict=True):
+            exchange = self._exchanges.get(servo)
+            if exchange is not None and before is not None and before.answers:
+                late_ns.append(exchange.sent.monotonic_ns - before.heard_ns)
+            if exchange is not None and exchange.answers:
+                late_ns.append(exchange.late_ns(byte_ns, [gap_ns]))
+            before = exchange
+        return max(late_ns)
 
 
 def contradicts(status: Status, said: Said) -> bool:

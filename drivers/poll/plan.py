@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.poll.protocol.packet import ReadRequest
 
@@ -35,6 +37,11 @@ class Pace:
         """No answer comes so long after the one before."""
         return min(max(3 * self._excess_ns, PAUSE_LEAST_NS), PAUSE_MOST_NS)
 
+    @property
+    def accustomed_ns(self) -> float:
+        """The same where nobody expects an answer."""
+        return self._excess_ns + ACCUSTOMED_NS
+
 
 class RequestPlan:
     """Chooses the requests of one connection."""
@@ -43,6 +50,7 @@ class RequestPlan:
         self._decoder = decoder
         self._extra = 0  # bytes asked for beyond those wanted: no two cycles ask for as many
         self._calm = CALM_CYCLES
+        self._turn = 0  # of those that can only be asked one by one
         self.restart(0)
 
     def restart(self, now_ns: int) -> None:
@@ -50,32 +58,56 @@ class RequestPlan:
         self._warm_due_ns = now_ns
         self._recheck_due_ns = now_ns + RECHECK_EVERY_NS
         self._rechecked = 0
-        self._explain_due_ns = self._stranger_due_ns = now_ns
+        self._explain_due_ns = now_ns
+        self._strangers_due_ns: dict[int, int] = {}  # by servo
         self._fast_failures = 0
         self._fast_worked = False
         self._fast_from_ns = now_ns
         self._asked_fast = self._asked_warm = False
+        self._rest: list[ReadRequest] = []  # of a cycle that is read one by one
+        self._whole = True  # nobody has failed to answer in it so far
 
-    def identity(self, servos: list[int]) -> ReadRequest:
-        """Who are you?"""
+    @property
+    def within_cycle(self) -> bool:
+        """Whether other servos of the same cycle are to be asked next."""
+        return bool(self._rest)
+
+    def select(self, servos: Sequence[int]) -> tuple[int, ...]:
+        """Those of *servos* that the next request can ask: all, or one after the other."""
+        if not self._decoder.one_by_one.active:
+            return tuple(servos)
+        self._turn += 1
+        return (servos[self._turn % len(servos)],)
+
+    def identity(self, servos: Sequence[int]) -> ReadRequest:
+        """Who are you? *servos* as selected."""
+        if self._decoder.one_by_one.active:
+            return self.identity_alone(servos[0])
         return ReadRequest(tuple(servos), 0, self._decoder.family.identity_bytes)
 
     def identity_alone(self, servo: int) -> ReadRequest:
-        """The same, of one that may not know sync reads."""
-        return ReadRequest((servo,), 0, self._decoder.family.identity_bytes, alone=True)
+        """The same, of one that may not know sync reads. It asks for another length, so that a
+        late answer to a sync read does not pass for an answer to this."""
+        return ReadRequest((servo,), 0, self._decoder.family.identity_bytes + 1, alone=True)
 
     def side_question(self, now_ns: int) -> ReadRequest | None:
         """What is due besides the cycles."""
         roster, family = self._decoder.roster, self._decoder.family
         if suspects := roster.suspects & roster.servos.keys():
-            roster.suspects.clear()
-            return self.identity(sorted(suspects))
-        if now_ns >= self._stranger_due_ns and (strangers := roster.strangers):
-            self._stranger_due_ns = now_ns + STRANGER_EVERY_NS
-            return self.identity(strangers)
+            asked = self.select(sorted(suspects))
+            roster.suspects = suspects.difference(asked)
+            return self.identity(asked)
+        if strangers := roster.strangers:
+            due_ns = self._strangers_due_ns
+            due = [servo for servo in strangers if now_ns >= due_ns.get(servo, 0)]
+            if due:
+                asked = self.select(due)
+                due_ns.update(dict.fromkeys(asked, now_ns + STRANGER_EVERY_NS))
+                return self.identity(asked)
         if family.alarm is not None and now_ns >= self._explain_due_ns and roster.alerting:
             self._explain_due_ns = now_ns + EXPLAIN_EVERY_NS
-            return ReadRequest(tuple(roster.alerting), family.alarm, 1)
+            one_by_one = self._decoder.one_by_one.active
+            return ReadRequest(self.select(roster.alerting), family.alarm, 1, alone=one_by_one)
         if now_ns >= self._recheck_due_ns and roster.servos:
             self._recheck_due_ns = now_ns + RECHECK_EVERY_NS
             self._rechecked += 1
@@ -85,12 +117,16 @@ class RequestPlan:
 
     def cycle(self, now_ns: int) -> ReadRequest:
         """All positions, and the temperatures where these are due; nothing is changed by asking
-        for it, `asked` tells that it was sent."""
+        for it, `asked` tells that it was sent. One by one: the part that is next."""
+        if self._rest:
+            return self._rest[0]
         decoder, family = self._decoder, self._decoder.family
         warm = now_ns >= self._warm_due_ns or decoder.roster.wants_warmth
         ids = decoder.everyone if warm else decoder.cycle_ids
         extra = (self._extra + 1) % (2 if self._calm >= CALM_CYCLES else 4)
-        length = (family.warm_bytes if warm else family.position_bytes) + extra
+        length = self._least_bytes(warm) + extra
+        if decoder.one_by_one.active:
+            return ReadRequest(ids[:1], family.position, length, alone=True)
         fast = (
             family.has_fast
             and not decoder.chain_broken
@@ -99,19 +135,35 @@ class RequestPlan:
         )
         return ReadRequest(ids, family.position, length, fast)
 
+    def _least_bytes(self, warm: bool) -> int:
+        family = self._decoder.family
+        if warm:
+            return family.warm_bytes
+        # A Feetech's answer of 2 bytes looks like a late echo of a plain read.
+        return family.position_bytes + self._decoder.one_by_one.active
+
     def asked(self, request: ReadRequest, now_ns: int) -> None:
         """A `cycle` went out."""
-        family = self._decoder.family
+        if self._rest:
+            del self._rest[0]
+            return
+        decoder, family = self._decoder, self._decoder.family
         self._asked_fast = request.fast
         self._asked_warm = request.length >= family.warm_bytes
-        least = family.warm_bytes if self._asked_warm else family.position_bytes
-        self._extra = request.length - least
+        self._extra = request.length - self._least_bytes(self._asked_warm)
+        if request.alone:
+            ids = decoder.everyone if self._asked_warm else decoder.cycle_ids
+            self._rest = [request._replace(ids=(servo,)) for servo in ids[1:]]
         if self._asked_warm:
             self._warm_due_ns = now_ns + WARM_EVERY_NS
-            self._decoder.roster.wants_warmth = False
+            decoder.roster.wants_warmth = False
 
     def ended(self, complete: bool, now_ns: int) -> None:
-        """The last cycle's answers have come, or will not."""
+        """The answers to the last `cycle` have come, or will not."""
+        self._whole = complete = self._whole and complete
+        if self._rest:
+            return
+        self._whole = True
         self._calm = self._calm + 1 if complete else 0
         if not self._asked_fast:
             return

@@ -18,10 +18,6 @@ ABSENT_AFTER_NS, ABSENT_AT_LEISURE_NS = 500_000_000, 1_600_000_000
 ASK_AGAIN_AFTER_NS = 100_000_000
 SUSPECT_EVERY_NS = 50_000_000
 GIVEN_UP_AFTER = 3
-#: What is said of servos that answer a plain read alone; LeRobot's users met it (its issue 1010).
-NO_SYNC_READ = (
-    "not the cable: their firmware is too old, or the adapter cannot; update the firmware"
-)
 
 
 class Roster:
@@ -42,7 +38,8 @@ class Roster:
         self.refused: dict[int, str] = {}  # why a servo cannot be read
         self.foreign = ""  # why this is not our arm, if it is not
         self.heard_ns: dict[int, int] = {}  # when each was heard last
-        self.alone: set[int] = set()  # who answered when asked alone, and no sync read
+        #: who answered when asked alone, and no sync read, before it is known who they are
+        self.alone: set[int] = set()
         self.suspects: set[int] = set()  # to be asked at once whether they are still the same
         self._suspected_ns: dict[int, int] = {}  # when they became so last
         self.wants_warmth = False  # a servo is back, and its temperature is not known
@@ -70,6 +67,7 @@ class Roster:
     def forget(self) -> None:
         """Another connection: whoever answers there must say anew who he is."""
         self.servos.clear()
+        self.alone.clear()
         self.version += 1
         self.heard_ns.clear()
         self._misses.clear()
@@ -80,11 +78,29 @@ class Roster:
         self.refused.clear()
         self.foreign = ""
 
+    def state(self) -> dict[str, Any]:
+        """What `restore` needs to go on from here in a replay, as JSON."""
+        return {
+            "heard": self.heard_ns,
+            "servos": {servo: found.as_json() for servo, found in self.servos.items()},
+            "changed": self.changed,
+            "doubles": self.doubles.state(),
+        }
+
+    def restore(self, state: dict[str, Any], now_ns: int) -> None:
+        """Go on from where `state` was taken."""
+        for servo, found in state["servos"].items():
+            self.identify(int(servo), Servo(**found), now_ns)
+        self.heard_ns = {int(servo): at_ns for servo, at_ns in state["heard"].items()}
+        self.changed = {int(servo): phrases for servo, phrases in state["changed"].items()}
+        self.doubles.restore(state.get("doubles", ()))  # older recordings lack it
+
     # --- who they are ----------------------------------------------------------------------
 
     def identify(self, servo: int, found: Servo, now_ns: int) -> list[Event]:
         """A servo has told its registers."""
         before = self._announced.get(servo)
+        self.alone.discard(servo)
         self.wants_warmth |= servo not in self.servos
         if self.servos.get(servo) != found:
             self.servos[servo] = self._announced[servo] = found
@@ -141,14 +157,9 @@ class Roster:
         ]
 
     def _missing(self, servo: int, port: str) -> str:
-        if servo in self.alone:
-            return f"{self.name(servo)} {self._only_alone()}"
         found = "two answers that differ" if servo in self.doubles else "no answer"
         text = f"{self.name(servo)}: found {found} on {port} to id {servo}, expected one"
         return f"{text}: check its cable and its id"
-
-    def _only_alone(self) -> str:
-        return f"answers when asked alone, and no sync read ({NO_SYNC_READ})"
 
     def judge(
         self, changed: dict[int, list[str]], first: bool, arm: str, now_ns: int
@@ -179,7 +190,6 @@ class Roster:
 
     def heard(self, servo: int, now_ns: int) -> None:
         self.heard_ns[servo] = now_ns
-        self.alone.discard(servo)
         self._misses[servo] = 0
         self.doubles.heard(servo, now_ns)
 
@@ -287,8 +297,7 @@ class Roster:
         said = [f"{self.name(servo)}: {self._twice(servo)}" for servo in self.doubles.certain]
         for servo in self._everyone:
             if self._absent(servo, now_ns):
-                how = self._only_alone() if servo in self.alone else "does not answer"
-                said.append(f"{self.name(servo)} {how}")
+                said.append(f"{self.name(servo)} does not answer")
         torque = sorted(self._torque & self.servos.keys())
         said += [f"{self.name(servo)}: its torque is on" for servo in torque]
         complaints = self._alerts.items()

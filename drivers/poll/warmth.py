@@ -7,7 +7,8 @@ a cycle brings is believed at the next, unless it was contradicted meanwhile.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Container, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -86,25 +87,19 @@ class Warmth:
         text = f"{self._name(servo)}: {self._register}: {found}; it counts as missing"
         return [Event("temperature_absurd", text, now_ns, "warning", {"servo": servo})]
 
-    def state(self) -> list[tuple[int, float, int]]:
-        return [(servo, celsius, at_ns) for servo, (celsius, at_ns) in self._read.items()]
+    def state(self) -> dict[str, Any]:
+        """What `restore` needs to go on from here in a replay, as JSON."""
+        return {
+            "warmth": [(servo, celsius, at_ns) for servo, (celsius, at_ns) in self._read.items()],
+            "unproven": list(self._said.items()),
+            "absurd": list(self._absurd_ns.items()),
+        }
 
-    def unproven(self) -> list[tuple[int, float]]:
-        return list(self._said.items())
-
-    def absurd(self) -> list[tuple[int, int]]:
-        return list(self._absurd_ns.items())
-
-    def restore(
-        self,
-        state: Iterable[tuple[int, float, int]],
-        unproven: Iterable[tuple[int, float]],
-        absurd: Iterable[tuple[int, int]],
-    ) -> None:
-        """As `state`, `unproven` and `absurd` gave it, through JSON."""
-        self._read = {servo: (celsius, at_ns) for servo, celsius, at_ns in state}
-        self._said = dict(unproven)
-        self._absurd_ns = dict(absurd)
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from where `state` was taken."""
+        self._read = {servo: (celsius, at_ns) for servo, celsius, at_ns in state["warmth"]}
+        self._said = dict(state.get("unproven", ()))  # older recordings lack these
+        self._absurd_ns = dict(state.get("absurd", ()))
 
 
 def _believable(celsius: float) -> bool:

@@ -1,5 +1,6 @@
 """Servos that others met in the field (tests/field), through the doctor and the whole daemon."""
 
+import json
 import os
 import subprocess
 import sys
@@ -64,15 +65,20 @@ def test_of_servos_that_all_say_zero_no_point_leaves(family, tmp_path):
 
 
 @pytest.mark.parametrize("family", ["feetech", "dynamixel"])
-def test_servos_that_know_no_sync_read_are_not_blamed_on_the_cable(family, tmp_path):
+def test_servos_that_know_no_sync_read_are_read_one_by_one(family, tmp_path):
+    """The doctor and the event blame neither cable nor supply, and tell the rate that results."""
     with quirky_servos("servo-no-sync-read", tmp_path, family) as port:
         command = [sys.executable, "-m", "armd.daemon.cli", "doctor", "--port", str(port), "--json"]
         doctor = subprocess.run(command, capture_output=True, text=True, timeout=60)
         with measuring(tmp_path, port, family) as heard:
-            heard.wait_for(lambda: "none to a sync read" in reason(heard))
-            said = reason(heard)
+            heard.wait_for(lambda: heard.events("no_sync_read"))
+            heard.wait_for(lambda: reason(heard).startswith("READY"))
+            heard.wait_for(lambda: (heard.points()["flags"] & Flag.INVALID == 0).sum() > 100)
+            (event,) = heard.events("no_sync_read")
     assert doctor.returncode == 1, doctor.stderr
     assert '"no_sync_read"' in doctor.stdout and '"lost_answers"' not in doctor.stdout
     assert "servos 1 to 6: no answer to a sync read" in doctor.stdout
-    assert said.startswith("NOT_READY") and "none to a sync read" in said
-    assert "not the cable" in said
+    assert "reads the servos of this line one by one" in doctor.stdout
+    assert json.loads(doctor.stdout)["ports"][0]["rate_hz"] > 0
+    assert "not the cable" in event["text"] and event["detail"]["rate_hz"] > 0
+    assert not heard.events("servo_missing")

@@ -133,7 +133,7 @@ class Dynamixel:
 class FakeServos(PtyLink):
     """`registers[id]` are the servos; `silent` ids do not answer; `motion(time)` → positions."""
 
-    def __init__(self, family, folder, ids=(1, 2, 3), knows_fast=False, **tables):
+    def __init__(self, family, folder, ids=(1, 2, 3), knows_fast=False, no_sync=(), **tables):
         self.family = family
         self.registers = {
             servo: family.table(servo, **{k: v.get(servo, v[0]) for k, v in tables.items()})
@@ -142,6 +142,7 @@ class FakeServos(PtyLink):
         self.errors = dict.fromkeys(ids, 0)
         self.silent: set[int] = set()
         self.refuses: set[int] = set()  # addresses that are not written
+        self.no_sync = set(no_sync)  # who answers a plain read alone
         self.deaf = False
         self.echo = False
         self.knows_fast = knows_fast
@@ -152,6 +153,8 @@ class FakeServos(PtyLink):
         self.writes: list[tuple[int, int, bytes]] = []
         self.before_answers = None  # hook: (cycle, statuses) → statuses
         self.before_reading = None  # hook: (cycle), to move the joints
+        self.before_request = None  # hook: (instruction, servo)
+        self.before_answer = None  # hook, of a plain read: (servo, status) → statuses
         for servo in ids:
             family.put_position(self.registers[servo], 2048)
         super().__init__(folder / "servos")
@@ -194,6 +197,8 @@ class FakeServos(PtyLink):
             found, data = self.family.requests(data + new)
             for request in found:
                 self.requests.append(request)
+                if self.before_request:
+                    self.before_request(*request[:2])
                 if not self.deaf:
                     self._answer(*request)
 
@@ -205,12 +210,26 @@ class FakeServos(PtyLink):
             if address not in self.refuses:
                 self.registers[servo][address : address + len(values)] = values
             self.say(family.status(servo, self.errors[servo], b""))
+        elif instruction == 0x02 and servo in self.registers.keys() - self.silent:
+            address, length, _ = family.span(params)
+            is_cycle = address == family.position
+            if is_cycle and servo == min(self.registers):
+                if self.before_reading:
+                    self.before_reading(len(self.cycles))
+                self.cycles.append({})
+            if is_cycle:
+                self.cycles[-1][servo] = self._position(servo)
+            data = self.registers[servo][address : address + length]
+            statuses = [family.status(servo, self.errors[servo], data)]
+            if is_cycle and self.before_answer:
+                statuses = self.before_answer(servo, statuses[0])
+            self.say(b"".join(statuses))
         elif instruction == 0x82 or (instruction == 0x8A and self.knows_fast):
             address, length, ids = family.span(params)
             cycle = address == family.position
             if cycle and self.before_reading:
                 self.before_reading(len(self.cycles))
-            there = [s for s in ids if s in self.registers and s not in self.silent]
+            there = [s for s in ids if s in self.registers.keys() - self.silent - self.no_sync]
             if instruction == 0x8A:
                 self._answer_fast(ids, there, address, length)
                 return

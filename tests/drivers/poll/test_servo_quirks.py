@@ -16,6 +16,7 @@ asking who is who, and what one answer costs, to the row, is in test_servo_drive
 | silent for a second after a restart; an alert | e-Manual | test_every_wire |
 | a servo that warms by 15 °C in ten minutes | SO-ARM100 #134 | test_coarse |
 | Fast Sync Read unknown, or its chain broken | DynamixelSDK | test_servo_driver |
+| no sync read at all | lerobot #1010 | test_servo_one_by_one |
 """
 
 from __future__ import annotations

@@ -1,0 +1,52 @@
+"""Whether the servos of a line are read one by one, as some answer no sync read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from armd.drivers.sample import Event
+
+RATE_AFTER_NS = 1_000_000_000  # the rate is measured for so long before it is reported
+#: LeRobot's users met such servos (its issue 1010).
+WHY = "not the cable: their firmware is too old, or the adapter cannot; update the firmware"
+
+
+class OneByOne:
+    """Of one line; with an event, once, that tells the rate."""
+
+    def __init__(self) -> None:
+        self.active = False
+        self._servos: list[int] = []  # that answer no sync read
+        self._reported = False
+        self._began_ns: int | None = None
+        self._cycles = 0
+
+    def begin(self, servos: Iterable[int]) -> None:
+        """These answered when asked alone, and no sync read."""
+        self.active = True
+        self._servos = sorted(servos)
+
+    def end(self) -> None:
+        """The connection is over."""
+        self.active = False
+        self._began_ns, self._cycles = None, 0
+
+    def restore(self, active: bool) -> None:
+        """In the middle of a connection, when the event has been reported."""
+        self.active = self._reported = active
+
+    def events(self, now_ns: int) -> list[Event]:
+        """After a cycle that began at *now_ns*: the event, as soon as the rate is known."""
+        if self._began_ns is None:
+            self._began_ns = now_ns
+        if self._reported or now_ns - self._began_ns < RATE_AFTER_NS:
+            self._cycles += 1
+            return []
+        self._reported = True
+        rate_hz = self._cycles * 1e9 / (now_ns - self._began_ns)
+        several = len(self._servos) > 1
+        text = f"servo{'s' * several} {', '.join(map(str, self._servos))}"
+        text += f" answer{'s' * (not several)} when asked alone, and no sync read ({WHY}):"
+        text += f" all servos are read one by one, {rate_hz:.0f} cycles a second"
+        detail = {"servos": self._servos, "rate_hz": round(rate_hz, 1)}
+        return [Event("no_sync_read", text, now_ns, "warning", detail)]
