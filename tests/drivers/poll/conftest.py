@@ -8,6 +8,9 @@ from armd.drivers.poll import plan
 
 
 @pytest.fixture(autouse=True)
-def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+def patient(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for tests that measure seconds."""
+    if request.node.get_closest_marker("serial"):
+        return
     monkeypatch.setattr(plan, "PAUSE_LEAST_NS", 100_000_000)
     monkeypatch.setattr(plan, "PAUSE_MOST_NS", 150_000_000)
