@@ -137,15 +137,20 @@ class Corrector:
         turned = AngleRange(str(source), self._lowest, self._highest, middle)
         self.remarks += report_open_turns([turned], self._arm)[0]
 
-    def correct(self, taken: Taken) -> tuple[F64, npt.NDArray[np.uint32]]:
+    def correct(
+        self, taken: Taken, *, uncertainty: bool = True
+    ) -> tuple[F64, npt.NDArray[np.uint32]]:
         """Positions and their standard uncertainties (n, 6) mm, and flags (n,).
 
         NaN where an angle is missing; uncertainties also where the calibration states none.
+        Without *uncertainty*, positions (n, 3) alone.
         """
         states = taken.states
         position, _ = self._model.correct_rows(states, taken.slow)
-        uncertainty = self._model.uncertainty_rows(states, taken.slow)
-        figures = np.hstack([position, uncertainty])
+        figures = position
+        if uncertainty:
+            deviation = self._model.uncertainty_rows(states, taken.slow)
+            figures = np.hstack([position, deviation])
         invalid = np.isnan(states.q).any(axis=1) | ~np.isfinite(position).all(axis=1)
         figures[invalid] = np.nan
 
@@ -245,7 +250,7 @@ def _csv_pieces(
             rows, new, end = piece
             text = pa.BufferOutputStream()
             options = pa.csv.WriteOptions(include_header=False)
-            pa.csv.write_csv(_table(*corrector.correct(new)), text, options)
+            pa.csv.write_csv(point_columns(*corrector.correct(new)), text, options)
             return rows, text.getvalue().to_pybytes(), end
 
         for rows, text, end in in_order(written, taken()):
@@ -276,7 +281,7 @@ def _parquet_pieces(
 
         def corrected(piece: tuple[pa.Table, Taken]) -> pa.Table:
             table, new = piece
-            columns = [*table.columns, *_table(*corrector.correct(new)).columns]
+            columns = [*table.columns, *point_columns(*corrector.correct(new)).columns]
             return pa.Table.from_arrays(columns, schema=schema)
 
         with table_writer(source, part, suffix, schema) as out:
@@ -292,6 +297,9 @@ def _parquet_pieces(
                 write_group(source, out, group)
 
 
-def _table(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:
+def point_columns(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:
+    """The columns that a correction adds, of figures (n, 3) or (n, 6) and flags (n,)."""
     columns = [pa.array(np.round(column, DECIMALS), from_pandas=True) for column in figures.T]
-    return pa.Table.from_arrays([*columns, pa.array(flags)], names=COLUMNS)
+    return pa.Table.from_arrays(
+        [*columns, pa.array(flags)], names=[*COLUMNS[: len(columns)], COLUMNS[-1]]
+    )

@@ -10,7 +10,7 @@ import codecs
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -138,12 +138,17 @@ def without_readings(path: Path) -> BadInput:
 def read_header(path: Path) -> list[str]:
     """Names of the columns of a CSV or Parquet file, each only once."""
     header = _csv_header(path) if path.suffix == ".csv" else _parquet_header(path)
+    check_header(path, header)
+    return header
+
+
+def check_header(path: Path, header: Sequence[str]) -> None:
+    """Raise `BadInput` for a column that is there twice, or whose name cannot be read."""
     for name, count in Counter(header).items():
         if count > 1:
             raise BadInput(path, f"column {name}", f"{count} of it", "one")
         if hidden := invisible(name):
             raise BadInput(path, "the header", f"the character {hidden}", "names that can be read")
-    return header
 
 
 def _csv_header(path: Path) -> list[str]:

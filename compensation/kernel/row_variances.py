@@ -1,4 +1,4 @@
-"""Variances of many samples, each at its own temperatures and time.
+"""Covariances of many samples, each at its own temperatures and time.
 
 The sum is the live path's (GUM, law of propagation: J Σ J' with Σ of the identified parameters and
 coefficients, the encoders and the sensors). Live it is brought to few columns when a temperature
@@ -25,9 +25,9 @@ from armd.compiled.jit import jit, unlocked
 def row_variances(
     values: F64, celsius: F64, unix_s: F64, more_c: float, slow: SlowProgram, amounts: Amounts,
     q: F64, rate: F64, approach: F64, flat: FlatModel, parts: Parts, rows: I64, floor: float,
-    variance: F64,
+    covariance: F64,
 ) -> None:  # fmt: skip
-    """Variances (n, 3) in mm² along the axes, of n samples at *celsius* (n, S) and *unix_s* (n,).
+    """Covariances (n, 6) in mm², xx xy xz yy yz zz, of n samples, at *celsius* (n, S), *unix_s*.
 
     *values* (n, L+T) are their slow factors'; *more_c* is a sensor's standard deviation; *rows*,
     *parts* and *floor* are of `covariance.Uncertainty`.
@@ -51,14 +51,14 @@ def row_variances(
         for i in range(n):
             for j in range(n):
                 matrix[i, j] /= parts.scale[i] * parts.scale[j]
-        _of_run(q, rate, approach, first, end, flat, matrix, rows, floor, variance)
+        _of_run(q, rate, approach, first, end, flat, matrix, rows, floor, covariance)
         first = end
 
 
 @jit
 def _of_run(
     q: F64, rate: F64, approach: F64, first: int, end: int, flat: FlatModel, matrix: F64, rows: I64,
-    floor: float, variance: F64,
+    floor: float, covariance: F64,
 ) -> None:  # fmt: skip
     """Samples *first* to *end* with one *matrix* (R, R), the covariance of what *rows* (R,) are."""
     folded, program, work = opened(flat)
@@ -81,6 +81,7 @@ def _of_run(
         for i in range(m):
             _move(derivatives, i, count, program, work, rows, moved)
             x = y = z = floor
+            xy = xz = yz = 0.0
             for a in range(len(rows)):
                 along_x = along_y = along_z = 0.0
                 for b in range(a):
@@ -90,7 +91,12 @@ def _of_run(
                 x += (2 * along_x + matrix[a, a] * moved[a, 0]) * moved[a, 0]
                 y += (2 * along_y + matrix[a, a] * moved[a, 1]) * moved[a, 1]
                 z += (2 * along_z + matrix[a, a] * moved[a, 2]) * moved[a, 2]
-            variance[start + i, 0], variance[start + i, 1], variance[start + i, 2] = x, y, z
+                here_x, here_y = matrix[a, a] * moved[a, 0], matrix[a, a] * moved[a, 1]
+                xy += along_x * moved[a, 1] + (along_y + here_y) * moved[a, 0]
+                xz += along_z * moved[a, 0] + (along_x + here_x) * moved[a, 2]
+                yz += along_z * moved[a, 1] + (along_y + here_y) * moved[a, 2]
+            row = covariance[start + i]
+            row[0], row[1], row[2], row[3], row[4], row[5] = x, xy, xz, y, yz, z
 
 
 @jit

@@ -1,0 +1,171 @@
+"""`Model`: where the tip of a calibrated arm is, which way it points, and how certain that is."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from armd.arrays import F64
+from armd.compensation.kernel.model import Model as Kernel
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.kinematics import frames, jacobian
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import Term
+from armd.offline.arm_model import ArmModel, PathText, given_arm
+from armd.offline.calibration import Calibration, given_calibration
+from armd.offline.display import Displayed, Facts
+
+#: An instant after every period in which a term that follows time was identified (year 2200):
+#: such terms keep their last value.
+AFTER_ALL_UNIX_S = 7_258_118_400.0
+#: Rows worked off at once.
+CHUNK = 1 << 15
+#: Step of an angle in rad by which a term's basis is differentiated.
+STEP_RAD = 1e-5
+
+
+def settled(_name: str, value: F64, _time_s: F64, _lag_s: float) -> F64:
+    """Return temperatures as they are: each row is an arm that has settled there."""
+    return value
+
+
+class Model(Displayed):
+    """An arm and its calibration as functions of joint angles and temperatures.
+
+    *arm* is an `ArmModel` or the path of an arm.toml, *calibration* a `Calibration`, the path of
+    one, or None for the nominal geometry. Raises `armd.BadInput` where they do not fit together.
+
+    All methods take angles *q* (n, N) in rad, signed as a session has them, and *temperatures*
+    (n, sensors) or (sensors,) in °C, in the order of `ArmModel.sensors`; None means the reference
+    temperature. Each row is a settled state: lags have passed, terms that follow time keep their
+    last value. Joint rates and the direction of approach are unknown: terms that depend on them
+    have no effect. NaN gives NaN in its row. Raises `ValueError` for arrays of other shapes.
+
+    >>> model = armd.Model("measured/arm.toml", "calibration.json")
+    >>> model.position(np.zeros((5, 6))).shape
+    (5, 3)
+    """
+
+    def __init__(
+        self, arm: ArmModel | PathText, calibration: Calibration | PathText | None = None
+    ) -> None:
+        self._arm = given_arm(arm)
+        loaded = given_calibration(calibration, self._arm)
+        content = loaded.content if loaded else None
+        self._kernel = Kernel(self._arm.content, loaded)
+        self._terms: list[Term] = content.terms if content else []
+        self._reference_c = (content or self._arm.content).reference_temperature_c
+        self._source = str(loaded.path) if loaded else "none: nominal geometry"
+
+    def position(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
+        """Return the tip's centre (n, 3) in mm, base frame: what `armd correct` writes."""
+        states = self._states(q, temperatures)
+        return self._kernel.correct_rows(states, self._slow(states))[0]
+
+    def orientation(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
+        """Return the last frame's orientation (n, 4): unit quaternions x y z w, w ≥ 0."""
+        states = self._states(q, temperatures)
+        found = np.full((states.n, 4), np.nan)
+        for rows in _chunks(states.n):
+            some = states.rows(rows)
+            turned = frames(some.q, self._parameters(some))[1][:, -1]
+            known = np.isfinite(turned).all(axis=(1, 2))
+            if known.any():
+                found[rows][known] = Rotation.from_matrix(turned[known]).as_quat(canonical=True)
+        return found
+
+    def jacobian(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
+        """Return the derivatives (n, 3, N) of the position by the joint angles, in mm/rad.
+
+        Geometry is differentiated analytically. What terms that depend on the pose add is
+        differentiated by central differences of their basis functions.
+        """
+        states = self._states(q, temperatures)
+        found = np.empty((states.n, 3, states.q.shape[1]))
+        for rows in _chunks(states.n):
+            found[rows] = self._joint_jacobian(states.rows(rows))
+        return found
+
+    def covariance(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
+        """Return the covariance (n, 3, 3) of the position in mm², base frame.
+
+        It comes from the covariance of the identified quantities, the encoders' noise, the
+        sensors' noise and the repeatability of a reading (GUM, law of propagation). NaN where the
+        calibration states none of them.
+        """
+        states = self._states(q, temperatures)
+        six = self._kernel.covariance_rows(states, self._slow(states))
+        xx, xy, xz, yy, yz, zz = six.T
+        return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
+
+    def _states(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None) -> States:
+        """Check shapes; return one settled state a row."""
+        arm = self._arm.content
+        angles = np.ascontiguousarray(q, dtype=np.float64)
+        if angles.ndim != 2 or angles.shape[1] != arm.n_joints:
+            raise ValueError(f"q has shape {angles.shape}, expected (n, {arm.n_joints})")
+        n, sensors = len(angles), len(arm.sensors)
+        if temperatures is None:
+            celsius = np.full((n, sensors), self._reference_c)
+        else:
+            given = np.asarray(temperatures, dtype=np.float64)
+            if given.shape not in ((sensors,), (1, sensors), (n, sensors)):
+                raise ValueError(
+                    f"temperatures have shape {given.shape}, expected ({n}, {sensors}): a column"
+                    f" for each sensor ({', '.join(arm.sensors) or 'the arm has none'})"
+                )
+            celsius = np.ascontiguousarray(np.broadcast_to(given, (n, sensors)))
+        return States(
+            q=angles,
+            rate=np.full(angles.shape, np.nan),
+            temperature_c=celsius,
+            time_s=np.full(n, AFTER_ALL_UNIX_S),
+            approach=np.full((n, 3), np.nan),
+            series=np.zeros(n, np.int64),
+        )
+
+    def _slow(self, states: States) -> F64:
+        return self._kernel.slow_values(states, delay=settled)
+
+    def _parameters(self, states: States) -> F64:
+        """Return all parameters (n, P) of each row, its terms included."""
+        constants = self._kernel.constants
+        values = basis_values(
+            self._terms, states, self._arm.content, self._reference_c, constants, settled
+        )
+        return parameter_rows(constants, self._terms, values)
+
+    def _joint_jacobian(self, states: States) -> F64:
+        layout = self._arm.content.layout
+        by_parameter = jacobian(states.q, self._parameters(states))[1]
+        found: F64 = np.ascontiguousarray(by_parameter[:, :, layout.angles])
+        if all(term.slow for term in self._terms):
+            return found
+        for k in range(states.q.shape[1]):
+            step = np.zeros(states.q.shape[1])
+            step[k] = STEP_RAD
+            ahead, behind = (self._parameters(_turned(states, sign * step)) for sign in (1.0, -1.0))
+            change = (ahead - behind) / (2 * STEP_RAD)
+            found[:, :, k] += np.einsum("nip,np->ni", by_parameter, change)
+        return found
+
+    def _shown(self) -> tuple[str, Facts]:
+        facts = [
+            ("calibration", self._source),
+            ("joints", str(self._arm.n_joints)),
+            ("temperature sensors", ", ".join(self._arm.sensors) or "none"),
+            ("terms", str(len(self._terms))),
+        ]
+        return f"Model of arm {self._arm.serial_number}", facts
+
+
+def _chunks(n: int) -> list[slice]:
+    return [slice(first, min(first + CHUNK, n)) for first in range(0, n, CHUNK)]
+
+
+def _turned(states: States, step: F64) -> States:
+    return States(
+        states.q + step, states.rate, states.temperature_c, states.time_s, states.approach,
+        states.series,
+    )  # fmt: skip
