@@ -99,7 +99,9 @@ if not TYPE_CHECKING:  # which would take every name for one that is there
                 try:
                     home = importlib.import_module(f"armd.{module}")
                 except ModuleNotFoundError as error:
-                    if error.name == "armd.offline":  # the subscriber's part alone is installed
+                    if str(error.name).startswith(
+                        "armd.offline"
+                    ):  # the subscriber's part alone is installed
                         said = f"armd.{name} is not part of armd-client: install armd"
                         raise ImportError(said) from error
                     raise

@@ -157,9 +157,9 @@ def diagnose(
 
     Raises `armd.BadInput` where the sessions cannot be used.
 
-    >>> diagnosis = armd.diagnose("sick/A", "sick/arm.toml")  # doctest: +SKIP
-    >>> diagnosis.findings[0].cause  # doctest: +SKIP
-    'encoder_eccentricity'
+    >>> diagnosis = armd.diagnose(sorted(Path("sick").glob("session-*")), "sick/arm.toml")
+    >>> diagnosis.findings[0].cause, diagnosis.findings[0].location
+    ('encoder_eccentricity', 'joint 3')
     """
     model = given_arm(arm)
     loaded = given_calibration(calibration, model)

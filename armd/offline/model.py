@@ -69,8 +69,9 @@ class Model(Displayed):
         found = np.full((states.n, 4), np.nan)
         for rows in _chunks(states.n):
             some = states.rows(rows)
-            turned = frames(some.q, self._parameters(some))[1][:, -1]
-            known = np.isfinite(turned).all(axis=(1, 2))
+            parameters = self._parameters(some)
+            turned = frames(some.q, parameters)[1][:, -1]
+            known = np.isfinite(some.q).all(axis=1) & np.isfinite(parameters).all(axis=1)
             if known.any():
                 found[rows][known] = Rotation.from_matrix(turned[known]).as_quat(canonical=True)
         return found
@@ -138,8 +139,10 @@ class Model(Displayed):
 
     def _joint_jacobian(self, states: States) -> F64:
         layout = self._arm.content.layout
-        by_parameter = jacobian(states.q, self._parameters(states))[1]
+        parameters = self._parameters(states)
+        by_parameter = jacobian(states.q, parameters)[1]
         found: F64 = np.ascontiguousarray(by_parameter[:, :, layout.angles])
+        found[~np.isfinite(parameters).all(axis=1)] = np.nan
         if all(term.slow for term in self._terms):
             return found
         for k in range(states.q.shape[1]):

@@ -108,7 +108,8 @@ def verify(
 
     Raises `armd.BadInput` for files that do not hold, `armd.ArmdError` where no test is complete.
 
-    >>> armd.verify("tested/A", "tested/arm.toml", None).passed  # doctest: +SKIP
+    >>> armd.verify("test/verify", "test/arm.toml", mpe={"mpe": {"e_uni_mm": 5.0}}).passed
+    True
     """
     limits = given_limits(mpe, decision)
     model = given_arm(arm)
