@@ -13,9 +13,9 @@ from armd.offline.calibration import Calibration, in_memory
 from armd.offline.identified import Identified
 from armd.offline.session import Sessions, given_sessions, load_given
 
-Order = Literal["auto", "off", 0, 1, 2, 3, 4]
+ThermalOrder = Literal["auto", "off", 0, 1, 2, 3, 4]
 METHODS = ("polynomial", "zones", "components", "per-temperature")
-#: Order of the thermal model by its name; None: chosen by the data.
+#: ThermalOrder of the thermal model by its name; None: chosen by the data.
 ORDERS: dict[str, int | None] = {
     "auto": None, "off": 0, "0": 0, "1": 1, "2": 2, "3": 3, "4": 4,
 }  # fmt: skip
@@ -27,7 +27,7 @@ def calibrate(
     sessions: Sessions,
     arm: ArmModel | PathText,
     *,
-    thermal: Order = "auto",
+    thermal: ThermalOrder = "auto",
     thermal_method: ThermalMethod = "polynomial",
     offset: bool = False,
     progress: TellStep | None = None,
