@@ -91,6 +91,6 @@ def read_arm(path: PathText) -> ArmModel:
     return ArmModel(Path(path), read_input(Path(path), MOST_TOML_BYTES))
 
 
-def given_arm(arm: ArmModel | PathText) -> ArmModel:
+def resolve_arm(arm: ArmModel | PathText) -> ArmModel:
     """Return *arm*, read where it is a path."""
     return arm if isinstance(arm, ArmModel) else read_arm(arm)

@@ -8,10 +8,10 @@ from armd.compensation.identify.calibrate import Options, ThermalMethod
 from armd.compensation.identify.calibrate import calibrate as identify
 from armd.compensation.progress import TellStep
 from armd.errors import BadInput
-from armd.offline.arm_model import ArmModel, PathText, given_arm
-from armd.offline.calibration import Calibration, in_memory
+from armd.offline.arm_model import ArmModel, PathText, resolve_arm
+from armd.offline.calibration import Calibration, wrap_calibration
 from armd.offline.identified import Identified
-from armd.offline.session import Sessions, given_sessions, load_given
+from armd.offline.session import Sessions, load_sessions, resolve_sessions
 
 ThermalOrder = Literal["auto", "off", 0, 1, 2, 3, 4]
 METHODS = ("polynomial", "zones", "components", "per-temperature")
@@ -55,8 +55,8 @@ def calibrate(
     if offset and thermal_method != "per-temperature":
         expected = "it with --thermal-method per-temperature; else C is in the constants"
         raise BadInput("command line", "--offset", thermal_method, expected)
-    model = given_arm(arm)
-    loaded, _ = load_given(given_sessions(sessions), model.content)
+    model = resolve_arm(arm)
+    loaded, _ = load_sessions(resolve_sessions(sessions), model.content)
     options = Options(
         thermal_order=ORDERS[str(thermal)],
         thermal_method=thermal_method,
@@ -65,4 +65,4 @@ def calibrate(
         arm_file=str(model.path),
     )
     result = identify(loaded, model.content, options, progress)
-    return in_memory(result.calibration, Identified(result, loaded, model))
+    return wrap_calibration(result.calibration, Identified(result, loaded, model))

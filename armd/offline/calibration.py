@@ -148,11 +148,11 @@ class Calibration(Displayed):
 
     def page(self, written: str) -> str:
         """Return the report, which calls the calibration's file *written*. Not public."""
-        from armd.offline.pages import calibration_page
+        from armd.offline.pages import draw_calibration_page
 
         if self.identified is None:
             raise ArmdError(f"{self.path}: no report: its sessions are not at hand")
-        return calibration_page(self.identified, replace(self.loaded, path=Path(written)))
+        return draw_calibration_page(self.identified, replace(self.loaded, path=Path(written)))
 
     def for_arm(self, arm: Arm) -> LoadedCalibration:
         """Return what armd's own functions take; raises `BadInput` for another arm. Not public."""
@@ -200,13 +200,13 @@ def read_calibration(path: PathText) -> Calibration:
     return Calibration(load_calibration(Path(path)))
 
 
-def in_memory(content: Content, identified: Identified | None = None) -> Calibration:
+def wrap_calibration(content: Content, identified: Identified | None = None) -> Calibration:
     """Return what `read_calibration` would read from the file of *content*."""
     loaded = save_calibration("calibration", content, write=lambda _path, _data: None)
     return Calibration(loaded, identified)
 
 
-def given_calibration(
+def resolve_calibration(
     calibration: Calibration | PathText | None, arm: ArmModel
 ) -> LoadedCalibration | None:
     """Return the calibration given, read where it is a path; raises `BadInput` for another arm."""

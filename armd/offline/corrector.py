@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from armd.arrays import F64
 from armd.compensation.data.in_order import in_order
-from armd.compensation.data.offline import COLUMNS, Taken, point_columns
+from armd.compensation.data.offline import COLUMNS, Taken, make_point_columns
 from armd.compensation.data.offline import Corrector as FileCorrector
 from armd.compensation.data.pieces import PIECE_ROWS
 from armd.compensation.data.readings import Readings, cast_columns, check_header
@@ -26,9 +26,9 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.slow_factors import SlowFactor
 from armd.errors import BadInput
 from armd.files.schema import parse_json
-from armd.offline.arm_model import ArmModel, PathText, given_arm
+from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.arrow_input import arrow_table
-from armd.offline.calibration import Calibration, given_calibration
+from armd.offline.calibration import Calibration, resolve_calibration
 from armd.offline.display import Displayed, Facts
 
 #: What messages call the table.
@@ -72,13 +72,13 @@ class Corrector(Displayed):
         started: datetime.datetime | str | None = None,
         uncertainty: bool = True,
     ) -> None:
-        model = given_arm(arm)
+        model = resolve_arm(arm)
         if angle_unit not in UNITS:
             raise BadInput("Corrector", "angle_unit", repr(angle_unit), f"one of {UNITS}")
         self._arm: Arm = model.content
-        self._calibration = given_calibration(calibration, model)
+        self._calibration = resolve_calibration(calibration, model)
         self._unit: AngleUnit = angle_unit
-        self._started_unix_s = None if started is None else instant("started", started)
+        self._started_unix_s = None if started is None else parse_instant("started", started)
         self._uncertainty = uncertainty
         #: sentences on the last table: what was read and does not count as it is
         self.remarks: list[str] = []
@@ -97,34 +97,36 @@ class Corrector(Displayed):
         return TIME_CONSTANTS * max(lags, default=0.0)
 
     def __call__(self, table: Any) -> Any:
-        whole = arrow_table(table, TABLE)
-        path, header = Path(TABLE), list(whole.column_names)
+        readings = arrow_table(table, TABLE)
+        path, header = Path(TABLE), list(readings.column_names)
         check_header(path, header)
         added = COLUMNS if self._uncertainty else [*COLUMNS[:3], COLUMNS[-1]]
         if twice := sorted(set(added) & set(header)):
             raise BadInput(path, f"column {twice[0]}", "it already", "a table without it")
         corrector = FileCorrector(self._arm, self._calibration, self._unit, self._started_unix_s)
         wanted = {name: pa.float64() for name in corrector.columns if name in header}
-        asked = cast_columns(path, whole, wanted)
+        numbers = cast_columns(path, readings, wanted)
 
-        def taken() -> Iterator[Taken]:
-            for first in range(0, whole.num_rows, PIECE_ROWS):
-                piece = asked.slice(first, PIECE_ROWS)
-                yield corrector.take(Readings(path, header, piece, first))
+        def take_pieces() -> Iterator[Taken]:
+            for first in range(0, readings.num_rows, PIECE_ROWS):
+                rows = numbers.slice(first, PIECE_ROWS)
+                yield corrector.take(Readings(path, header, rows, first))
 
-        def corrected(new: Taken) -> tuple[F64, npt.NDArray[np.uint32]]:
-            return corrector.correct(new, uncertainty=self._uncertainty)
+        def correct_piece(piece: Taken) -> tuple[F64, npt.NDArray[np.uint32]]:
+            return corrector.correct(piece, uncertainty=self._uncertainty)
 
-        pieces = [point_columns(*figures) for figures in in_order(corrected, taken())]
+        pieces = [
+            make_point_columns(*figures) for figures in in_order(correct_piece, take_pieces())
+        ]
         corrector.ended(path)
         self.remarks = corrector.remarks
         points = pa.concat_tables(pieces) if pieces else _no_points(len(added) - 1)
         for name in added:
-            whole = whole.append_column(name, points[name])
+            readings = readings.append_column(name, points[name])
         if not isinstance(table, pa.RecordBatch):
-            return whole
-        arrays = [column.combine_chunks() for column in whole.columns]
-        return pa.RecordBatch.from_arrays(arrays, schema=whole.schema)
+            return readings
+        arrays = [column.combine_chunks() for column in readings.columns]
+        return pa.RecordBatch.from_arrays(arrays, schema=readings.schema)
 
     def __getstate__(self) -> dict[str, Any]:
         return {
@@ -154,12 +156,12 @@ class Corrector(Displayed):
         return f"Corrector of arm {self._arm.serial_number}", facts
 
 
-def instant(option: str, given: datetime.datetime | str, source: str = "Corrector") -> float:
+def parse_instant(option: str, value: datetime.datetime | str, source: str = "Corrector") -> float:
     """Return Unix seconds of a datetime or ISO 8601 text; raises `BadInput`, which names
     *source* and *option*."""
-    shown = repr(given) if isinstance(given, str) else given.isoformat()
+    shown = repr(value) if isinstance(value, str) else value.isoformat()
     try:
-        when = datetime.datetime.fromisoformat(given) if isinstance(given, str) else given
+        when = datetime.datetime.fromisoformat(value) if isinstance(value, str) else value
     except ValueError:
         when = None
     if when is None or when.tzinfo is None:
@@ -172,7 +174,7 @@ def instant(option: str, given: datetime.datetime | str, source: str = "Correcto
 
 
 def _no_points(figures: int) -> pa.Table:
-    return point_columns(np.empty((0, figures)), np.empty(0, np.uint32))
+    return make_point_columns(np.empty((0, figures)), np.empty(0, np.uint32))
 
 
 def _packed(calibration: LoadedCalibration, uncertainty: bool) -> tuple[bytes, bytes, str, str]:

@@ -17,11 +17,11 @@ from armd.compensation.diagnose.told.advice import next_experiment
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellShare
 from armd.errors import BadInput
-from armd.offline.arm_model import ArmModel, PathText, given_arm
+from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.arrow_table import ArrowTable
-from armd.offline.calibration import Calibration, given_calibration
+from armd.offline.calibration import Calibration, resolve_calibration
 from armd.offline.display import Displayed, Facts
-from armd.offline.session import Sessions, given_sessions, load_given
+from armd.offline.session import Sessions, load_sessions, resolve_sessions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,9 +88,9 @@ class DesignResult(Displayed):
     def page(self) -> str:
         """Return the report. Not public."""
         from armd.compensation.report.design import design_report
-        from armd.offline.pages import input_files
+        from armd.offline.pages import list_inputs
 
-        files = input_files(self._arm, self._calibration)
+        files = list_inputs(self._arm, self._calibration)
         return design_report(self.experiment, self._arm.content, self.sessions, self.rows, files)
 
     def _shown(self) -> tuple[str, Facts]:
@@ -131,14 +131,14 @@ def design(
     5
     """
     check_readings(readings)
-    model = given_arm(arm)
+    model = resolve_arm(arm)
     if sessions is None:
         raise BadInput("sessions", "the list", "no session", "the sessions measured so far")
     if artefact is not None:
         raise BadInput("artefact", "value", "it with sessions", "it without: theirs is known")
-    loaded = given_calibration(calibration, model)
+    loaded = resolve_calibration(calibration, model)
     content = loaded.content if loaded else None
-    read, _ = load_given(given_sessions(sessions), model.content)
+    read, _ = load_sessions(resolve_sessions(sessions), model.content)
     diagnosis = diagnose_loaded(read, model.content, content, progress=progress)
     progress("choosing poses", 1.0)
     experiment = choose(diagnosis, readings)

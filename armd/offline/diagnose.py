@@ -7,18 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
-from armd.compensation.diagnose.diagnosis import Diagnosis as Found
+from armd.compensation.diagnose.diagnosis import Diagnosis as Details
 from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.odd_session import refuse_mistakes
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellShare
-from armd.offline.arm_model import ArmModel, PathText, given_arm
-from armd.offline.calibration import Calibration, given_calibration, in_memory
+from armd.offline.arm_model import ArmModel, PathText, resolve_arm
+from armd.offline.calibration import Calibration, resolve_calibration, wrap_calibration
 from armd.offline.display import Displayed, Facts
-from armd.offline.record import Record, as_record
-from armd.offline.session import Sessions, given_sessions, load_given
+from armd.offline.record import Record, make_records
+from armd.offline.session import Sessions, load_sessions, resolve_sessions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,35 +42,40 @@ class DiagnosisFinding(Record):
     gain: Record
     """`heldout_rms_um_before`, `heldout_rms_um_after`, `interval_um` (95 %)."""
 
+    def __repr__(self) -> str:
+        return f"<{self.cause}, {self.location}: probability {self.probability:.3f}>"
+
 
 class Diagnosis(Displayed):
     """What a model gets wrong; `diagnose` makes it."""
 
-    def __init__(self, found: Found, arm: ArmModel, calibration: LoadedCalibration | None) -> None:
+    def __init__(
+        self, details: Details, arm: ArmModel, calibration: LoadedCalibration | None
+    ) -> None:
         #: everything, as armd's own functions take it; not public
-        self.found = found
+        self.details = details
         self._arm = arm
         self._calibration = calibration
 
     @cached_property
     def _result(self) -> dict[str, Any]:
-        return as_json(self.found, None)
+        return as_json(self.details, None)
 
     @cached_property
     def findings(self) -> list[DiagnosisFinding]:
         """The findings in the order in which they were added; none if nothing is significant."""
-        return [DiagnosisFinding(as_record(finding)) for finding in self._result["findings"]]
+        return [DiagnosisFinding(make_records(finding)) for finding in self._result["findings"]]
 
     @property
     def baseline(self) -> Record:
         """The model under test: `rms_um`, `heldout_rms_um`, `noise_floor_um`."""
-        record: Record = as_record(self._result["baseline"])
+        record: Record = make_records(self._result["baseline"])
         return record
 
     @cached_property
     def extended(self) -> Calibration | None:
         """The model under test with what was found; None if nothing was found."""
-        return in_memory(self.found.extended) if self.findings else None
+        return wrap_calibration(self.details.extended) if self.findings else None
 
     @property
     def next_experiment(self) -> str:
@@ -98,7 +103,7 @@ class Diagnosis(Displayed):
         if index is None:
             draw_gains(panel, self._result)
         else:
-            draw_signature(panel, self.found, index)
+            draw_signature(panel, self.details, index)
         return figure
 
     def report(self, path: PathText) -> None:
@@ -113,13 +118,13 @@ class Diagnosis(Displayed):
     def page(self, result: dict[str, Any]) -> str:
         """Return the report; *result* is what `to_dict` has. Not public."""
         from armd.compensation.report.diagnosis import diagnosis_report
-        from armd.offline.pages import input_files
+        from armd.offline.pages import list_inputs
 
-        return diagnosis_report(self.found, result, input_files(self._arm, self._calibration))
+        return diagnosis_report(self.details, result, list_inputs(self._arm, self._calibration))
 
     def _place(self, finding: int) -> int:
-        index = finding - len(self.found.touched)  # they are listed first
-        if not 0 <= index < len(self.found.found):
+        index = finding - len(self.details.touched)  # they are listed first
+        if not 0 <= index < len(self.details.found):
             listed = len(self.findings)
             raise ValueError(f"finding {finding} of {listed} has no curve to draw")
         return index
@@ -161,15 +166,15 @@ def diagnose(
     >>> diagnosis.findings[0].cause, diagnosis.findings[0].location
     ('encoder_eccentricity', 'joint 3')
     """
-    model = given_arm(arm)
-    loaded = given_calibration(calibration, model)
+    model = resolve_arm(arm)
+    loaded = resolve_calibration(calibration, model)
     content = loaded.content if loaded else None
-    given = given_sessions(sessions)
-    others = [] if holdout is None else given_sessions(holdout)
-    fitted, held_out = load_given(given, model.content, others)
+    inspected = resolve_sessions(sessions)
+    others = [] if holdout is None else resolve_sessions(holdout)
+    fitted, held_out = load_sessions(inspected, model.content, others)
     assumed = AssumedModel.under(model.content, content) if content else None
     every = [*fitted, *held_out]
     artefact = content.artefact if content else None
     refuse_mistakes(every, gather(every, model.content, artefact), assumed)
-    found = diagnose_loaded(fitted, model.content, content, held_out, progress, command)
-    return Diagnosis(found, model, loaded)
+    details = diagnose_loaded(fitted, model.content, content, held_out, progress, command)
+    return Diagnosis(details, model, loaded)

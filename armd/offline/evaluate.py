@@ -11,16 +11,16 @@ from armd.arrays import I64
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.identify.evaluation.evaluate import Evaluation
 from armd.compensation.identify.evaluation.evaluate import evaluate as evaluate_loaded
-from armd.compensation.identify.evaluation.evaluate_files import are_long, evaluate_files
+from armd.compensation.identify.evaluation.evaluate_files import evaluate_files, is_long
 from armd.compensation.identify.evaluation.evaluate_sessions import evaluate_sessions
 from armd.compensation.identify.evaluation.lengths import Length
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellStep
-from armd.offline.arm_model import ArmModel, PathText, given_arm
+from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.arrow_table import ArrowTable
-from armd.offline.calibration import Calibration, given_calibration
+from armd.offline.calibration import Calibration, resolve_calibration
 from armd.offline.display import Displayed, Facts
-from armd.offline.session import Session, Sessions, given_sessions, load_given
+from armd.offline.session import Session, Sessions, load_sessions, resolve_sessions
 
 
 class EvaluationResult(Displayed):
@@ -30,13 +30,13 @@ class EvaluationResult(Displayed):
         self,
         figures: dict[str, Any],
         lengths: list[Length],
-        found: Evaluation | None,
-        given: tuple[list[Session], ArmModel, LoadedCalibration | None],
+        evaluation: Evaluation | None,
+        inputs: tuple[list[Session], ArmModel, LoadedCalibration | None],
     ) -> None:
         self._figures = figures
-        self._found = found
-        self._given = given
-        #: certified lengths beside those found; not public
+        self._evaluation = evaluation
+        self._inputs = inputs
+        #: certified lengths beside those measured; not public
         self.lengths = lengths
 
     @property
@@ -64,24 +64,24 @@ class EvaluationResult(Displayed):
         calibration needs. Sessions too long for memory were evaluated piece by piece; this reads
         them whole.
         """
-        sessions, arm, calibration = self._given
-        loaded, _ = load_given(sessions, arm.content)
+        sessions, arm, calibration = self._inputs
+        loaded, _ = load_sessions(sessions, arm.content)
         content = calibration.content if calibration else None
-        found = self._found or evaluate_loaded(loaded, arm.content, content)
+        evaluation = self._evaluation or evaluate_loaded(loaded, arm.content, content)
         every = gather(loaded, arm.content, content.artefact if content else None)
         residual_um = np.full((every.n, 3), np.nan)
-        residual_um[_places(every, found.observations)] = 1e3 * found.residual_mm
+        residual_um[_places(every, evaluation.observations)] = 1e3 * evaluation.residual_mm
         length_um = np.full(every.n, np.nan)
-        length_um[_places(every, found.observations)] = found.distance_um
+        length_um[_places(every, evaluation.observations)] = evaluation.distance_um
         names = np.array(every.session_names)
         return ArrowTable(
             {
                 "session": names[every.session],
                 "row": every.row + 1,
-                "placement": _own(every.placement_names, names[every.placement_session])[
+                "placement": _strip(every.placement_names, names[every.placement_session])[
                     every.placement
                 ],
-                "target": _own(every.target_names, names[every.target_session])[every.target],
+                "target": _strip(every.target_names, names[every.target_session])[every.target],
                 "dx_um": residual_um[:, 0],
                 "dy_um": residual_um[:, 1],
                 "dz_um": residual_um[:, 2],
@@ -102,9 +102,9 @@ class EvaluationResult(Displayed):
             ("readings", f"{self.n}, {figures['n_unused']} without a temperature"),
         ]
         facts += [
-            (f"session {name}", f"{some['rms_um']:.2f} µm, {some['n']} readings")
-            for name, some in figures["by_session"].items()
-            if some["n"]
+            (f"session {name}", f"{figure['rms_um']:.2f} µm, {figure['n']} readings")
+            for name, figure in figures["by_session"].items()
+            if figure["n"]
         ]
         facts += [("remark", remark) for remark in figures["remarks"]]
         return "Evaluation", facts
@@ -130,29 +130,33 @@ def evaluate(
     >>> len(result.residuals) == result.n
     True
     """
-    model = given_arm(arm)
-    loaded_calibration = given_calibration(calibration, model)
+    model = resolve_arm(arm)
+    loaded_calibration = resolve_calibration(calibration, model)
     content = loaded_calibration.content if loaded_calibration else None
-    given = given_sessions(sessions)
-    folders = [str(session.path) for session in given if session.path is not None]
-    if len(folders) == len(given) and not fit_tip and are_long(folders):
+    listed = resolve_sessions(sessions)
+    folders = [str(session.path) for session in listed if session.path is not None]
+    if len(folders) == len(listed) and not fit_tip and is_long(folders):
         figures, lengths = evaluate_files(folders, model.content, content, progress)
-        return EvaluationResult(figures, lengths, None, (given, model, loaded_calibration))
-    loaded, _ = load_given(given, model.content)
-    figures, found = evaluate_sessions(loaded, model.content, content, progress, refit_tip=fit_tip)
-    return EvaluationResult(figures, found.lengths, found, (given, model, loaded_calibration))
+        return EvaluationResult(figures, lengths, None, (listed, model, loaded_calibration))
+    loaded, _ = load_sessions(listed, model.content)
+    figures, evaluation = evaluate_sessions(
+        loaded, model.content, content, progress, refit_tip=fit_tip
+    )
+    return EvaluationResult(
+        figures, evaluation.lengths, evaluation, (listed, model, loaded_calibration)
+    )
 
 
-def _places(every: Observations, some: Observations) -> I64:
-    """Return where the readings of *some* stand among *every* one."""
+def _places(every: Observations, part: Observations) -> I64:
+    """Return where the readings of *part* are among *every* one."""
     most = int(every.row.max()) + 1
-    key, wanted = every.session * most + every.row, some.session * most + some.row
+    key, wanted = every.session * most + every.row, part.session * most + part.row
     order = np.argsort(key, kind="stable")
     places: I64 = order[np.searchsorted(key, wanted, sorter=order)]
     return places
 
 
-def _own(names: list[str], sessions: Any) -> Any:
+def _strip(names: list[str], sessions: Any) -> Any:
     """Return names without the session's before them."""
     pairs = zip(names, sessions, strict=True)
     return np.array([name.removeprefix(f"{session}/") for name, session in pairs])

@@ -12,8 +12,8 @@ from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import frames, jacobian
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
-from armd.offline.arm_model import ArmModel, PathText, given_arm
-from armd.offline.calibration import Calibration, given_calibration
+from armd.offline.arm_model import ArmModel, PathText, resolve_arm
+from armd.offline.calibration import Calibration, resolve_calibration
 from armd.offline.display import Displayed, Facts
 
 #: An instant after every period in which a term that follows time was identified (year 2200):
@@ -25,7 +25,7 @@ CHUNK = 1 << 15
 STEP_RAD = 1e-5
 
 
-def settled(_name: str, value: F64, _time_s: F64, _lag_s: float) -> F64:
+def skip_lag(_name: str, value: F64, _time_s: F64, _lag_s: float) -> F64:
     """Return temperatures as they are: each row is an arm that has settled there."""
     return value
 
@@ -50,8 +50,8 @@ class Model(Displayed):
     def __init__(
         self, arm: ArmModel | PathText, calibration: Calibration | PathText | None = None
     ) -> None:
-        self._arm = given_arm(arm)
-        loaded = given_calibration(calibration, self._arm)
+        self._arm = resolve_arm(arm)
+        loaded = resolve_calibration(calibration, self._arm)
         content = loaded.content if loaded else None
         self._kernel = Kernel(self._arm.content, loaded)
         self._terms: list[Term] = content.terms if content else []
@@ -66,15 +66,17 @@ class Model(Displayed):
     def orientation(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
         """Return the last frame's orientation (n, 4): unit quaternions x y z w, w ≥ 0."""
         states = self._states(q, temperatures)
-        found = np.full((states.n, 4), np.nan)
+        quaternion = np.full((states.n, 4), np.nan)
         for rows in _chunks(states.n):
-            some = states.rows(rows)
-            parameters = self._parameters(some)
-            turned = frames(some.q, parameters)[1][:, -1]
-            known = np.isfinite(some.q).all(axis=1) & np.isfinite(parameters).all(axis=1)
+            part = states.rows(rows)
+            parameters = self._parameters(part)
+            turned = frames(part.q, parameters)[1][:, -1]
+            known = np.isfinite(part.q).all(axis=1) & np.isfinite(parameters).all(axis=1)
             if known.any():
-                found[rows][known] = Rotation.from_matrix(turned[known]).as_quat(canonical=True)
-        return found
+                quaternion[rows][known] = Rotation.from_matrix(turned[known]).as_quat(
+                    canonical=True
+                )
+        return quaternion
 
     def jacobian(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
         """Return the derivatives (n, 3, N) of the position by the joint angles, in mm/rad.
@@ -83,10 +85,10 @@ class Model(Displayed):
         differentiated by central differences of their basis functions.
         """
         states = self._states(q, temperatures)
-        found = np.empty((states.n, 3, states.q.shape[1]))
+        derivatives = np.empty((states.n, 3, states.q.shape[1]))
         for rows in _chunks(states.n):
-            found[rows] = self._joint_jacobian(states.rows(rows))
-        return found
+            derivatives[rows] = self._joint_jacobian(states.rows(rows))
+        return derivatives
 
     def covariance(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
         """Return the covariance (n, 3, 3) of the position in mm², base frame.
@@ -110,13 +112,13 @@ class Model(Displayed):
         if temperatures is None:
             celsius = np.full((n, sensors), self._reference_c)
         else:
-            given = np.asarray(temperatures, dtype=np.float64)
-            if given.shape not in ((sensors,), (1, sensors), (n, sensors)):
+            array = np.asarray(temperatures, dtype=np.float64)
+            if array.shape not in ((sensors,), (1, sensors), (n, sensors)):
                 raise ValueError(
-                    f"temperatures have shape {given.shape}, expected ({n}, {sensors}): a column"
+                    f"temperatures have shape {array.shape}, expected ({n}, {sensors}): a column"
                     f" for each sensor ({', '.join(arm.sensors) or 'the arm has none'})"
                 )
-            celsius = np.ascontiguousarray(np.broadcast_to(given, (n, sensors)))
+            celsius = np.ascontiguousarray(np.broadcast_to(array, (n, sensors)))
         return States(
             q=angles,
             rate=np.full(angles.shape, np.nan),
@@ -127,13 +129,13 @@ class Model(Displayed):
         )
 
     def _slow(self, states: States) -> F64:
-        return self._kernel.slow_values(states, delay=settled)
+        return self._kernel.slow_values(states, delay=skip_lag)
 
     def _parameters(self, states: States) -> F64:
         """Return all parameters (n, P) of each row, its terms included."""
         constants = self._kernel.constants
         values = basis_values(
-            self._terms, states, self._arm.content, self._reference_c, constants, settled
+            self._terms, states, self._arm.content, self._reference_c, constants, skip_lag
         )
         return parameter_rows(constants, self._terms, values)
 
@@ -141,17 +143,17 @@ class Model(Displayed):
         layout = self._arm.content.layout
         parameters = self._parameters(states)
         by_parameter = jacobian(states.q, parameters)[1]
-        found: F64 = np.ascontiguousarray(by_parameter[:, :, layout.angles])
-        found[~np.isfinite(parameters).all(axis=1)] = np.nan
+        derivatives: F64 = np.ascontiguousarray(by_parameter[:, :, layout.angles])
+        derivatives[~np.isfinite(parameters).all(axis=1)] = np.nan
         if all(term.slow for term in self._terms):
-            return found
+            return derivatives
         for k in range(states.q.shape[1]):
             step = np.zeros(states.q.shape[1])
             step[k] = STEP_RAD
             ahead, behind = (self._parameters(_turned(states, sign * step)) for sign in (1.0, -1.0))
             change = (ahead - behind) / (2 * STEP_RAD)
-            found[:, :, k] += np.einsum("nip,np->ni", by_parameter, change)
-        return found
+            derivatives[:, :, k] += np.einsum("nip,np->ni", by_parameter, change)
+        return derivatives
 
     def _shown(self) -> tuple[str, Facts]:
         facts = [

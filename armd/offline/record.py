@@ -18,10 +18,10 @@ class Record(dict[str, Any]):
         return [*self, *super().__dir__()]
 
 
-def as_record(value: Any) -> Any:
+def make_records(value: Any) -> Any:
     """Return plain data with a `Record` for each dict."""
     if isinstance(value, dict):
-        return Record({key: as_record(below) for key, below in value.items()})
+        return Record({key: make_records(below) for key, below in value.items()})
     if isinstance(value, list):
-        return [as_record(below) for below in value]
+        return [make_records(below) for below in value]
     return value

@@ -17,7 +17,7 @@ from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.files.inputs import MOST_TOML_BYTES, read_input
 from armd.files.schema import toml_data, validate
-from armd.offline.arm_model import ArmModel, PathText, given_arm
+from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.arrow_input import arrow_table
 from armd.offline.display import Displayed, Facts
 from armd.offline.session_source import FolderSource, SessionSource, TableSource
@@ -148,7 +148,7 @@ def make_session(
     >>> armd.make_session(columns, "measured/arm.toml").readings.num_rows
     3
     """
-    model = given_arm(arm)
+    model = resolve_arm(arm)
     readings = arrow_table(table, IN_MEMORY)
     when = EPOCH if started is None else started
     content = {
@@ -195,7 +195,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def given_sessions(sessions: Sessions) -> list[Session]:
+def resolve_sessions(sessions: Sessions) -> list[Session]:
     """Return the sessions given, read where they are paths; one counts as a list of one."""
     single = isinstance(sessions, Session | str | os.PathLike)
     listed: list[Session | PathText] = [sessions] if single else list(sessions)  # type: ignore[list-item, arg-type]
@@ -204,10 +204,10 @@ def given_sessions(sessions: Sessions) -> list[Session]:
     return [one if isinstance(one, Session) else read_session(one) for one in listed]
 
 
-def load_given(
+def load_sessions(
     sessions: Sequence[Session], arm: Arm, holdout: Sequence[Session] = ()
 ) -> tuple[list[StoredSession], list[StoredSession]]:
-    """Return both as armd's own functions take them, each session once; raises `BadInput`."""
+    """Read *sessions* and *holdout* for *arm*, each session once; raises `BadInput`."""
     every = [*sessions, *holdout]
     places, counted = list[Path](), 0
     for i, session in enumerate(every):
@@ -218,17 +218,16 @@ def load_given(
             raise BadInput(session.name, "the session", "given twice", "every session once")
         counted += 1
         places.append(Path(IN_MEMORY if counted == 1 else f"{IN_MEMORY}-{counted}"))
-    folders = [
-        [place for session, place in zip(some, at, strict=True) if session.path is not None]
-        for some, at in ((sessions, places[: len(sessions)]), (holdout, places[len(sessions) :]))
-    ]
-    check_once(folders[0])
+    check_once([session.path for session in sessions if session.path is not None])
     first = report_turns(
         [session.load(arm, place) for session, place in zip(sessions, places, strict=False)], arm
     )
     if not holdout:
         return first, []
-    check_once(folders[1], [one for one in first if one.path in folders[0]])
+    fitted = [
+        stored for session, stored in zip(sessions, first, strict=True) if session.path is not None
+    ]
+    check_once([session.path for session in holdout if session.path is not None], fitted)
     rest = [
         session.load(arm, place)
         for session, place in zip(holdout, places[len(sessions) :], strict=True)

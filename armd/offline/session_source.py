@@ -20,7 +20,7 @@ from armd.compensation.data.readings import (
     wanted_columns,
     without_readings,
 )
-from armd.compensation.data.session import TEXTS, check_arm, load_session, session_of
+from armd.compensation.data.session import TEXTS, build_session, check_arm, load_session
 from armd.compensation.data.session import Session as StoredSession
 from armd.compensation.data.session_columns import number_columns
 from armd.compensation.data.session_files import READINGS, check_is_session, readings_path
@@ -86,7 +86,7 @@ class TableSource:
         if table.num_rows == 0:
             raise without_readings(place)
         readings = Readings(place, header, table)
-        return session_of(place, self.file, arm, readings, digest=self._digest)
+        return build_session(place, self.file, arm, readings, digest=self._digest)
 
     def readings(self) -> pa.Table:
         return self._table

@@ -16,12 +16,12 @@ from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, 
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import ArmdError
 from armd.files.schema import validate
-from armd.offline.arm_model import ArmModel, PathText, given_arm
-from armd.offline.calibration import Calibration, given_calibration
+from armd.offline.arm_model import ArmModel, PathText, resolve_arm
+from armd.offline.calibration import Calibration, resolve_calibration
 from armd.offline.display import Displayed, Facts
-from armd.offline.session import Session, given_sessions, load_given
+from armd.offline.session import Session, load_sessions, resolve_sessions
 
-GivenLimits = Mapping[str, Any] | PathText | None
+LimitsInput = Mapping[str, Any] | PathText | None
 Decision = Literal["guarded", "simple"]
 
 
@@ -34,10 +34,10 @@ class VerificationResult(Displayed):
         session: StoredSession,
         arm: ArmModel,
         calibration: LoadedCalibration | None,
-        mpe: GivenLimits,
+        mpe: LimitsInput,
     ) -> None:
         #: all figures, as armd's own functions take them; not public
-        self.found = verdict
+        self.details = verdict
         self._session = session
         self._arm = arm
         self._calibration = calibration
@@ -46,16 +46,16 @@ class VerificationResult(Displayed):
     @property
     def passed(self) -> bool | None:
         """Whether every figure with a limit was tested and conforms; None without limits."""
-        return self.found.passed if self.found.limits else None
+        return self.details.passed if self.details.limits else None
 
     @property
     def verdict(self) -> str:
         """The verdict in words: what it covers, and the reasons where it is no."""
-        return self.found.in_words
+        return self.details.in_words
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `armd verify --json` writes; lengths in mm."""
-        return self.found.as_json()
+        return self.details.as_json()
 
     def report(self, path: PathText) -> None:
         """Write the report of `armd verify` to *path*: HTML, or PDF by its suffix `.pdf`.
@@ -70,32 +70,32 @@ class VerificationResult(Displayed):
         """Return the report. Not public."""
         from armd.compensation.report.sessions import InputFile
         from armd.compensation.report.verification import verification_report
-        from armd.offline.pages import data_file, input_files
+        from armd.offline.pages import hash_data, list_inputs
 
-        files = input_files(self._arm, self._calibration)
+        files = list_inputs(self._arm, self._calibration)
         mpe = self._mpe
         is_data = isinstance(mpe, Mapping)
-        files["limits"] = data_file("as data", dict(mpe)) if is_data else InputFile.read(mpe)  # type: ignore[arg-type]
-        return verification_report(self.found, self._session, self._arm.content, files)
+        files["limits"] = hash_data("as data", dict(mpe)) if is_data else InputFile.read(mpe)  # type: ignore[arg-type]
+        return verification_report(self.details, self._session, self._arm.content, files)
 
     def _shown(self) -> tuple[str, Facts]:
         facts = [
             (item.figure.name, f"{1e3 * item.deciding.value_mm:+.1f} µm, {item.outcome}")
-            for item in self.found.judged
+            for item in self.details.judged
         ]
         facts += [(key, f"left out: {why}") for key, why in self._left_out().items()]
         facts.append(("verdict", self.verdict))
         return f"Verification of arm {self._arm.serial_number}", facts
 
     def _left_out(self) -> dict[str, str]:
-        return self.found.verification.left_out
+        return self.details.verification.left_out
 
 
 def verify(
     session: Session | PathText,
     arm: ArmModel | PathText,
     calibration: Calibration | PathText | None = None,
-    mpe: GivenLimits = None,
+    mpe: LimitsInput = None,
     *,
     decision: Decision | None = None,
 ) -> VerificationResult:
@@ -111,11 +111,11 @@ def verify(
     >>> armd.verify("test/verify", "test/arm.toml", mpe={"mpe": {"e_uni_mm": 5.0}}).passed
     True
     """
-    limits = given_limits(mpe, decision)
-    model = given_arm(arm)
-    loaded = given_calibration(calibration, model)
+    limits = resolve_limits(mpe, decision)
+    model = resolve_arm(arm)
+    loaded = resolve_calibration(calibration, model)
     content = loaded.content if loaded else None
-    (read,), _ = load_given(given_sessions(session), model.content)
+    (read,), _ = load_sessions(resolve_sessions(session), model.content)
     # First of all: it refuses a calibration that overflows.
     position = positions_of(read, model.content, loaded)
     observations = gather([read], model.content, content.artefact if content else None)
@@ -126,7 +126,7 @@ def verify(
     return VerificationResult(verdict, read, model, loaded, mpe)
 
 
-def given_limits(mpe: GivenLimits, decision: Decision | None = None) -> PermissibleErrors | None:
+def resolve_limits(mpe: LimitsInput, decision: Decision | None = None) -> PermissibleErrors | None:
     """Return the limits given, read where they are a path; raises `BadInput`."""
     if mpe is None:
         return None

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.within import lie_within
+from armd.compensation.data.within import is_within
 
 #: A link drifts to its surroundings with this time constant at the fastest: a carbon tube of 1.5 mm
 #: (1.9 kJ/m²K) in a draught (20 W/m²K) takes 95 s; 3 mm of aluminium take minutes.
@@ -75,7 +75,7 @@ class SensorHeat:
         The longest course that a link can have had is believed, the readings beside it are not.
         """
         bad = np.zeros(len(celsius), dtype=bool)
-        if len(celsius) and lie_within(celsius, low := celsius.min(), low + NO_JUMP_K):
+        if len(celsius) and is_within(celsius, low := celsius.min(), low + NO_JUMP_K):
             known, value, time = np.arange(len(celsius)), celsius, time_s
             edges = np.array([0, len(celsius)])
         else:

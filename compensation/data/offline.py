@@ -257,7 +257,7 @@ def _csv_pieces(
             rows, new, end = piece
             text = pa.BufferOutputStream()
             options = pa.csv.WriteOptions(include_header=False)
-            pa.csv.write_csv(point_columns(*corrector.correct(new)), text, options)
+            pa.csv.write_csv(make_point_columns(*corrector.correct(new)), text, options)
             return rows, text.getvalue().to_pybytes(), end
 
         for rows, text, end in in_order(written, taken()):
@@ -288,7 +288,7 @@ def _parquet_pieces(
 
         def corrected(piece: tuple[pa.Table, Taken]) -> pa.Table:
             table, new = piece
-            columns = [*table.columns, *point_columns(*corrector.correct(new)).columns]
+            columns = [*table.columns, *make_point_columns(*corrector.correct(new)).columns]
             return pa.Table.from_arrays(columns, schema=schema)
 
         with table_writer(source, part, suffix, schema) as out:
@@ -304,7 +304,7 @@ def _parquet_pieces(
                 write_group(source, out, group)
 
 
-def point_columns(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:
+def make_point_columns(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:
     """The columns that a correction adds, of figures (n, 3) or (n, 6) and flags (n,)."""
     columns = [pa.array(np.round(column, DECIMALS), from_pandas=True) for column in figures.T]
     return pa.Table.from_arrays(

@@ -21,7 +21,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.within import LARGEST, lie_within
+from armd.compensation.data.within import LARGEST, is_within
 from armd.errors import BadInput
 from armd.files.inputs import check_input, open_input
 from armd.terminal.printable import invisible
@@ -55,7 +55,7 @@ class Readings:
         self._must_have(name)
         values = self.table[name].combine_chunks().to_numpy(zero_copy_only=False)
         numbers: F64 = np.asarray(values, dtype=np.float64)
-        if lie_within(numbers, -LARGEST, LARGEST):
+        if is_within(numbers, -LARGEST, LARGEST):
             return numbers
         if infinite := _first(np.isinf(numbers)):
             raise self.fault(infinite - 1, name, "an infinite value", "a finite number")
@@ -64,7 +64,7 @@ class Readings:
     def required(self, name: str) -> F64:
         """A column of numbers (n,) in which nothing may be missing."""
         numbers = self.number(name)
-        if lie_within(numbers, -LARGEST, LARGEST):
+        if is_within(numbers, -LARGEST, LARGEST):
             return numbers
         if missing := _first(np.isnan(numbers)):
             raise self.fault(missing - 1, name, "nothing", "a number")

@@ -174,10 +174,10 @@ def load_session(path: str | Path, arm: Arm) -> Session:
     folder = Path(path)
     file = _session_file(folder, arm)
     readings = load_readings(readings_path(folder), number_columns(arm), TEXTS)
-    return session_of(folder, file, arm, readings)
+    return build_session(folder, file, arm, readings)
 
 
-def session_of(
+def build_session(
     place: Path,
     file: SessionFile,
     arm: Arm,

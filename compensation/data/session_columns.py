@@ -9,7 +9,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.data.session_format import AngleUnit
-from armd.compensation.data.within import lie_within
+from armd.compensation.data.within import is_within
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import joint_jacobian
 from armd.errors import BadInput
@@ -60,7 +60,7 @@ def angles(
         low, high = joint.min_deg, joint.max_deg
         low = -360.0 * MOST_TURNS if low is None else low - 720.0
         high = 360.0 * MOST_TURNS if high is None else high + 720.0
-        if lie_within(q[:, k], math.radians(low), math.radians(high)):
+        if is_within(q[:, k], math.radians(low), math.radians(high)):
             continue
         absurd = (q[:, k] < math.radians(low)) | (q[:, k] > math.radians(high))
         expected = f"an angle in {unit} ({turn:.10g} a turn), {low:g}° to {high:g}°"
@@ -112,7 +112,7 @@ def temperatures(readings: Readings, sensors: list[str], order: MemoryOrder = "C
         if not readings.has(name):
             continue
         columns[:, s] = values = readings.number(name)
-        if lie_within(values, LEAST_C, MOST_C):
+        if is_within(values, LEAST_C, MOST_C):
             continue
         absurd = (values < LEAST_C) | (values > MOST_C)
         readings.refuse(absurd, name, values, f"a temperature in °C, {LEAST_C:g} to {MOST_C:g}")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.within import lie_within
+from armd.compensation.data.within import is_within
 from armd.compensation.model.arm import Arm
 
 #: So near to a limit, rounding may decide the turn.
@@ -32,7 +32,7 @@ def whole_turns(q: F64, arm: Arm) -> I64:
     for k, (least, most) in enumerate(zip(low, high, strict=True)):
         if not (math.isfinite(least) and math.isfinite(most)):
             continue
-        if lie_within(q[:, k], least + AT_A_LIMIT_RAD, most - AT_A_LIMIT_RAD):
+        if is_within(q[:, k], least + AT_A_LIMIT_RAD, most - AT_A_LIMIT_RAD):
             continue
         if most - least <= math.tau * (1 + 1e-9):
             off = np.floor((q[:, k] - (least + most) / 2) / math.tau + 0.5)

@@ -10,6 +10,6 @@ from armd.arrays import F64
 LARGEST = sys.float_info.max
 
 
-def lie_within(values: F64, low: float, high: float) -> bool:
+def is_within(values: F64, low: float, high: float) -> bool:
     """Whether all of *values* (n,) are numbers from *low* to *high*: much faster than a mask."""
     return bool(len(values) == 0 or (low <= values.min() and values.max() <= high))

@@ -80,8 +80,8 @@ def _of_run(
             for t in range(len(program.parameter)):
                 more = folded.coefficients[t] * pose_basis(program, work, t, i)
                 parameters[i, program.parameter[t]] += more
-        some = parameters[: 1 if is_one else m]
-        compiled_jacobian(q[start : start + m], some, position, derivatives)
+        distinct = parameters[: 1 if is_one else m]
+        compiled_jacobian(q[start : start + m], distinct, position, derivatives)
         for row in range(len(rows)):
             for i in range(m):
                 column, weight = moves_by(rows[row], count, program, work, i)

@@ -10,7 +10,7 @@ import numpy as np
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.told.verdict import um
 from armd.compensation.report.drawing import one_drawing
-from armd.compensation.report.gains import draw_gains, finding_name
+from armd.compensation.report.gains import draw_gains, name_finding
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import NOT_STATED, InputFile, origin
 from armd.compensation.report.signature_plot import signature_plot
@@ -42,7 +42,7 @@ def diagnosis_report(
     _at_a_glance(page, diagnosis, result)
     touched = len(diagnosis.touched)  # they stand first among the findings
     for number, finding in enumerate(result["findings"][:touched], 1):
-        page.heading(f"{number}. {finding_name(finding)}")
+        page.heading(f"{number}. {name_finding(finding)}")
         page.text(finding["reading"])
     for index, finding in enumerate(result["findings"][touched:][: len(diagnosis.found)]):
         _finding(page, diagnosis, index, touched + index + 1, finding)
@@ -98,7 +98,7 @@ def _told(finding: dict[str, Any]) -> str:
         doubts.append("held-out readings do not confirm it")
     if (finding.get("explains") or {}).get("guess"):
         doubts.append("the name is a guess")
-    return finding_name(finding) + (f" ({', '.join(doubts)})" if doubts else "")
+    return name_finding(finding) + (f" ({', '.join(doubts)})" if doubts else "")
 
 
 def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
@@ -133,7 +133,7 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
 def _finding(
     page: Page, diagnosis: Diagnosis, index: int, number: int, finding: dict[str, Any]
 ) -> None:
-    page.heading(f"{number}. {finding_name(finding)}")
+    page.heading(f"{number}. {name_finding(finding)}")
     page.text(_sentence(finding["reading"]))
     gain = finding["gain"]
     low, high = gain["interval_um"]
@@ -149,7 +149,7 @@ def _finding(
     )
     page.figure(
         signature_plot(diagnosis, index),
-        f"What the readings show of {finding_name(finding)}, without everything else, and the fit",
+        f"What the readings show of {name_finding(finding)}, without everything else, and the fit",
     )
     _evidence(page, finding)
     _explains(page, finding)

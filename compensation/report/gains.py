@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from armd.compensation.diagnose.told.verdict import um
 
 
-def finding_name(finding: Mapping[str, Any]) -> str:
+def name_finding(finding: Mapping[str, Any]) -> str:
     """A finding's cause and place, as `diagnose --json` has it, in words."""
     said = finding["location"] == "-" or finding["cause"].startswith(finding["location"])
     place = "" if said else f", {finding['location']}"
@@ -25,7 +25,7 @@ def draw_gains(panel: Axes, result: Mapping[str, Any]) -> None:
     low, high = [0.0], [0.0]
     for number, finding in enumerate(result["findings"], 1):
         gain = finding["gain"]
-        labels.append(f"+ {number}. " + finding_name(finding).replace(", ", "\n"))
+        labels.append(f"+ {number}. " + name_finding(finding).replace(", ", "\n"))
         values.append(gain["heldout_rms_um_after"])
         best, worst = (gain["heldout_rms_um_before"] - g for g in reversed(gain["interval_um"]))
         low.append(max(values[-1] - best, 0.0))

@@ -52,6 +52,7 @@ def test_diagnose_gives_what_the_command_writes(tmp_path: Path) -> None:
     assert (first.cause, first.location) == ("encoder_eccentricity", "joint 3")
     assert first.gain.heldout_rms_um_after < first.gain["heldout_rms_um_before"]
     assert first.parameters[0].unit == "rad"
+    assert repr(first).startswith("<encoder_eccentricity, joint 3: probability ")
     assert found.baseline.noise_floor_um == expected["baseline"]["noise_floor_um"]
     extended = found.extended
     assert extended is not None

@@ -72,7 +72,7 @@ def _evaluate_files(
     progress: TellStep,
     refit_tip: bool,
 ) -> tuple[dict[str, Any], list[Length]]:
-    if are_long(paths) and not refit_tip:
+    if is_long(paths) and not refit_tip:
         check_once(paths)
         try:
             return _Passes(paths, arm, calibration, progress).evaluation()
@@ -83,7 +83,7 @@ def _evaluate_files(
     return figures, found.lengths
 
 
-def are_long(paths: Sequence[str | Path]) -> bool:
+def is_long(paths: Sequence[str | Path]) -> bool:
     """Whether the readings of these session folders are too many to be held at once."""
     files = [Path(path) / name for path in paths for name in READINGS]
     return sum(file.stat().st_size for file in files if file.is_file()) > MOST_AT_ONCE

@@ -13,7 +13,7 @@ from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
 from armd.files.schema import load_toml
-from armd.offline.corrector import instant
+from armd.offline.corrector import parse_instant
 from armd.terminal.aside import aside, bar
 from armd.terminal.counted import counted
 from armd.terminal.suggest import within
@@ -72,7 +72,7 @@ def _session_settings(
     beside = readings.parent / "session.toml"
     session = load_toml(beside, SessionFile) if beside.exists() else None
     if started is not None:
-        started_unix_s: float | None = instant("--started", started, "the command line")
+        started_unix_s: float | None = parse_instant("--started", started, "the command line")
     else:
         started_unix_s = session.started.timestamp() if session else None
     return unit or (session.angle_unit if session else "rad"), started_unix_s

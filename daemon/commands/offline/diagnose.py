@@ -54,11 +54,11 @@ def run(args: argparse.Namespace) -> int:
         )
     result = diagnosis.to_dict() | {"extended_calibration": args.extended}
     if args.extended:
-        save_calibration(args.extended, diagnosis.found.extended)
+        save_calibration(args.extended, diagnosis.details.extended)
     write_pages(args, lambda: diagnosis.page(result))
     if args.json:
         write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    _print(diagnosis.found, result)
+    _print(diagnosis.details, result)
     return 0
 
 

@@ -21,7 +21,7 @@ from armd.daemon.files.session_folder import load_artefact
 from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.offline.verify import given_limits, require_judged, verify
+from armd.offline.verify import require_judged, resolve_limits, verify
 from armd.terminal.arguments import positive
 from armd.terminal.aside import aside
 from armd.terminal.plain import plain_console
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     outputs = {"--json": (args.json, RESULT), **page_outputs(args)}
     inputs = [args.arm, args.calibration, args.mpe, args.session, args.artefact]
     check_outputs(outputs, inputs, args.force)
-    limits = given_limits(args.mpe, args.decision)
+    limits = resolve_limits(args.mpe, args.decision)
     if Path(args.session).suffix.lower() in TABLES and not Path(args.session).is_dir():
         return _of_points(args, limits)
     for option, value in (("--artefact", args.artefact), ("--tip-radius-mm", args.tip_radius_mm)):
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     arm, calibration = load_given(args)
     with aside(args).status("evaluating …"):
         result = verify(args.session, arm, calibration, args.mpe, decision=args.decision)
-    return _finish(args, result.found, limits, result.page)
+    return _finish(args, result.details, limits, result.page)
 
 
 def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None) -> int:
