@@ -14,11 +14,13 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from armd.arrays import F64
+from armd.compensation.data.header import check_header
 from armd.compensation.data.in_order import in_order
-from armd.compensation.data.offline import COLUMNS, Taken, make_point_columns
 from armd.compensation.data.offline import Corrector as FileCorrector
+from armd.compensation.data.offline import Taken
 from armd.compensation.data.pieces import PIECE_ROWS
-from armd.compensation.data.readings import Readings, cast_columns, check_header
+from armd.compensation.data.point_columns import COLUMNS, make_point_columns
+from armd.compensation.data.readings import Readings, cast_columns
 from armd.compensation.data.session_format import AngleUnit, measured_at
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration as Content

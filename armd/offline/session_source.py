@@ -12,11 +12,11 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from armd.compensation.data.header import check_header
 from armd.compensation.data.readings import (
     MISSING,
     Readings,
     cast_columns,
-    check_header,
     wanted_columns,
     without_readings,
 )

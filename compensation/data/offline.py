@@ -23,6 +23,7 @@ from armd import Flag
 from armd.arrays import F64, Mask
 from armd.compensation.data.in_order import in_order
 from armd.compensation.data.pieces import line_pieces, open_parquet, parquet_pieces
+from armd.compensation.data.point_columns import COLUMNS, make_point_columns
 from armd.compensation.data.readings import (
     Readings,
     cast_columns,
@@ -49,10 +50,7 @@ from armd.errors import BadInput
 from armd.files.inputs import open_input
 from armd.files.writing import whole_file
 
-COLUMNS = ["x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "flags"]
 END_STOP_RAD = np.radians(0.5)
-#: nanometres and below are the encoders' rounding, many times over
-DECIMALS = 9
 #: Rows that are written together, as one group of a Parquet file: the file's end describes every
 #: group, and that is in memory until then.
 GROUP_ROWS = 1 << 16
@@ -141,17 +139,14 @@ class Corrector:
     def correct(
         self, taken: Taken, *, uncertainty: bool = True
     ) -> tuple[F64, npt.NDArray[np.uint32]]:
-        """Positions and their standard uncertainties (n, 6) mm, and flags (n,).
+        """Positions and their standard uncertainties (n, 6) mm, or positions (n, 3); flags (n,).
 
         NaN where an angle is missing; uncertainties also where the calibration states none.
-        Without *uncertainty*, positions (n, 3) alone.
         """
         states = taken.states
-        position, _ = self._model.correct_rows(states, taken.slow)
-        figures = position
+        figures = position = self._model.correct_rows(states, taken.slow)[0]
         if uncertainty:
-            deviation = self._model.uncertainty_rows(states, taken.slow)
-            figures = np.hstack([position, deviation])
+            figures = np.hstack([position, self._model.uncertainty_rows(states, taken.slow)])
         invalid = np.isnan(states.q).any(axis=1) | ~np.isfinite(
             position[:, 0] + position[:, 1] + position[:, 2]
         )
@@ -302,11 +297,3 @@ def _parquet_pieces(
                 yield done, done / file.metadata.num_rows
             if group:
                 write_group(source, out, group)
-
-
-def make_point_columns(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:
-    """The columns that a correction adds, of figures (n, 3) or (n, 6) and flags (n,)."""
-    columns = [pa.array(np.round(column, DECIMALS), from_pandas=True) for column in figures.T]
-    return pa.Table.from_arrays(
-        [*columns, pa.array(flags)], names=[*COLUMNS[: len(columns)], COLUMNS[-1]]
-    )

@@ -9,8 +9,7 @@ from __future__ import annotations
 import codecs
 import csv
 import io
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +20,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.data.header import check_header
 from armd.compensation.data.within import LARGEST, is_within
 from armd.errors import BadInput
 from armd.files.inputs import check_input, open_input
@@ -145,15 +145,6 @@ def read_header(path: Path) -> list[str]:
     header = _csv_header(path) if path.suffix == ".csv" else _parquet_header(path)
     check_header(path, header)
     return header
-
-
-def check_header(path: Path, header: Sequence[str]) -> None:
-    """Raise `BadInput` for a column that is there twice, or whose name cannot be read."""
-    for name, count in Counter(header).items():
-        if count > 1:
-            raise BadInput(path, f"column {name}", f"{count} of it", "one")
-        if hidden := invisible(name):
-            raise BadInput(path, "the header", f"the character {hidden}", "names that can be read")
 
 
 def _csv_header(path: Path) -> list[str]:

@@ -6,7 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from armd.compensation.data.offline import COLUMNS, Corrector, correct_file
+from armd.compensation.data.offline import Corrector, correct_file
+from armd.compensation.data.point_columns import COLUMNS
 from armd.compensation.data.readings import read_header
 from armd.compensation.data.session_format import AngleUnit, SessionFile
 from armd.daemon.commands.offline.given import add_arm, load_given
