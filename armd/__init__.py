@@ -1,4 +1,4 @@
-"""armd, the open driver for articulated measuring arms: the subscriber's public face.
+"""armd, the open driver for articulated measuring arms: its public names (docs/python.md).
 
 Names are looked up when they are used: a command that needs no network does not pay for one.
 """
@@ -14,6 +14,16 @@ if TYPE_CHECKING:
     from armd import client, joints, keys, point
     from armd.client import Arm, connect
     from armd.joints import JOINTS_ENCODING, joints_dtype
+    from armd.offline.arm_model import ArmModel, read_arm
+    from armd.offline.calibrate import calibrate
+    from armd.offline.calibration import Calibration, read_calibration
+    from armd.offline.corrector import Corrector
+    from armd.offline.design import DesignResult, design
+    from armd.offline.diagnose import Diagnosis, DiagnosisFinding, diagnose
+    from armd.offline.evaluate import EvaluationResult, evaluate
+    from armd.offline.model import Model
+    from armd.offline.session import Session, make_session, read_session
+    from armd.offline.verify import VerificationResult, verify
     from armd.point import POINT, POINT_ENCODING, Flag, Lost, Point
     from armd.received import Refused
     from armd.zenoh_session import ENDPOINT
@@ -24,19 +34,38 @@ __all__ = [
     "POINT",
     "POINT_ENCODING",
     "Arm",
+    "ArmModel",
     "ArmdError",
     "BadInput",
+    "Calibration",
+    "Corrector",
+    "DesignResult",
+    "Diagnosis",
+    "DiagnosisFinding",
+    "EvaluationResult",
     "Flag",
     "Lost",
+    "Model",
     "NoAnswer",
     "Point",
     "Refused",
+    "Session",
+    "VerificationResult",
+    "calibrate",
     "client",
     "connect",
+    "design",
+    "diagnose",
+    "evaluate",
     "joints",
     "joints_dtype",
     "keys",
+    "make_session",
     "point",
+    "read_arm",
+    "read_calibration",
+    "read_session",
+    "verify",
 ]
 __version__ = "0.2.0.dev0"
 
@@ -45,6 +74,16 @@ _MODULES = ("client", "joints", "keys", "point")
 _HOMES = {
     "client": ("Arm", "connect"),
     "joints": ("JOINTS_ENCODING", "joints_dtype"),
+    "offline.arm_model": ("ArmModel", "read_arm"),
+    "offline.calibrate": ("calibrate",),
+    "offline.calibration": ("Calibration", "read_calibration"),
+    "offline.corrector": ("Corrector",),
+    "offline.design": ("DesignResult", "design"),
+    "offline.diagnose": ("Diagnosis", "DiagnosisFinding", "diagnose"),
+    "offline.evaluate": ("EvaluationResult", "evaluate"),
+    "offline.model": ("Model",),
+    "offline.session": ("Session", "make_session", "read_session"),
+    "offline.verify": ("VerificationResult", "verify"),
     "point": ("POINT", "POINT_ENCODING", "Flag", "Lost", "Point"),
     "received": ("Refused",),
     "zenoh_session": ("ENDPOINT",),
@@ -57,7 +96,16 @@ if not TYPE_CHECKING:  # which would take every name for one that is there
             return importlib.import_module(f"armd.{name}")
         for module, names in _HOMES.items():
             if name in names:
-                value = globals()[name] = getattr(importlib.import_module(f"armd.{module}"), name)
+                try:
+                    home = importlib.import_module(f"armd.{module}")
+                except ModuleNotFoundError as error:
+                    if str(error.name).startswith(
+                        "armd.offline"
+                    ):  # the subscriber's part alone is installed
+                        said = f"armd.{name} is not part of armd-client: install armd"
+                        raise ImportError(said) from error
+                    raise
+                value = globals()[name] = getattr(home, name)
                 return value
         raise AttributeError(f"module 'armd' has no attribute {name!r}")
 

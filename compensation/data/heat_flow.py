@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.arrays import F64, Mask
+from armd.arrays import F64, I64, Mask
+from armd.compensation.data.within import is_within
 
 #: A link drifts to its surroundings with this time constant at the fastest: a carbon tube of 1.5 mm
 #: (1.9 kJ/m²K) in a draught (20 W/m²K) takes 95 s; 3 mm of aluminium take minutes.
@@ -24,6 +25,8 @@ MOST_DRIVING_K = 40.0
 #: Less than this is never called impossible: a servo's whole degrees, clocks that are off, a finger
 #: on the sensor. Live, flag 3 reports such a step.
 LEAST_K = 6.0
+#: Readings that all lie within this have no jump, however they are rounded.
+NO_JUMP_K = 0.999 * LEAST_K
 #: A live sensor that stays where it jumped to is believed after this time: it may have been moved.
 SETTLED_S = 5.0
 #: So many histories of one sensor are followed at once, each consistent in itself.
@@ -34,6 +37,14 @@ def reachable_k(seconds: F64) -> F64:
     """How far (n,) K a link's temperature moves in *seconds* (n,) at most; NaN: not known."""
     reach = MOST_DRIVING_K * -np.expm1(-np.abs(seconds) / FASTEST_S)
     return np.maximum(np.where(np.isnan(reach), MOST_DRIVING_K, reach), LEAST_K)
+
+
+def _jumps(value: F64, time: F64) -> I64:
+    """Where (from 0) readings stand that the one before does not lead to."""
+    far = np.flatnonzero(np.abs(np.diff(value)) > LEAST_K)  # no less is impossible
+    reach_k = reachable_k(time[far + 1] - time[far])
+    jumps: I64 = far[np.abs(value[far + 1] - value[far]) > reach_k] + 1
+    return jumps
 
 
 @dataclass
@@ -64,14 +75,19 @@ class SensorHeat:
         The longest course that a link can have had is believed, the readings beside it are not.
         """
         bad = np.zeros(len(celsius), dtype=bool)
-        known = np.flatnonzero(np.isfinite(celsius))
-        if not len(known):
-            return bad
-        value, time = celsius[known], time_s[known]
-        jumps = np.abs(np.diff(value)) > reachable_k(np.diff(time))
-        edges = np.concatenate([[0], np.flatnonzero(jumps) + 1, [len(known)]])
+        if len(celsius) and is_within(celsius, low := celsius.min(), low + NO_JUMP_K):
+            known, value, time = np.arange(len(celsius)), celsius, time_s
+            edges = np.array([0, len(celsius)])
+        else:
+            known = np.flatnonzero(np.isfinite(celsius))
+            if not len(known):
+                return bad
+            value, time = celsius[known], time_s[known]
+            edges = np.concatenate([[0], _jumps(value, time), [len(known)]])
         owners = [self._extend(value[a:b], time[a:b]) for a, b in itertools.pairwise(edges)]
         believed = max(self._histories, key=lambda h: (h.n, -abs(h.last_c - self._usual_c)))
+        if len(owners) == 1 and owners[0] is believed:
+            return bad
         bad[known] = np.repeat([owner is not believed for owner in owners], np.diff(edges))
         return bad
 

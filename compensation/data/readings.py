@@ -9,7 +9,6 @@ from __future__ import annotations
 import codecs
 import csv
 import io
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,8 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.data.header import check_header
+from armd.compensation.data.within import LARGEST, is_within
 from armd.errors import BadInput
 from armd.files.inputs import check_input, open_input
 from armd.terminal.printable import invisible
@@ -54,6 +55,8 @@ class Readings:
         self._must_have(name)
         values = self.table[name].combine_chunks().to_numpy(zero_copy_only=False)
         numbers: F64 = np.asarray(values, dtype=np.float64)
+        if is_within(numbers, -LARGEST, LARGEST):
+            return numbers
         if infinite := _first(np.isinf(numbers)):
             raise self.fault(infinite - 1, name, "an infinite value", "a finite number")
         return numbers
@@ -61,6 +64,8 @@ class Readings:
     def required(self, name: str) -> F64:
         """A column of numbers (n,) in which nothing may be missing."""
         numbers = self.number(name)
+        if is_within(numbers, -LARGEST, LARGEST):
+            return numbers
         if missing := _first(np.isnan(numbers)):
             raise self.fault(missing - 1, name, "nothing", "a number")
         return numbers
@@ -138,11 +143,7 @@ def without_readings(path: Path) -> BadInput:
 def read_header(path: Path) -> list[str]:
     """Names of the columns of a CSV or Parquet file, each only once."""
     header = _csv_header(path) if path.suffix == ".csv" else _parquet_header(path)
-    for name, count in Counter(header).items():
-        if count > 1:
-            raise BadInput(path, f"column {name}", f"{count} of it", "one")
-        if hidden := invisible(name):
-            raise BadInput(path, "the header", f"the character {hidden}", "names that can be read")
+    check_header(path, header)
     return header
 
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.data.pieces import reading_pieces
 from armd.compensation.data.readings import Readings, load_readings, row_in_words
 from armd.compensation.data.session_columns import (
@@ -27,6 +26,7 @@ from armd.compensation.data.session_columns import (
     times,
     truths,
 )
+from armd.compensation.data.session_files import READINGS, check_is_session, readings_path
 from armd.compensation.data.session_format import Artefact, SessionFile
 from armd.compensation.data.temperature_columns import TemperatureColumns
 from armd.compensation.data.turns import (
@@ -40,12 +40,10 @@ from armd.compensation.model.state import States
 from armd.errors import BadInput
 from armd.files.inputs import open_input
 from armd.files.schema import load_toml
-from armd.terminal.counted import counted
 from armd.terminal.printable import printable
-from armd.terminal.suggest import few, hint, near, within
+from armd.terminal.suggest import hint
 
 TEXTS = ["placement", "target"]
-READINGS = ("readings.csv", "readings.parquet")
 
 
 @dataclass(frozen=True)
@@ -70,6 +68,7 @@ class Session:
     operator: str | None = None
     artefact_before_c: float = np.nan  # of a piece: the last artefact_c in those before it
     remarks: tuple[str, ...] = ()  # sentences: what was read and does not count as it stands
+    digest: Callable[[], str] | None = None  # of a session in memory: its fingerprint
 
     @property
     def n(self) -> int:
@@ -112,7 +111,10 @@ class Session:
         return f"{self.name}/{table} {row_in_words(Path(table), int(self.row[i]))}"
 
     def fingerprint(self) -> str:
-        """SHA-256 over session.toml and the readings, as they stand on disk now."""
+        """SHA-256 over session.toml and the readings, as they stand on disk now; of a session in
+        memory as they would be written."""
+        if self.digest is not None:
+            return self.digest()
         digest = hashlib.sha256()
         for name in ("session.toml", *READINGS):
             file = self.path / name
@@ -171,12 +173,24 @@ def load_session(path: str | Path, arm: Arm) -> Session:
     """
     folder = Path(path)
     file = _session_file(folder, arm)
-    like_radians = LikeRadians(arm, file.angle_unit)
     readings = load_readings(readings_path(folder), number_columns(arm), TEXTS)
-    session = _session(folder, file, arm, readings, {}, TemperatureColumns(arm))
+    return build_session(folder, file, arm, readings)
+
+
+def build_session(
+    place: Path,
+    file: SessionFile,
+    arm: Arm,
+    readings: Readings,
+    *,
+    digest: Callable[[], str] | None = None,
+) -> Session:
+    """The session of *readings* that are in memory, called *place*; raises `BadInput`."""
+    like_radians = LikeRadians(arm, file.angle_unit)
+    session = _session(place, file, arm, readings, {}, TemperatureColumns(arm))
     like_radians.take(readings, session.states.q)
     like_radians.judge()
-    return session
+    return replace(session, digest=digest)
 
 
 def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
@@ -209,10 +223,15 @@ def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
 def _session_file(folder: Path, arm: Arm) -> SessionFile:
     check_is_session(folder)
     file = load_toml(folder / "session.toml", SessionFile)
+    check_arm(folder / "session.toml", file, arm)
+    return file
+
+
+def check_arm(place: Path, file: SessionFile, arm: Arm) -> None:
+    """Raise `BadInput`, which names *place*, where the session is another arm's."""
     if file.arm != arm.serial_number:
         expected = f"{arm.serial_number!r}, as in arm.toml"
-        raise BadInput(folder / "session.toml", "arm", repr(file.arm), expected)
-    return file
+        raise BadInput(place, "arm", repr(file.arm), expected)
 
 
 def _session(
@@ -259,43 +278,6 @@ def _session(
         operator=file.operator,
         remarks=(*remarks, *describe_turns(name, turns)),
     )
-
-
-def check_is_session(folder: Path) -> None:
-    """Raises `BadInput` for what is no session's folder, and says where one is nearby."""
-    expected = "a folder with session.toml and readings.csv"
-    if not folder.is_dir():
-        found = "a file" if folder.exists() else "nothing"
-        if folder.is_file() and (folder.parent / "session.toml").is_file():
-            found, expected = "a file of a session", f"its folder, {folder.parent}"
-        elif folder.suffix.lower() in TABLES:
-            expected += ": armd import makes one of a table"
-        elif not folder.exists():
-            beside = sorted(path.parent.name for path in folder.parent.glob("*/session.toml"))
-            expected += near(folder) or (f": there is {few(beside)}" if beside else "")
-        raise BadInput(folder, "the session", found, expected)
-    if (folder / "session.toml").exists():
-        return
-    below = sorted(path.parent.name for path in folder.glob("*/session.toml"))
-    if below:
-        found = f"a folder of {counted(len(below), 'session')}"
-        expected = f"sessions, as {' '.join(str(folder / name) for name in below[:2])}"
-        raise BadInput(folder, "the session", found, expected + " …" * (len(below) > 2))
-    if (folder.parent / "session.toml").is_file():
-        found = "a folder within a session"
-        raise BadInput(folder, "the session", found, f"the session, {folder.parent}")
-    raise BadInput(
-        folder, "the session", f"a folder without session.toml{within(folder)}", expected
-    )
-
-
-def readings_path(folder: Path) -> Path:
-    """The table of readings in a session's folder; raises `BadInput` if there is not one."""
-    present = [folder / name for name in READINGS if (folder / name).exists()]
-    if len(present) != 1:
-        found = "both" if present else "neither"
-        raise BadInput(folder, " or ".join(READINGS), found, "one of them")
-    return present[0]
 
 
 def _targets(readings: Readings, artefact: Artefact) -> I64:

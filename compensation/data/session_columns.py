@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.data.session_format import AngleUnit
+from armd.compensation.data.within import is_within
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import motion_directions
 from armd.errors import BadInput
 
 if TYPE_CHECKING:  # Arrow, which names of columns do not need
     from armd.compensation.data.readings import Readings
+
+MemoryOrder = Literal["C", "F"]  # of an array in memory: rows in one piece, or columns
 
 APPROACH = ["approach_x", "approach_y", "approach_z"]
 TRUTH = ["x_mm", "y_mm", "z_mm"]
@@ -29,9 +32,17 @@ MOST_MM = 1e6
 CHUNK = 1 << 16
 
 
-def angles(readings: Readings, arm: Arm, unit: AngleUnit, *, missing_allowed: bool = False) -> F64:
-    """Encoder angles (n, N) in rad, signed as they stand; counts by `direction` and turn."""
-    q = np.empty((readings.n, arm.n_joints))
+def angles(
+    readings: Readings,
+    arm: Arm,
+    unit: AngleUnit,
+    *,
+    missing_allowed: bool = False,
+    order: MemoryOrder = "C",
+) -> F64:
+    """Encoder angles (n, N) in rad, signed as they stand; counts by `direction` and turn. *order*:
+    of the array in memory."""
+    q = np.empty((readings.n, arm.n_joints), order=order)
     for k, joint in enumerate(arm.joint):
         name = f"q{k + 1}"
         values = readings.number(name) if missing_allowed else readings.required(name)
@@ -49,6 +60,8 @@ def angles(readings: Readings, arm: Arm, unit: AngleUnit, *, missing_allowed: bo
         low, high = joint.min_deg, joint.max_deg
         low = -360.0 * MOST_TURNS if low is None else low - 720.0
         high = 360.0 * MOST_TURNS if high is None else high + 720.0
+        if is_within(q[:, k], math.radians(low), math.radians(high)):
+            continue
         absurd = (q[:, k] < math.radians(low)) | (q[:, k] > math.radians(high))
         expected = f"an angle in {unit} ({turn:.10g} a turn), {low:g}° to {high:g}°"
         if unit == "rad" and not ((values < low) | (values > high)).any():
@@ -73,8 +86,10 @@ class LikeRadians:
 
     def take(self, readings: Readings, q: F64) -> None:
         """The next rows, and their angles (n, N) rad."""
+        if self._unit == "rad":
+            return
         whole = q[np.isfinite(q).all(axis=1)]
-        if self._unit == "rad" or not len(whole):
+        if not len(whole):
             return
         self._rows += len(whole)
         self._most = np.maximum(self._most, np.abs(whole).max(axis=0) * self._turn / math.tau)
@@ -90,11 +105,15 @@ class LikeRadians:
             raise self._fault
 
 
-def temperatures(readings: Readings, sensors: list[str]) -> F64:
+def temperatures(readings: Readings, sensors: list[str], order: MemoryOrder = "C") -> F64:
     """Columns of °C (n, S); NaN where a value or the whole column is missing."""
-    columns = np.empty((readings.n, len(sensors)))
+    columns = np.full((readings.n, len(sensors)), np.nan, order=order)
     for s, name in enumerate(sensors):
-        columns[:, s] = values = readings.optional(name)
+        if not readings.has(name):
+            continue
+        columns[:, s] = values = readings.number(name)
+        if is_within(values, LEAST_C, MOST_C):
+            continue
         absurd = (values < LEAST_C) | (values > MOST_C)
         readings.refuse(absurd, name, values, f"a temperature in °C, {LEAST_C:g} to {MOST_C:g}")
     return columns
@@ -119,16 +138,21 @@ def number_columns(arm: Arm) -> list[str]:
 
 def rates(readings: Readings, n_joints: int) -> F64:
     """Joint rates (n, N) in rad/s; NaN where a value or the whole column is missing."""
-    rate = np.empty((readings.n, n_joints))
+    rate = np.full((readings.n, n_joints), np.nan)
     for k in range(n_joints):
         name = f"w{k + 1}"
-        rate[:, k] = values = readings.optional(name)
+        if not readings.has(name):
+            continue
+        rate[:, k] = values = readings.number(name)
         readings.refuse(np.abs(values) > MOST_RATE_RAD_S, name, values, "a joint rate in rad/s")
     return rate
 
 
 def approaches(readings: Readings, arm: Arm, q: F64, rate: F64) -> F64:
     """Unit vectors (n, 3): as given, otherwise the tip's direction of motion, otherwise NaN."""
+    rated = any(readings.has(f"w{k}") for k in range(1, arm.n_joints + 1))
+    if not rated and not any(map(readings.has, APPROACH)):
+        return np.full((readings.n, 3), np.nan)
     given = _three(readings, APPROACH)
     length = np.linalg.norm(given, axis=1)
     readings.refuse(np.abs(length - 1) > 0.01, APPROACH[0], length, "a vector of length 1")

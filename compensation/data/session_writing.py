@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from armd.compensation.data.session import READINGS
+from armd.compensation.data.session_files import READINGS
 from armd.compensation.data.session_format import SessionFile
 from armd.files.toml_text import toml_text
 from armd.files.writing import whole_file

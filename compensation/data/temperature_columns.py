@@ -9,7 +9,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.data.heat_flow import SensorHeat
 from armd.compensation.data.readings import Readings, row_in_words
-from armd.compensation.data.session_columns import temperatures
+from armd.compensation.data.session_columns import MemoryOrder, temperatures
 from armd.compensation.model.arm import Arm
 
 #: So many rows are named in one sentence.
@@ -19,7 +19,8 @@ MOST_ROWS = 5
 class TemperatureColumns:
     """Reads the temperatures of one table, piece by piece."""
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: Arm, order: MemoryOrder = "C") -> None:
+        self._order = order
         self._names = [*arm.sensors, "artefact_c"]
         self._heat = [SensorHeat(arm.reference_temperature_c) for _ in self._names]
         self._last_c = np.full(len(self._names), np.nan)
@@ -29,9 +30,11 @@ class TemperatureColumns:
 
         NaN is missing; so is what no link can have had, which a remark names by file and row.
         """
-        celsius = temperatures(readings, self._names)
+        celsius = temperatures(readings, self._names, self._order)
         remarks = []
         for column, heat in enumerate(self._heat):
+            if not readings.has(self._names[column]):
+                continue
             bad = np.flatnonzero(heat.impossible(celsius[:, column], time_s))
             if len(bad):
                 read = celsius[bad, column]
@@ -39,6 +42,9 @@ class TemperatureColumns:
                 dropped = _Dropped(self._names[column], bad, read)
                 around = _around(celsius[:, column], int(bad[0]), self._last_c[column])
                 remarks.append(dropped.in_words(readings, name, around))
+            if np.isfinite(celsius[-1, column]):
+                self._last_c[column] = celsius[-1, column]
+                continue
             known = np.flatnonzero(np.isfinite(celsius[:, column]))
             if len(known):
                 self._last_c[column] = celsius[known[-1], column]

@@ -14,7 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.data.within import is_within
 from armd.compensation.model.arm import Arm
+
+#: So near to a limit, rounding may decide the turn.
+AT_A_LIMIT_RAD = 1e-6
 
 
 def whole_turns(q: F64, arm: Arm) -> I64:
@@ -24,9 +28,11 @@ def whole_turns(q: F64, arm: Arm) -> I64:
     just one turn leads inside; one limit alone, or none, never does. NaN is 0 turns off.
     """
     low, high = arm.limits_rad
-    turns = np.zeros(q.shape, dtype=np.int64)
+    turns = np.zeros_like(q, dtype=np.int64)
     for k, (least, most) in enumerate(zip(low, high, strict=True)):
         if not (math.isfinite(least) and math.isfinite(most)):
+            continue
+        if is_within(q[:, k], least + AT_A_LIMIT_RAD, most - AT_A_LIMIT_RAD):
             continue
         if most - least <= math.tau * (1 + 1e-9):
             off = np.floor((q[:, k] - (least + most) / 2) / math.tau + 0.5)
@@ -42,11 +48,15 @@ def whole_turns(q: F64, arm: Arm) -> I64:
 def fold_turns(q: F64, arm: Arm) -> tuple[F64, I64]:
     """Angles (n, N) rad within the limits that decide the turn, and the turns taken off."""
     turns = whole_turns(q, arm)
+    if not turns.any():
+        return q, turns
     return np.where(turns == 0, q, q - math.tau * turns), turns
 
 
 def describe_turns(name: str, turns: I64) -> list[str]:
     """A sentence for each joint of session *name* that stood whole turns off in some rows."""
+    if not turns.any():
+        return []
     return [
         f"{name}: q{k + 1} is a whole turn or more off in {int(rows)} of {len(turns)} rows; its"
         " limits in arm.toml say which turn is meant."

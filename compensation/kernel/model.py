@@ -18,6 +18,7 @@ from armd.compensation.kernel.slow_factors import SlowFactors
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import LoadedCalibration
+from armd.compensation.model.instants import Delay
 from armd.compensation.model.slow_factors import Dated, Period, SlowFactor
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
@@ -122,9 +123,12 @@ class Model:
         """
         return self.correct_rows(states, self.slow_values(states, onwards=onwards))
 
-    def slow_values(self, states: States, *, onwards: bool = False) -> F64:
-        """Slow factors' values (n, L+T) of slow terms, then pose terms; lags as above."""
-        delay = self._slow.delay if onwards else None
+    def slow_values(
+        self, states: States, *, onwards: bool = False, delay: Delay | None = None
+    ) -> F64:
+        """Slow factors' values (n, L+T) of slow terms, then pose terms; lags as above, or by a
+        *delay* of the caller's."""
+        delay = self._slow.delay if onwards else delay
         return basis_values(
             self._slow_parts, states, self.arm, self._reference_c, self.constants, delay
         )
@@ -149,7 +153,13 @@ class Model:
 
         As `correct_rows`, from any thread.
         """
-        variance = np.full((states.n, 3), np.nan)
+        variance = self.covariance_rows(states, slow_values)[:, [0, 3, 5]]
+        deviation: F64 = np.sqrt(np.maximum(variance, 0.0))
+        return deviation
+
+    def covariance_rows(self, states: States, slow_values: F64) -> F64:
+        """Covariances (n, 6) mm² of the rows' coordinates: xx xy xz yy yz zz; else as above."""
+        covariance = np.full((states.n, 6), np.nan)
         if not math.isnan(self._uncertainty.floor):
             row_variances(
                 np.ascontiguousarray(slow_values),
@@ -165,10 +175,9 @@ class Model:
                 self._uncertainty.parts,
                 self._uncertainty.rows,
                 self._uncertainty.floor,
-                variance,
+                covariance,
             )
-        deviation: F64 = np.sqrt(np.maximum(variance, 0.0))
-        return deviation
+        return covariance
 
 
 def _slow_part(term: Term) -> Term:

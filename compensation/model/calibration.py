@@ -163,7 +163,7 @@ def load_calibration(path: str | Path, arm: Arm | None = None) -> LoadedCalibrat
     data = read_input(path)
     calibration = parse_calibration(path, data)
     if arm is not None:
-        _belongs(path, calibration, arm)
+        check_belongs(path, calibration, arm)
     return LoadedCalibration(calibration, hashlib.sha256(data).hexdigest(), Path(path), data)
 
 
@@ -294,7 +294,8 @@ def sensors_of(terms: Sequence[Term]) -> set[str]:
     }
 
 
-def _belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
+def check_belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
+    """Raise `BadInput` unless *calibration*, of the file *path*, is one of *arm*."""
     if calibration.arm != arm.serial_number:
         raise BadInput(path, "arm", repr(calibration.arm), f"{arm.serial_number!r}, as in arm.toml")
     known = set(arm.layout.names)

@@ -13,7 +13,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.parameters import ParameterLayout
-from armd.compiled.jit import jit, unlocked
+from armd.compiled.jit import inlined, jit, unlocked
 
 
 def forward(q: F64, p: F64) -> tuple[F64, F64]:
@@ -93,6 +93,15 @@ def _step(q: float, row: F64, origin: F64, rotation: F64, origin_to: F64, rotati
     ct, st = math.cos(q + row[0]), math.sin(q + row[0])
     ca, sa = math.cos(row[3]), math.sin(row[3])
     cb, sb = math.cos(row[4]), math.sin(row[4])
+    _turn_on(ct, st, ca, sa, cb, sb, row, origin, rotation, origin_to, rotation_to)
+
+
+@inlined
+def _turn_on(
+    ct: float, st: float, ca: float, sa: float, cb: float, sb: float,
+    row: F64, origin: F64, rotation: F64, origin_to: F64, rotation_to: F64,
+) -> None:  # fmt: skip
+    """The same, of the cosines and sines of θ, α and β."""
     for i in range(3):
         x, y, z = rotation[i, 0], rotation[i, 1], rotation[i, 2]
         x, y = ct * x + st * y, ct * y - st * x  # Rz
@@ -132,12 +141,23 @@ def compiled_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
     # Loops over the three axes, not slices: these would allocate, and compile for seconds.
     to_tip, beyond, y = np.empty(3), np.empty(3), np.empty(3)
     tip, base = 5 * n_joints, 5 * n_joints + 3
+    # Most of the time went into sines: those of one row of parameters are worked out once.
+    turned, twisted = np.empty((n_joints, 2)), np.empty((n_joints, 4))
     for i in range(n):
         row = p[i if len(p) > 1 else 0]
-        _base(row[base:], origins[0], rotations[0])
+        if i == 0 or len(p) > 1:
+            _base(row[base:], origins[0], rotations[0])
+            for k in range(n_joints):
+                alpha, beta = row[5 * k + 3], row[5 * k + 4]
+                twisted[k, 0], twisted[k, 1] = math.cos(alpha), math.sin(alpha)
+                twisted[k, 2], twisted[k, 3] = math.cos(beta), math.sin(beta)
         for k in range(n_joints):
-            _step(
-                q[i, k], row[5 * k : 5 * k + 5],
+            theta = q[i, k] + row[5 * k]
+            turned[k, 0], turned[k, 1] = math.cos(theta), math.sin(theta)
+            _turn_on(
+                turned[k, 0], turned[k, 1],
+                twisted[k, 0], twisted[k, 1], twisted[k, 2], twisted[k, 3],
+                row[5 * k : 5 * k + 5],
                 origins[k], rotations[k], origins[k + 1], rotations[k + 1],
             )  # fmt: skip
         last = rotations[n_joints]
@@ -149,8 +169,7 @@ def compiled_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
                 derivatives[i, axis, base + j] = 1.0 if axis == j else 0.0
         for k in range(n_joints):
             before, block = rotations[k], derivatives[i, :, 5 * k : 5 * k + 5]
-            ct, st = math.cos(q[i, k] + row[5 * k]), math.sin(q[i, k] + row[5 * k])
-            ca, sa = math.cos(row[5 * k + 3]), math.sin(row[5 * k + 3])
+            ct, st, ca, sa = turned[k, 0], turned[k, 1], twisted[k, 0], twisted[k, 1]
             for axis in range(3):
                 to_tip[axis] = position[i, axis] - origins[k, axis]
                 beyond[axis] = position[i, axis] - origins[k + 1, axis]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.ticker import LogFormatter
@@ -21,7 +20,7 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.terms import Term
 from armd.compensation.report.drawing import MOST_POINTS, cloud, drawing, one_drawing, views
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import NOT_STATED, origin
+from armd.compensation.report.sessions import NOT_STATED, InputFile, origin
 from armd.terminal.counted import counted
 
 #: Correlations stronger than this are worth knowing.
@@ -33,7 +32,7 @@ ALONE = 1e-3
 
 
 def calibration_report(
-    result: Result, sessions: Sequence[Session], arm_file: str | Path, written: LoadedCalibration
+    result: Result, sessions: Sequence[Session], arm_file: InputFile, written: LoadedCalibration
 ) -> str:
     """The whole HTML file; *written* is the calibration as it stands on the disk."""
     arm = result.fit.observations.arm
@@ -286,7 +285,7 @@ def _provenance(
     page: Page,
     result: Result,
     sessions: Sequence[Session],
-    arm_file: str | Path,
+    arm_file: InputFile,
     written: LoadedCalibration,
 ) -> None:
     provenance = result.calibration.provenance

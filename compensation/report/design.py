@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
 from armd.compensation.report.drawing import views
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import origin
+from armd.compensation.report.sessions import InputFile, origin
 from armd.terminal.counted import counted
 
 
@@ -24,7 +23,7 @@ def design_report(
     arm: Arm,
     sessions: Sequence[Session],
     rows: Sequence[Mapping[str, Any]],
-    files: Mapping[str, str | Path | None],
+    files: Mapping[str, InputFile | None],
 ) -> str:
     """The page; *sessions* are those there are, *rows* is the table, one mapping per pose, *files*
     are arm and calibration."""
@@ -44,7 +43,7 @@ def design_report(
         "to rest from the side given. Both figures are forecasts; nothing is judged by them, so"
         " there is no decision rule."
     )
-    page.figure(_picture(experiment), "The arm in each pose, joint by joint; its number at the tip")
+    page.figure(picture(experiment), "The arm in each pose, joint by joint; its number at the tip")
     narrow = [_narrow(row) for row in rows]
     page.table(list(narrow[0]), [list(row.values()) for row in narrow])
     origin(page, arm, sessions, files)
@@ -60,7 +59,7 @@ def _narrow(row: Mapping[str, Any]) -> dict[str, str]:
     return place | {"turn last towards": sides, "sensors, °C": warm}
 
 
-def _picture(experiment: Experiment) -> Figure:
+def picture(experiment: Experiment) -> Figure:
     """The arm in every pose, base to tip, in mm of the base frame."""
     origins = frames(experiment.states.q, experiment.parameters)[0]
     figure, panels = views()

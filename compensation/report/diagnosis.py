@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,9 @@ import numpy as np
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.told.verdict import um
 from armd.compensation.report.drawing import one_drawing
+from armd.compensation.report.gains import draw_gains, name_finding
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import NOT_STATED, origin
+from armd.compensation.report.sessions import NOT_STATED, InputFile, origin
 from armd.compensation.report.signature_plot import signature_plot
 from armd.compensation.wording import ARC_SECOND, clock
 from armd.terminal.counted import counted
@@ -33,7 +33,7 @@ RULE = (
 
 
 def diagnosis_report(
-    diagnosis: Diagnosis, result: dict[str, Any], files: Mapping[str, str | Path | None]
+    diagnosis: Diagnosis, result: dict[str, Any], files: Mapping[str, InputFile | None]
 ) -> str:
     """The page; *result* is the diagnosis as its JSON has it, *files* arm and calibration."""
     page = Page(f"Diagnosis of {diagnosis.arm.serial_number}")
@@ -42,7 +42,7 @@ def diagnosis_report(
     _at_a_glance(page, diagnosis, result)
     touched = len(diagnosis.touched)  # they stand first among the findings
     for number, finding in enumerate(result["findings"][:touched], 1):
-        page.heading(f"{number}. {_name(finding)}")
+        page.heading(f"{number}. {name_finding(finding)}")
         page.text(finding["reading"])
     for index, finding in enumerate(result["findings"][touched:][: len(diagnosis.found)]):
         _finding(page, diagnosis, index, touched + index + 1, finding)
@@ -98,17 +98,10 @@ def _told(finding: dict[str, Any]) -> str:
         doubts.append("held-out readings do not confirm it")
     if (finding.get("explains") or {}).get("guess"):
         doubts.append("the name is a guess")
-    return _name(finding) + (f" ({', '.join(doubts)})" if doubts else "")
-
-
-def _name(finding: dict[str, Any]) -> str:
-    said = finding["location"] == "-" or finding["cause"].startswith(finding["location"])
-    place = "" if said else f", {finding['location']}"
-    return f"{finding['cause'].replace('_', ' ')}{place}"
+    return name_finding(finding) + (f" ({', '.join(doubts)})" if doubts else "")
 
 
 def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
-    baseline = result["baseline"]
     if result["findings"]:
         page.text(result["verdict"])
     readings, sessions = sum(s.n for s in diagnosis.sessions), len(diagnosis.sessions)
@@ -127,24 +120,8 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
         f"{readings} readings in {counted(sessions, 'session')}. "
         f"Model under test: {model}. Held out: {heldout}."
     )
-    labels, values = ["model under test"], [baseline["heldout_rms_um"]]
-    low, high = [0.0], [0.0]
-    for number, finding in enumerate(result["findings"], 1):
-        gain = finding["gain"]
-        labels.append(f"+ {number}. " + _name(finding).replace(", ", "\n"))
-        values.append(gain["heldout_rms_um_after"])
-        best, worst = (gain["heldout_rms_um_before"] - g for g in reversed(gain["interval_um"]))
-        low.append(max(values[-1] - best, 0.0))
-        high.append(max(worst - values[-1], 0.0))
     figure, panel = one_drawing()
-    bars = panel.bar(labels, values, width=0.55, yerr=[low, high], capsize=4)
-    panel.bar_label(bars, [um(value) for value in values], label_type="center", color="white")
-    panel.axhline(baseline["noise_floor_um"], linestyle=":", color="black")
-    panel.annotate(
-        "noise alone", (1.0, baseline["noise_floor_um"]), xycoords=("axes fraction", "data"),
-        ha="right", va="bottom", bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7},
-    )  # fmt: skip
-    panel.set_ylabel("3-D RMS on held-out readings, µm")
+    draw_gains(panel, result)
     page.figure(figure, "3-D RMS on held-out readings, µm, as one finding after another is added")
     if result["findings"]:
         page.text(
@@ -156,7 +133,7 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
 def _finding(
     page: Page, diagnosis: Diagnosis, index: int, number: int, finding: dict[str, Any]
 ) -> None:
-    page.heading(f"{number}. {_name(finding)}")
+    page.heading(f"{number}. {name_finding(finding)}")
     page.text(_sentence(finding["reading"]))
     gain = finding["gain"]
     low, high = gain["interval_um"]
@@ -172,7 +149,7 @@ def _finding(
     )
     page.figure(
         signature_plot(diagnosis, index),
-        f"What the readings show of {_name(finding)}, without everything else, and the fit",
+        f"What the readings show of {name_finding(finding)}, without everything else, and the fit",
     )
     _evidence(page, finding)
     _explains(page, finding)

@@ -7,6 +7,7 @@ import datetime
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,24 +21,35 @@ from armd.terminal.counted import counted
 NOT_STATED = "not stated"
 
 
+class InputFile(NamedTuple):
+    """An input of a report: its name without folders, and the SHA-256 of its bytes."""
+
+    name: str
+    sha256: str
+
+    @classmethod
+    def read(cls, path: str | Path | None) -> InputFile | None:
+        """Of the file *path*; None for none."""
+        if not path:
+            return None
+        with open_input(path) as content:
+            digest = hashlib.file_digest(content, "sha256")
+        return cls(Path(path).name, digest.hexdigest())
+
+
 def origin(
     page: Page,
     arm: Arm,
     sessions: Sequence[Session],
-    files: Mapping[str, str | Path | None],
+    files: Mapping[str, InputFile | None],
     facts: Mapping[str, str] | None = None,
 ) -> None:
     """*files* are the other inputs by what they are to the command; None: there was none."""
     named = zip(distinct_names(sessions), sessions, strict=True)
     inputs = {f"session {name}": session.fingerprint() for name, session in named}
-    inputs |= {f"{role} {Path(file).name}": _sha256(file) for role, file in files.items() if file}
+    inputs |= {f"{role} {file.name}": file.sha256 for role, file in files.items() if file}
     page.origin(report_number(arm.serial_number, *inputs.values()), inputs, facts)
     session_facts(page, sessions, arm)
-
-
-def _sha256(file: str | Path) -> str:
-    with open_input(file) as content:
-        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:

@@ -28,31 +28,36 @@ LEAST_LEVER = 0.3
 
 def signature_plot(diagnosis: Diagnosis, index: int) -> Figure:
     """What the readings show of a finding, with the fitted effect over it."""
+    figure, panel = one_drawing()
+    draw_signature(panel, diagnosis, index)
+    return figure
+
+
+def draw_signature(panel: Axes, diagnosis: Diagnosis, index: int) -> None:
+    """Draw what the readings show of a finding, with the fitted effect over it."""
     candidate = diagnosis.search.last.findings[index]
     moved = {term.parameter for column in candidate.columns for term in column.terms}
     steady = all(column.artefact is None for column in candidate.columns)
     name, values = _variable(diagnosis, candidate)
     if len(candidate.depends_on) > 1:
         _, points, line, title = _at_the_tip(diagnosis, index)
-        figure, panel = _drawn(line, points, line, "fitted effect at the tip, µm", title)
+        _draw(panel, line, points, line, "fitted effect at the tip, µm", title)
         panel.plot(*_means(line, points), "o", color=COLOURS[2], label="readings, means")
         _legend(panel)
-        return figure
+        return
     if len(moved) == 1 and candidate.depends_on and steady:
         rows, points, line, title = _in_the_parameter(diagnosis, index, next(iter(moved)))
     else:
         rows, points, line, title = _at_the_tip(diagnosis, index)
-    figure, panel = _drawn(values[rows], points, line, name, title)
+    _draw(panel, values[rows], points, line, name, title)
     if candidate.depends_on == ("target",):
         names = _target_names(diagnosis)
         panel.set_xticks(range(len(names)), names, rotation=90 if len(names) > BINS else 0)
     _legend(panel)
-    return figure
 
 
-def _drawn(values: F64, points: F64, line: F64, name: str, title: str) -> tuple[Figure, Axes]:
+def _draw(panel: Axes, values: F64, points: F64, line: F64, name: str, title: str) -> None:
     shown = np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(int)
-    figure, panel = one_drawing()
     label = "readings, all else taken off"
     cloud(panel, values[shown], points[shown], label)
     if len(np.unique(values)) <= BINS:
@@ -60,7 +65,6 @@ def _drawn(values: F64, points: F64, line: F64, name: str, title: str) -> tuple[
     else:
         panel.plot(*_curve(values, line), color=COLOURS[1], linewidth=2, label="fitted effect")
     panel.set(xlabel=name, ylabel=title, ylim=_range_of(points, line))
-    return figure, panel
 
 
 def _legend(panel: Axes) -> None:

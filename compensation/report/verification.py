@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 from matplotlib.figure import Figure
 
@@ -11,7 +10,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.drawing import COLOURS, one_drawing
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import origin
+from armd.compensation.report.sessions import InputFile, origin
 from armd.compensation.verify.limits import PermissibleErrors
 from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged, Verdict
 
@@ -22,7 +21,7 @@ NO_LENGTH = "–"
 
 
 def verification_report(
-    verdict: Verdict, session: Session, arm: Arm, files: Mapping[str, str | Path | None]
+    verdict: Verdict, session: Session, arm: Arm, files: Mapping[str, InputFile | None]
 ) -> str:
     """HTML text of the report; *files*: arm, calibration and limits, None where there is none."""
     page = Page(f"Verification of arm {arm.serial_number}")

@@ -42,7 +42,20 @@ def write_pages(args: argparse.Namespace, make: Callable[[], str]) -> None:
             write_whole(args.report, page)
         if args.pdf:
             with console.status("printing the page …"):
-                write_whole(args.pdf, printed(page) + PDF_MARK)
+                write_pdf(Path(args.pdf), page)
+
+
+def write_page(path: Path, page: str) -> None:
+    """Write a page to *path*: HTML, or PDF by its suffix; raises `ArmdError` where none prints."""
+    if path.suffix.lower() == ".pdf":
+        write_pdf(path, page)
+    else:
+        write_whole(path, page)
+
+
+def write_pdf(path: Path, page: str) -> None:
+    """Write a page as PDF; raises `ArmdError` where none prints."""
+    write_whole(path, printed(page) + PDF_MARK)
 
 
 def printed(page: str) -> bytes:

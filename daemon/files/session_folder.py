@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from armd import Flag
-from armd.compensation.data.session import READINGS
 from armd.compensation.data.session_columns import APPROACH
+from armd.compensation.data.session_files import READINGS
 from armd.compensation.data.session_format import Artefact, ArtefactFile
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.model.arm import Arm

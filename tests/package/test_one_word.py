@@ -13,8 +13,9 @@ ROOMS = ("armd", "drivers", "compensation", "daemon", "simulator")
 #: The same thing seen by the simulator, which makes it, and by what finds it out; neither may
 #: import the other.
 BOTH_SIDES = {"Artefact", "Climate", "Effect", "Length", "Noise", "Timer", "Touched"}
-#: `armd.Arm` is what a subscriber connects to, the other one what arm.toml says.
-PUBLIC = {"Arm"}
+#: `armd.Arm` is what a subscriber connects to, the other one what arm.toml says. The others are
+#: what `armd` gives by that name, around the same thing within.
+PUBLIC = {"Arm", "Calibration", "Corrector", "Diagnosis", "Model", "Session"}
 #: Sections that two files call alike: `[tip]` of arm.toml, `[tips.NAME]` of armd.toml.
 SECTIONS = {"Tip"}
 

@@ -16,7 +16,8 @@ from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64
 from armd.compensation.data.readings import row_in_words
-from armd.compensation.data.session import Session, readings_path
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_files import readings_path
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import robust_poses
 from armd.compensation.identify.admission.mistakes import (

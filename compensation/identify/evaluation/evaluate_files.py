@@ -17,26 +17,20 @@ from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
 from armd.compensation.data.in_order import in_order
-from armd.compensation.data.session import (
-    READINGS,
-    Session,
-    check_once,
-    load_sessions,
-    session_pieces,
-)
+from armd.compensation.data.session import Session, check_once, load_sessions, session_pieces
+from armd.compensation.data.session_files import READINGS
 from armd.compensation.data.turns import AngleRange, report_open_turns
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
 from armd.compensation.identify.evaluation.condensed import PointMoments, moments_by
 from armd.compensation.identify.evaluation.evaluate import (
-    evaluate,
     refuse_overflows,
     tips,
     without_temperatures,
 )
+from armd.compensation.identify.evaluation.evaluate_sessions import evaluate_sessions
 from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
-from armd.compensation.identify.evaluation.seated_again import fit_tip, hint_of_tip, with_tip
 from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
@@ -78,30 +72,21 @@ def _evaluate_files(
     progress: TellStep,
     refit_tip: bool,
 ) -> tuple[dict[str, Any], list[Length]]:
-    files = [Path(path) / name for path in paths for name in READINGS]
-    large = sum(file.stat().st_size for file in files if file.is_file()) > MOST_AT_ONCE
-    if large and not refit_tip:
+    if is_long(paths) and not refit_tip:
         check_once(paths)
         try:
             return _Passes(paths, arm, calibration, progress).evaluation()
         except _BackInTime:
             progress("the readings are not in the order of time: reading all at once …")
     sessions = load_sessions(paths, arm)
-    outside = OutsideRange(arm, calibration)
-    for i, session in enumerate(sessions):
-        outside.add(i, session.name, session.states.temperature_c)
-    remarks = [remark for session in sessions for remark in session.remarks]
-    remarks += outside.in_words()
-    extra: dict[str, Any] = {}
-    if refit_tip:
-        tip = fit_tip(sessions, arm, calibration)
-        extra["tip"] = tip.as_json()
-        remarks.append(f"tip fitted anew: {tip.in_words()}")
-        arm, calibration = with_tip(arm, calibration, tip)
-    found = evaluate(sessions, arm, calibration, progress)
-    if not refit_tip:
-        remarks += hint_of_tip(arm, calibration, found)
-    return {**found.as_json(), **extra, "remarks": remarks}, found.lengths
+    figures, found = evaluate_sessions(sessions, arm, calibration, progress, refit_tip=refit_tip)
+    return figures, found.lengths
+
+
+def is_long(paths: Sequence[str | Path]) -> bool:
+    """Whether the readings of these session folders are too many to be held at once."""
+    files = [Path(path) / name for path in paths for name in READINGS]
+    return sum(file.stat().st_size for file in files if file.is_file()) > MOST_AT_ONCE
 
 
 @dataclass(frozen=True)

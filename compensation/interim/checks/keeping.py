@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from armd.compensation.data.session import READINGS, Session
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_files import READINGS
 from armd.compensation.interim.checks.chain import BEGINNING, HEAD, HISTORY, HistoryLine
 from armd.compensation.interim.checks.history import STATISTICS, iso
 from armd.compensation.interim.checks.reduced import Reduced

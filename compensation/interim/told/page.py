@@ -12,7 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from armd.arrays import F64
-from armd.compensation.data.session import READINGS, Session
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_files import READINGS
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.interim.changes.change import shapes
 from armd.compensation.interim.evidence.likelihood import RUN_LENGTH

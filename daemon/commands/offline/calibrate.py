@@ -6,25 +6,21 @@ import argparse
 import json
 import shlex
 import sys
-from collections.abc import Sequence
+from pathlib import Path
 
 from rich.table import Table
 
-from armd.compensation.data.session import Session, load_sessions
-from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.result import Result
-from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import LoadedCalibration, save_calibration
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm
 from armd.errors import BadInput
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.offline.arm_model import read_arm
+from armd.offline.calibrate import METHODS, ORDERS, calibrate
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 from armd.terminal.plain import plain_console
-
-ORDERS = {"auto": None, "off": 0, "1": 1, "2": 2, "3": 3, "4": 4}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,13 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_pages(parser)
     parser.add_argument(
         "--thermal",
-        choices=list(ORDERS),
+        choices=[order for order in ORDERS if order != "0"],
         default="auto",
         help="order of the thermal model; auto decides by the error on readings left out",
     )
     parser.add_argument(
         "--thermal-method",
-        choices=["polynomial", "zones", "components", "per-temperature"],
+        choices=METHODS,
         default="polynomial",
         help="polynomials of each joint's temperature, temperature zones, principal components,"
         " or identified at each temperature and regressed",
@@ -64,39 +60,30 @@ def run(args: argparse.Namespace) -> int:
         **page_outputs(args),
     }
     check_outputs(outputs, [args.arm, *args.session], args.force)
-    arm = load_arm(args.arm)
-    sessions = load_sessions(args.session, arm)
-    options = Options(
-        thermal_order=ORDERS[args.thermal],
-        thermal_method=args.thermal_method,
-        offset=args.offset,
-        command=shlex.join(["armd", *sys.argv[1:]]),
-        arm_file=str(args.arm),
-    )
+    arm = read_arm(args.arm)
     console = aside(args)
     with console.status("identifying …") as status:
-        result = calibrate(sessions, arm, options, status.update)
-    for session in sessions:
+        calibration = calibrate(
+            args.session,
+            arm,
+            thermal=args.thermal,
+            thermal_method=args.thermal_method,
+            offset=args.offset,
+            progress=status.update,
+            command=shlex.join(["armd", *sys.argv[1:]]),
+        )
+    identified = calibration.identified
+    assert identified is not None
+    for session in identified.sessions:
         if session.unused_columns:
             names = ", ".join(session.unused_columns)
             console.print(f"{session.path}: columns not used: {names}")
-    saved = save_calibration(args.output, result.calibration)
+    calibration.save(args.output)
     if args.json:
-        write_whole(args.json, json.dumps(result.as_json(), indent=1) + "\n")
-    write_pages(args, lambda: _page(args, result, sessions, saved))
-    _print(result, f"{args.output} (calibration {saved.sha256[:16]})")
+        write_whole(args.json, json.dumps(calibration.figures, indent=1) + "\n")
+    write_pages(args, lambda: calibration.page(Path(args.output).name))
+    _print(identified.result, f"{args.output} (calibration {calibration.sha256[:16]})")
     return 0
-
-
-def _page(
-    args: argparse.Namespace,
-    result: Result,
-    sessions: Sequence[Session],
-    saved: LoadedCalibration,
-) -> str:
-    from armd.compensation.report.calibration import calibration_report  # drawings load slowly
-
-    return calibration_report(result, sessions, args.arm, saved)
 
 
 def _print(result: Result, written: str) -> None:

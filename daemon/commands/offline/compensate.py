@@ -64,7 +64,8 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput(path, where, f"the suffix {path.suffix!r}", "a .csv table")
     inputs = [table, table.parent / "session.toml", args.arm, args.calibration]
     check_outputs({"-o": (args.output, COMMANDED)}, inputs, args.force)
-    arm, calibration = load_given(args)
+    model, given = load_given(args)
+    arm, calibration = model.content, given.loaded if given else None
     unit, started_unix_s = session_settings(table, args.angle_unit, args.started)
     corrector = Corrector(arm, calibration, unit, started_unix_s)
     readings = load_readings(table, corrector.columns, [])

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import datetime
 import sys
 from pathlib import Path
 
-from armd.compensation.data.offline import COLUMNS, Corrector, correct_file
+from armd.compensation.data.offline import Corrector, correct_file
+from armd.compensation.data.point_columns import COLUMNS
 from armd.compensation.data.readings import read_header
-from armd.compensation.data.session_format import AngleUnit, SessionFile, measured_at
+from armd.compensation.data.session_format import AngleUnit, SessionFile
 from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
 from armd.files.schema import load_toml
+from armd.offline.corrector import parse_instant
 from armd.terminal.aside import aside, bar
 from armd.terminal.counted import counted
 from armd.terminal.suggest import within
@@ -49,7 +50,8 @@ def run(args: argparse.Namespace) -> int:
     check_outputs({"-o": (args.output, POINTS)}, inputs, args.force)
     arm, calibration = load_given(args)
     unit, started_unix_s = session_settings(readings, args.angle_unit, args.started)
-    corrector = Corrector(arm, calibration, unit, started_unix_s)
+    loaded = calibration.loaded if calibration else None
+    corrector = Corrector(arm.content, loaded, unit, started_unix_s)
     repeated = [name for name in COLUMNS if name in read_header(readings)]
     if repeated:
         names = ", ".join(repeated)
@@ -71,22 +73,7 @@ def session_settings(
     beside = readings.parent / "session.toml"
     session = load_toml(beside, SessionFile) if beside.exists() else None
     if started is not None:
-        instant: float | None = _instant(started)
+        started_unix_s: float | None = parse_instant("--started", started, "the command line")
     else:
-        instant = session.started.timestamp() if session else None
-    return unit or (session.angle_unit if session else "rad"), instant
-
-
-def _instant(text: str) -> float:
-    """Unix seconds of an ISO 8601 instant."""
-    try:
-        instant = datetime.datetime.fromisoformat(text)
-    except ValueError:
-        instant = None
-    if instant is None or instant.tzinfo is None:
-        expected = "an instant with its offset from UTC, as 2026-03-01T09:00:00Z"
-        raise BadInput("the command line", "--started", repr(text), expected)
-    try:
-        return measured_at(instant).timestamp()
-    except ValueError as error:
-        raise BadInput("the command line", "--started", repr(text), str(error)) from error
+        started_unix_s = session.started.timestamp() if session else None
+    return unit or (session.angle_unit if session else "rad"), started_unix_s

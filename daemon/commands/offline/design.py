@@ -6,23 +6,16 @@ import argparse
 import csv
 import io
 import json
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from rich.table import Table
 
-from armd.compensation.data.session import Session, load_sessions
-from armd.compensation.design.conditions import POOL
-from armd.compensation.design.design import FEW, MANY, Experiment, design
-from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.told.advice import next_experiment
-from armd.compensation.model.arm import Arm
+from armd.compensation.design.design import FEW, MANY, Experiment
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
-from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.offline.design import check_readings, design
 from armd.terminal.aside import aside, bar
 from armd.terminal.plain import plain_console
 
@@ -43,22 +36,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.poses is not None and not 1 <= args.poses <= POOL:
-        raise BadInput("--poses", "value", str(args.poses), f"1 to {POOL}")
+    check_readings(args.poses)
     outputs = {
         "-o": (args.output, POSES),
         "--json": (args.json, RESULT),
         **page_outputs(args),
     }
     check_outputs(outputs, [args.arm, args.calibration, *args.session], args.force)
-    arm, loaded = load_given(args)
-    calibration = loaded.content if loaded else None
-    sessions = load_sessions(args.session, arm)
+    arm, calibration = load_given(args)
     with bar(aside(args), "reading") as told:
-        diagnosis = diagnose(sessions, arm, calibration, progress=told)
-        told("choosing poses", 1.0)
-        experiment = design(diagnosis, args.poses)
-    rows = table(experiment, arm.sensors)
+        chosen = design(
+            arm, args.session, calibration=calibration, readings=args.poses, progress=told
+        )
+    rows = chosen.rows
     if args.output:
         text = io.StringIO()
         writer = csv.DictWriter(text, list(rows[0]))
@@ -66,58 +56,13 @@ def run(args: argparse.Namespace) -> int:
         writer.writerows(rows)
         write_whole(args.output, text.getvalue())
     if args.json:
-        result = {
-            "schema": "armd.design/1",
-            "goal": experiment.criterion.words,
-            "quantity": experiment.criterion.quantity,
-            "unit": experiment.criterion.unit,
-            "before": experiment.before,
-            "after": experiment.after,
-            "climate": experiment.climate.words,
-            "next_experiment": next_experiment(diagnosis),
-            "poses": rows,
-        }
-        write_whole(args.json, json.dumps(result, indent=1) + "\n")
-    write_pages(args, lambda: _page(args, experiment, arm, sessions, rows))
-    _print(experiment, rows, next_experiment(diagnosis))
-    for session in sessions:
+        write_whole(args.json, json.dumps(chosen.to_dict(), indent=1) + "\n")
+    write_pages(args, chosen.page)
+    _print(chosen.experiment, rows, chosen.next_experiment)
+    for session in chosen.sessions:
         for remark in session.remarks:
             plain_console().print(remark)
     return 0
-
-
-def _page(
-    args: argparse.Namespace,
-    experiment: Experiment,
-    arm: Arm,
-    sessions: Sequence[Session],
-    rows: list[dict[str, Any]],
-) -> str:
-    from armd.compensation.report.design import design_report  # drawings load slowly
-
-    files = {"arm": args.arm, "calibration": args.calibration}
-    return design_report(experiment, arm, sessions, rows, files)
-
-
-def table(experiment: Experiment, sensors: list[str]) -> list[dict[str, Any]]:
-    """One row per pose: where the tip goes, how the arm stands, from where, how warm."""
-    states = experiment.states
-    return [
-        {
-            "pose": i + 1,
-            **{f"{a}_mm": round(float(v), 1) for a, v in zip("xyz", tip, strict=True)},
-            **{f"q{k}_deg": round(float(v), 1) for k, v in enumerate(np.degrees(states.q[i]), 1)},
-            **{
-                f"approach_joint_{k}": "+" if v > 0 else "-"
-                for k, v in enumerate(states.rate[i], 1)
-            },
-            **{
-                f"{name}_c": round(float(v), 1)
-                for name, v in zip(sensors, states.temperature_c[i], strict=True)
-            },
-        }
-        for i, tip in enumerate(experiment.tip_mm)
-    ]
 
 
 def _print(experiment: Experiment, rows: list[dict[str, Any]], sentence: str) -> None:

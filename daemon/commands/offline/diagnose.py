@@ -10,18 +10,13 @@ from typing import Any
 
 from rich.table import Table
 
-from armd.compensation.data.session import load_sessions
-from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.told.result import as_json
-from armd.compensation.estimate.observations import gather
-from armd.compensation.identify.admission.mistakes import AssumedModel
-from armd.compensation.identify.admission.odd_session import refuse_mistakes
 from armd.compensation.model.calibration import save_calibration
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.offline.diagnose import diagnose
 from armd.terminal.aside import aside, bar
 from armd.terminal.plain import plain_console
 
@@ -51,32 +46,20 @@ def run(args: argparse.Namespace) -> int:
     }
     inputs = [args.arm, args.calibration, *args.session, *args.holdout]
     check_outputs(outputs, inputs, args.force)
-    arm, loaded = load_given(args)
-    calibration = loaded.content if loaded else None
-    sessions = load_sessions(args.session, arm)
-    holdout = load_sessions(args.holdout, arm, besides=sessions)
-    held_against = AssumedModel.under(arm, calibration) if calibration else None
-    every = [*sessions, *holdout]
-    artefact = calibration.artefact if calibration else None
-    refuse_mistakes(every, gather(every, arm, artefact), held_against)
+    arm, calibration = load_given(args)
     command = shlex.join(["armd", *sys.argv[1:]])
     with bar(aside(args), "reading") as told:
-        diagnosis = diagnose(sessions, arm, calibration, holdout, told, command)
-    result = as_json(diagnosis, args.extended)
+        diagnosis = diagnose(
+            args.session, arm, calibration, args.holdout or None, progress=told, command=command
+        )
+    result = diagnosis.to_dict() | {"extended_calibration": args.extended}
     if args.extended:
-        save_calibration(args.extended, diagnosis.extended)
-    write_pages(args, lambda: _page(args, diagnosis, result))
+        save_calibration(args.extended, diagnosis.details.extended)
+    write_pages(args, lambda: diagnosis.page(result))
     if args.json:
         write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    _print(diagnosis, result)
+    _print(diagnosis.details, result)
     return 0
-
-
-def _page(args: argparse.Namespace, diagnosis: Diagnosis, result: dict[str, Any]) -> str:
-    from armd.compensation.report.diagnosis import diagnosis_report  # drawings load slowly
-
-    files = {"arm": args.arm, "calibration": args.calibration}
-    return diagnosis_report(diagnosis, result, files)
 
 
 def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:

@@ -13,12 +13,12 @@ from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.requirements import ABSURD_RMS_MM
 from armd.compensation.identify.admission.wrong_names import told_of_misnamed
-from armd.compensation.identify.evaluation.evaluate_files import evaluate_files
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.offline.evaluate import evaluate
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 from armd.terminal.plain import plain_console
@@ -45,12 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     inputs = [args.arm, args.calibration, *args.session]
     check_outputs({"--json": (args.json, RESULT)}, inputs, args.force)
-    arm, loaded = load_given(args)
-    calibration = loaded.content if loaded else None
+    model, given = load_given(args)
     with aside(args).status("reading …") as status:
-        result, lengths = evaluate_files(
-            args.session, arm, calibration, status.update, refit_tip=args.fit_tip
+        evaluation = evaluate(
+            args.session, model, given, fit_tip=args.fit_tip, progress=status.update
         )
+    result = evaluation.to_dict()
     if args.json:
         write_whole(args.json, json.dumps(result, indent=1) + "\n")
     table = Table("session", "readings", "3-D RMS µm", "median µm", "maximum µm")
@@ -60,12 +60,13 @@ def run(args: argparse.Namespace) -> int:
             table.add_row(name, str(figures["n"]), *values)
     console = plain_console()
     console.print(table)
-    for length in lengths:
+    for length in evaluation.lengths:
         console.print(f"certified length {length.in_words()}")
     for remark in result["remarks"]:
         console.print(remark)
     if result["rms_um"] > 1e3 * ABSURD_RMS_MM:
-        console.print(_why(args, arm, calibration, result))
+        calibration = given.content if given else None
+        console.print(_why(args, model.content, calibration, result))
     if result["n_unused"]:
         unused = counted(result["n_unused"], "reading")
         console.print(f"{unused} without a temperature that the calibration needs")

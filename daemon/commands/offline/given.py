@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.model.calibration import LoadedCalibration, load_calibration
+from armd.offline.arm_model import ArmModel, read_arm
+from armd.offline.calibration import Calibration, read_calibration
 
 
 def add_arm(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +20,11 @@ def add_model_under_test(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def load_given(args: argparse.Namespace) -> tuple[Arm, LoadedCalibration | None]:
+def load_given(args: argparse.Namespace) -> tuple[ArmModel, Calibration | None]:
     """Of `--arm` and `--calibration`; raises `BadInput`."""
-    arm = load_arm(args.arm)
-    return arm, load_calibration(args.calibration, arm) if args.calibration else None
+    arm = read_arm(args.arm)
+    if not args.calibration:
+        return arm, None
+    calibration = read_calibration(args.calibration)
+    calibration.for_arm(arm.content)
+    return arm, calibration

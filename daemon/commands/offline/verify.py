@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.table import Table
 
 from armd.compensation.data.foreign.table import TABLES
-from armd.compensation.data.session import Session, load_session
-from armd.compensation.estimate.observations import gather
-from armd.compensation.identify.admission.mistakes import AssumedModel
-from armd.compensation.identify.admission.wrong_names import refuse_misnamed
+from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
-from armd.compensation.verify.figures import figures_of, positions_of
-from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
+from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty
 from armd.compensation.verify.points import verify_points
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.daemon.commands.offline.given import load_given
 from armd.daemon.files.session_folder import load_artefact
-from armd.errors import ArmdError, BadInput
+from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.offline.verify import require_judged, resolve_limits, verify
 from armd.terminal.arguments import positive
 from armd.terminal.aside import aside
 from armd.terminal.plain import plain_console
@@ -61,9 +59,7 @@ def run(args: argparse.Namespace) -> int:
     outputs = {"--json": (args.json, RESULT), **page_outputs(args)}
     inputs = [args.arm, args.calibration, args.mpe, args.session, args.artefact]
     check_outputs(outputs, inputs, args.force)
-    limits = load_limits(args.mpe) if args.mpe else None
-    if limits is not None and args.decision:
-        limits = limits.model_copy(update={"decision": args.decision})
+    limits = resolve_limits(args.mpe, args.decision)
     if Path(args.session).suffix.lower() in TABLES and not Path(args.session).is_dir():
         return _of_points(args, limits)
     for option, value in (("--artefact", args.artefact), ("--tip-radius-mm", args.tip_radius_mm)):
@@ -72,16 +68,9 @@ def run(args: argparse.Namespace) -> int:
     if args.arm is None:
         raise BadInput("the command line", "--arm", "nothing", "the arm.toml measured with")
     arm, calibration = load_given(args)
-    session = load_session(args.session, arm)
-    given = calibration.content if calibration else None
-    # First of all: it refuses a calibration that overflows.
-    position = positions_of(session, arm, calibration)
-    observations = gather([session], arm, given.artefact if given else None)
-    refuse_misnamed([session], observations, AssumedModel.under(arm, given))
-    test = limits.uncertainty if limits else TestUncertainty()
     with aside(args).status("evaluating …"):
-        verdict = judge(figures_of(session, arm, position, test), limits)
-    return _finish(args, verdict, limits, session, arm)
+        result = verify(args.session, arm, calibration, args.mpe, decision=args.decision)
+    return _finish(args, result.details, limits, result.page)
 
 
 def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None) -> int:
@@ -96,30 +85,29 @@ def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None) -> in
     found = verify_points(path, artefact, radius_mm, test, judged=limits is not None)
     for sentence in () if args.quiet else found.said:
         print(f"armd: {printable(sentence)}")
-    return _finish(args, judge(found.verification, limits), limits, found.session, found.arm)
+    verdict = judge(found.verification, limits)
+    require_judged(verdict, args.session)
+    return _finish(args, verdict, limits, lambda: _page(args, verdict, found.session, found.arm))
 
 
 def _finish(
     args: argparse.Namespace,
     verdict: Verdict,
     limits: PermissibleErrors | None,
-    session: Session,
-    arm: Arm,
+    page: Callable[[], str],
 ) -> int:
-    if not verdict.judged:
-        reasons = "; ".join(dict.fromkeys(verdict.verification.left_out.values()))
-        raise ArmdError(f"{args.session}: no test is complete: {reasons}")
     if args.json:
         write_whole(args.json, json.dumps(verdict.as_json(), indent=1) + "\n")
-    write_pages(args, lambda: _page(args, verdict, session, arm))
+    write_pages(args, page)
     _print(verdict, limits)
     return 0 if limits is None or verdict.passed else 1
 
 
 def _page(args: argparse.Namespace, verdict: Verdict, session: Session, arm: Arm) -> str:
+    from armd.compensation.report.sessions import InputFile
     from armd.compensation.report.verification import verification_report  # drawings load slowly
 
-    files = {"arm": args.arm, "calibration": args.calibration, "limits": args.mpe}
+    files = {"arm": InputFile.read(args.arm), "limits": InputFile.read(args.mpe)}
     return verification_report(verdict, session, arm, files)
 
 

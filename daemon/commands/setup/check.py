@@ -175,7 +175,8 @@ def _daemon(path: Path, _: Arms) -> str:
 
 def _session(path: Path, arms: Arms) -> str:
     """*path*: the folder or a file in it."""
-    from armd.compensation.data.session import check_is_session, load_session
+    from armd.compensation.data.session import load_session
+    from armd.compensation.data.session_files import check_is_session
     from armd.compensation.data.session_format import SessionFile
 
     folder = _folder(path)

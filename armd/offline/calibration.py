@@ -1,0 +1,216 @@
+"""`read_calibration`, and the calibration that `calibrate` returns."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration as Content
+from armd.compensation.model.calibration import (
+    LoadedCalibration,
+    check_belongs,
+    load_calibration,
+    save_calibration,
+)
+from armd.errors import ArmdError
+from armd.files.writing import write_whole
+from armd.offline.arm_model import ArmModel, PathText
+from armd.offline.arrow_table import ArrowTable
+from armd.offline.display import Displayed, Facts
+
+if TYPE_CHECKING:  # which take long to load
+    from armd.offline.identified import Identified
+
+
+class Calibration(Displayed):
+    """Identified constants and terms of one arm, with their covariance.
+
+    `read_calibration` and `calibrate` make it; it does not change.
+    """
+
+    def __init__(self, loaded: LoadedCalibration, identified: Identified | None = None) -> None:
+        #: the calibration as armd's own functions take it; not public
+        self.loaded = loaded
+        #: how it came about, where `calibrate` made it; not public
+        self.identified = identified
+
+    @property
+    def content(self) -> Content:
+        """The checked content as armd's own functions take it; not public."""
+        return self.loaded.content
+
+    @property
+    def arm(self) -> str:
+        """Serial number of the arm that it belongs to."""
+        return self.content.arm
+
+    @property
+    def path(self) -> Path:
+        """The file that it was read from; of one that was never a file, `calibration`."""
+        return self.loaded.path
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the file that `save` writes, hexadecimal: its identity."""
+        return self.loaded.sha256
+
+    @property
+    def rms_um(self) -> float:
+        """3-D RMS in µm of the readings that it was identified from; NaN where not recorded."""
+        return self._recorded("rms_um")
+
+    @property
+    def heldout_rms_um(self) -> float:
+        """3-D RMS in µm on readings that were not used in the fit; NaN where not recorded."""
+        return self._recorded("heldout_rms_um")
+
+    @property
+    def covariance_of(self) -> list[str]:
+        """Names of the identified quantities: parameters, and `term I` (I from 0)."""
+        return list(self.content.covariance_of)
+
+    @property
+    def covariance(self) -> F64:
+        """Covariance (K, K) of the quantities in `covariance_of`, in products of mm and rad."""
+        count = len(self.content.covariance_of)
+        return np.array(self.content.covariance, dtype=np.float64).reshape(count, count)
+
+    @property
+    def parameters(self) -> ArrowTable:
+        """A table of all parameters, then all terms: `name, unit, nominal, value,
+        standard_uncertainty`.
+
+        Lengths are in mm, angles in rad. `nominal` is the value in arm.toml; it is missing in a
+        calibration that was read from a file. A term is called `term I`, as in `covariance_of`;
+        its value is its coefficient, its nominal value 0. `standard_uncertainty` (k = 1) is
+        missing where a quantity was not identified.
+        """
+        content = self.content
+        known = dict(zip(self.covariance_of, np.sqrt(np.diag(self.covariance)), strict=True))
+        nominal: dict[str, float] = {}
+        if self.identified is not None:
+            arm = self.identified.arm.content
+            nominal = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
+        names = [*content.constants, *(f"term {i}" for i in range(len(content.terms)))]
+        units = [parameters.unit(name) for name in content.constants]
+        units += [f"{parameters.unit(term.parameter)}/basis" for term in content.terms]
+        return ArrowTable(
+            {
+                "name": names,
+                "unit": units,
+                "nominal": np.array(
+                    [nominal.get(name, math.nan) for name in content.constants]
+                    + [0.0] * len(content.terms)
+                ),
+                "value": np.array(
+                    [*content.constants.values(), *(term.coefficient for term in content.terms)]
+                ),
+                "standard_uncertainty": np.array(
+                    [float(known.get(name, math.nan)) for name in names]
+                ),
+            }
+        )
+
+    @property
+    def figures(self) -> dict[str, Any] | None:
+        """What `armd calibrate --json` writes; None for a calibration that was read."""
+        return None if self.identified is None else self.identified.result.as_json()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the file's content as plain data, as `json` reads it."""
+        content: dict[str, Any] = json.loads(self.loaded.data)
+        return content
+
+    def save(self, path: PathText) -> None:
+        """Write the calibration file, as `armd calibrate -o` does.
+
+        The file appears whole or not at all; an existing one is replaced. A calibration that was
+        read is written byte by byte. Raises `armd.BadInput` where nothing can be written.
+        """
+        write_whole(Path(path), self.loaded.data)
+
+    def report(self, path: PathText) -> None:
+        """Write the report of `armd calibrate` to *path*: HTML, or PDF by its suffix `.pdf`.
+
+        Raises `armd.ArmdError` for a calibration that was read, or where nothing prints a PDF.
+        """
+        from armd.compensation.report.written import write_page
+
+        write_page(Path(path), self.page(self.path.name))
+
+    def page(self, written: str) -> str:
+        """Return the report, which calls the calibration's file *written*. Not public."""
+        from armd.offline.pages import draw_calibration_page
+
+        if self.identified is None:
+            raise ArmdError(f"{self.path}: no report: its sessions are not at hand")
+        return draw_calibration_page(self.identified, replace(self.loaded, path=Path(written)))
+
+    def for_arm(self, arm: Arm) -> LoadedCalibration:
+        """Return what armd's own functions take; raises `BadInput` for another arm. Not public."""
+        check_belongs(self.path, self.content, arm)
+        return self.loaded
+
+    def _recorded(self, name: str) -> float:
+        value = self.content.provenance.get(name)
+        return float(value) if isinstance(value, int | float) else math.nan
+
+    def _shown(self) -> tuple[str, Facts]:
+        content = self.content
+        facts = [
+            ("created", content.created),
+            ("3-D RMS", _um(self.rms_um)),
+            ("held-out 3-D RMS", _um(self.heldout_rms_um)),
+            ("identified quantities", str(len(content.covariance_of))),
+            ("terms", str(len(content.terms))),
+            ("SHA-256", self.sha256[:16]),
+        ]
+        ranges = content.temperature_range_c.values()
+        if ranges:
+            low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
+            facts.insert(3, ("temperatures", f"{low:.1f} to {high:.1f} °C"))
+        if self.identified is not None:
+            facts += [("note", note) for note in self.identified.result.notes]
+            facts.append(("certificate", self.identified.result.certificate.in_words()))
+        return f"Calibration of arm {content.arm}", facts
+
+
+def _um(value: float) -> str:
+    return "not recorded" if math.isnan(value) else f"{value:.2f} µm"
+
+
+def read_calibration(path: PathText) -> Calibration:
+    """Read and check a calibration file.
+
+    Whether it belongs to an arm is checked where both are used together. Raises `armd.BadInput`
+    for a malformed file, or content that does not match its hash.
+
+    >>> calibration = armd.read_calibration("calibration.json")
+    >>> calibration.parameters["name"][0]
+    np.str_('theta_1')
+    """
+    return Calibration(load_calibration(Path(path)))
+
+
+def wrap_calibration(content: Content, identified: Identified | None = None) -> Calibration:
+    """Return what `read_calibration` would read from the file of *content*."""
+    loaded = save_calibration("calibration", content, write=lambda _path, _data: None)
+    return Calibration(loaded, identified)
+
+
+def resolve_calibration(
+    calibration: Calibration | PathText | None, arm: ArmModel
+) -> LoadedCalibration | None:
+    """Return the calibration given, read where it is a path; raises `BadInput` for another arm."""
+    if calibration is None:
+        return None
+    read = calibration if isinstance(calibration, Calibration) else read_calibration(calibration)
+    return read.for_arm(arm.content)

@@ -1,0 +1,172 @@
+"""`design`: the poses to measure next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from armd.compensation.data.session import Session as StoredSession
+from armd.compensation.design.conditions import POOL
+from armd.compensation.design.design import Experiment
+from armd.compensation.design.design import design as choose
+from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
+from armd.compensation.diagnose.told.advice import next_experiment
+from armd.compensation.model.calibration import LoadedCalibration
+from armd.compensation.progress import TellShare
+from armd.errors import BadInput
+from armd.offline.arm_model import ArmModel, PathText, resolve_arm
+from armd.offline.arrow_table import ArrowTable
+from armd.offline.calibration import Calibration, resolve_calibration
+from armd.offline.display import Displayed, Facts
+from armd.offline.session import Sessions, load_sessions, resolve_sessions
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class DesignResult(Displayed):
+    """Poses to measure next, and what they are worth; `design` makes it."""
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        sentence: str,
+        sessions: list[StoredSession],
+        arm: ArmModel,
+        calibration: LoadedCalibration | None,
+    ) -> None:
+        #: the experiment as armd's own functions take it; not public
+        self.experiment = experiment
+        #: the sessions there are, likewise
+        self.sessions = sessions
+        #: what a diagnosis of the sessions advises, in one sentence
+        self.next_experiment = sentence
+        self._arm = arm
+        self._calibration = calibration
+        #: one dict for each pose, as the table has it
+        self.rows = _rows(experiment, arm.sensors)
+
+    @property
+    def poses(self) -> ArrowTable:
+        """A table with one row for each pose: `pose`, the tip `x_mm, y_mm, z_mm`, `q1_deg` …, the
+        side of approach of each joint (`+`, `-`), a column in °C for each sensor."""
+        return ArrowTable({name: [row[name] for row in self.rows] for name in self.rows[0]})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what `armd design --json` writes."""
+        experiment = self.experiment
+        return {
+            "schema": "armd.design/1",
+            "goal": experiment.criterion.words,
+            "quantity": experiment.criterion.quantity,
+            "unit": experiment.criterion.unit,
+            "before": experiment.before,
+            "after": experiment.after,
+            "climate": experiment.climate.words,
+            "next_experiment": self.next_experiment,
+            "poses": self.rows,
+        }
+
+    def plot(self) -> Figure:
+        """Draw the arm in each pose; return the matplotlib figure."""
+        from armd.compensation.report.design import picture
+
+        return picture(self.experiment)
+
+    def report(self, path: PathText) -> None:
+        """Write the report of `armd design` to *path*: HTML, or PDF by its suffix `.pdf`.
+
+        Raises `armd.ArmdError` where nothing prints a PDF.
+        """
+        from armd.compensation.report.written import write_page
+
+        write_page(Path(path), self.page())
+
+    def page(self) -> str:
+        """Return the report. Not public."""
+        from armd.compensation.report.design import design_report
+        from armd.offline.pages import list_inputs
+
+        files = list_inputs(self._arm, self._calibration)
+        return design_report(self.experiment, self._arm.content, self.sessions, self.rows, files)
+
+    def _shown(self) -> tuple[str, Facts]:
+        experiment = self.experiment
+        unit = experiment.criterion.unit
+        facts = [
+            ("goal", experiment.criterion.words),
+            ("conditions", experiment.climate.words),
+            ("poses", str(len(self.rows))),
+            (
+                experiment.criterion.quantity,
+                f"{experiment.before:.2f} → {experiment.after:.2f} {unit}",
+            ),
+            ("diagnosis", self.next_experiment),
+        ]
+        return f"Next experiment with arm {self._arm.serial_number}", facts
+
+
+def design(
+    arm: ArmModel | PathText,
+    sessions: Sessions | None = None,
+    *,
+    calibration: Calibration | PathText | None = None,
+    readings: int | None = None,
+    artefact: Mapping[str, Any] | PathText | None = None,
+    progress: TellShare = lambda _text, _share: None,
+) -> DesignResult:
+    """Choose the poses to measure next, from the sessions measured so far: `armd design`.
+
+    *calibration*: the model under test; None: what `calibrate` makes of the sessions. *readings*:
+    how many poses; None: 12, up to 24 where causes are close. *progress* is called with what is
+    being done and the share that is done.
+
+    Raises `armd.BadInput` where the sessions cannot be used, or there are none: a first session,
+    for which *artefact* is meant, cannot be designed yet.
+
+    >>> len(armd.design("sick/arm.toml", "sick/session-1", readings=5).poses)
+    5
+    """
+    check_readings(readings)
+    model = resolve_arm(arm)
+    if sessions is None:
+        raise BadInput("sessions", "the list", "no session", "the sessions measured so far")
+    if artefact is not None:
+        raise BadInput("artefact", "value", "it with sessions", "it without: theirs is known")
+    loaded = resolve_calibration(calibration, model)
+    content = loaded.content if loaded else None
+    read, _ = load_sessions(resolve_sessions(sessions), model.content)
+    diagnosis = diagnose_loaded(read, model.content, content, progress=progress)
+    progress("choosing poses", 1.0)
+    experiment = choose(diagnosis, readings)
+    return DesignResult(experiment, next_experiment(diagnosis), read, model, loaded)
+
+
+def check_readings(readings: int | None) -> None:
+    """Raise `BadInput` for a number of poses that cannot be chosen."""
+    if readings is not None and not 1 <= readings <= POOL:
+        raise BadInput("--poses", "value", str(readings), f"1 to {POOL}")
+
+
+def _rows(experiment: Experiment, sensors: list[str]) -> list[dict[str, Any]]:
+    """One row per pose: where the tip goes, how the arm stands, from where, how warm."""
+    states = experiment.states
+    return [
+        {
+            "pose": i + 1,
+            **{f"{a}_mm": round(float(v), 1) for a, v in zip("xyz", tip, strict=True)},
+            **{f"q{k}_deg": round(float(v), 1) for k, v in enumerate(np.degrees(states.q[i]), 1)},
+            **{
+                f"approach_joint_{k}": "+" if v > 0 else "-"
+                for k, v in enumerate(states.rate[i], 1)
+            },
+            **{
+                f"{name}_c": round(float(v), 1)
+                for name, v in zip(sensors, states.temperature_c[i], strict=True)
+            },
+        }
+        for i, tip in enumerate(experiment.tip_mm)
+    ]

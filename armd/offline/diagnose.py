@@ -1,0 +1,180 @@
+"""`diagnose`: what a model gets wrong, why, the extended model, the gain."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
+from armd.compensation.diagnose.diagnosis import Diagnosis as Details
+from armd.compensation.diagnose.told.result import as_json
+from armd.compensation.estimate.observations import gather
+from armd.compensation.identify.admission.mistakes import AssumedModel
+from armd.compensation.identify.admission.odd_session import refuse_mistakes
+from armd.compensation.model.calibration import LoadedCalibration
+from armd.compensation.progress import TellShare
+from armd.offline.arm_model import ArmModel, PathText, resolve_arm
+from armd.offline.calibration import Calibration, resolve_calibration, wrap_calibration
+from armd.offline.display import Displayed, Facts
+from armd.offline.record import Record, make_records
+from armd.offline.session import Sessions, load_sessions, resolve_sessions
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COMMAND = "armd.diagnose"
+
+
+class DiagnosisFinding(Record):
+    """One finding: an entry of `findings` in `armd diagnose --json`, its keys as attributes."""
+
+    cause: str
+    """A name of docs/causes.md, or `unknown`."""
+    location: str
+    """As `joint 3`."""
+    probability: float
+    parameters: list[Record]
+    """Each with `name`, `value`, `unit`, `standard_uncertainty`."""
+    alternatives: list[Record]
+    """Each with `cause`, `location`, `probability`."""
+    gain: Record
+    """`heldout_rms_um_before`, `heldout_rms_um_after`, `interval_um` (95 %)."""
+
+    def __repr__(self) -> str:
+        return f"<{self.cause}, {self.location}: probability {self.probability:.3f}>"
+
+
+class Diagnosis(Displayed):
+    """What a model gets wrong; `diagnose` makes it."""
+
+    def __init__(
+        self, details: Details, arm: ArmModel, calibration: LoadedCalibration | None
+    ) -> None:
+        #: everything, as armd's own functions take it; not public
+        self.details = details
+        self._arm = arm
+        self._calibration = calibration
+
+    @cached_property
+    def _result(self) -> dict[str, Any]:
+        return as_json(self.details, None)
+
+    @cached_property
+    def findings(self) -> list[DiagnosisFinding]:
+        """The findings in the order in which they were added; none if nothing is significant."""
+        return [DiagnosisFinding(make_records(finding)) for finding in self._result["findings"]]
+
+    @property
+    def baseline(self) -> Record:
+        """The model under test: `rms_um`, `heldout_rms_um`, `noise_floor_um`."""
+        record: Record = make_records(self._result["baseline"])
+        return record
+
+    @cached_property
+    def extended(self) -> Calibration | None:
+        """The model under test with what was found; None if nothing was found."""
+        return wrap_calibration(self.details.extended) if self.findings else None
+
+    @property
+    def next_experiment(self) -> str:
+        """What to measure next, in one sentence."""
+        return str(self._result["next_experiment"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what `armd diagnose --json` writes, `extended_calibration` being None."""
+        return dict(self._result)
+
+    def plot(self, finding: int | None = None, *, ax: Axes | None = None) -> Figure:
+        """Draw the diagnosis; return the matplotlib figure.
+
+        Without *finding*: the held-out 3-D RMS as one finding after another is added. With it, the
+        number of a finding (from 0): what the readings show of it, and the fitted effect; raises
+        `ValueError` for one that has no curve (moved artefacts, outliers). *ax*: axes to draw on.
+        """
+        from armd.compensation.report.drawing import one_drawing
+        from armd.compensation.report.gains import draw_gains
+        from armd.compensation.report.signature_plot import draw_signature
+
+        index = None if finding is None else self._place(finding)
+        figure, panel = one_drawing() if ax is None else (ax.get_figure(root=True), ax)
+        assert figure is not None
+        if index is None:
+            draw_gains(panel, self._result)
+        else:
+            draw_signature(panel, self.details, index)
+        return figure
+
+    def report(self, path: PathText) -> None:
+        """Write the report of `armd diagnose` to *path*: HTML, or PDF by its suffix `.pdf`.
+
+        Raises `armd.ArmdError` where nothing prints a PDF.
+        """
+        from armd.compensation.report.written import write_page
+
+        write_page(Path(path), self.page(self._result))
+
+    def page(self, result: dict[str, Any]) -> str:
+        """Return the report; *result* is what `to_dict` has. Not public."""
+        from armd.compensation.report.diagnosis import diagnosis_report
+        from armd.offline.pages import list_inputs
+
+        return diagnosis_report(self.details, result, list_inputs(self._arm, self._calibration))
+
+    def _place(self, finding: int) -> int:
+        index = finding - len(self.details.touched)  # they are listed first
+        if not 0 <= index < len(self.details.found):
+            listed = len(self.findings)
+            raise ValueError(f"finding {finding} of {listed} has no curve to draw")
+        return index
+
+    def _shown(self) -> tuple[str, Facts]:
+        baseline = self.baseline
+        facts = [
+            ("3-D RMS", f"{baseline.rms_um:.2f} µm"),
+            ("held-out 3-D RMS", f"{baseline.heldout_rms_um:.2f} µm"),
+            ("noise alone", f"{baseline.noise_floor_um:.2f} µm"),
+        ]
+        for number, finding in enumerate(self.findings):
+            gain = finding.gain
+            after = f"{gain.heldout_rms_um_before:.2f} → {gain.heldout_rms_um_after:.2f} µm"
+            words = f"{finding.cause}, {finding.location}: {finding.probability:.3f}, {after}"
+            facts.append((f"finding {number}", words))
+        facts += [("verdict", self._result["verdict"]), ("next", self.next_experiment)]
+        return f"Diagnosis of arm {self._arm.serial_number}", facts
+
+
+def diagnose(
+    sessions: Sessions,
+    arm: ArmModel | PathText,
+    calibration: Calibration | PathText | None = None,
+    holdout: Sessions | None = None,
+    *,
+    progress: TellShare = lambda _text, _share: None,
+    command: str = COMMAND,
+) -> Diagnosis:
+    """Find what a model gets wrong and why: `armd diagnose`.
+
+    *calibration*: the model under test; None: what `calibrate` makes of the sessions. *holdout*:
+    sessions for the gain alone; None: placements are held out in turn. *progress* is called with
+    what is being done and the share that is done, 0 to 1; *command* is recorded in `extended`.
+
+    Raises `armd.BadInput` where the sessions cannot be used.
+
+    >>> diagnosis = armd.diagnose(sorted(Path("sick").glob("session-*")), "sick/arm.toml")
+    >>> diagnosis.findings[0].cause, diagnosis.findings[0].location
+    ('encoder_eccentricity', 'joint 3')
+    """
+    model = resolve_arm(arm)
+    loaded = resolve_calibration(calibration, model)
+    content = loaded.content if loaded else None
+    inspected = resolve_sessions(sessions)
+    others = [] if holdout is None else resolve_sessions(holdout)
+    fitted, held_out = load_sessions(inspected, model.content, others)
+    assumed = AssumedModel.under(model.content, content) if content else None
+    every = [*fitted, *held_out]
+    artefact = content.artefact if content else None
+    refuse_mistakes(every, gather(every, model.content, artefact), assumed)
+    details = diagnose_loaded(fitted, model.content, content, held_out, progress, command)
+    return Diagnosis(details, model, loaded)

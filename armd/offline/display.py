@@ -1,0 +1,51 @@
+"""How a result shows itself: as text of a screen at most, and as HTML in a notebook."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+
+#: A screen: so many lines of so many characters.
+MOST_LINES, MOST_WIDE = 24, 100
+
+Facts = Sequence[tuple[str, str]]
+
+
+def shorten(text: str, most: int = MOST_WIDE) -> str:
+    """Return the first line of *text*, cut to *most* characters."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else line[: most - 1] + "…"
+
+
+class Displayed:
+    """A result that prints as a title and a line for each of its facts."""
+
+    def _shown(self) -> tuple[str, Facts]:
+        """Return the title, and names with values in words."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        title, facts = self._shown()
+        width = max((len(name) for name, _ in facts), default=0)
+        lines = [title, *(f"  {name:<{width}}  {value}" for name, value in facts)]
+        if len(lines) > MOST_LINES:
+            lines = [*lines[: MOST_LINES - 1], f"  … {len(lines) - MOST_LINES + 1} more"]
+        return "\n".join(shorten_end(line) for line in lines)
+
+    def _repr_html_(self) -> str:
+        title, facts = self._shown()
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
+            f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
+            for name, value in facts
+        )
+        return f"<div><p><b>{html.escape(title)}</b></p><table>{rows}</table></div>"
+
+    def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, str]:
+        """Return both forms, for notebooks."""
+        return {"text/plain": repr(self), "text/html": self._repr_html_()}
+
+
+def shorten_end(line: str) -> str:
+    """Return *line*, its end cut where it is wider than a screen."""
+    return line if len(line) <= MOST_WIDE else line[: MOST_WIDE - 1] + "…"

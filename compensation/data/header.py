@@ -1,0 +1,19 @@
+"""Names of the columns of a table of readings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from armd.errors import BadInput
+from armd.terminal.printable import invisible
+
+
+def check_header(path: Path, header: Sequence[str]) -> None:
+    """Raise `BadInput` for a column that is there twice, or whose name cannot be read."""
+    for name, count in Counter(header).items():
+        if count > 1:
+            raise BadInput(path, f"column {name}", f"{count} of it", "one")
+        if hidden := invisible(name):
+            raise BadInput(path, "the header", f"the character {hidden}", "names that can be read")

@@ -1,0 +1,53 @@
+"""What `armd evaluate` tells of sessions that are in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from armd.compensation.data.session import Session
+from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
+from armd.compensation.identify.evaluation.outside_range import OutsideRange
+from armd.compensation.identify.evaluation.seated_again import fit_tip, hint_of_tip, with_tip
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.progress import TellStep
+
+
+def evaluate_sessions(
+    sessions: Sequence[Session],
+    arm: Arm,
+    calibration: Calibration | None,
+    progress: TellStep,
+    *,
+    refit_tip: bool = False,
+) -> tuple[dict[str, Any], Evaluation]:
+    """What `--json` has, and the residuals, of sessions in memory."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _evaluate_sessions(sessions, arm, calibration, progress, refit_tip)
+
+
+def _evaluate_sessions(
+    sessions: Sequence[Session],
+    arm: Arm,
+    calibration: Calibration | None,
+    progress: TellStep,
+    refit_tip: bool,
+) -> tuple[dict[str, Any], Evaluation]:
+    outside = OutsideRange(arm, calibration)
+    for i, session in enumerate(sessions):
+        outside.add(i, session.name, session.states.temperature_c)
+    remarks = [remark for session in sessions for remark in session.remarks]
+    remarks += outside.in_words()
+    extra: dict[str, Any] = {}
+    if refit_tip:
+        tip = fit_tip(sessions, arm, calibration)
+        extra["tip"] = tip.as_json()
+        remarks.append(f"tip fitted anew: {tip.in_words()}")
+        arm, calibration = with_tip(arm, calibration, tip)
+    found = evaluate(sessions, arm, calibration, progress)
+    if not refit_tip:
+        remarks += hint_of_tip(arm, calibration, found)
+    return {**found.as_json(), **extra, "remarks": remarks}, found

@@ -1,0 +1,187 @@
+"""`armd.Corrector`: bit for bit what `armd correct` writes, in this process or in another."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import armd
+from armd.compensation.model.calibration import Calibration, save_calibration
+from armd.daemon.cli import main
+from support import synthetic
+from support.measured_arm import measured_arm
+
+NAMES = synthetic.arm().layout.names
+POINTS = ["x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "flags"]
+
+
+def term(parameter: str, coefficient: float, *basis: dict[str, Any]) -> dict[str, Any]:
+    return {"parameter": parameter, "coefficient": coefficient, "basis": list(basis)}
+
+
+LAGGED = {"kind": "temperature", "weights": {"t2": 1.0}, "lag_s": 60.0}
+HOURS = {"kind": "time", "since_unix_s": 1.7e9, "until_unix_s": 1.8e9}
+CURVED = {"kind": "sin", "joint": 3}
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A calibration as large as a thermal one is: every constant and 24 terms have a covariance."""
+    folder = tmp_path_factory.mktemp("corrector")
+    measured = measured_arm(folder, readings=12)
+    rng = np.random.default_rng(4)
+    terms = [term(f"a_{k}", 1e-3 * k, LAGGED) for k in range(1, 7)]
+    terms += [term(f"d_{k}", 1e-4, HOURS) for k in range(1, 7)]
+    terms += [term(f"theta_{k}", 1e-4, CURVED) for k in range(1, 7)]
+    terms += [term(f"d_{k}", 1e-3, LAGGED | {"order": 2}) for k in range(1, 7)]
+    of = [*NAMES[:33], *(f"term {i}" for i in range(24))]
+    root = rng.normal(size=(len(of), len(of))) * 1e-5
+    content = {
+        "arm": "SYN-1",
+        "created": "2026-01-01T00:00:00+00:00",
+        "reference_temperature_c": 20.0,
+        "temperature_range_c": {"t2": [16.0, 24.0]},
+        "constants": dict(zip(NAMES, synthetic.disturbed(measured.arm, rng).tolist(), strict=True)),
+        "terms": terms,
+        "covariance_of": of,
+        "covariance": (root @ root.T).tolist(),
+        "noise": {"encoder_rad": [1e-6] * 6, "reading_mm": 2e-3, "temperature_c": 0.05},
+        "provenance": {"notes": ["a long story"] * 2000},
+    }
+    save_calibration(folder / "cal.json", Calibration.model_validate(content))
+    return measured.arm_file, folder / "cal.json"
+
+
+def readings(n: int = 60) -> pa.Table:
+    """Rows with missing temperatures, missing angles, ranges left, and a text that is kept."""
+    rng = np.random.default_rng(6)
+    columns: dict[str, Any] = {"note": [f"row {i}" for i in range(n)], "time_s": 2.0 * np.arange(n)}
+    columns |= {f"q{k}": rng.uniform(-2, 2, n) for k in range(1, 7)}
+    columns |= {f"t{k}": 20 + 6 * np.sin(np.arange(n) / 9 + k) for k in range(1, 7)}
+    columns["t2"][5:9] = np.nan
+    columns["q4"][11] = np.nan
+    return pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
+
+
+STARTED = "2026-03-01T09:00:00Z"
+
+
+def by_command(
+    files: tuple[Path, Path], table: pa.Table, folder: Path, suffix: str = ".parquet"
+) -> Path:
+    source, target = folder / "readings.parquet", folder / f"points{suffix}"
+    pq.write_table(table, source)
+    command = ["correct", str(source), "--arm", str(files[0]), "--calibration", str(files[1])]
+    assert main([*command, "-o", str(target), "--started", STARTED, "--quiet"]) == 0
+    return target
+
+
+def test_it_is_bit_for_bit_what_the_command_writes(
+    files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    table = readings()
+    written = pq.read_table(by_command(files, table, tmp_path))
+    when = datetime.datetime.fromisoformat(STARTED)
+    for started in (STARTED, when):
+        corrected = armd.Corrector(*files, started=started)(table)
+        assert corrected.equals(written)
+    assert corrected.column_names == [*table.column_names, *POINTS]
+    assert corrected["flags"].to_pylist()[5] & armd.Flag.TEMPERATURE_STALE
+    assert corrected["x_mm"].to_pylist()[11] is None
+
+
+def test_it_is_what_the_command_writes_as_text(files: tuple[Path, Path], tmp_path: Path) -> None:
+    table = readings()
+    target = by_command(files, table, tmp_path, ".csv")
+    with target.open() as file:
+        rows = list(csv.DictReader(file))
+    corrected = armd.Corrector(*files, started=STARTED)(table)
+    for name in POINTS:
+        texts = [float(row[name]) if row[name] else None for row in rows]
+        assert corrected[name].to_pylist() == texts
+
+
+def test_a_batch_gives_a_batch_and_no_rows_give_none(files: tuple[Path, Path]) -> None:
+    corrector = armd.Corrector(*files, started=STARTED)
+    table = readings()
+    batch = corrector(table.to_batches()[0])
+    assert isinstance(batch, pa.RecordBatch)
+    assert pa.Table.from_batches([batch]).equals(corrector(table))
+    none = corrector(table.slice(0, 0))
+    assert none.num_rows == 0 and none.schema == corrector(table).schema
+
+
+def test_without_uncertainties_the_rest_is_the_same(files: tuple[Path, Path]) -> None:
+    table = readings()
+    whole = armd.Corrector(*files, started=STARTED)(table)
+    short = armd.Corrector(*files, started=STARTED, uncertainty=False)(table)
+    assert short.equals(whole.drop_columns(POINTS[3:6]))
+
+
+def test_a_part_with_its_lead_in_is_as_in_the_whole(files: tuple[Path, Path]) -> None:
+    table = readings(2000)
+    corrector = armd.Corrector(*files, started=STARTED)
+    rows = round(corrector.lead_in_s / 2.0)
+    assert rows == 1200
+    part = corrector(table.slice(1500 - rows, rows + 100)).slice(rows)
+    for name in POINTS[:6]:
+        whole = corrector(table).slice(1500, 100)[name].to_numpy()
+        assert part[name].to_numpy() == pytest.approx(whole, abs=2e-9)  # both rounded to 1e-9
+
+
+def test_it_pickles_small_and_needs_no_file_any_more(
+    files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    arm, calibration = tmp_path / "arm.toml", tmp_path / "cal.json"
+    arm.write_bytes(files[0].read_bytes())
+    calibration.write_bytes(files[1].read_bytes())
+    corrector = armd.Corrector(arm, calibration, started=STARTED)
+    data = pickle.dumps(corrector)
+    assert len(data) <= 32 * 1024 < calibration.stat().st_size
+    arm.unlink()
+    calibration.unlink()
+    table = readings()
+    assert pickle.loads(data)(table).equals(corrector(table))
+    short = armd.Corrector(*files, started=STARTED, uncertainty=False)
+    assert len(pickle.dumps(short)) < 8 * 1024
+    assert pickle.loads(pickle.dumps(short))(table).equals(short(table))
+
+
+@pytest.mark.slow
+def test_it_works_in_another_process(files: tuple[Path, Path], tmp_path: Path) -> None:
+    table = readings()
+    pq.write_table(table, tmp_path / "table.parquet")
+    corrector = armd.Corrector(*files, started=STARTED)
+    (tmp_path / "corrector").write_bytes(pickle.dumps(corrector))
+    script = (
+        "import pickle, pyarrow.parquet as pq;"
+        "corrector = pickle.loads(open('corrector', 'rb').read());"
+        "pq.write_table(corrector(pq.read_table('table.parquet')), 'points.parquet')"
+    )
+    subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
+    assert pq.read_table(tmp_path / "points.parquet").equals(corrector(table))
+
+
+def test_what_it_cannot_correct_is_refused(files: tuple[Path, Path]) -> None:
+    table = readings()
+    with pytest.raises(armd.BadInput, match="table: --started: found nothing, expected an instant"):
+        armd.Corrector(*files)(table)
+    corrector = armd.Corrector(*files, started=STARTED)
+    with pytest.raises(armd.BadInput, match="table: column flags: found it already"):
+        corrector(corrector(table))
+    with pytest.raises(armd.BadInput, match="table: column q6: found no such column"):
+        corrector(table.drop_columns(["q6"]))
+    with pytest.raises(armd.BadInput, match="Corrector: started: found '1 March', expected an ins"):
+        armd.Corrector(*files, started="1 March")
+    with pytest.raises(armd.BadInput, match="Corrector: angle_unit: found 'grad'"):
+        armd.Corrector(*files, angle_unit="grad")  # type: ignore[arg-type]

@@ -1,0 +1,95 @@
+"""The examples of docs/python.md and of the public names' docstrings are run as they stand."""
+
+from __future__ import annotations
+
+import doctest
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import armd
+from armd.offline.arrow_table import ArrowTable
+from support.measured_arm import measured_arm
+from support.pages import run_as_typed, shell_blocks
+
+PAGE = Path(__file__).parents[2] / "docs" / "python.md"
+QUICK = [
+    "read_arm", "read_calibration", "read_session", "make_session", "calibrate", "evaluate",
+    "Model", "Corrector",
+]  # fmt: skip
+LONG = ["verify", "diagnose", "design"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the examples name: an arm, a session of it, a calibration."""
+    folder = tmp_path_factory.mktemp("examples")
+    (folder / "measured").mkdir()
+    measured = measured_arm(folder / "measured")
+    text = measured.arm_file.read_text().replace("SYN-1", "SIM-0001")
+    measured.arm_file.write_text(text)
+    session = armd.make_session(measured.columns, measured.arm_file, artefact=measured.artefact)
+    session.save(folder / "measured" / "T20")
+    armd.calibrate(session, measured.arm_file).save(folder / "calibration.json")
+    return folder
+
+
+def run_example(name: str, tested: object, folder: Path) -> None:
+    """Run the examples of a docstring in *folder*."""
+    given = {"armd": armd, "np": np, "Path": Path, "ArrowTable": ArrowTable}
+    tests = doctest.DocTestFinder(recurse=False).find(tested, name, globs=given)
+    assert tests and tests[0].examples
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        assert doctest.DocTestRunner().run(tests[0]).failed == 0
+    finally:
+        os.chdir(before)
+
+
+@pytest.mark.parametrize("name", [*QUICK, "ArrowTable"])
+def test_an_example_gives_what_it_shows(name: str, folder: Path) -> None:
+    run_example(name, ArrowTable if name == "ArrowTable" else getattr(armd, name), folder)
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("simulated")
+    plant = "encoder_eccentricity@joint 3=1.5"
+    for kind, more in (("verify", ["-o", "test"]), ("diagnosis", ["-o", "sick", "--plant", plant])):
+        command = [sys.executable, "-m", "armd.simulator", "--session", kind, *more]
+        subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LONG)
+def test_a_long_example_gives_what_it_shows(name: str, simulated: Path) -> None:
+    run_example(name, getattr(armd, name), simulated)
+
+
+def test_the_page_names_every_public_name() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    named = set(re.findall(r"`(?:armd\.)?(\w+)", text))
+    assert set(armd.__all__) - named == set()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    run_as_typed("".join(shell_blocks(text)), tmp_path)
+    script = "\n".join(re.findall(r"```python\n(.*?)```", text, re.DOTALL))
+    environment = {**os.environ, "MPLBACKEND": "Agg"}
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, env=environment, capture_output=True,
+        text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    for name in ("calibration.json", "calibration.html", "diagnosis.html", "extended.json"):
+        assert (tmp_path / name).stat().st_size
