@@ -140,6 +140,7 @@ def test_servos_that_cannot_be_used_are_named(capsys: pytest.CaptureFixture[str]
     assert all(f"do: {finding.mend}" in printed for finding in found.findings)
 
 
+@pytest.mark.serial
 def test_a_servo_that_speaks_at_another_rate_is_found(capsys: pytest.CaptureFixture[str]) -> None:
     """In the gap of a row: it was new, and still has the factory's rate."""
     tables = {i: sts3215() for i in (1, 2, 4, 3)}

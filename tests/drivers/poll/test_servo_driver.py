@@ -206,8 +206,9 @@ def test_stale_bytes_echo_and_noise_are_no_answers(tmp_path, family):
 
 
 @BOTH
-def test_the_seam_and_many_turns(tmp_path, family):
+def test_the_seam_and_many_turns(tmp_path, punctuality, family):
     with (
+        punctuality.watch() as machine,
         FakeServos(family, tmp_path) as servos,
         closing(open_driver(config(servos), expected())) as driver,
     ):
@@ -223,7 +224,9 @@ def test_the_seam_and_many_turns(tmp_path, family):
         taken = Taken(driver)
         rows = taken.rows(300)
         servos.before_reading = None
-    assert (rows["joint_invalid"] == 0).all()
+    invalid = rows["joint_invalid"] != 0
+    machine.judge_lost(int(invalid.sum()), "rows of a servo that turns")
+    rows = rows[~invalid]
     cycles = np.diff(rows["seq"].astype(int))[:, None]  # some are lost where the host stands still
     steps = np.diff(rows["count"], axis=0) / cycles
     assert (steps[5:, :2] > 0).all() and (steps[5:, 2] < 0).all()  # moved by nobody backwards
