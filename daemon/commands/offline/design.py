@@ -1,4 +1,4 @@
-"""`armd design`: the poses to measure next."""
+"""`armd design`: the poses to measure next, or first."""
 
 from __future__ import annotations
 
@@ -19,22 +19,48 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.told.advice import next_experiment
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.daemon.commands.offline import first_design
 from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.terminal.arguments import finite
 from armd.terminal.aside import aside, bar
 from armd.terminal.plain import plain_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", nargs="+", help="sessions measured so far")
+    parser.add_argument(
+        "session", nargs="*", help="sessions measured so far (none: poses for a first calibration)"
+    )
     add_arm(parser)
     add_model_under_test(parser)
     parser.add_argument(
+        "--readings",
         "--poses",
         type=int,
-        help=f"how many to choose (default {FEW}, up to {MANY} where causes are close)",
+        metavar="N",
+        help=f"how many to choose (default: with sessions {FEW}, up to {MANY} where causes are"
+        " close; without, as many as a certificate wants)",
+    )
+    first = parser.add_argument_group("without sessions")
+    first.add_argument(
+        "--artefact",
+        metavar="A.toml",
+        help="its targets are measured, in three placements (default: a tracker's points)",
+    )
+    first.add_argument(
+        "--reach",
+        nargs=2,
+        type=finite,
+        metavar=("MIN", "MAX"),
+        help="distance of the tip from the base, mm",
+    )
+    first.add_argument(
+        "--lowest",
+        type=finite,
+        metavar="MM",
+        help="no part of the arm lower than this over the base (default: no limit)",
     )
     parser.add_argument("-o", "--output", metavar="POSES.csv", help="the table")
     parser.add_argument("--json", metavar="OUT.json")
@@ -43,21 +69,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.poses is not None and not 1 <= args.poses <= POOL:
-        raise BadInput("--poses", "value", str(args.poses), f"1 to {POOL}")
     outputs = {
         "-o": (args.output, POSES),
         "--json": (args.json, RESULT),
         **page_outputs(args),
     }
-    check_outputs(outputs, [args.arm, args.calibration, *args.session], args.force)
+    check_outputs(outputs, [args.arm, args.calibration, args.artefact, *args.session], args.force)
+    if not args.session:
+        return first_design.run(args)
+    if args.readings is not None and not 1 <= args.readings <= POOL:
+        raise BadInput("--readings", "value", str(args.readings), f"1 to {POOL}")
+    for option in ("artefact", "reach", "lowest"):
+        if getattr(args, option) is not None:
+            expected = "it without sessions: with them, their own artefact and ranges count"
+            raise BadInput("command line", f"--{option}", "it beside sessions", expected)
     arm, loaded = load_given(args)
     calibration = loaded.content if loaded else None
     sessions = load_sessions(args.session, arm)
     with bar(aside(args), "reading") as told:
         diagnosis = diagnose(sessions, arm, calibration, progress=told)
         told("choosing poses", 1.0)
-        experiment = design(diagnosis, args.poses)
+        experiment = design(diagnosis, args.readings)
     rows = table(experiment, arm.sensors)
     if args.output:
         text = io.StringIO()
