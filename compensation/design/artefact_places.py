@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.design.observability import (
-    Columns,
+    ReadingColumns,
     clear_singular_values,
     constant_columns,
 )
@@ -22,7 +22,7 @@ from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 
-#: Places that are tried, and postures that are tried in each.
+#: ArtefactReadings that are tried, and postures that are tried in each.
 PLACES_TRIED, POSTURES_EACH = 12, 240
 #: An artefact stands as its own frame has it, tilted by up to this much.
 MOST_TILT_RAD = np.radians(45.0)
@@ -33,7 +33,7 @@ LENGTH_MM = 1e-3
 
 
 @dataclass(frozen=True)
-class Places:
+class ArtefactReadings:
     """Readings of an artefact in its placements."""
 
     q: F64  # (n, N)
@@ -41,9 +41,11 @@ class Places:
     target: I64  # (n,)
     turn: F64  # (p, 3, 3) of each placement, artefact's frame to base frame
 
-    def rows(self, chosen: I64) -> Places:
+    def rows(self, chosen: I64) -> ArtefactReadings:
         """Some of the readings."""
-        return Places(self.q[chosen], self.placement[chosen], self.target[chosen], self.turn)
+        return ArtefactReadings(
+            self.q[chosen], self.placement[chosen], self.target[chosen], self.turn
+        )
 
     def groups(self, readings: int) -> I64:
         """(n,) a number for each target in each placement, where *readings* are enough to touch all
@@ -89,7 +91,7 @@ def draw_places(
     within: F64,
     keeps: Callable[[F64], Mask],
     rng: np.random.Generator,
-) -> Places:
+) -> ArtefactReadings:
     """Readings in the three placements that tell most together, of PLACES_TRIED at random.
 
     *local_mm* (K, 3): the targets in the artefact's frame; *within* (m, N): postures that are
@@ -113,7 +115,7 @@ def draw_places(
             continue
         q, target = q[reached], target[reached]
         tip, constants = constant_columns(arm, q, parameters)
-        lone = Columns(constants, rigid_columns(tip - tip.mean(axis=0)), tip)
+        lone = ReadingColumns(constants, rigid_columns(tip - tip.mean(axis=0)), tip)
         s, v = clear_singular_values(lone)
         drawn.append((q, target, turn))
         told.append((v * s**2) @ v.T)
@@ -123,7 +125,7 @@ def draw_places(
             f"at least {LEAST_PLACEMENTS} (joint limits, --reach, the artefact's size?)",
         )  # fmt: skip
     chosen = _best_places(told)
-    return Places(
+    return ArtefactReadings(
         np.concatenate([drawn[i][0] for i in chosen]),
         np.repeat(np.arange(len(chosen)), [len(drawn[i][0]) for i in chosen]),
         np.concatenate([drawn[i][1] for i in chosen]),
@@ -145,7 +147,9 @@ def _best_places(told: list[F64]) -> list[int]:
     return chosen
 
 
-def artefact_columns(arm: Arm, parameters: F64, places: Places, artefact: Artefact) -> Columns:
+def artefact_columns(
+    arm: Arm, parameters: F64, places: ArtefactReadings, artefact: Artefact
+) -> ReadingColumns:
     """Nuisances: six of each placement, three of each target without a certified position."""
     tip, constants = constant_columns(arm, places.q, parameters)
     n, p = len(tip), len(places.turn)
@@ -158,7 +162,7 @@ def artefact_columns(arm: Arm, parameters: F64, places: Places, artefact: Artefa
         rows = places.target == seat
         first = 6 * p + 3 * k
         nuisances[rows, :, first : first + 3] = -places.turn[places.placement[rows]]
-    return Columns(constants, nuisances, tip)
+    return ReadingColumns(constants, nuisances, tip)
 
 
 def length_rows(artefact: Artefact, local_mm: F64, placements: int, noise_mm: float) -> F64:

@@ -13,7 +13,7 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.design.observability import (
-    Columns,
+    ReadingColumns,
     clear_constants,
     count_directions,
 )
@@ -37,7 +37,7 @@ class Candidates:
     base: F64  # (k + m, k + m) what is known without any reading
 
 
-def candidates_of(columns: Columns, fixed: F64 | None = None) -> Candidates:
+def candidates_of(columns: ReadingColumns, fixed: F64 | None = None) -> Candidates:
     """*fixed* (D, k): rows that tell of the nuisances alone, and are there in any case."""
     n, r, _ = columns.nuisances.shape
     basis, clear = clear_constants(columns, fixed)

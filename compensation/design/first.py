@@ -10,7 +10,7 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.design.artefact_places import (
-    Places,
+    ArtefactReadings,
     artefact_columns,
     draw_places,
     length_rows,
@@ -19,7 +19,7 @@ from armd.compensation.design.artefact_places import (
 from armd.compensation.design.clearance import height_mm
 from armd.compensation.design.exchange import candidates_of, choose_readings
 from armd.compensation.design.observability import (
-    Columns,
+    ReadingColumns,
     clear_singular_values,
     count_directions,
     observability_indices,
@@ -83,11 +83,11 @@ class FirstExperiment:
 
 
 @dataclass(frozen=True)
-class _Problem:
+class _Campaign:
     """Candidate readings and their columns; *fixed* rows tell of the nuisances alone."""
 
-    places: Places
-    columns: Columns
+    places: ArtefactReadings
+    columns: ReadingColumns
     fixed: F64 | None
     structural_rank: int
 
@@ -114,28 +114,28 @@ def design_first(
     rng = np.random.default_rng(seed)
     within = _draw_postures(arm, parameters, bounds, rng)
     if artefact is None:
-        problem = _of_tracker(arm, parameters, within)
+        campaign = _make_tracker_campaign(arm, parameters, within)
     else:
-        problem = _of_artefact(arm, parameters, within, bounds, artefact, rng)
-    most = len(problem.places.q)
+        campaign = _make_artefact_campaign(arm, parameters, within, bounds, artefact, rng)
+    most = len(campaign.places.q)
     _require_between(readings, least, most)
     count = readings or min(certificate, most)
-    candidates = candidates_of(problem.columns, problem.fixed)
-    group = problem.places.groups(count)
+    candidates = candidates_of(campaign.columns, campaign.fixed)
+    group = campaign.places.groups(count)
     chosen = np.array(choose_readings(candidates, count, group), dtype=np.int64)
-    order = np.lexsort((problem.places.q[chosen, 0], problem.places.placement[chosen]))
+    order = np.lexsort((campaign.places.q[chosen, 0], campaign.places.placement[chosen]))
     chosen = chosen[order]
     names = [] if artefact is None else artefact.target_names
-    places = problem.places.rows(chosen)
-    s, rank, not_known = _determined(arm, problem, chosen)
+    places = campaign.places.rows(chosen)
+    s, rank, not_known = _assess_readings(arm, campaign, chosen)
     return FirstExperiment(
         parameters=parameters,
         q=places.q,
-        tip_mm=problem.columns.tip_mm[chosen],
+        tip_mm=campaign.columns.tip_mm[chosen],
         placements=[f"P{p + 1}" for p in places.placement] if names else [],
         targets=[names[t] for t in places.target] if names else [],
-        constants=problem.columns.constants.shape[2],
-        structural_rank=problem.structural_rank,
+        constants=campaign.columns.constants.shape[2],
+        structural_rank=campaign.structural_rank,
         rank=rank,
         singular_values=s,
         noise_mm=_noise_mm(arm),
@@ -151,7 +151,7 @@ def _require_between(readings: int | None, least: int, most: int) -> None:
         raise BadInput("--readings", "value", str(readings), expected)
 
 
-def _keeps(arm: Arm, parameters: F64, q: F64, bounds: Bounds) -> Mask:
+def _is_within(arm: Arm, parameters: F64, q: F64, bounds: Bounds) -> Mask:
     """(n,) which postures keep the bounds; the limits are kept in any case."""
     keeps: Mask = np.ones(len(q), dtype=bool)
     if bounds.reach_mm is not None:
@@ -166,7 +166,7 @@ def _keeps(arm: Arm, parameters: F64, q: F64, bounds: Bounds) -> Mask:
 def _draw_postures(arm: Arm, parameters: F64, bounds: Bounds, rng: np.random.Generator) -> F64:
     """(m, N) rad, uniform within the limits, of which the bounds are kept; POOL at most."""
     q = rng.uniform(*arm.range_rad, (DRAWN, arm.n_joints))
-    q = q[_keeps(arm, parameters, q, bounds)][:POOL]
+    q = q[_is_within(arm, parameters, q, bounds)][:POOL]
     if len(q) < LEAST_POOL:
         found = f"{len(q)} of {DRAWN} random postures within the joint limits that keep them"
         options = "--reach and --lowest" if bounds.lowest_mm is not None else "--reach"
@@ -174,41 +174,41 @@ def _draw_postures(arm: Arm, parameters: F64, bounds: Bounds, rng: np.random.Gen
     return q
 
 
-def _of_tracker(arm: Arm, parameters: F64, q: F64) -> _Problem:
+def _make_tracker_campaign(arm: Arm, parameters: F64, q: F64) -> _Campaign:
     alike = np.zeros(len(q), dtype=np.int64)
-    return _Problem(
-        Places(q, alike, alike, np.eye(3)[None]),
+    return _Campaign(
+        ArtefactReadings(q, alike, alike, np.eye(3)[None]),
         tracker_columns(arm, q, parameters),
         None,
         structural_rank(arm, parameters),
     )
 
 
-def _of_artefact(
+def _make_artefact_campaign(
     arm: Arm,
     parameters: F64,
     within: F64,
     bounds: Bounds,
     artefact: Artefact,
     rng: np.random.Generator,
-) -> _Problem:
+) -> _Campaign:
     """The structural rank is that of all candidates, hundreds of random postures."""
     local = target_positions(artefact, arm.reach_mm, rng)
 
     def keeps(q: F64) -> Mask:
-        return _keeps(arm, parameters, q, bounds)
+        return _is_within(arm, parameters, q, bounds)
 
     places = draw_places(arm, parameters, local, within, keeps, rng)
     columns = artefact_columns(arm, parameters, places, artefact)
     fixed = length_rows(artefact, local, len(places.turn), _noise_mm(arm))
     rank = count_directions(clear_singular_values(columns, fixed)[0])
-    return _Problem(places, columns, fixed, rank)
+    return _Campaign(places, columns, fixed, rank)
 
 
-def _determined(arm: Arm, problem: _Problem, chosen: I64) -> tuple[F64, int, list[str]]:
+def _assess_readings(arm: Arm, campaign: _Campaign, chosen: I64) -> tuple[F64, int, list[str]]:
     """Singular values (structural rank,), rank, and in words what is not known though it can be."""
-    s, directions = clear_singular_values(problem.columns.rows(chosen), problem.fixed)
-    s = s[: problem.structural_rank]
+    s, directions = clear_singular_values(campaign.columns.rows(chosen), campaign.fixed)
+    s = s[: campaign.structural_rank]
     s = np.where(s > ROUNDING * s[0], s, 0.0)
     known = s >= LEAST_KNOWN * _noise_mm(arm)
     weak = directions[:, : len(s)][:, ~known]

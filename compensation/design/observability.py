@@ -25,16 +25,16 @@ from armd.compensation.model.kinematics import jacobian
 
 
 @dataclass(frozen=True)
-class Columns:
+class ReadingColumns:
     """Rows of the linear problem around the nominal model; k nuisances, C scaled constants."""
 
     constants: F64  # (n, r, C) mm per plausible departure
     nuisances: F64  # (n, r, k)
     tip_mm: F64  # (n, 3)
 
-    def rows(self, chosen: I64) -> Columns:
+    def rows(self, chosen: I64) -> ReadingColumns:
         """Some of the readings."""
-        return Columns(self.constants[chosen], self.nuisances[chosen], self.tip_mm[chosen])
+        return ReadingColumns(self.constants[chosen], self.nuisances[chosen], self.tip_mm[chosen])
 
 
 def constant_columns(arm: Arm, q: F64, parameters: F64) -> tuple[F64, F64]:
@@ -47,13 +47,13 @@ def constant_columns(arm: Arm, q: F64, parameters: F64) -> tuple[F64, F64]:
     return tip, unknowns.columns(derivatives, no_terms, []) * scale
 
 
-def tracker_columns(arm: Arm, q: F64, parameters: F64) -> Columns:
+def tracker_columns(arm: Arm, q: F64, parameters: F64) -> ReadingColumns:
     """Of a tracker's points: one unknown pose of its frame."""
     tip, constants = constant_columns(arm, q, parameters)
-    return Columns(constants, rigid_columns(tip - tip.mean(axis=0)), tip)
+    return ReadingColumns(constants, rigid_columns(tip - tip.mean(axis=0)), tip)
 
 
-def clear_constants(columns: Columns, fixed: F64 | None = None) -> tuple[F64, F64]:
+def clear_constants(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
     """Orthonormal nuisances (m, k'), and the constants' columns (m, C) clear of these.
 
     *fixed* (D, k): rows that tell of the nuisances alone, such as certified lengths; they are the
@@ -69,7 +69,7 @@ def clear_constants(columns: Columns, fixed: F64 | None = None) -> tuple[F64, F6
     return basis, clear - basis @ (basis.T @ clear)  # twice: what rounding left
 
 
-def clear_singular_values(columns: Columns, fixed: F64 | None = None) -> tuple[F64, F64]:
+def clear_singular_values(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
     """Singular values (C,) descending, and directions (C, C) as columns, nuisances eliminated."""
     clear = clear_constants(columns, fixed)[1]
     _, s, vt = np.linalg.svd(np.linalg.qr(clear, mode="r"), full_matrices=True)

@@ -32,7 +32,8 @@ def origin(
     inputs = {f"session {name}": session.fingerprint() for name, session in named}
     inputs |= {f"{role} {Path(file).name}": _sha256(file) for role, file in files.items() if file}
     page.origin(report_number(arm.serial_number, *inputs.values()), inputs, facts)
-    session_facts(page, sessions, arm)
+    if sessions:
+        session_facts(page, sessions, arm)
 
 
 def _sha256(file: str | Path) -> str:

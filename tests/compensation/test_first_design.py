@@ -9,7 +9,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.data.session_format import Artefact
-from armd.compensation.design.artefact_places import Places
+from armd.compensation.design.artefact_places import ArtefactReadings
 from armd.compensation.design.clearance import height_mm
 from armd.compensation.design.exchange import (
     candidates_of,
@@ -231,7 +231,7 @@ def test_readings_are_shared_out_evenly() -> None:
     assert share_out(7, np.array([5, 1, 5])).tolist() == [3, 1, 3]
     assert share_out(99, np.array([2, 1])).tolist() == [2, 1]
     number = np.array([0, 0, 1, 1])
-    places = Places(np.zeros((4, 3)), number, np.array([0, 1, 0, 1]), np.zeros((2, 3, 3)))
+    places = ArtefactReadings(np.zeros((4, 3)), number, np.array([0, 1, 0, 1]), np.zeros((2, 3, 3)))
     assert places.groups(4).tolist() == [0, 1, 2, 3]
     assert places.groups(3).tolist() == [0, 0, 1, 1]
 

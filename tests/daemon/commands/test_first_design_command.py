@@ -10,12 +10,16 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.session_writing import write_session
+from armd.compensation.design.reaching import solve_postures
+from armd.compensation.estimate.poses import kabsch
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon import cli
 from armd.daemon.measure.plan.kinds import plan_of
 from armd.daemon.measure.plan.stations import Wishes
 from armd.errors import BadInput
+from support import synthetic
 
 ARM = """schema = "armd.arm/1"
 serial_number = "FIRST-1"
@@ -71,6 +75,7 @@ def test_a_table_a_result_and_a_page_of_a_trackers_points(
     assert "20 postures for a first calibration" in printed and "Rank 13 of 13" in printed
     page = Path("page.html").read_text()
     assert "MEASURE 20 POSES" in page and "<svg" in page and "Observability O1" in page
+    assert "SHA-256" in page and "started, UTC" not in page  # no session, no table of sessions
     # The angles are in rad as readings have them.
     assert cli.main(["correct", "poses.csv", "--arm", "arm.toml", "-o", "points.csv"]) == 0
 
@@ -106,6 +111,52 @@ def test_an_artefacts_table_is_the_plan_of_a_measurement(arm: Arm) -> None:
     assert plan.stations[0].posture_deg == tuple(float(rows[0][f"q{k}_deg"]) for k in range(1, 5))
     with pytest.raises(BadInput, match=r"target: found 'B.', expected targets of --artefact"):
         plan_of("poses", arm, None, Wishes(poses=Path("poses.csv")))
+
+
+@pytest.mark.parametrize("on_balls", [False, True])
+def test_a_session_in_these_poses_is_granted_a_certificate(arm: Arm, on_balls: bool) -> None:
+    """Of an arm up to 1 mm and 0.5° off its drawing, with 0.02 mm of noise; on the balls its joints
+    are turned until the real tip is there."""
+    options = ["--artefact", "balls.toml"] if on_balls else []
+    assert cli.main(["design", "--arm", "arm.toml", "-o", "poses.csv", *options]) == 0
+    rows, rng = read("poses.csv"), np.random.default_rng(3)
+    q = np.array([[float(row[f"q{k}"]) for k in range(1, 5)] for row in rows])
+    nominal, truth = arm.nominal(), synthetic.disturbed(arm, rng)
+    columns: dict[str, object] = {"time_s": 5.0 * np.arange(len(q))}
+    targets: list[dict[str, object]] = [{"name": "reflector"}]
+    if on_balls:
+        targets = [{"name": name, "position_mm": at} for name, at in BALLS.items()]
+        wide = [joint.model_copy(update={"min_deg": None, "max_deg": None}) for joint in arm.joint]
+        place = np.array([row["placement"] for row in rows])
+        local = np.array([BALLS[row["target"]] for row in rows])
+        wanted, drawn = np.zeros((len(q), 3)), forward(q, nominal)[0]
+        for one in ("P1", "P2", "P3"):
+            of = place == one
+            group = np.zeros(of.sum(), dtype=np.int64)
+            turn, shift = kabsch(local[of], drawn[of], np.ones(of.sum()), group, 1)
+            wanted[of] = local[of] @ turn[0].T + shift[0]
+        assert np.abs(wanted - drawn).max() < 1.0
+        wanted += rng.normal(0.0, 0.02, wanted.shape)
+        q, reached = solve_postures(arm.model_copy(update={"joint": wide}), truth, wanted, q)
+        assert reached.all()
+        columns |= {"placement": place, "target": [row["target"] for row in rows]}
+    else:
+        seen = forward(q, truth)[0] + rng.normal(0.0, 0.02, (len(q), 3))
+        columns |= {"placement": ["T"] * len(q), "target": ["reflector"] * len(q)}
+        columns |= {f"{axis}_mm": seen[:, i] for i, axis in enumerate("xyz")}
+    columns |= {f"q{k + 1}": q[:, k] for k in range(4)}
+    file = {
+        "schema": "armd.session/1",
+        "arm": arm.serial_number,
+        "started": synthetic.STARTED,
+        "angle_unit": "rad",
+        "artefact": {"name": "balls", "target": targets},
+    }
+    write_session(Path("measured"), file, columns)  # type: ignore[arg-type]
+    line = "calibrate measured --arm arm.toml -o cal.json --json result.json"
+    assert cli.main(line.split()) == 0
+    certificate = json.loads(Path("result.json").read_text())["certificate"]
+    assert certificate["granted"], certificate
 
 
 @pytest.mark.parametrize(
