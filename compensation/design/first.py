@@ -148,7 +148,7 @@ def design_first(
 def _require_between(readings: int | None, least: int, most: int) -> None:
     if readings is not None and not least <= readings <= most:
         expected = f"{least} (fewer have no one answer) to {most} (candidate postures)"
-        raise BadInput("--readings", "value", str(readings), expected)
+        raise BadInput("--readings/--poses", "value", str(readings), expected)
 
 
 def _is_within(arm: Arm, parameters: F64, q: F64, bounds: Bounds) -> Mask:

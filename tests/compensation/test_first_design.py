@@ -216,7 +216,9 @@ def test_limits_reach_and_height_are_kept() -> None:
 def test_what_cannot_be_chosen_is_refused() -> None:
     arm = synthetic.arm(3)
     for readings in (5, 601):
-        with pytest.raises(BadInput, match=f"--readings: value: found {readings}, expected 6"):
+        with pytest.raises(
+            BadInput, match=f"--readings/--poses: value: found {readings}, expected 6"
+        ):
             first(arm, readings)
     assert len(first(arm, 6).q) == 6
     with pytest.raises(BadInput, match="--reach: value: found 0 of"):

@@ -69,6 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.session and args.readings is not None and not 1 <= args.readings <= POOL:
+        raise BadInput("--readings/--poses", "value", str(args.readings), f"1 to {POOL}")
     outputs = {
         "-o": (args.output, POSES),
         "--json": (args.json, RESULT),
@@ -77,8 +79,6 @@ def run(args: argparse.Namespace) -> int:
     check_outputs(outputs, [args.arm, args.calibration, args.artefact, *args.session], args.force)
     if not args.session:
         return first_design.run(args)
-    if args.readings is not None and not 1 <= args.readings <= POOL:
-        raise BadInput("--readings", "value", str(args.readings), f"1 to {POOL}")
     for option in ("artefact", "reach", "lowest"):
         if getattr(args, option) is not None:
             expected = "it without sessions: with them, their own artefact and ranges count"

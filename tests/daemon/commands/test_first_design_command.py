@@ -162,8 +162,11 @@ def test_a_session_in_these_poses_is_granted_a_certificate(arm: Arm, on_balls: b
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ("--readings 6", "--readings: value: found 6, expected 8 (fewer have no one answer)"),
-        ("--poses 601", "--readings: value: found 601, expected 8"),
+        (
+            "--readings 6",
+            "--readings/--poses: value: found 6, expected 8 (fewer have no one answer)",
+        ),
+        ("--poses 601", "--readings/--poses: value: found 601, expected 8"),
         ("--reach 5000 6000", "--reach: value: found 0 of 60000 random postures"),
         ("--reach 900 300", "--reach: value: found 900 300, expected MIN MAX in mm"),
         ("--lowest 9000", "--reach and --lowest: value: found 0 of"),
