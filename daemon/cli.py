@@ -54,7 +54,7 @@ ROOMS = {
         "evaluate": "residuals of sessions under a model",
         "verify": "ISO 10360-12 and ASME B89.4.22 results with a verdict",
         "diagnose": "what the model gets wrong, why, and the gain of correcting it",
-        "design": "the poses to measure next",
+        "design": "the poses to measure first or next",
         "model": "the geometry for other software: URDF, default_kinematics.yaml, corrections",
         "compensate": "joint angles that bring the real tip where it is wanted",
     },

@@ -21,6 +21,7 @@ from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.arrow_table import ArrowTable
 from armd.offline.calibration import Calibration, resolve_calibration
 from armd.offline.display import Displayed, Facts
+from armd.offline.first_design import FirstDesignResult, design_without_sessions
 from armd.offline.session import Sessions, load_sessions, resolve_sessions
 
 if TYPE_CHECKING:
@@ -72,9 +73,10 @@ class DesignResult(Displayed):
 
     def plot(self) -> Figure:
         """Draw the arm in each pose; return the matplotlib figure."""
-        from armd.compensation.report.design import picture
+        from armd.compensation.report.design import poses_picture
 
-        return picture(self.experiment)
+        experiment = self.experiment
+        return poses_picture(experiment.states.q, experiment.tip_mm, experiment.parameters)
 
     def report(self, path: PathText) -> None:
         """Write the report of `armd design` to *path*: HTML, or PDF by its suffix `.pdf`.
@@ -117,23 +119,26 @@ def design(
     readings: int | None = None,
     artefact: Mapping[str, Any] | PathText | None = None,
     progress: TellShare = lambda _text, _share: None,
-) -> DesignResult:
-    """Choose the poses to measure next, from the sessions measured so far: `armd design`.
+) -> DesignResult | FirstDesignResult:
+    """Choose the poses to measure next: `armd design`.
 
-    *calibration*: the model under test; None: what `calibrate` makes of the sessions. *readings*:
-    how many poses; None: 12, up to 24 where causes are close. *progress* is called with what is
-    being done and the share that is done.
+    *sessions*: those measured so far; None: poses for a first calibration, of which a tracker sees
+    the tip, or which touch the targets of *artefact* (a dict as `[artefact]` of session.toml, or a
+    file that has one). *calibration*: the model under test; None: what `calibrate` makes of the
+    sessions, or arm.toml. *readings*: how many poses; None: with sessions 12, up to 24 where causes
+    are close; without, as many as a certificate wants. *progress* is called with what is being done
+    and the share that is done.
 
-    Raises `armd.BadInput` where the sessions cannot be used, or there are none: a first session,
-    for which *artefact* is meant, cannot be designed yet.
+    Raises `armd.BadInput` where the sessions cannot be used, or no such poses are found.
 
     >>> len(armd.design("sick/arm.toml", "sick/session-1", readings=5).poses)
     5
     """
-    check_readings(readings)
     model = resolve_arm(arm)
     if sessions is None:
-        raise BadInput("sessions", "the list", "no session", "the sessions measured so far")
+        loaded = resolve_calibration(calibration, model)
+        return design_without_sessions(model, loaded, readings, artefact)
+    check_readings(readings)
     if artefact is not None:
         raise BadInput("artefact", "value", "it with sessions", "it without: theirs is known")
     loaded = resolve_calibration(calibration, model)
@@ -148,7 +153,7 @@ def design(
 def check_readings(readings: int | None) -> None:
     """Raise `BadInput` for a number of poses that cannot be chosen."""
     if readings is not None and not 1 <= readings <= POOL:
-        raise BadInput("--poses", "value", str(readings), f"1 to {POOL}")
+        raise BadInput("--readings/--poses", "value", str(readings), f"1 to {POOL}")
 
 
 def _rows(experiment: Experiment, sensors: list[str]) -> list[dict[str, Any]]:

@@ -156,7 +156,7 @@ def make_session(
         "arm": model.serial_number,
         "started": when.isoformat() if isinstance(when, datetime.datetime) else when,
         "angle_unit": angle_unit,
-        "artefact": _artefact(artefact, readings),
+        "artefact": _unknown_points(readings) if artefact is None else artefact_content(artefact),
     }
     file = validate(IN_MEMORY, content, SessionFile)
     source = TableSource(file, readings)
@@ -164,20 +164,23 @@ def make_session(
     return Session(source)
 
 
-def _artefact(artefact: Mapping[str, Any] | PathText | None, readings: Any) -> dict[str, Any]:
-    """Return the content of `[artefact]`."""
+def artefact_content(artefact: Mapping[str, Any] | PathText) -> dict[str, Any]:
+    """Return the content of `[artefact]`. Not public."""
     if isinstance(artefact, Mapping):
         plain: dict[str, Any] = _plain(artefact)
         return plain
-    if artefact is not None:
-        path = Path(artefact)
-        data = toml_data(path, read_input(path, MOST_TOML_BYTES))
-        is_session = data.get("schema") == "armd.session/1"
-        model: type[SessionFile | ArtefactFile] = SessionFile if is_session else ArtefactFile
-        content: dict[str, Any] = validate(path, data, model).artefact.model_dump(
-            mode="json", by_alias=True, exclude_defaults=True
-        )
-        return content
+    path = Path(artefact)
+    data = toml_data(path, read_input(path, MOST_TOML_BYTES))
+    is_session = data.get("schema") == "armd.session/1"
+    model: type[SessionFile | ArtefactFile] = SessionFile if is_session else ArtefactFile
+    content: dict[str, Any] = validate(path, data, model).artefact.model_dump(
+        mode="json", by_alias=True, exclude_defaults=True
+    )
+    return content
+
+
+def _unknown_points(readings: Any) -> dict[str, Any]:
+    """Return an artefact of which nothing is known but its targets' names."""
     targets = readings["target"].to_pylist() if "target" in readings.column_names else []
     names = dict.fromkeys(str(name) for name in targets if name is not None)
     return {"name": "unknown points", "target": [{"name": name} for name in names if name]}

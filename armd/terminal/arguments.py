@@ -25,6 +25,11 @@ def seconds(text: str) -> float:
     return _number(text, lambda value: value > 0, "a number of seconds above 0")
 
 
+def finite(text: str) -> float:
+    """A number of either sign."""
+    return _number(text, lambda value: True, "a number")
+
+
 def positive(text: str) -> float:
     """A length, or whatever must be more than nothing."""
     return _number(text, lambda value: value > 0, "a number above 0")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.design.design import Experiment
 from armd.compensation.model.arm import Arm
@@ -43,7 +44,8 @@ def design_report(
         "to rest from the side given. Both figures are forecasts; nothing is judged by them, so"
         " there is no decision rule."
     )
-    page.figure(picture(experiment), "The arm in each pose, joint by joint; its number at the tip")
+    picture = poses_picture(experiment.states.q, experiment.tip_mm, experiment.parameters)
+    page.figure(picture, "The arm in each pose, joint by joint; its number at the tip")
     narrow = [_narrow(row) for row in rows]
     page.table(list(narrow[0]), [list(row.values()) for row in narrow])
     origin(page, arm, sessions, files)
@@ -59,12 +61,12 @@ def _narrow(row: Mapping[str, Any]) -> dict[str, str]:
     return place | {"turn last towards": sides, "sensors, °C": warm}
 
 
-def picture(experiment: Experiment) -> Figure:
-    """The arm in every pose, base to tip, in mm of the base frame."""
-    origins = frames(experiment.states.q, experiment.parameters)[0]
+def poses_picture(q: F64, tip_mm: F64, parameters: F64) -> Figure:
+    """The arm in every pose (n, N) rad, base to tip (n, 3), in mm of the base frame."""
+    origins = frames(q, parameters)[0]
     figure, panels = views()
     for panel, across, up in panels:
-        for i, (joints, tip) in enumerate(zip(origins, experiment.tip_mm, strict=True), 1):
+        for i, (joints, tip) in enumerate(zip(origins, tip_mm, strict=True), 1):
             arm = np.vstack([joints, tip])
             panel.plot(arm[:, across], arm[:, up], marker="o", markersize=2.5, linewidth=1.0)
             panel.annotate(str(i), (tip[across], tip[up]), weight="bold")

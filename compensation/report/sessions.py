@@ -49,7 +49,8 @@ def origin(
     inputs = {f"session {name}": session.fingerprint() for name, session in named}
     inputs |= {f"{role} {file.name}": file.sha256 for role, file in files.items() if file}
     page.origin(report_number(arm.serial_number, *inputs.values()), inputs, facts)
-    session_facts(page, sessions, arm)
+    if sessions:
+        session_facts(page, sessions, arm)
 
 
 def session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:

@@ -118,8 +118,11 @@ USAGE = {
         "diagnosis.md", FILE_UNITS + "; sizes in µm at the tip",
     ),
     "design": Usage(
-        ("armd design calibrate --arm arm.toml -o poses.csv --report poses.html",), "diagnosis.md",
-        FILE_UNITS,
+        (
+            "armd design --arm arm.toml --lowest 0 -o poses.csv --report poses.html",
+            "armd design calibrate --arm arm.toml -o poses.csv --report poses.html",
+        ),
+        "diagnosis.md", FILE_UNITS + "; in the table of a first calibration q1 … in rad, too",
     ),
     "model": Usage(
         (

@@ -285,6 +285,8 @@ OPTIONS = [
     ("record", "--seconds", set()),
     ("stream", "--points", set()),
     ("design session --arm arm.toml", "--poses", set()),
+    ("design --arm arm.toml", "--readings", set()),
+    ("design --arm arm.toml", "--lowest", {"0", "-1"}),
     ("replay recording.mcap", "--speed", set()),
     ("calibrate session --arm arm.toml -o out.json", "--thermal", {"0"}),
     ("simulate --serial", "--seconds", set()),

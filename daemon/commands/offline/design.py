@@ -1,4 +1,4 @@
-"""`armd design`: the poses to measure next."""
+"""`armd design`: the poses to measure next, or first."""
 
 from __future__ import annotations
 
@@ -12,22 +12,50 @@ from rich.table import Table
 
 from armd.compensation.design.design import FEW, MANY, Experiment
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.daemon.commands.offline import first_design
 from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
+from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.offline.design import check_readings, design
+from armd.offline.design import DesignResult, check_readings, design
+from armd.offline.first_design import FirstDesignResult
+from armd.terminal.arguments import finite
 from armd.terminal.aside import aside, bar
 from armd.terminal.plain import plain_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", nargs="+", help="sessions measured so far")
+    parser.add_argument(
+        "session", nargs="*", help="sessions measured so far (none: poses for a first calibration)"
+    )
     add_arm(parser)
     add_model_under_test(parser)
     parser.add_argument(
+        "--readings",
         "--poses",
         type=int,
-        help=f"how many to choose (default {FEW}, up to {MANY} where causes are close)",
+        metavar="N",
+        help=f"how many to choose (default: with sessions {FEW}, up to {MANY} where causes are"
+        " close; without, as many as a certificate wants)",
+    )
+    first = parser.add_argument_group("without sessions")
+    first.add_argument(
+        "--artefact",
+        metavar="A.toml",
+        help="its targets are measured, in three placements (default: a tracker's points)",
+    )
+    first.add_argument(
+        "--reach",
+        nargs=2,
+        type=finite,
+        metavar=("MIN", "MAX"),
+        help="distance of the tip from the base, mm",
+    )
+    first.add_argument(
+        "--lowest",
+        type=finite,
+        metavar="MM",
+        help="no part of the arm lower than this over the base (default: no limit)",
     )
     parser.add_argument("-o", "--output", metavar="POSES.csv", help="the table")
     parser.add_argument("--json", metavar="OUT.json")
@@ -36,18 +64,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    check_readings(args.poses)
+    if args.session:
+        check_readings(args.readings)
     outputs = {
         "-o": (args.output, POSES),
         "--json": (args.json, RESULT),
         **page_outputs(args),
     }
-    check_outputs(outputs, [args.arm, args.calibration, *args.session], args.force)
-    arm, calibration = load_given(args)
-    with bar(aside(args), "reading") as told:
-        chosen = design(
-            arm, args.session, calibration=calibration, readings=args.poses, progress=told
-        )
+    check_outputs(outputs, [args.arm, args.calibration, args.artefact, *args.session], args.force)
+    chosen = _choose(args) if args.session else first_design.choose(args)
     rows = chosen.rows
     if args.output:
         text = io.StringIO()
@@ -58,11 +83,28 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         write_whole(args.json, json.dumps(chosen.to_dict(), indent=1) + "\n")
     write_pages(args, chosen.page)
+    if isinstance(chosen, FirstDesignResult):
+        first_design.show(chosen)
+        return 0
     _print(chosen.experiment, rows, chosen.next_experiment)
     for session in chosen.sessions:
         for remark in session.remarks:
             plain_console().print(remark)
     return 0
+
+
+def _choose(args: argparse.Namespace) -> DesignResult:
+    for option in ("artefact", "reach", "lowest"):
+        if getattr(args, option) is not None:
+            expected = "it without sessions: with them, their own artefact and ranges count"
+            raise BadInput("command line", f"--{option}", "it beside sessions", expected)
+    arm, calibration = load_given(args)
+    with bar(aside(args), "reading") as told:
+        chosen = design(
+            arm, args.session, calibration=calibration, readings=args.readings, progress=told
+        )
+    assert isinstance(chosen, DesignResult)  # there are sessions
+    return chosen
 
 
 def _print(experiment: Experiment, rows: list[dict[str, Any]], sentence: str) -> None:

@@ -2,7 +2,7 @@
 
 `armd design` chooses poses as if a target stood wherever it wants one. An artefact has its balls
 where they are, so it is put where they come nearest to the tips of the poses, and each pose goes to
-the ball that is then nearest.
+the ball that is then nearest. A table that names placements and balls itself is followed.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ class Pose(NamedTuple):
     tip_mm: tuple[float, float, float]  # base frame
     posture_deg: tuple[float, ...]  # joint angles as read
     how: str  # how to come to it, and how warm, in words
+    placement: str = ""  # of the artefact, and its target, where the table names them
+    target: str = ""
 
 
 def read_poses(path: Path, n_joints: int, sensors: Sequence[str]) -> list[Pose]:
@@ -50,15 +52,20 @@ def read_poses(path: Path, n_joints: int, sensors: Sequence[str]) -> list[Pose]:
     for number, row in enumerate(rows, 2):
         x, y, z = (_number(path, number, row, name) for name in tip)
         posture = tuple(_number(path, number, row, name) for name in joints)
-        found.append(Pose((x, y, z), posture, how_to(number - 1, row, n_joints, sensors)))
+        how = how_to(number - 1, row, n_joints, sensors)
+        named = (row.get("placement") or "", row.get("target") or "")
+        found.append(Pose((x, y, z), posture, how, *named))
     if not found:
         raise BadInput(path, "the file", "no pose", "a table of `armd design -o`")
     return found
 
 
 def stations_of(poses: Sequence[Pose], artefact: Artefact, placement: str) -> list[Station]:
-    """Pose after pose, at the target that suits it; seats, of which nobody knows where they are,
-    are gone to in turn, and each had better stand where its poses are."""
+    """Pose after pose, at the target that the table names, else at the one that suits it; seats, of
+    which nobody knows where they are, are then gone to in turn, and each had better stand where its
+    poses are. Raises `BadInput` for a target that the artefact lacks."""
+    if all(pose.placement and pose.target for pose in poses):
+        return _named_stations(poses, artefact)
     names = artefact.target_names
     known = np.flatnonzero(np.isfinite(artefact.positions_mm()).all(axis=1))
     targets, where = [names[i % len(names)] for i in range(len(poses))], ""
@@ -83,6 +90,32 @@ def stations_of(poses: Sequence[Pose], artefact: Artefact, placement: str) -> li
         )
         for number, (pose, target) in enumerate(zip(poses, targets, strict=True))
     ]
+
+
+def _named_stations(poses: Sequence[Pose], artefact: Artefact) -> list[Station]:
+    """The first pose of each placement says where to put the artefact."""
+    stations, begun = [], set()
+    for pose in poses:
+        if pose.target not in artefact.target_names:
+            expected = f"targets of --artefact: {', '.join(artefact.target_names[:20])}"
+            raise BadInput("the table of poses", "target", repr(pose.target), expected)
+        where = ""
+        if pose.placement not in begun:
+            begun.add(pose.placement)
+            tips = {p.target: p.tip_mm for p in poses if p.placement == pose.placement}
+            local = np.array(list(tips.values()))
+            some = _far_apart(local) if len(tips) > 1 else [0]
+            ends = [f"{list(tips)[i]} near {_in_words(local[i])}" for i in some]
+            where = f"; the artefact with {', '.join(ends)}"
+        stations.append(
+            Station(
+                placement=pose.placement,
+                target=pose.target,
+                how=pose.how + where,
+                posture_deg=pose.posture_deg,
+            )
+        )
+    return stations
 
 
 def _placed(local: F64, tips: F64) -> tuple[F64, I64]:

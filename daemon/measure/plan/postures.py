@@ -13,15 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.design.reaching import solve_postures
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import jacobian
 
 CANDIDATES = 96
-ITERATIONS = 25
-#: A candidate counts when its tip comes this near; the person finds the target by hand.
-REACHED_MM = 0.5
-#: Longest step of a joint while a candidate is solved for, and the damping of short ones.
-STEP_RAD, DAMPING_MM = 0.4, 3.0
 MARGIN_RAD = np.radians(5.0)  # kept from the end stops
 
 
@@ -81,16 +76,7 @@ def _reaching(arm: Arm, constants: F64, target_mm: F64, seed: int) -> F64:
 
 
 def _solved(arm: Arm, constants: F64, target_mm: F64, q: F64) -> F64:
-    """Of postures *q* (m, N) those that damped least squares brings to the target within limits."""
-    low, high = arm.range_rad
-    for _ in range(ITERATIONS):
-        tip, derivatives = jacobian(q, constants)
-        columns = derivatives[:, :, arm.layout.angles]
-        way = (target_mm - tip)[:, :, None]
-        squared = columns @ columns.transpose(0, 2, 1) + DAMPING_MM**2 * np.eye(3)
-        step = (columns.transpose(0, 2, 1) @ np.linalg.solve(squared, way))[:, :, 0]
-        q = q + np.clip(step, -STEP_RAD, STEP_RAD)
-    missed = np.linalg.norm(jacobian(q, constants)[0] - target_mm, axis=1)
-    inside = ((q >= low) & (q <= high)).all(axis=1)
-    reached: F64 = q[inside & (missed < REACHED_MM)]
-    return reached
+    """Of postures *q* (m, N) those that can be turned to reach the target within the limits."""
+    solved, reached = solve_postures(arm, constants, target_mm, q)
+    found: F64 = solved[reached]
+    return found

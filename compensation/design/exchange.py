@@ -1,0 +1,135 @@
+"""D-optimal choice among candidate readings: greedy and random starts, then Fedorov's exchanges.
+
+V. V. Fedorov, Theory of Optimal Experiments, 1972. The criterion is the determinant of the
+constants' information with the nuisances eliminated (D_s-optimal): det M / det M_nuisances, whose
+change with one reading more is a determinant of the reading's own size.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.design.observability import (
+    ReadingColumns,
+    clear_constants,
+    count_directions,
+)
+
+#: Prior, as a share of what all candidates together tell: makes a start of few readings invertible.
+RIDGE = 1e-9
+#: Starts beside the greedy one: exchanges end in a local best.
+RANDOM_STARTS = 4
+#: Chosen readings that are tried for an exchange from each start: bounds the work, not the time.
+MOST_TRIALS = 600
+#: Least rise of the log determinant that is worth an exchange.
+LEAST_RISE = 1e-6
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Candidate rows in coordinates in which all candidates together tell 1 of each direction."""
+
+    rows: F64  # (n, r, k + m), nuisances first
+    nuisances: int  # k
+    base: F64  # (k + m, k + m) what is known without any reading
+
+
+def candidates_of(columns: ReadingColumns, fixed: F64 | None = None) -> Candidates:
+    """*fixed* (D, k): rows that tell of the nuisances alone, and are there in any case."""
+    n, r, _ = columns.nuisances.shape
+    basis, clear = clear_constants(columns, fixed)
+    u, s, _ = np.linalg.svd(clear, full_matrices=False)
+    rows = np.hstack([basis, u[:, : count_directions(s)]])
+    base = RIDGE * np.eye(rows.shape[1]) + rows[n * r :].T @ rows[n * r :]
+    return Candidates(rows[: n * r].reshape(n, r, -1), basis.shape[1], base)
+
+
+def log_determinant(candidates: Candidates, chosen: list[int]) -> float:
+    """Of the information on the constants, relative to that of all candidates."""
+    total = _information(candidates, chosen)
+    k = candidates.nuisances
+    return float(np.linalg.slogdet(total)[1] - np.linalg.slogdet(total[:k, :k])[1])
+
+
+def choose_readings(candidates: Candidates, count: int, group: I64, seed: int = 0) -> list[int]:
+    """*count* different candidates: the best of exchanges from a greedy and from random starts.
+
+    Each *group* (n,) of candidates, numbered from 0, gets as many readings as the others, as far
+    as it has them.
+    """
+    shares = share_out(count, np.bincount(group))
+    rng = np.random.default_rng(seed)
+    starts = [_greedy_start(candidates, shares, group)]
+    for _ in range(RANDOM_STARTS):
+        drawn = [
+            rng.choice(np.flatnonzero(group == g), share, replace=False)
+            for g, share in enumerate(shares)
+        ]
+        starts.append(np.concatenate(drawn).tolist())
+    ends = [exchange_readings(candidates, start, group) for start in starts]
+    return max(ends, key=lambda chosen: log_determinant(candidates, chosen))
+
+
+def _greedy_start(candidates: Candidates, shares: I64, group: I64) -> list[int]:
+    left, chosen = shares.copy(), list[int]()
+    for _ in range(int(shares.sum())):
+        rise = _rises(candidates, _information(candidates, chosen))
+        rise[chosen] = -np.inf
+        rise[left[group] == 0] = -np.inf
+        chosen.append(int(np.argmax(rise)))
+        left[group[chosen[-1]]] -= 1
+    return chosen
+
+
+def share_out(count: int, sizes: I64) -> I64:
+    """How many of *count* each group gets, evenly, none more than its size."""
+    shares = np.zeros_like(sizes)
+    while shares.sum() < min(count, sizes.sum()):
+        open_ = np.flatnonzero(shares < sizes)
+        shares[open_[: count - shares.sum()]] += 1
+    return shares
+
+
+def exchange_readings(candidates: Candidates, chosen: list[int], group: I64) -> list[int]:
+    """Exchange one of *chosen* after the other for the best of its group, while that helps."""
+    chosen, unchanged = list(chosen), 0
+    for trial in range(MOST_TRIALS):
+        place = trial % len(chosen)
+        rest = chosen[:place] + chosen[place + 1 :]
+        rise = _rises(candidates, _information(candidates, rest))
+        now = rise[chosen[place]]
+        rise[rest] = -np.inf
+        rise[group != group[chosen[place]]] = -np.inf
+        best = int(np.argmax(rise))
+        unchanged += 1
+        if rise[best] > now + LEAST_RISE:
+            chosen[place], unchanged = best, 0
+        if unchanged == len(chosen):
+            break
+    return chosen
+
+
+def _information(candidates: Candidates, chosen: list[int]) -> F64:
+    rows = candidates.rows[chosen].reshape(-1, candidates.rows.shape[2])
+    total: F64 = candidates.base + rows.T @ rows
+    return total
+
+
+def _rises(candidates: Candidates, information: F64) -> F64:
+    """(n,) by how much one reading more raises the log determinant of the constants."""
+    k = candidates.nuisances
+    both = _log_rises(candidates.rows, information)
+    rise: F64 = both - _log_rises(candidates.rows[:, :, :k], information[:k, :k])
+    return rise
+
+
+def _log_rises(rows: F64, information: F64) -> F64:
+    """log det(I + R M⁻¹ Rᵀ) of each candidate R (r, c): the matrix determinant lemma."""
+    n, r, c = rows.shape
+    root = np.linalg.cholesky(information)
+    white = np.linalg.solve(root, rows.reshape(n * r, c).T).T.reshape(n, r, c)
+    rise: F64 = np.linalg.slogdet(np.eye(r) + white @ white.transpose(0, 2, 1))[1]
+    return rise

@@ -1,0 +1,115 @@
+"""How well poses determine the constants: singular values, ranks, and the indices O1 to O5.
+
+Y. Sun and J. M. Hollerbach, Observability index selection for robot calibration, ICRA 2008, give
+the five indices of an identification Jacobian with singular values σ₁ ≥ … ≥ σ_m and n poses:
+O1 = (σ₁ … σ_m)^(1/m) / √n, O2 = σ_m / σ₁, O3 = σ_m, O4 = σ_m² / σ₁, O5 = 1 / (1/σ₁ + … + 1/σ_m).
+
+Columns are scaled by `PLAUSIBLE` departures (10 mm, 0.02 rad), as `armd calibrate` scales them, so
+that σ is in mm. Placements and seats are eliminated first. The m directions are those that move a
+point at all: the structural rank.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.estimate.gauge import ROUNDING, free_constants
+from armd.compensation.estimate.poses import rigid_columns
+from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.fit import GAUGE_POSTURES
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.kinematics import jacobian
+
+
+@dataclass(frozen=True)
+class ReadingColumns:
+    """Rows of the linear problem around the nominal model; k nuisances, C scaled constants."""
+
+    constants: F64  # (n, r, C) mm per plausible departure
+    nuisances: F64  # (n, r, k)
+    tip_mm: F64  # (n, 3)
+
+    def rows(self, chosen: I64) -> ReadingColumns:
+        """Some of the readings."""
+        return ReadingColumns(self.constants[chosen], self.nuisances[chosen], self.tip_mm[chosen])
+
+
+def constant_columns(arm: Arm, q: F64, parameters: F64) -> tuple[F64, F64]:
+    """Tips (n, 3) mm, and what the constants that `armd calibrate` identifies move them by
+    (n, 3, C), mm per plausible departure."""
+    tip, derivatives = jacobian(q, parameters)
+    unknowns = Unknowns(free_constants(arm))
+    no_terms = np.zeros((len(q), 0))
+    scale = unknowns.plausible([], no_terms)
+    return tip, unknowns.columns(derivatives, no_terms, []) * scale
+
+
+def tracker_columns(arm: Arm, q: F64, parameters: F64) -> ReadingColumns:
+    """Of a tracker's points: one unknown pose of its frame."""
+    tip, constants = constant_columns(arm, q, parameters)
+    return ReadingColumns(constants, rigid_columns(tip - tip.mean(axis=0)), tip)
+
+
+def clear_constants(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
+    """Orthonormal nuisances (m, k'), and the constants' columns (m, C) clear of these.
+
+    *fixed* (D, k): rows that tell of the nuisances alone, such as certified lengths; they are the
+    last of m = n · r + D.
+    """
+    k, c = columns.nuisances.shape[2], columns.constants.shape[2]
+    nuisances, constants = columns.nuisances.reshape(-1, k), columns.constants.reshape(-1, c)
+    if fixed is not None:
+        nuisances = np.vstack([nuisances, fixed])
+        constants = np.vstack([constants, np.zeros((len(fixed), c))])
+    basis = _orthonormal(nuisances)
+    clear = constants - basis @ (basis.T @ constants)
+    return basis, clear - basis @ (basis.T @ clear)  # twice: what rounding left
+
+
+def clear_singular_values(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
+    """Singular values (C,) descending, and directions (C, C) as columns, nuisances eliminated."""
+    clear = clear_constants(columns, fixed)[1]
+    _, s, vt = np.linalg.svd(np.linalg.qr(clear, mode="r"), full_matrices=True)
+    return np.concatenate([s, np.zeros(len(vt) - len(s))]), vt.T
+
+
+def _orthonormal(columns: F64) -> F64:
+    """(m, rank) of columns (m, k), without directions that are rounding."""
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    basis: F64 = u[:, s > ROUNDING * s.max(initial=0.0)]
+    return basis
+
+
+def count_directions(singular_values: F64) -> int:
+    """How many of them are no rounding."""
+    return int((singular_values > ROUNDING * singular_values.max(initial=0.0)).sum())
+
+
+def structural_rank(arm: Arm, parameters: F64, seed: int = 0) -> int:
+    """Combinations of the constants that points all over each joint's turn determine.
+
+    For a chain without parallel axes it is 4 N − 3: four constants a joint and three of the tip,
+    less two that move the whole arm about its first axis and four that the last joint shares with
+    the tip. Of parallel axes, β replaces d (`free_constants`), so that they reduce nothing by
+    themselves; special geometry can.
+    """
+    q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (GAUGE_POSTURES, arm.n_joints))
+    return count_directions(clear_singular_values(tracker_columns(arm, q, parameters))[0])
+
+
+def observability_indices(singular_values: F64, poses: int) -> dict[str, float]:
+    """O1 to O5 of singular values (m,), descending, in n *poses*; 0 where one of them is 0."""
+    s = np.asarray(singular_values, dtype=float)
+    largest, least = float(s[0]), float(s[-1])
+    if least <= 0.0:
+        return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
+    return {
+        "O1": float(np.exp(np.log(s).mean()) / np.sqrt(poses)),
+        "O2": least / largest,
+        "O3": least,
+        "O4": least**2 / largest,
+        "O5": float(1.0 / (1.0 / s).sum()),
+    }

@@ -1,0 +1,40 @@
+"""The poses before the first measurement as one self-contained page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from armd.compensation.design.first import FirstExperiment
+from armd.compensation.model.arm import Arm
+from armd.compensation.report.design import poses_picture
+from armd.compensation.report.page import Page
+from armd.compensation.report.sessions import origin
+from armd.terminal.counted import counted
+
+
+def first_design_report(
+    experiment: FirstExperiment,
+    arm: Arm,
+    rows: Sequence[Mapping[str, Any]],
+    words: Sequence[str],
+    files: Mapping[str, InputFile | None],
+) -> str:
+    """The page; *rows* is the table, one mapping per pose, *words* what the command prints of it,
+    *files* are arm, calibration and artefact."""
+    page = Page(f"First experiment with {arm.serial_number}")
+    page.verdict(f"MEASURE {counted(len(rows), 'pose').upper()}", words[0], None)
+    for sentence in words[1:]:
+        page.text(sentence)
+    page.text(
+        "Put a target near each tip position, or let a tracker see the tip there, and turn the"
+        " joints as shown. All figures are forecasts; nothing is judged by them, so there is no"
+        " decision rule."
+    )
+    figure = poses_picture(experiment.q, experiment.tip_mm, experiment.parameters)
+    page.figure(figure, "The arm in each pose, joint by joint; its number at the tip")
+    page.table(list(rows[0]), [[str(value) for value in row.values()] for row in rows])
+    origin(page, arm, [], files)
+    page.signatures("Planned by", "Checked by")
+    return page.html()

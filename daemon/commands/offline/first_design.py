@@ -1,0 +1,49 @@
+"""`armd design` without sessions: the poses before the first measurement."""
+
+from __future__ import annotations
+
+import argparse
+
+from rich.table import Table
+
+from armd.compensation.design.first import Bounds
+from armd.daemon.commands.offline.given import load_given
+from armd.errors import BadInput
+from armd.offline.calibration import resolve_calibration
+from armd.offline.first_design import FirstDesignResult, design_without_sessions
+from armd.terminal.aside import aside
+from armd.terminal.plain import plain_console
+
+
+def choose(args: argparse.Namespace) -> FirstDesignResult:
+    bounds = Bounds(_reach(args.reach), args.lowest)
+    arm, calibration = load_given(args)
+    loaded = resolve_calibration(calibration, arm)
+    with aside(args).status("choosing poses …"):
+        return design_without_sessions(arm, loaded, args.readings, args.artefact, bounds)
+
+
+def show(chosen: FirstDesignResult) -> None:
+    console = plain_console()
+    for sentence in chosen.words:
+        console.print(sentence, soft_wrap=True)
+    places = ["placement", "target"] if chosen.experiment.placements else []
+    shown = Table("pose", *places, "tip, mm", "joints, °")
+    for row in chosen.rows:
+        shown.add_row(
+            str(row["pose"]),
+            *(row[name] for name in places),
+            " ".join(f"{row[f'{a}_mm']:.0f}" for a in "xyz"),
+            " ".join(f"{v:.0f}" for k, v in row.items() if k.endswith("_deg")),
+        )
+    console.print(shown)
+
+
+def _reach(given: list[float] | None) -> tuple[float, float] | None:
+    if given is None:
+        return None
+    least, most = given
+    if not 0.0 <= least < most < float("inf"):
+        found = f"{least:g} {most:g}"
+        raise BadInput("--reach", "value", found, "MIN MAX in mm, MIN at least 0 and below MAX")
+    return least, most
