@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from armd.offline.design import DesignResult, design
     from armd.offline.diagnose import Diagnosis, DiagnosisFinding, diagnose
     from armd.offline.evaluate import EvaluationResult, evaluate
+    from armd.offline.first_design import FirstDesignResult
     from armd.offline.model import Model
     from armd.offline.session import Session, make_session, read_session
     from armd.offline.verify import VerificationResult, verify
@@ -43,6 +44,7 @@ __all__ = [
     "Diagnosis",
     "DiagnosisFinding",
     "EvaluationResult",
+    "FirstDesignResult",
     "Flag",
     "Lost",
     "Model",
@@ -79,6 +81,7 @@ _HOMES = {
     "offline.calibration": ("Calibration", "read_calibration"),
     "offline.corrector": ("Corrector",),
     "offline.design": ("DesignResult", "design"),
+    "offline.first_design": ("FirstDesignResult",),
     "offline.diagnose": ("Diagnosis", "DiagnosisFinding", "diagnose"),
     "offline.evaluate": ("EvaluationResult", "evaluate"),
     "offline.model": ("Model",),
@@ -110,4 +113,4 @@ if not TYPE_CHECKING:  # which would take every name for one that is there
         raise AttributeError(f"module 'armd' has no attribute {name!r}")
 
     def __dir__() -> list[str]:
-        return sorted({*__all__, *globals()})
+        return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from armd.compensation.design.first import FirstExperiment
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.design import poses_picture
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import origin
+from armd.compensation.report.sessions import InputFile, origin
 from armd.terminal.counted import counted
 
 

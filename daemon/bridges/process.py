@@ -18,6 +18,8 @@ from armd.terminal.printable import printable
 
 #: For a daemon that starts at the same time.
 WAIT_S = 60.0
+#: After this it says for whom it waits.
+SAID_AFTER_S = 3.0
 #: Zenoh's own close waits ten seconds for a peer that stands still.
 CLOSE_S = 1.0
 
@@ -84,7 +86,11 @@ async def _until_told(work: Callable[[], Awaitable[None]]) -> int:
 
 
 async def _bridge(args: argparse.Namespace, bridge: ServeArm) -> None:
-    arm = await in_thread(lambda: armd.connect(args.serial, args.endpoint, WAIT_S))
+    connecting = in_thread(lambda: armd.connect(args.serial, args.endpoint, WAIT_S))
+    await asyncio.wait({connecting}, timeout=SAID_AFTER_S)
+    if not connecting.done():
+        warn(f"{args.endpoint}: no arm answers yet; waiting for {WAIT_S:g} s at most")
+    arm = await connecting
     try:
         await bridge(arm)
     finally:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 
+import numpy as np
+
 from armd.compensation.model.arm import Arm
+from armd.compensation.model.kinematics import forward
 from armd.errors import BadInput
 from armd.files.schema import load_toml
 from armd.terminal.suggest import did_you_mean
@@ -101,3 +105,15 @@ trigger = "rest"                       # such an arm has no button: hold the tip
 def _quoted(text: str) -> str:
     """A TOML string: JSON's, in UTF-8."""
     return json.dumps(text, ensure_ascii=False)
+
+
+def geometry_in_words(text: str) -> str:
+    """The convention of an arm.toml's rows, and where its tip is at zero angles: what a person
+    compares with the arm on the bench."""
+    arm = Arm.model_validate(tomllib.loads(text))
+    tip_mm = forward(np.zeros((1, arm.n_joints)), arm.nominal())[0][0]
+    shown = ", ".join(f"{round(x, 3) + 0.0:.10g}" for x in tip_mm.tolist())
+    return (
+        "rows are in the standard convention, Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta); the tip at"
+        f" zero angles: ({shown}) mm in the base frame"
+    )

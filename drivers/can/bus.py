@@ -15,6 +15,7 @@ import canopen
 from can.interfaces.slcan import slcanBus
 from can.interfaces.socketcand import SocketCanDaemonBus
 
+from armd.drivers.can.descriptors import lift_descriptor_limit
 from armd.drivers.can.objects import ERROR, EXTENDED, REMOTE, SYNC_ID, CanFrame
 from armd.drivers.config import CanConfig
 from armd.drivers.host_time import HostTime
@@ -51,10 +52,13 @@ def open_bus(config: CanConfig) -> can.BusABC:
         options.setdefault(name, value)
     try:
         if config.interface == "socketcand":
-            return PromptSocketcand(**options)
-        return can.Bus(interface=config.interface, **options)
+            bus: can.BusABC = PromptSocketcand(**options)
+        else:
+            bus = can.Bus(interface=config.interface, **options)
     except Exception as error:  # each of python-can's interfaces has exceptions of its own
         raise BusFault(_say(error)) from error
+    lift_descriptor_limit(bus)
+    return bus
 
 
 def _say(error: Exception) -> str:

@@ -22,7 +22,7 @@ from armd import POINT, Lost
 from armd.daemon.bridges.fleet import Fleet
 from support.long_case import long_case
 from support.running_bridge import PATIENCE_S, running_bridge
-from support.running_daemon import free_endpoint, running_daemon
+from support.running_daemon import free_endpoint, running_daemon, session_with
 from support.simulated_arm import simulated_arm
 
 ARMD = [sys.executable, "-m", "armd.daemon.cli"]
@@ -221,6 +221,40 @@ def test_an_arm_speaks_for_itself_alone(tmp_path: Path) -> None:
         assert set(heard) == {"1 as 1", "2 as 2"}
         assert intruders == []
         assert plant.ready.endswith(str(router_file))
+
+
+def test_an_arm_in_a_plant_relays_no_key_between_its_guests(tmp_path: Path) -> None:
+    """Nor those that no wildcard matches."""
+    authority = trustme.CA()
+    authority.cert_pem.write_to_path(tmp_path / "ca.pem")
+    certificate = authority.issue_cert("localhost", common_name="SIM-0001")
+    certificate.private_key_pem.write_to_path(tmp_path / "arm.key")
+    (tmp_path / "arm.pem").write_bytes(certificate.cert_chain_pems[0].bytes())
+    own, nobody = free_endpoint(), free_endpoint().rpartition(":")[2]
+    place = {"router.example:7447": f"localhost:{nobody}", "tcp/127.0.0.1:7447": own}
+    keys = ["armd/SIM-0001/@x", "armd/SIM-0001/@x/y", "@armd/x", "armd/TWIN/point", "other/program"]
+    relayed: list[str] = []
+    asked: list[str] = []
+    with (
+        zenoh.open(
+            zenoh.Config.from_file(str(configuration("plant-arm", tmp_path, **place)))
+        ) as arm,
+        session_with(own) as listener,
+        session_with(own) as speaker,
+    ):
+        answer = arm.declare_queryable("armd/SIM-0001/info", lambda query: asked.append("info"))
+        for key in keys:
+            listener.declare_subscriber(key, lambda sample: relayed.append(str(sample.key_expr)))
+        end_s = time.monotonic() + PATIENCE_S
+        while not asked:  # a question to the arm passes
+            assert time.monotonic() < end_s
+            list(speaker.get("armd/SIM-0001/info", timeout=0.2))
+        for _ in range(20):
+            for key in keys:
+                speaker.put(key, b"x")
+            time.sleep(0.02)
+        answer.undeclare()
+    assert relayed == []
 
 
 # --- many --------------------------------------------------------------------------------------

@@ -6,10 +6,13 @@ import time
 import tty
 from contextlib import closing, contextmanager
 
+import can
 import numpy as np
 import pytest
 
-from armd.drivers.config import MicroScribeConfig, SerialConfig, ServoConfig
+from armd.drivers.can.bus import open_bus
+from armd.drivers.can.descriptors import wait
+from armd.drivers.config import CanConfig, MicroScribeConfig, SerialConfig, ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event
 from armd.drivers.table import open_driver
@@ -118,3 +121,34 @@ def test_what_the_line_does_not_take_is_not_recorded_as_sent(kind):
         assert sent and b"".join(frame.data for frame in sent) in heard
     os.close(master)
     os.close(slave)
+
+
+def test_a_can_bus_is_read_on_a_descriptor_over_1023():
+    channel = {"channel": "239.74.163.7", "port": 43127, "interface": "udp_multicast"}
+    with many_open_files():
+        config = CanConfig(kind="can", **channel)
+        with closing(open_bus(config)) as bus, closing(can.Bus(**channel, hop_limit=0)) as other:
+            frame = can.Message(arbitration_id=0x181, data=b"x", is_extended_id=False)
+            found, end_s = None, time.monotonic() + 60.0
+            while found is None and time.monotonic() < end_s:
+                other.send(frame)
+                found = bus.recv(0.2)
+    assert found is not None and (found.arbitration_id, bytes(found.data)) == (0x181, b"x")
+
+
+def test_waiting_for_any_descriptor_is_as_select_waits():
+    near, far = os.pipe()
+    with many_open_files():
+        high = os.dup(near), os.dup(far)
+        try:
+            assert wait([high[0]], [high[1]], [], 0.0) == ([], [high[1]], [])
+            os.write(far, b"x")
+            assert wait([high[0]], [], [high[0]], 1.0) == ([high[0]], [], [])
+            assert wait([near], [], [], 0.0) == ([near], [], [])
+        finally:
+            for descriptor in high:
+                os.close(descriptor)
+        with pytest.raises(OSError, match="closed"):
+            wait([high[0]], [], [], 0.0)
+    for descriptor in (near, far):
+        os.close(descriptor)

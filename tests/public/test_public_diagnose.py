@@ -132,8 +132,8 @@ def test_what_cannot_be_verified_is_refused(
 def test_what_cannot_be_designed_is_refused(measured: MeasuredArm, session: armd.Session) -> None:
     with pytest.raises(armd.BadInput, match="--poses: value: found 0, expected 1 to"):
         armd.design(measured.arm_file, session, readings=0)
-    with pytest.raises(armd.BadInput, match="sessions: the list: found no session"):
-        armd.design(measured.arm_file)
+    with pytest.raises(armd.BadInput, match="artefact: value: found it with sessions"):
+        armd.design(measured.arm_file, session, artefact={"name": "bar"})
 
 
 def test_the_report_of_a_calibration_read_has_no_sessions(
@@ -145,3 +145,16 @@ def test_the_report_of_a_calibration_read_has_no_sessions(
     calibration.save(tmp_path / "cal.json")
     with pytest.raises(armd.ArmdError, match="no report: its sessions are not at hand"):
         armd.read_calibration(tmp_path / "cal.json").report(tmp_path / "page.html")
+
+
+def test_poses_before_any_session_are_those_of_the_command(tmp_path: Path) -> None:
+    measured = measured_arm(tmp_path)
+    output = tmp_path / "first.json"
+    command = ["design", "--arm", str(measured.arm_file), "--readings", "20", "--json", str(output)]
+    assert main(command) == 0
+    chosen = armd.design(measured.arm_file, readings=20)
+    assert chosen.to_dict() == json.loads(output.read_text())
+    assert len(chosen.poses) == 20 and set(chosen.observability) == {"O1", "O2", "O3", "O4", "O5"}
+    assert chosen.rank <= chosen.structural_rank
+    with pytest.raises(armd.BadInput, match="found 3, expected"):
+        armd.design(measured.arm_file, readings=3)

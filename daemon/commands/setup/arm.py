@@ -18,6 +18,7 @@ from armd.daemon.catalogue.known import (
     arm_text,
     canonical,
     daemon_text,
+    geometry_in_words,
     known_arm,
     title,
     with_serial_number,
@@ -99,6 +100,8 @@ def run(args: argparse.Namespace) -> int:
     check_same(args.output, text, ARM, args.force, [args.file])
     write_whole(args.output, text)
     print(f"{args.output}: {title(text)}")
+    if not args.quiet:
+        print(f"armd: {geometry_in_words(text)}", file=sys.stderr)
     if bus is not None:
         _write_daemon_file(args.output, bus, args.port)
     return 0

@@ -13,6 +13,7 @@ from armd.daemon.catalogue.known import (
     Bus,
     arm_text,
     daemon_text,
+    geometry_in_words,
     with_joint,
     with_serial_number,
 )
@@ -136,6 +137,7 @@ def _arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
             expected = f"FILE.urdf, FILE.csv, or a known arm{hint(name, KNOWN)}"
             raise BadInput("the command line", "--from", args.start_from, expected)
         text, bus = arm_text(name), KNOWN[name]
+        said.append(geometry_in_words(text))
     for sentence in () if args.quiet else said:
         print(f"armd: {sentence}")
     joints = tomllib.loads(text)["joint"]

@@ -1,0 +1,62 @@
+"""python-can waits with `select.select`, which raises for a descriptor over 1023.
+
+A daemon with many connections has such descriptors. The modules of a bus are given a `select` that
+then waits with `poll`, which counts in whole milliseconds and is therefore not taken otherwise.
+"""
+
+from __future__ import annotations
+
+import select
+import sys
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any, Protocol
+
+import can
+
+MOST_OF_SELECT = 1024  # FD_SETSIZE
+
+
+class HasDescriptor(Protocol):
+    def fileno(self) -> int: ...
+
+
+Waited = Sequence[HasDescriptor | int]
+
+
+def wait(
+    readers: Waited, writers: Waited, failing: Waited, timeout_s: float | None = None
+) -> tuple[list[Any], list[Any], list[Any]]:
+    """As `select.select`, for descriptors of any number. Raises `OSError`."""
+    if all(0 <= _number(one) < MOST_OF_SELECT for one in (*readers, *writers, *failing)):
+        return select.select(readers, writers, failing, timeout_s)
+    ready: tuple[list[Any], list[Any], list[Any]] = ([], [], [])
+    waiting = select.poll()
+    wanted: dict[int, int] = {}
+    events = (select.POLLIN, select.POLLOUT, select.POLLPRI)
+    for group, event in zip((readers, writers, failing), events, strict=True):
+        for one in group:
+            number = _number(one)
+            wanted[number] = wanted.get(number, 0) | event
+            waiting.register(number, wanted[number])
+    found = dict(waiting.poll(None if timeout_s is None else max(timeout_s, 0.0) * 1e3))
+    if any(mask & select.POLLNVAL for mask in found.values()):
+        raise OSError("a closed descriptor")
+    ended = select.POLLHUP | select.POLLERR
+    for group, event, out in zip((readers, writers, failing), events, ready, strict=True):
+        also = ended if event != select.POLLPRI else 0
+        out += [one for one in group if found.get(_number(one), 0) & (event | also)]
+    return ready
+
+
+def lift_descriptor_limit(bus: can.BusABC) -> None:
+    """Let the modules that *bus* is made of wait for descriptors of any number."""
+    for kind in type(bus).__mro__:
+        module = sys.modules.get(kind.__module__)
+        if module is not None and getattr(module, "select", None) is select:
+            stand_in = SimpleNamespace(select=wait, error=OSError)
+            setattr(module, "select", stand_in)  # noqa: B010
+
+
+def _number(one: HasDescriptor | int) -> int:
+    return one if isinstance(one, int) else one.fileno()
