@@ -127,7 +127,7 @@ def test_a_can_bus_is_read_on_a_descriptor_over_1023():
     channel = {"channel": "239.74.163.7", "port": 43127, "interface": "udp_multicast"}
     with many_open_files():
         config = CanConfig(kind="can", **channel)
-        with closing(open_bus(config)) as bus, closing(can.Bus(**channel, hop_limit=0)) as other:
+        with open_bus(config) as bus, can.Bus(**channel, hop_limit=0) as other:
             frame = can.Message(arbitration_id=0x181, data=b"x", is_extended_id=False)
             found, end_s = None, time.monotonic() + 60.0
             while found is None and time.monotonic() < end_s:
