@@ -21,8 +21,12 @@ from armd.compensation.data.session_format import AngleUnit
 from armd.compensation.inverse.compensate import OK, CommandedAngles, compensate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
-from armd.daemon.commands.offline.correct import session_settings
-from armd.daemon.commands.offline.given import add_arm, load_given
+from armd.daemon.commands.offline.given import (
+    add_arm,
+    add_session_settings,
+    load_given,
+    session_settings,
+)
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.outputs import OutputKind, add_force, check_outputs, has_columns
@@ -46,14 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm(parser)
     parser.add_argument("--calibration", metavar="CAL.json", help="without it: nominal")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.csv")
-    parser.add_argument(
-        "--started", metavar="ISO", help="instant of time_s = 0, with its offset from UTC"
-    )
-    parser.add_argument(
-        "--angle-unit",
-        choices=["rad", "deg", "count"],
-        help="of q1 … qN and the commands; otherwise as session.toml beside the table says, or rad",
-    )
+    add_session_settings(parser, "of q1 … qN and the commands")
     add_force(parser)
 
 

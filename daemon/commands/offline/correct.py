@@ -9,12 +9,14 @@ from pathlib import Path
 from armd.compensation.data.offline import Corrector, correct_file
 from armd.compensation.data.point_columns import COLUMNS
 from armd.compensation.data.readings import read_header
-from armd.compensation.data.session_format import AngleUnit, SessionFile
-from armd.daemon.commands.offline.given import add_arm, load_given
+from armd.daemon.commands.offline.given import (
+    add_arm,
+    add_session_settings,
+    load_given,
+    session_settings,
+)
 from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
-from armd.files.schema import load_toml
-from armd.offline.corrector import parse_instant
 from armd.terminal.aside import aside, bar
 from armd.terminal.counted import counted
 from armd.terminal.suggest import within
@@ -28,14 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm(parser)
     parser.add_argument("--calibration", metavar="CAL.json", help="without it: nominal, flag 7")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="POINTS.csv")
-    parser.add_argument(
-        "--started", metavar="ISO", help="instant of time_s = 0, with its offset from UTC"
-    )
-    parser.add_argument(
-        "--angle-unit",
-        choices=["rad", "deg", "count"],
-        help="of q1 … qN; otherwise as session.toml beside the readings says, or rad",
-    )
+    add_session_settings(parser, "of q1 … qN")
     add_force(parser)
 
 
@@ -64,16 +59,3 @@ def run(args: argparse.Namespace) -> int:
         print(f"armd: {counted(rest, 'more remark')} of the same kind", file=sys.stderr)
     print(f"{args.output}: {counted(n, 'point')}")
     return 0
-
-
-def session_settings(
-    readings: Path, unit: AngleUnit | None, started: str | None
-) -> tuple[AngleUnit, float | None]:
-    """What was said on the command line, else what session.toml beside the readings says."""
-    beside = readings.parent / "session.toml"
-    session = load_toml(beside, SessionFile) if beside.exists() else None
-    if started is not None:
-        started_unix_s: float | None = parse_instant("--started", started, "the command line")
-    else:
-        started_unix_s = session.started.timestamp() if session else None
-    return unit or (session.angle_unit if session else "rad"), started_unix_s

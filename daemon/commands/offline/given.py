@@ -1,11 +1,15 @@
-"""The arm, and the calibration if there is one, that an offline command is given."""
+"""What offline commands are given: arm, calibration, how a table of readings is meant."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
+from armd.compensation.data.session_format import AngleUnit, SessionFile
+from armd.files.schema import load_toml
 from armd.offline.arm_model import ArmModel, read_arm
 from armd.offline.calibration import Calibration, read_calibration
+from armd.offline.corrector import parse_instant
 
 
 def add_arm(parser: argparse.ArgumentParser) -> None:
@@ -28,3 +32,28 @@ def load_given(args: argparse.Namespace) -> tuple[ArmModel, Calibration | None]:
     calibration = read_calibration(args.calibration)
     calibration.for_arm(arm.content)
     return arm, calibration
+
+
+def add_session_settings(parser: argparse.ArgumentParser, of_angles: str) -> None:
+    """Options of a table that may stand beside a session.toml: see `session_settings`."""
+    parser.add_argument(
+        "--started", metavar="ISO", help="instant of time_s = 0, with its offset from UTC"
+    )
+    parser.add_argument(
+        "--angle-unit",
+        choices=["rad", "deg", "count"],
+        help=f"{of_angles}; otherwise as session.toml beside the table says, or rad",
+    )
+
+
+def session_settings(
+    readings: Path, unit: AngleUnit | None, started: str | None
+) -> tuple[AngleUnit, float | None]:
+    """What was said on the command line, else what session.toml beside the readings says."""
+    beside = readings.parent / "session.toml"
+    session = load_toml(beside, SessionFile) if beside.exists() else None
+    if started is not None:
+        started_unix_s: float | None = parse_instant("--started", started, "the command line")
+    else:
+        started_unix_s = session.started.timestamp() if session else None
+    return unit or (session.angle_unit if session else "rad"), started_unix_s
