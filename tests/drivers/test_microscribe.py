@@ -289,6 +289,7 @@ def test_the_baud_rate_is_found(tmp_path: Path) -> None:
     assert len(rows_of(items)) > 100
 
 
+@pytest.mark.slow
 @pytest.mark.serial
 def test_an_arm_that_is_switched_on_late_is_read_at_the_fastest_rate(tmp_path: Path) -> None:
     """It takes the rate at which it is first spoken to, and the slow ones are being tried then."""

@@ -25,6 +25,7 @@ from armd.drivers.sample import Event, RawFrame
 from armd.drivers.table import open_driver
 from armd.simulator.microscribe import motion
 from support.microscribe import EXPECTED, events_of, held_against_truth, read_until_end, rows_of
+from support.selection import parametrize_default
 from support.simulated_arm import simulated_arm
 
 # As a client of others sends it: 50 ticks, command 03, four buttons, any change of any angle.
@@ -402,7 +403,7 @@ def test_an_arm_that_ceases_to_stream_is_asked_and_that_is_told(tmp_path: Path) 
 
 
 @pytest.mark.serial  # an answer that a starved machine reads late is taken for a timer's
-@pytest.mark.parametrize("baud", ["115200", "19200"])
+@parametrize_default("baud", ["115200", "19200"])
 def test_an_arm_that_cannot_stream_is_asked_and_that_is_told(tmp_path: Path, baud: str) -> None:
     options = ("--fault", "no_streaming@0", "--baud", baud)
     with simulated_arm(tmp_path, *options, wire=("--microscribe",), seconds=6.0) as arm:

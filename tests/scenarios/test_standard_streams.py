@@ -60,7 +60,11 @@ def full_pipe() -> tuple[int, int]:
 @pytest.mark.serial
 @pytest.mark.parametrize(
     "redirect",
-    ["1>&- 2>&-", "", pytest.param(">/dev/full 2>/dev/full", marks=pytest.mark.slow)],
+    [
+        "1>&- 2>&-",
+        pytest.param("", marks=pytest.mark.slow),
+        pytest.param(">/dev/full 2>/dev/full", marks=pytest.mark.slow),
+    ],
     ids=["closed", "not read", "full"],
 )
 def test_a_log_that_cannot_be_written_stops_nothing(

@@ -134,6 +134,7 @@ def test_the_arm_may_produce_sync(tmp_path: Path) -> None:
         assert ids[start + 1] in (0x181, 0x701)
 
 
+@pytest.mark.slow
 @pytest.mark.serial
 def test_faults_on_the_bus(tmp_path: Path) -> None:
     scenario = """

@@ -26,6 +26,7 @@ from armd.daemon.doctor.machine import ThisMachine, can_buses
 from armd.drivers.config import ServoConfig
 from armd.simulator.servobus.arm import arm_toml
 from support.pty_link import PtyLink
+from support.selection import parametrize_default
 from support.simulated_arm import simulated_arm
 from support.standing_servos import FakeServos, sts3215, xl330
 
@@ -155,7 +156,7 @@ def test_a_servo_that_speaks_at_another_rate_is_found(capsys: pytest.CaptureFixt
 
 @pytest.mark.serial
 @pytest.mark.parametrize("family", ["feetech", pytest.param("dynamixel", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("fault", ["echo", "stale_bytes", "servo_alert"])
+@parametrize_default("fault", ["servo_alert", "echo", "stale_bytes"])
 def test_a_line_with_a_fault_has_the_servos_that_it_has(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], family: str, fault: str
 ) -> None:
