@@ -95,6 +95,24 @@ def test_no_message_is_longer_than_a_screen(
     assert code == 2 and len(told) < SCREEN
 
 
+@pytest.mark.parametrize(
+    ("head", "cell"),
+    [
+        ("q" + "1" * 5001, "0.1"),
+        ("t" + "1" * 5001, "20"),
+        ("time", "2026-03-01 09:00:00." + "9" * 5001),
+        ("time_s", "1" * 5001),
+    ],
+    ids=["joint", "sensor", "date", "seconds"],
+)
+def test_numbers_of_thousands_of_digits_are_no_fault_of_armd(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], head: str, cell: str
+) -> None:
+    (tmp_path / "a.csv").write_text(f"q1,q2,q3,target,{head}\n0.1,0.2,0.3,a,{cell}\n")
+    code, told = run(tmp_path / "a.csv", capsys)
+    assert code in (0, 2) and "fault of armd" not in told and len(told) < SCREEN
+
+
 # --- sessions ------------------------------------------------------------------------------------
 
 

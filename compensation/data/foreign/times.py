@@ -19,7 +19,7 @@ EPOCH_S = (10**9, 4_102_444_800)
 #: Unix time in other units, by the size of its numbers.
 PARTS = {1: "s", 10**3: "ms", 10**6: "µs", 10**9: "ns"}
 DAY_S = 86400
-_CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d+)?))?\s*([ap]m)?", re.IGNORECASE)
+_CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d{1,18})?))?\s*([ap]m)?", re.IGNORECASE)
 _DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})")
 _SLASHES = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})")
 

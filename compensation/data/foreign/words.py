@@ -152,7 +152,7 @@ def word_and_unit(header: str) -> tuple[str, str]:
 
 def numbered(word: str) -> Numbered | None:
     """What the bare *word* says of a joint or sensor that it counts; None for any other word."""
-    parts = re.fullmatch(r"([a-zäöü]*?)(\d+)([a-zäöü]*)", word)
+    parts = re.fullmatch(r"([a-zäöü]*?)(\d{1,3})([a-zäöü]*)", word)  # no arm has a thousand
     if parts is None or not parts[1] + parts[3]:
         return None
     kinds: list[str] = []

@@ -15,7 +15,7 @@ from armd.compensation.data.session import load_session
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.model.arm import Arm, load_arm
 from armd.daemon.catalogue.xml_tree import ROBOTS
-from armd.errors import BadInput
+from armd.errors import BadInput, cut
 from armd.files.outputs import (
     ARM,
     SESSION,
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     with aside(args).status("writing the session …"):
         _write(args, arm, content, columns)
     for sentence in () if args.quiet else said:
-        print(f"armd: {printable(sentence)}")
+        print(f"armd: {cut(printable(sentence))}")
     targets = counted(len(set(found.texts["target"])), "target")
     print(f"armd: {args.output}: {counted(n, 'reading')}, {targets}")
     return 0
@@ -152,7 +152,7 @@ def _artefact(args: argparse.Namespace) -> dict[str, Any]:
     if args.artefact.suffix.lower() in TABLES:
         artefact, said = artefact_of_table(args.artefact)
         for sentence in () if args.quiet else said:
-            print(f"armd: {printable(sentence)}")
+            print(f"armd: {cut(printable(sentence))}")
     else:
         artefact = load_artefact(args.artefact, [])
     content: dict[str, Any] = artefact.model_dump(mode="json", by_alias=True, exclude_none=True)
@@ -200,6 +200,6 @@ def _urdf(args: argparse.Namespace) -> int:
     check_same(args.output, text, ARM, args.force, [args.table])
     write_whole(args.output, text)
     for sentence in () if args.quiet else said:
-        print(f"armd: {printable(sentence)}")
+        print(f"armd: {cut(printable(sentence))}")
     print(f"armd: {args.output}: written; add the tip's radius and the encoders' counts per turn")
     return 0
