@@ -33,7 +33,7 @@ class BadInput(ArmdError):
         #: further faults of the same file, for those who want to hear all of them at once
         self.more: tuple[BadInput, ...] = ()
         said = f"{cut(where)}: found {cut(found)}, expected {cut(expected)}"
-        super().__init__(f"{file}: {said}")
+        super().__init__(f"{cut(self.file)}: {said}")
 
 
 class NoAnswer(ArmdError, TimeoutError):

@@ -93,6 +93,8 @@ def test_no_message_is_longer_than_a_screen(
     (tmp_path / "b.csv").write_text(",".join(f"{'h' * 3000}{k}" for k in range(12)) + "\n1,2\n")
     code, told = run(tmp_path / "b.csv", capsys)
     assert code == 2 and len(told) < SCREEN
+    code, told = run(tmp_path / f"{'n' * 5000}.csv", capsys)
+    assert code == 2 and len(told) < SCREEN
 
 
 @pytest.mark.parametrize(
