@@ -35,7 +35,7 @@ MOST_TERMS = 10_000
 #: Checked at once: one call of the validator must not hold up the thread with the points.
 TERMS_AT_ONCE = 100
 #: Beyond this a constant is no arm's: 100 m, and 100 rad are sixteen turns.
-MOST_MM, MOST_RAD = 1e5, 100.0
+MOST_MM, MOST_RAD, MOST_K = 1e5, 100.0, 1e3
 
 #: By so much a correlation may be off as numbers written with five digits round it.
 MOST_ROUNDED = 1e-4
@@ -45,9 +45,13 @@ class Noise(Strict):
     """What the identification saw: the floor of every uncertainty."""
 
     #: per joint, standard deviation
-    encoder_rad: Annotated[list[Annotated[float, Field(ge=0)]], Field(max_length=9)] = []
-    reading_mm: Annotated[float, Field(ge=0)] = 0.0  # repeatability of one reading, per axis
-    temperature_c: Annotated[float, Field(ge=0)] = 0.0
+    encoder_rad: Annotated[
+        list[Annotated[float, Field(ge=0, le=MOST_RAD)]], Field(max_length=9)
+    ] = []
+    reading_mm: Annotated[float, Field(ge=0, le=MOST_MM)] = (
+        0.0  # repeatability of one reading, per axis
+    )
+    temperature_c: Annotated[float, Field(ge=0, le=MOST_K)] = 0.0
 
 
 class ArtefactCorrection(Strict):

@@ -235,11 +235,12 @@ def test_a_covariance_that_is_none_is_refused(
         load_calibration(path)
 
 
+@pytest.mark.parametrize("size", [-1e-6, 1e308], ids=["negative", "beyond-squaring"])
 @pytest.mark.parametrize("key", ["encoder_rad", "reading_mm", "temperature_c"])
-def test_negative_noise_is_refused_by_its_key(tmp_path: Path, key: str) -> None:
+def test_impossible_noise_is_refused_by_its_key(tmp_path: Path, key: str, size: float) -> None:
     path = tmp_path / "cal.json"
     save_calibration(path, plain())
-    wrong = [1e-6, -1e-6] if key == "encoder_rad" else -1e-6
+    wrong = [1e-6, size] if key == "encoder_rad" else size
     rewritten(path, lambda content: content.setdefault("noise", {}).__setitem__(key, wrong))
     with pytest.raises(BadInput, match=rf"noise\.{key}"):
         load_calibration(path)
