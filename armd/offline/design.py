@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from armd.errors import BadInput
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.arrow_table import ArrowTable
 from armd.offline.calibration import Calibration, resolve_calibration
-from armd.offline.display import Displayed, Facts
+from armd.offline.display import Facts, Reported
 from armd.offline.first_design import FirstDesignResult, design_without_sessions
 from armd.offline.session import Sessions, load_sessions, resolve_sessions
 
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class DesignResult(Displayed):
+class DesignResult(Reported):
     """Poses to measure next, and what they are worth; `design` makes it."""
 
     def __init__(
@@ -78,15 +77,6 @@ class DesignResult(Displayed):
         experiment = self.experiment
         return poses_picture(experiment.states.q, experiment.tip_mm, experiment.parameters)
 
-    def report(self, path: PathText) -> None:
-        """Write the report of `armd design` to *path*: HTML, or PDF by its suffix `.pdf`.
-
-        Raises `armd.ArmdError` where nothing prints a PDF.
-        """
-        from armd.compensation.report.written import write_page
-
-        write_page(Path(path), self.page())
-
     def page(self) -> str:
         """Return the report. Not public."""
         from armd.compensation.report.design import design_report
@@ -111,6 +101,26 @@ class DesignResult(Displayed):
         return f"Next experiment with arm {self._arm.serial_number}", facts
 
 
+@overload
+def design(
+    arm: ArmModel | PathText,
+    sessions: None = None,
+    *,
+    calibration: Calibration | PathText | None = None,
+    readings: int | None = None,
+    artefact: Mapping[str, Any] | PathText | None = None,
+    progress: TellShare = ...,
+) -> FirstDesignResult: ...
+@overload
+def design(
+    arm: ArmModel | PathText,
+    sessions: Sessions,
+    *,
+    calibration: Calibration | PathText | None = None,
+    readings: int | None = None,
+    artefact: Mapping[str, Any] | PathText | None = None,
+    progress: TellShare = ...,
+) -> DesignResult: ...
 def design(
     arm: ArmModel | PathText,
     sessions: Sessions | None = None,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import html
+import os
 from collections.abc import Sequence
+from pathlib import Path
 
 #: A screen: so many lines of so many characters.
 MOST_LINES, MOST_WIDE = 24, 100
@@ -44,6 +46,24 @@ class Displayed:
     def _repr_mimebundle_(self, include: object = None, exclude: object = None) -> dict[str, str]:
         """Return both forms, for notebooks."""
         return {"text/plain": repr(self), "text/html": self._repr_html_()}
+
+
+class Reported(Displayed):
+    """A result that also has the report of its command."""
+
+    def page(self) -> str:
+        """Return the report as HTML. Not public."""
+        raise NotImplementedError
+
+    def report(self, path: str | os.PathLike[str]) -> None:
+        """Write the report of the command of this name to *path*: HTML, or PDF by its suffix
+        `.pdf`.
+
+        Raises `armd.ArmdError` where nothing prints a PDF.
+        """
+        from armd.compensation.report.written import write_page  # drawings load slowly
+
+        write_page(Path(path), self.page())
 
 
 def shorten_end(line: str) -> str:

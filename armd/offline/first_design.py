@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.files.schema import validate
 from armd.offline.arm_model import ArmModel, PathText
 from armd.offline.arrow_table import ArrowTable
-from armd.offline.display import Displayed, Facts
+from armd.offline.display import Facts, Reported
 from armd.offline.session import artefact_content
 from armd.terminal.counted import counted
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class FirstDesignResult(Displayed):
+class FirstDesignResult(Reported):
     """Poses for a first calibration, and what they are worth; `design` makes it."""
 
     def __init__(
@@ -95,15 +94,6 @@ class FirstDesignResult(Displayed):
 
         experiment = self.experiment
         return poses_picture(experiment.q, experiment.tip_mm, experiment.parameters)
-
-    def report(self, path: PathText) -> None:
-        """Write the report of `armd design` to *path*: HTML, or PDF by its suffix `.pdf`.
-
-        Raises `armd.ArmdError` where nothing prints a PDF.
-        """
-        from armd.compensation.report.written import write_page
-
-        write_page(Path(path), self.page())
 
     def page(self) -> str:
         """Return the report. Not public."""

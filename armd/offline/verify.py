@@ -18,14 +18,14 @@ from armd.errors import ArmdError
 from armd.files.schema import validate
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.calibration import Calibration, resolve_calibration
-from armd.offline.display import Displayed, Facts
+from armd.offline.display import Facts, Reported
 from armd.offline.session import Session, load_sessions, resolve_sessions
 
 LimitsInput = Mapping[str, Any] | PathText | None
 Decision = Literal["guarded", "simple"]
 
 
-class VerificationResult(Displayed):
+class VerificationResult(Reported):
     """Figures of the standards and the verdict; `verify` makes it."""
 
     def __init__(
@@ -56,15 +56,6 @@ class VerificationResult(Displayed):
     def to_dict(self) -> dict[str, Any]:
         """Return what `armd verify --json` writes; lengths in mm."""
         return self.details.as_json()
-
-    def report(self, path: PathText) -> None:
-        """Write the report of `armd verify` to *path*: HTML, or PDF by its suffix `.pdf`.
-
-        Raises `armd.ArmdError` where nothing prints a PDF.
-        """
-        from armd.compensation.report.written import write_page
-
-        write_page(Path(path), self.page())
 
     def page(self) -> str:
         """Return the report. Not public."""

@@ -72,13 +72,13 @@ def target_positions(artefact: Artefact, reach_mm: float, rng: np.random.Generat
     begin = rng.normal(0.0, reach_mm / 6.0, (int(free.sum()), 3)) * (len(known) > 1)
 
     def put(x: F64) -> F64:
-        at = known.copy()
-        at[free] = x.reshape(-1, 3)
-        return at
+        positions = known.copy()
+        positions[free] = x.reshape(-1, 3)
+        return positions
 
     def residual(x: F64) -> F64:
-        at = put(x)
-        apart = np.linalg.norm(at[between[:, 0]] - at[between[:, 1]], axis=1)
+        positions = put(x)
+        apart = np.linalg.norm(positions[between[:, 0]] - positions[between[:, 1]], axis=1)
         return np.concatenate([apart - length, 1e-3 * (x - begin.ravel())])
 
     return put(least_squares(residual, begin.ravel()).x)
@@ -100,7 +100,7 @@ def draw_places(
     """
     up = -np.array(arm.gravity) / np.linalg.norm(arm.gravity)
     centres = constant_columns(arm, within, parameters)[0][:PLACES_TRIED]
-    drawn, told = [], []
+    drawn, information = [], []
     for centre in centres:
         about = Rotation.from_rotvec(rng.uniform(-np.pi, np.pi) * up)
         tilt = np.cross(up, rng.normal(size=3))
@@ -118,13 +118,13 @@ def draw_places(
         lone = ReadingColumns(constants, rigid_columns(tip - tip.mean(axis=0)), tip)
         s, v = clear_singular_values(lone)
         drawn.append((q, target, turn))
-        told.append((v * s**2) @ v.T)
+        information.append((v * s**2) @ v.T)
     if len(drawn) < LEAST_PLACEMENTS:
         raise BadInput(
             "--artefact", "its targets", f"{len(drawn)} places where the arm reaches them",
             f"at least {LEAST_PLACEMENTS} (joint limits, --reach, the artefact's size?)",
         )  # fmt: skip
-    chosen = _best_places(told)
+    chosen = _best_places(information)
     return ArtefactReadings(
         np.concatenate([drawn[i][0] for i in chosen]),
         np.repeat(np.arange(len(chosen)), [len(drawn[i][0]) for i in chosen]),
@@ -133,17 +133,18 @@ def draw_places(
     )
 
 
-def _best_places(told: list[F64]) -> list[int]:
-    """LEAST_PLACEMENTS of them, one after the other, by the determinant of what they tell."""
-    total = 1e-9 * np.trace(sum(told)) * np.eye(len(told[0]))
+def _best_places(information: list[F64]) -> list[int]:
+    """LEAST_PLACEMENTS of them, one after the other, by the determinant of their
+    *information*, each (C, C)."""
+    total = 1e-9 * np.trace(sum(information)) * np.eye(len(information[0]))
     chosen: list[int] = []
     for _ in range(LEAST_PLACEMENTS):
         merit = [
             -np.inf if i in chosen else np.linalg.slogdet(total + one)[1]
-            for i, one in enumerate(told)
+            for i, one in enumerate(information)
         ]
         chosen.append(int(np.argmax(merit)))
-        total = total + told[chosen[-1]]
+        total = total + information[chosen[-1]]
     return chosen
 
 
@@ -177,6 +178,6 @@ def length_rows(artefact: Artefact, local_mm: F64, placements: int, noise_mm: fl
         weight = noise_mm / max(distance.standard_uncertainty_mm, LENGTH_MM)
         for target, sign in ((i, 1.0), (j, -1.0)):
             if target in seats:
-                at = first + 3 * seats.index(target)
-                row[at : at + 3] = sign * weight * along
+                column = first + 3 * seats.index(target)
+                row[column : column + 3] = sign * weight * along
     return rows

@@ -24,9 +24,9 @@ def solve_postures(arm: Arm, constants: F64, target_mm: F64, q: F64) -> tuple[F6
     for _ in range(ITERATIONS):
         tip, derivatives = jacobian(q, constants)
         columns = derivatives[:, :, arm.layout.angles]
-        way = (target_mm - tip)[:, :, None]
+        missing = (target_mm - tip)[:, :, None]
         squared = columns @ columns.transpose(0, 2, 1) + DAMPING_MM**2 * np.eye(3)
-        step = (columns.transpose(0, 2, 1) @ np.linalg.solve(squared, way))[:, :, 0]
+        step = (columns.transpose(0, 2, 1) @ np.linalg.solve(squared, missing))[:, :, 0]
         q = q + np.clip(step, -STEP_RAD, STEP_RAD)
     missed = np.linalg.norm(jacobian(q, constants)[0] - target_mm, axis=1)
     inside = ((q >= low) & (q <= high)).all(axis=1)

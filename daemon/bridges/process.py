@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 from typing import Protocol, TypeVar, cast
 
 import armd
@@ -86,15 +87,21 @@ async def _until_told(work: Callable[[], Awaitable[None]]) -> int:
 
 
 async def _bridge(args: argparse.Namespace, bridge: ServeArm) -> None:
-    connecting = in_thread(lambda: armd.connect(args.serial, args.endpoint, WAIT_S))
-    await asyncio.wait({connecting}, timeout=SAID_AFTER_S)
-    if not connecting.done():
-        warn(f"{args.endpoint}: no arm answers yet; waiting for {WAIT_S:g} s at most")
-    arm = await connecting
+    work = partial(armd.connect, args.serial, args.endpoint, WAIT_S)
+    arm = await connected(work, args.endpoint)
     try:
         await bridge(arm)
     finally:
         close_soon(arm)
+
+
+async def connected(work: Callable[[], T], endpoint: str) -> T:
+    """What *work* connects to in `WAIT_S` at most; whom it waits for is said after a while."""
+    connecting = in_thread(work)
+    await asyncio.wait({connecting}, timeout=SAID_AFTER_S)
+    if not connecting.done():
+        warn(f"{endpoint}: nobody answers yet; waiting for {WAIT_S:g} s at most")
+    return await connecting
 
 
 def close_soon(session: SupportsClose) -> None:

@@ -100,3 +100,8 @@ def _normal_row(
     alpha = math.degrees(math.atan2(np.cross(z, other_z) @ normal, z @ other_z))
     length = float((other_foot - foot) @ normal)
     return [_angle(x, normal, z), float(s), length, alpha, 0.0], normal, other_foot
+
+
+def point_text(point: F64) -> str:
+    """`(805, 0, 1180)`, to a micrometre."""
+    return "(" + ", ".join(f"{round(x, 3) + 0.0:.10g}" for x in point.tolist()) + ")"

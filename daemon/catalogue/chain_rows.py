@@ -11,7 +11,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import PARALLEL_DEG
-from armd.daemon.catalogue.axes import axes_of_rows, rows_of_axes, turn
+from armd.daemon.catalogue.axes import axes_of_rows, point_text, rows_of_axes, turn
 
 #: A row's parameters in arm.toml, in the order in which armd applies them.
 DH = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
@@ -48,8 +48,7 @@ class ChainRows:
         _, _, end = axes_of_rows(_parameters(self.joints))
         tip = end + _last_frame(self.joints) @ np.array(self.tip_offset())
         point = np.array([self.first[0], 0.0, 0.0]) + self._turned() @ tip
-        shown = ", ".join(f"{round(x, 3) + 0.0:.10g}" for x in point.tolist())
-        return f"({shown}) mm in the table's base frame"
+        return f"{point_text(point)} mm in the table's base frame"
 
     def _turned(self) -> F64:
         """The rotation (3, 3) of armd's base frame in the table's."""

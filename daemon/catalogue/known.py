@@ -13,6 +13,7 @@ import numpy as np
 
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward
+from armd.daemon.catalogue.axes import point_text
 from armd.errors import BadInput
 from armd.files.schema import load_toml
 from armd.terminal.suggest import did_you_mean
@@ -112,8 +113,7 @@ def geometry_in_words(text: str) -> str:
     compares with the arm on the bench."""
     arm = Arm.model_validate(tomllib.loads(text))
     tip_mm = forward(np.zeros((1, arm.n_joints)), arm.nominal())[0][0]
-    shown = ", ".join(f"{round(x, 3) + 0.0:.10g}" for x in tip_mm.tolist())
     return (
         "rows are in the standard convention, Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta); the tip at"
-        f" zero angles: ({shown}) mm in the base frame"
+        f" zero angles: {point_text(tip_mm)} mm in the base frame"
     )

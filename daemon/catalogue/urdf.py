@@ -16,7 +16,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.daemon.catalogue.axes import across, rows_of_axes
+from armd.daemon.catalogue.axes import across, point_text, rows_of_axes
 from armd.daemon.catalogue.urdf_joints import (
     TURNING,
     axis_of,
@@ -78,11 +78,6 @@ def arm_toml(path: Path, tip_link: str | None = None) -> tuple[str, list[str]]:
         f"the tip at zero angles: {point_text(chain.tip)} mm in the frame of {begin}",
     ]
     return text, said
-
-
-def point_text(point: F64) -> str:
-    """`(805, 0, 1180)`, to a micrometre."""
-    return "(" + ", ".join(f"{round(x, 3) + 0.0:.10g}" for x in point.tolist()) + ")"
 
 
 def rows_and_tip(path: Path, tip_link: str) -> tuple[F64, F64]:

@@ -82,11 +82,11 @@ def find_second_group(sessions: Sequence[Session], found: Identification) -> Sec
 def _most_grown_mm(found: Identification, growth: Sequence[Term]) -> float:
     """By how much the tip can have grown, where it grew by more in the fit; else 0. *growth* is as
     many of the first terms."""
-    own = [k for k, term in enumerate(growth) if term.parameter in TIP_PARAMETERS]
-    if not own:
+    of_tip = [k for k, term in enumerate(growth) if term.parameter in TIP_PARAMETERS]
+    if not of_tip:
         return 0.0
-    span_k = np.ptp(found.at.basis[:, own], axis=0)
-    grown_mm = np.abs([found.terms[k].coefficient for k in own]) * span_k
+    span_k = np.ptp(found.at.basis[:, of_tip], axis=0)
+    grown_mm = np.abs([found.terms[k].coefficient for k in of_tip]) * span_k
     most_mm = MOST_GROWN_PER_K * np.linalg.norm(last_lever_mm(found.observations.arm)) * span_k
     return float(most_mm.max()) if (grown_mm > most_mm + LEAST_GROWN_MM).any() else 0.0
 
@@ -257,9 +257,9 @@ def _of_sessions(
     return [
         RowsOfSession(
             sessions[k].path,
-            tuple(observations.row[group & own].tolist()),
-            bool(group[own].all()),
+            tuple(observations.row[group & rows].tolist()),
+            bool(group[rows].all()),
         )
         for k in np.unique(observations.session[group]).tolist()
-        if (own := observations.session == k).any()
+        if (rows := observations.session == k).any()
     ]

@@ -53,16 +53,12 @@ def evaluate_files(
     arm: Arm,
     calibration: Calibration | None,
     progress: TellStep,
-    *,
-    refit_tip: bool = False,
 ) -> tuple[dict[str, Any], list[Length]]:
-    """What `--json` has, and the certified lengths, of the session folders *paths*.
-
-    *refit_tip*: with the one tip that suits these sessions best, in memory whatever their size.
-    """
+    """What `--json` has, and the certified lengths, of the session folders *paths*, piece by piece:
+    for those that `is_long` says so of."""
     # The matrices are small: threads of the library's own cost more than they bring.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _evaluate_files(paths, arm, calibration, progress, refit_tip)
+        return _evaluate_files(paths, arm, calibration, progress)
 
 
 def _evaluate_files(
@@ -70,16 +66,13 @@ def _evaluate_files(
     arm: Arm,
     calibration: Calibration | None,
     progress: TellStep,
-    refit_tip: bool,
 ) -> tuple[dict[str, Any], list[Length]]:
-    if is_long(paths) and not refit_tip:
-        check_once(paths)
-        try:
-            return _Passes(paths, arm, calibration, progress).evaluation()
-        except _BackInTime:
-            progress("the readings are not in the order of time: reading all at once …")
-    sessions = load_sessions(paths, arm)
-    figures, found = evaluate_sessions(sessions, arm, calibration, progress, refit_tip=refit_tip)
+    check_once(paths)
+    try:
+        return _Passes(paths, arm, calibration, progress).evaluation()
+    except _BackInTime:
+        progress("the readings are not in the order of time: reading all at once …")
+    figures, found = evaluate_sessions(load_sessions(paths, arm), arm, calibration, progress)
     return figures, found.lengths
 
 

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _watch(args: argparse.Namespace) -> None:
-    session = await process.in_thread(lambda: _open(args))
+    session = await process.connected(lambda: _open(args), args.endpoint)
     with ExitStack() as stack:
         stack.callback(_close, session)
         fleet = Fleet()

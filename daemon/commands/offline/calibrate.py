@@ -13,7 +13,6 @@ from rich.table import Table
 from armd.compensation.identify.result import Result
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm
-from armd.errors import BadInput
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.offline.arm_model import read_arm
@@ -51,9 +50,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.offset and args.thermal_method != "per-temperature":
-        expected = "it with --thermal-method per-temperature; else C is in the constants"
-        raise BadInput("command line", "--offset", args.thermal_method, expected)
     outputs = {
         "-o": (args.output, CALIBRATION),
         "--json": (args.json, RESULT),

@@ -99,12 +99,9 @@ def _choose(args: argparse.Namespace) -> DesignResult:
             expected = "it without sessions: with them, their own artefact and ranges count"
             raise BadInput("command line", f"--{option}", "it beside sessions", expected)
     arm, calibration = load_given(args)
+    sessions: list[str] = args.session
     with bar(aside(args), "reading") as told:
-        chosen = design(
-            arm, args.session, calibration=calibration, readings=args.readings, progress=told
-        )
-    assert isinstance(chosen, DesignResult)  # there are sessions
-    return chosen
+        return design(arm, sessions, calibration=calibration, readings=args.readings, progress=told)
 
 
 def _print(experiment: Experiment, rows: list[dict[str, Any]], sentence: str) -> None:

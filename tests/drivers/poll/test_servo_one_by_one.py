@@ -7,12 +7,12 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from test_servo_driver import Taken, config, expected, state
+from test_servo_driver import Taken, assert_replayed, config, expected, state
 from test_servo_instants import PacedLine
 
 from armd.drivers import shell
 from armd.drivers.config import Trigger
-from armd.drivers.poll.decoder import ServoDecoder, note
+from armd.drivers.poll.decoder import note
 from armd.drivers.table import open_driver
 from support.fake_servos import Dynamixel, FakeServos, Feetech
 from support.selection import parametrize_default
@@ -21,10 +21,6 @@ __all__ = ["state"]  # the fixture: what is remembered of servos is each test's 
 BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 EITHER = pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 READ, SYNC_READ = 0x02, 0x82
-
-
-def arrays(items):
-    return np.concatenate([item for item in items if isinstance(item, np.ndarray)])
 
 
 def take_valid(taken, n, invalid=0):
@@ -407,13 +403,5 @@ def test_a_replay_of_the_frames_is_bit_identical(tmp_path, family):
         middle = len(taken.frames)
         taken.rows(100)
         servos.before_answer = None
-    whole = ServoDecoder(config(servos), expected())
-    again = [item for frame in taken.frames for item in whole.feed(frame)]
-    late = ServoDecoder(config(servos), expected())
-    for frame in preamble:
-        late.feed(frame)
-    rest = [item for frame in taken.frames[middle:] for item in late.feed(frame)]
-    live = arrays(taken.items)
-    assert arrays(again).tobytes()[: live.nbytes] == live.tobytes()
-    after = arrays(taken.items[began:])
-    assert arrays(rest).tobytes()[: after.nbytes] == after.tobytes()
+    assert_replayed(servos, taken.frames, taken.items)
+    assert_replayed(servos, [*preamble, *taken.frames[middle:]], taken.items[began:], len(preamble))
