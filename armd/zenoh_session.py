@@ -47,11 +47,14 @@ def translated(session: zenoh.Session, key: str) -> Iterator[None]:
 
     Zenoh's own text ends with a file of its sources, which is cut off.
     """
+    closed = "the connection to the arm is closed"
+    if session.is_closed():
+        raise Closed(closed)
     try:
         yield
     except zenoh.ZError as error:
         if session.is_closed():
-            raise Closed("the connection to the arm is closed") from None
+            raise Closed(closed) from None
         reason = str(error).splitlines()[0].partition(" at /")[0][:200]
         raise ArmdError(f"{key}: Zenoh refuses it: {reason}") from None
 

@@ -31,7 +31,7 @@ RENEW_NS = 1_000_000_000
 BATCH = 256  # packets taken in one `read` at most
 
 
-class Packet(NamedTuple):
+class SamplePacket(NamedTuple):
     """What one packet says."""
 
     number: int
@@ -65,7 +65,7 @@ class PacketDecoder(ABC):
         )
 
     @abstractmethod
-    def read_packet(self, data: bytes) -> Packet:
+    def read_packet(self, data: bytes) -> SamplePacket:
         """What the bytes of a packet say; raises `ValueError` or `struct.error` for junk."""
 
     def feed(self, frame: RawFrame) -> list[Item]:
@@ -94,7 +94,7 @@ class PacketDecoder(ABC):
     def warm_up(self) -> None:
         warm_up()
 
-    def _sound(self, packet: Packet) -> Packet:
+    def _sound(self, packet: SamplePacket) -> SamplePacket:
         n_joints, n_sensors = self.expectation.n_joints, self.expectation.n_sensors
         if not (0 <= packet.number < WRAP and len(packet.counts) == n_joints):
             raise ValueError(packet)
@@ -102,7 +102,7 @@ class PacketDecoder(ABC):
             raise ValueError(packet)
         return packet
 
-    def _sample(self, packet: Packet, frame: RawFrame, last: int | None) -> list[Item]:
+    def _sample(self, packet: SamplePacket, frame: RawFrame, last: int | None) -> list[Item]:
         epoch, expected = (0, packet.number) if last is None else (last >> 32, last + 1)
         if last is not None and packet.number < last % WRAP:
             epoch += 1

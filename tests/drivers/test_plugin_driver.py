@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from armd.drivers.identity import Expectation
-from armd.drivers.packets import LATE_NUMBERS, Packet, PacketDecoder, PacketDriver
+from armd.drivers.packets import LATE_NUMBERS, PacketDecoder, PacketDriver, SamplePacket
 from armd.drivers.plugin import DriverPlugin, GuardedDriver
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures, sample_dtype
 from armd.errors import ArmdError
@@ -23,10 +23,10 @@ ARM = Expectation("A-1", 3, 2, (TURN,) * 3)
 class Decoder(PacketDecoder):
     """u32 number, u16 × 3 counts, u8 invalid; then perhaps i16 × 2 in 0.01 °C."""
 
-    def read_packet(self, data: bytes) -> Packet:
+    def read_packet(self, data: bytes) -> SamplePacket:
         number, *counts, invalid = struct.unpack("<I3HB", data[:11])
         celsius = [c / 100 for c in struct.unpack(f"<{(len(data) - 11) // 2}h", data[11:])]
-        return Packet(number, counts, joint_invalid=invalid, celsius=celsius)
+        return SamplePacket(number, counts, joint_invalid=invalid, celsius=celsius)
 
 
 def packet(number: int, counts: tuple[int, int, int] = (1, 2, 3), invalid: int = 0) -> bytes:

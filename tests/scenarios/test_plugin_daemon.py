@@ -33,12 +33,12 @@ ARM = (
 )
 #: Opens, and then raises whenever it is read.
 FAILING = """\
-from armd.drivers.packets import Packet, PacketDecoder, PacketDriver
+from armd.drivers.packets import SamplePacket, PacketDecoder, PacketDriver
 from armd.drivers.plugin import DriverPlugin
 
 class Decoder(PacketDecoder):
     def read_packet(self, data):
-        return Packet(0, [])
+        return SamplePacket(0, [])
 
 class Line(PacketDriver):
     def open(self):

@@ -3,7 +3,7 @@
 import socket
 import struct
 
-from armd.drivers.packets import Packet, PacketDecoder, PacketDriver
+from armd.drivers.packets import PacketDecoder, PacketDriver, SamplePacket
 from armd.drivers.plugin import DriverPlugin
 
 
@@ -20,7 +20,7 @@ class Udp(DriverPlugin):
 class UdpDecoder(PacketDecoder):
     def read_packet(self, data):
         number, *counts = struct.unpack(f"<I{self.expectation.n_joints}I", data)
-        return Packet(number, counts)
+        return SamplePacket(number, counts)
 
 
 class UdpDriver(PacketDriver):
