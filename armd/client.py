@@ -22,7 +22,7 @@ import zenoh
 
 from armd import keys
 from armd.closing import Closing
-from armd.errors import ArmdError, Closed, NoAnswer
+from armd.errors import ArmdError, Closed, NoAnswer, cut
 from armd.point import POINT, Lost, Point
 from armd.received import FORMS, Gate, Refused, json_object
 from armd.stream import POLL_S, Handle, Stream, subscribe
@@ -144,9 +144,15 @@ class Arm(Closing):
         return self._ask(keys.INFO)
 
     def calibration_file(self) -> str | None:
-        """The calibration file in use, byte for byte; None without one."""
+        """The calibration file in use, byte for byte; None without one.
+
+        Raises `ArmdError` for an answer that is no calibration.
+        """
         data = self._ask_bytes(keys.CALIBRATION)
-        return None if data == b"null" else data.decode()
+        if data == b"null":
+            return None
+        self._checked(keys.CALIBRATION, data)
+        return data.decode()
 
     def past(self, what: str) -> list[dict[str, Any]]:
         """What the daemon still has, the oldest first: the last thousand; *what* is "measurement"
@@ -219,9 +225,13 @@ class Arm(Closing):
                 yield from map(json.loads, payloads)
 
     def _ask(self, what: str, parameters: str = "") -> dict[str, Any]:
-        key, payload = keys.key(self.serial, what), self._ask_bytes(what, parameters)
+        return self._checked(what, self._ask_bytes(what, parameters))
+
+    def _checked(self, what: str, payload: bytes) -> dict[str, Any]:
+        """The content of an answer; raises `ArmdError` where it has not the form of its key."""
         content = json_object(what, payload)
         if content is None:
+            key = keys.key(self.serial, what)
             form = "message" if what in FORMS else "JSON object"
             raise ArmdError(f"{key}: found {payload[:40]!r}, expected armd's {form} of this key")
         return content
@@ -233,8 +243,15 @@ class Arm(Closing):
                 if reply.ok is not None:
                     return reply.ok.payload.to_bytes()
                 if reply.err is not None:
-                    raise ArmdError(f"{key}: {reply.err.payload.to_string()}")
+                    reason = reply.err.payload.to_bytes().decode(errors="replace")
+                    raise ArmdError(f"{key}: {_shown(reason)}")
         raise NoAnswer(f"{key}: no answer; is the daemon running?")
+
+
+def _shown(reason: str) -> str:
+    """Text of whoever answers, fit for a terminal: no longer than a screen, nothing it obeys."""
+    reason = cut(reason)
+    return reason if reason.isprintable() else reason.encode("unicode_escape").decode()
 
 
 def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Arm:

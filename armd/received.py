@@ -24,6 +24,8 @@ from armd.point import POINT
 #: Another publisher of the same arm is followed only after this silence: health comes each second.
 KEPT_S = 1.5
 MOST_JSON_BYTES = 1 << 20
+#: The largest calibration file that a daemon reads.
+MOST_CALIBRATION_BYTES = 8 << 20
 #: A raw frame's header.
 LEAST_RAW_BYTES = 26
 MOST_JOINTS = 20
@@ -107,6 +109,18 @@ _is_count = _is_integer(0, 1 << 63)
 _is_text_or_none = _is_optional(_is_text)
 _is_place = _is_vector(3, MOST_MM)
 _is_tip = _has({"offset_mm": _is_place}, {"radius_mm": _is_optional(_is_number)})
+#: What names an arm and its tips, in its `info` or in a recording of it.
+names_arm_and_tips = _has(
+    {
+        "arm": _has(
+            {
+                "serial_number": _is_text,
+                "tip": _has({"offset_mm": _is_place, "radius_mm": _is_number}),
+            }
+        ),
+        "configuration": _has({"tips": _is_table(_is_tip)}),
+    }
+)
 
 #: The form of each message: what every program relies on. Keys and values beside it are free.
 FORMS: dict[str, FormCheck] = {
@@ -117,12 +131,16 @@ FORMS: dict[str, FormCheck] = {
             "stamp_ns": _is_stamp,
             "uptime_s": _is_number,
             "rates": _has({"points_hz": _is_number}),
-            "drops": _is_table(lambda value: True),
+            "drops": _is_table(_is_number),
             "last_second": _has({"flagged": _is_table(_is_number)}),
             "temperatures": _is_table(_is_optional(_is_number)),
             "calibration": _is_text_or_none,
             "tip": _is_text_or_none,
-        }
+        },
+        {
+            "points": _has({"published": _is_count, "flagged": _is_table(_is_number)}),
+            "latency": _is_table(_is_number),
+        },
     ),
     keys.EVENT: _has(
         {"kind": _is_text, "text": _is_text, "stamp_ns": _is_stamp},
@@ -180,6 +198,7 @@ FORMS: dict[str, FormCheck] = {
             "tip": _is_text_or_none,
         }
     ),
+    keys.CALIBRATION: _has({"constants": _is_table(_is_number)}),
 }
 
 
@@ -232,13 +251,16 @@ def is_sound(what: str, payload: bytes) -> bool:
 def json_object(what: str, payload: bytes) -> dict[str, Any] | None:
     """A message on the key *what*, parsed; None if it is not one of armd's.
 
-    A number that a double cannot hold, or NaN, makes a message malformed: whoever writes it on as
-    JSON could not.
+    A number that a double cannot hold, NaN, or half a character (a lone surrogate) makes a message
+    malformed: whoever writes it on could not.
     """
-    if len(payload) > MOST_JSON_BYTES:
+    if len(payload) > (MOST_CALIBRATION_BYTES if what == keys.CALIBRATION else MOST_JSON_BYTES):
         return None
     try:
-        content = json.loads(payload, parse_float=_finite, parse_int=_short, parse_constant=_refuse)
+        text = payload.decode("utf-8-sig")
+        content = json.loads(text, parse_float=_finite, parse_int=_short, parse_constant=_refuse)
+        if "\\ud" in text or "\\uD" in text:  # may be half a character
+            json.dumps(content, ensure_ascii=False).encode()
     except (ValueError, RecursionError):
         return None
     if not isinstance(content, dict):

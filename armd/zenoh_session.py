@@ -86,8 +86,12 @@ def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
             "connect/endpoints": [endpoint],
             "scouting/multicast/enabled": False,
         }
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
+    try:
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))
+    except zenoh.ZError:
+        expected = "PROTOCOL/ADDRESS, or a Zenoh configuration file (*.json5)"
+        raise ArmdError(f"endpoint: found {endpoint!r}, expected {expected}") from None
     return config
 
 

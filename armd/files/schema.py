@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd.errors import BadInput
 from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
-from armd.terminal.printable import invisible
+from armd.terminal.printable import invisible, printable
 from armd.terminal.suggest import few, hint, keys_at, nearest
 
 
@@ -257,7 +257,9 @@ def _refuse_invisible(path: str | Path, data: object) -> None:
         for text in (key, value):
             if hidden := invisible(text):
                 expected = "text without control characters and marks that turn the writing"
-                raise BadInput(path, key or "the file", f"the character {hidden}", expected)
+                raise BadInput(
+                    path, printable(key) or "the file", f"the character {hidden}", expected
+                )
 
 
 def _texts(data: object, key: str) -> Iterator[tuple[str, str]]:

@@ -125,7 +125,8 @@ def rows_of(
         baseline.model.terms[i].model_copy(update={"coefficient": 1.0}) for i in baseline.terms
     ]
     slopes = [moves([probe]) for probe in probes]
-    own = np.stack([*(jac[:, :, i] for i in baseline.parameters), *slopes], axis=2)
+    identified = jac[:, :, np.array(baseline.parameters, dtype=np.int64)]  # none: held, and exact
+    own = np.concatenate([identified, *(slope[:, :, None] for slope in slopes)], axis=2)
     if baseline.held:
         own = own @ baseline.root
     columns = [column for candidate in candidates for column in candidate.columns]

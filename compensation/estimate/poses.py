@@ -20,6 +20,9 @@ from armd.compensation.estimate.robust import SUSPECT, monstrous
 LEVER_MM = 100.0
 #: Weighed anew so often, one reading in ten that is far off moves a pose no more.
 ROBUST_ROUNDS = 4
+#: Half of an arm's readings are never so far off under a calibration of this arm.
+FOREIGN_MM = 1.0
+MOST_STEPS, FOREIGN_STEPS = 50, 5
 
 
 @dataclass(frozen=True)
@@ -116,15 +119,31 @@ def steady_poses(observations: Observations, position_mm: F64) -> Poses:
     return poses
 
 
-def robust_poses(observations: Observations, position_mm: F64) -> tuple[Poses, F64]:
+def robust_poses(
+    observations: Observations, position_mm: F64, roughly: bool = False
+) -> tuple[Poses, F64]:
     """Poses that few readings far off hardly move (Cauchy's weights), and (n,) mm of each reading
-    from its target there."""
+    from its target there.
+
+    *roughly*: where half of the readings are FOREIGN_MM off, as under another arm's calibration, a
+    round takes a few steps from where the last one ended; a descent to the last digit takes fifty.
+    """
     weight = np.ones(observations.n)
+    poses = _start(observations, position_mm, weight)
+    distance = _distance(poses, observations, position_mm)
     for _ in range(ROBUST_ROUNDS):
-        poses = fit_poses(observations, position_mm, weight)
-        distance: F64 = np.linalg.norm(poses.residual(observations, position_mm), axis=1)
+        if roughly and float(np.median(distance)) > FOREIGN_MM:
+            poses = fit_poses(observations, position_mm, weight, poses, FOREIGN_STEPS)
+        else:
+            poses = fit_poses(observations, position_mm, weight)
+        distance = _distance(poses, observations, position_mm)
         weight = 1.0 / (1.0 + (distance / max(float(np.median(distance)), 1e-9)) ** 2)
     return poses, distance
+
+
+def _distance(poses: Poses, observations: Observations, position_mm: F64) -> F64:
+    distance: F64 = np.linalg.norm(poses.residual(observations, position_mm), axis=1)
+    return distance
 
 
 def fit_poses(
@@ -132,6 +151,7 @@ def fit_poses(
     position_mm: F64,
     weight: F64 | None = None,
     begin: Poses | None = None,
+    most_steps: int = MOST_STEPS,
 ) -> Poses:
     """Least-squares poses, and unknown seats, for tip positions (n, 3) mm in the base frame.
 
@@ -142,7 +162,7 @@ def fit_poses(
     if not _touched_seats(observations).any():
         return _start(observations, position_mm, weight)
     poses = begin or _start(observations, position_mm, weight)
-    for _ in range(50):
+    for _ in range(most_steps):
         placed = poses.placed(observations)
         centre = centres(observations, placed)
         twist, step = _gauss_newton_step(observations, poses, position_mm, centre, weight)

@@ -60,7 +60,8 @@ class Fleet:
         """The last message of each arm that is alive, by serial number."""
         with self._lock:
             known = sorted(self._alive & self._health.keys())
-            return [self._health[serial][0] for serial in known]
+            # By the key, not by what the message says: two arms of one name are two metrics.
+            return [self._health[serial][0] | {"serial": serial} for serial in known]
 
     def rows(self) -> list[dict[str, Any]]:
         """One for each arm that is alive and has been heard."""

@@ -148,10 +148,11 @@ def _place(position_mm: Any, direction: Any) -> dict[str, float]:
 
 
 def _uncertainty(covariance_mm2: Any) -> dict[str, float]:
-    """Standard uncertainties of the three axes; NaN without a calibration's covariance."""
-    if covariance_mm2 is None:
+    """Standard uncertainties of the three axes; NaN without a calibration's covariance, or with
+    one that is none: a variance below zero."""
+    xx, _, _, yy, _, zz = covariance_mm2 or (np.nan,) * 6
+    if not min(xx, yy, zz) >= 0.0:
         return {f"u_{axis}_um": np.nan for axis in "xyz"}
-    xx, _, _, yy, _, zz = covariance_mm2
     return {f"u_{a}_um": 1000 * value**0.5 for a, value in zip("xyz", (xx, yy, zz), strict=True)}
 
 

@@ -83,7 +83,7 @@ class Screen(Closing):
             line = Text(printable(state), COLOURS.get(state, ""))
             line.append(f" {printable(self._health.get('reason', ''))}", "default")
             table.add_row("state", line)
-            table.add_row("sensors", temperatures(self._health) or "none")
+            table.add_row("sensors", Text(printable(temperatures(self._health) or "none")))
             table.add_row("in use", Text(printable(in_use(self._health))))
         refused = self._arm.refused
         odd = refused.malformed + refused.foreign

@@ -110,17 +110,19 @@ def render(healths: Sequence[HealthRecord]) -> str:
 
 
 def _lines(healths: Sequence[HealthRecord]) -> Iterator[str]:
-    """All samples of a family stand together, as the format wants it."""
+    """All samples of a family stand together, as the format wants it. What a message lacks has
+    none: an arm's of another version must not end the figures of all."""
     yield "# TYPE armd_state stateset"
     for serial, health in _by_label(healths):
         for state in State:
             yield f'armd_state{{{serial},armd_state="{state}"}} {int(health["state"] == state)}'
     yield "# TYPE armd_points counter"
     for serial, health in _by_label(healths):
-        yield f"armd_points_total{{{serial}}} {health['points']['published']}"
+        if "points" in health:
+            yield f"armd_points_total{{{serial}}} {health['points']['published']}"
     yield "# TYPE armd_flagged_points counter"
     for serial, health in _by_label(healths):
-        for flag, count in health["points"]["flagged"].items():
+        for flag, count in health.get("points", {}).get("flagged", {}).items():
             yield f'armd_flagged_points_total{{{serial},flag="{_escaped(flag)}"}} {count}'
     yield "# TYPE armd_wire counter"
     for serial, health in _by_label(healths):
@@ -129,7 +131,7 @@ def _lines(healths: Sequence[HealthRecord]) -> Iterator[str]:
     yield "# TYPE armd_latency_seconds gauge"
     yield "# UNIT armd_latency_seconds seconds"
     for serial, health in _by_label(healths):
-        for name, value_ms in health["latency"].items():
+        for name, value_ms in health.get("latency", {}).items():
             yield f'armd_latency_seconds{{{serial},of="{_escaped(name)}"}} {value_ms / 1000:g}'
     yield "# TYPE armd_temperature_celsius gauge"
     yield "# UNIT armd_temperature_celsius celsius"

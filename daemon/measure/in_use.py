@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from armd.compensation.model.calibration import (
 )
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.errors import ArmdError
+from armd.files.schema import validate
 from armd.files.toml_text import toml_text
 from armd.files.writing import write_whole
 
@@ -69,7 +69,7 @@ def in_use_of(connection: Connection) -> MeasuredWith:
 
 def in_use(info: Mapping[str, Any], calibration_text: str | None) -> MeasuredWith:
     """From the daemon's `info` and its calibration file; raises `BadInput` for what is neither."""
-    arm = Arm.model_validate_json(json.dumps(info["arm"]))
+    arm = validate("the daemon's info", info["arm"], Arm)
     calibration, identity, data = None, None, None
     if calibration_text is not None:
         data = calibration_text.encode()

@@ -96,10 +96,18 @@ class Recording:
         n, last_ns = 0, 0
         for message in self.messages({RAW_TOPIC}):
             n, last_ns = n + 1, message.unix_ns
-        until = datetime.fromtimestamp(last_ns / 1e9, UTC).isoformat(timespec="milliseconds")
+        until = _instant(last_ns)
         whole = f"{n} raw frames, until {until}" if n else "no raw frame"
         missing = "the index" if file.only_index_cut else "what came after"
         return (
             f"{self.path}: byte {file.cut}: found no end, as of a recorder that was killed or a "
             f"file that was cut; {whole}, are whole, {missing} is missing"
         )
+
+
+def _instant(unix_ns: int) -> str:
+    """In words; a frame may carry a time that no calendar has."""
+    try:
+        return datetime.fromtimestamp(unix_ns / 1e9, UTC).isoformat(timespec="milliseconds")
+    except (OverflowError, ValueError, OSError):
+        return f"{unix_ns} ns"

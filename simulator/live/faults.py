@@ -8,10 +8,14 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, field_validator
 
-from armd.errors import BadInput
+from armd.errors import ArmdError, BadInput
 from armd.files.schema import Strict, validate
 
 Wire = Literal["serial", "can", "microscribe", "servo"]
+
+
+#: Random faults of one run: a week of one a minute.
+MOST_RANDOM = 10_000
 
 
 class FaultKind(NamedTuple):
@@ -152,8 +156,11 @@ def random_faults(
     """Faults of all kinds at random times, places and lengths, the same for the same seed.
 
     One follows another after 2 s or more, so that each recovery can be told from the next loss;
-    the first 5 s and the last 3 s are left alone.
+    the first 5 s and the last 3 s are left alone. Raises `ArmdError` for more than MOST_RANDOM.
     """
+    if per_minute * seconds / 60.0 > MOST_RANDOM:
+        found = f"faults_per_minute: found {per_minute:g} for {seconds:g} s"
+        raise ArmdError(f"{found}, expected {MOST_RANDOM} faults at most")
     rng = np.random.default_rng([seed, 0xFA17])
     names = [name for name, kind in FAULTS.items() if wire in kind.wires]
     faults: list[Fault] = []

@@ -44,7 +44,9 @@ def command(folder: Path, name: str, file: str, seed: bytes, *words: str) -> Doo
         path = folder / file
         path.write_bytes(data)
         try:
-            run([word.replace("@", str(folder) + "/") for word in words])
+            code, said = run([word.replace("@", str(folder) + "/") for word in words])
+            if code == 2 and data == seed:
+                raise Fault(f"refused: {said[-1000:]}")
         finally:
             path.write_bytes(seed)
             shutil.rmtree(folder / "out", ignore_errors=True)
@@ -55,20 +57,30 @@ def command(folder: Path, name: str, file: str, seed: bytes, *words: str) -> Doo
     return Door(name, [seed], enter)
 
 
-def run(words: list[str]) -> None:
-    """The command in this process; raises `Fault` unless it ends as a command may."""
+def run(words: list[str], main: Callable[[list[str]], int] = cli.main) -> tuple[int, str]:
+    """Its exit code and errors, in this process; raises `Fault` unless it ends as a command may."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         try:
-            code = cli.main(words)
+            code = main(words)
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else 2
     if code not in ANSWERS:
         raise Fault(f"exit {code}: {err.getvalue()[-2000:]}")
-    text = out.getvalue() + err.getvalue()
-    if any(unicodedata.category(c) in ("Cc", "Cf") and c not in "\n\t\r" for c in text):
+    check_printed(out.getvalue())
+    check_message(err.getvalue())
+    return code, err.getvalue()
+
+
+def check_printed(text: str) -> None:
+    """No control character, and no sign without an encoding, may reach a terminal."""
+    if any(unicodedata.category(c) in ("Cc", "Cf", "Cs") and c not in "\n\t\r" for c in text):
         raise Fault(f"a control character reaches the terminal: {text[:500]!r}")
-    longest = max(map(len, err.getvalue().splitlines()), default=0)
+
+
+def check_message(text: str) -> None:
+    check_printed(text)
+    longest = max(map(len, text.splitlines()), default=0)
     if longest > MOST_LETTERS:
         raise Fault(f"a message of {longest} letters: {text[:200]!r}")
 

@@ -36,15 +36,6 @@ offset_mm = [0.0, 0.0, 120.0]
 MPE = """schema = "armd.mpe/1"
 p_form_sph_um = 30.0
 """
-LEROBOT = json.dumps(
-    {
-        name: {"id": i, "drive_mode": 0, "homing_offset": 10, "range_min": 800, "range_max": 3000}
-        for i, name in enumerate(
-            ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper"],
-            1,
-        )
-    }
-).encode()
 
 
 def table() -> bytes:
@@ -97,7 +88,7 @@ def file_doors(folder: Path) -> Iterator[Door]:
     contents = {
         "arm.toml": toml_text(arm).encode(),
         "armd.toml": DAEMON.encode(),
-        "cal.json": json.dumps(CALIBRATION).encode(),
+        "cal.json": sealed(json.dumps(CALIBRATION).encode()),
         "mpe.toml": MPE.encode(),
         "s/session.toml": toml_text(SESSION).encode(),
         "s/readings.csv": table(),
@@ -106,7 +97,7 @@ def file_doors(folder: Path) -> Iterator[Door]:
         "table.parquet": parquet(table()),
         "arm.urdf": URDF.read_bytes(),
         "like.urdf": urdf.write({"arm": ARM}, None, "S", "S_base").encode(),
-        "lerobot.json": LEROBOT,
+        "lerobot.json": (FIELD / "lerobot-wrapped-sweep" / "whole.json").read_bytes(),
         "rows.csv": b"theta,d,a,alpha\n0,200,300,90\n0,0,300,0\n0,0,300,-90\n",
         "m.jsonl": b"".join(
             json.dumps(WHOLE | {"seq": k, "stamp_ns": 10**18 + k, "angles_rad": [0.1, 0.2, 0.3],
@@ -133,15 +124,16 @@ def file_doors(folder: Path) -> Iterator[Door]:
                    "--calibration", "@cal.json", "-o", "@out.csv")  # fmt: skip
     for file in ("table.csv", "table.xlsx"):
         yield door(f"import {file}", file, "import", f"@{file}", "--arm", "@arm.toml", "-o", "@out")
-    yield door("import urdf", "arm.urdf", "import", "@arm.urdf", "-o", "@out.toml")
+    yield door("import urdf", "arm.urdf", "import", "@arm.urdf", "--tip-link", "ball_link",
+               "-o", "@out.toml")  # fmt: skip
     yield door("model like urdf", "like.urdf", "model", "@arm.toml", "--calibration", "@cal.json",
                "--like", "@like.urdf", "-o", "@out.urdf")  # fmt: skip
     yield door("compensate", "table.csv", "compensate", "@table.csv", "--arm", "@arm.toml",
                "--calibration", "@cal.json", "-o", "@out.csv")  # fmt: skip
     yield door("import-lerobot", "lerobot.json", "arm", "import-lerobot", "@lerobot.json",
                "-o", "@out.toml", "--arm", "so101")  # fmt: skip
-    yield door("init", "rows.csv", "init", "arm", "--from", "@rows.csv", "--serial-number", "M",
-               "-o", "@out.toml")  # fmt: skip
+    yield door("init", "rows.csv", "init", "@out", "--from", "@rows.csv", "--serial-number",
+               "M")  # fmt: skip
     term = {"parameter": "theta_2", "coefficient": 1e-5,
             "basis": [{"kind": "sin", "joint": 2, "order": 1}]}  # fmt: skip
     extended = CALIBRATION | {
@@ -161,5 +153,3 @@ def file_doors(folder: Path) -> Iterator[Door]:
         yield door(f"export to {suffix}", "m.jsonl", "export", "@m.jsonl", "-o", f"@out.{suffix}")
     yield door("recorrect", "m.jsonl", "recorrect", "@m.jsonl", "--arm", "@arm.toml",
                "--calibration", "@cal.json", "-o", "@out.csv")  # fmt: skip
-    yield door("calibrate", "s/readings.csv", "calibrate", "@s", "--arm", "@arm.toml",
-               "-o", "@out.json")  # fmt: skip

@@ -13,6 +13,7 @@ NASTY = [
     b"\x1b]0;x\x07",
     "\u202egnp".encode(), "−7,25".encode(), b"#N/A", b"../../etc/passwd", b"a" * 3000, b"[" * 3000,
     b'{"a":' * 3000, b"%s%n", b"2026-02-30T25:61:00Z", b"1,5", b"deg", b"B1", b"\r\n", b"'", b'"',
+    b"\\ud800", b"\\u001b[2J", b"[/x]", b"[red]", b"${HOME}", b"9223372036854775807",
 ]  # fmt: skip
 _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_][\w.]*")

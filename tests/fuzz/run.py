@@ -22,6 +22,9 @@ from fuzz.doors import Door, Fault, dme, page
 from fuzz.files import file_doors
 from fuzz.messages import message_doors
 from fuzz.mutate import damage
+from fuzz.network import network_doors
+from fuzz.offline import offline_doors
+from fuzz.recordings import recording_doors
 from fuzz.wires import wire_doors
 
 #: No input of a few kilobytes is worth more of a processor.
@@ -35,7 +38,9 @@ class Slow(Exception):
 def all_doors(folder: Path) -> list[Door]:
     return [
         *file_doors(folder / "files"), page(folder / "page"), *dme(folder / "dme"),
-        *message_doors(folder), *wire_doors(),
+        *message_doors(folder), *wire_doors(), *offline_doors(folder / "offline"),
+        *network_doors(folder / "network"),
+        *recording_doors(folder / "recordings"),
     ]  # fmt: skip
 
 

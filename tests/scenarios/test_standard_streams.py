@@ -4,6 +4,7 @@ early: the arm measures on, and the daemon ends when it is asked to."""
 from __future__ import annotations
 
 import os
+import re
 import select
 import signal
 import socket
@@ -20,6 +21,7 @@ from support.punctuality import Punctuality
 from support.running_daemon import PATIENCE_S, Daemon, free_endpoint, write_config
 from support.simulated_arm import SimulatedArm, simulated_arm
 
+DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 RUN = [sys.executable, "-m", "armd.daemon.cli", "run"]
 
 
@@ -118,6 +120,25 @@ def test_a_hang_up_before_it_is_ready_is_a_reload_and_not_the_end(
             assert process.stdout.readline().startswith("armd: ready ")
         finally:
             process.kill()
+
+
+def test_a_unit_starts_the_daemon_deaf_to_a_hang_up_from_its_first_instant(tmp_path: Path) -> None:
+    """As systemd runs its line: whatever stands before the program, SIGHUP is ignored in it."""
+    for unit in ("armd.service", "armd@.service"):
+        (line,) = re.findall(r"^ExecStart=(.*)$", (DEPLOY / unit).read_text(), re.MULTILINE)
+        words = line.split()
+        words[words.index("/opt/armd/bin/armd") :] = ["/bin/sleep", "60"]
+        with subprocess.Popen(words) as process:
+            try:
+                end_s = time.monotonic() + PATIENCE_S
+                while not is_handled(signal.SIGHUP, process.pid):
+                    assert time.monotonic() < end_s, f"{unit}: SIGHUP ends the program"
+                    time.sleep(0.002)
+                process.send_signal(signal.SIGHUP)
+                time.sleep(0.05)
+                assert process.poll() is None
+            finally:
+                process.kill()
 
 
 def is_handled(number: signal.Signals, pid: int) -> bool:

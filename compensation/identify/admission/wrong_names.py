@@ -55,7 +55,7 @@ def wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
     if not len(told):
         return WrongNames(told, told, np.empty(0), np.empty(0))
     observations, position = observations.rows(told), position[told]
-    poses, own_mm = robust_poses(observations, position)
+    poses, own_mm = robust_poses(observations, position, roughly=True)
     level = max(float(np.median(own_mm)), LEAST_MM)
     # Where hardly any reading lies at its target, nothing says where the artefact is.
     near = np.bincount(

@@ -18,10 +18,11 @@ from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.data.session_columns import APPROACH
 from armd.daemon.files.measurement_log import SUFFIX, log_files, serial_of
 from armd.daemon.files.recorder import TOPICS
-from armd.drivers.replay.recording import Recording
+from armd.drivers.replay.recording import INFO_ATTACHMENT, Recording
 from armd.errors import BadInput
 from armd.files.inputs import open_input
 from armd.files.schema import KeyTwice, json_data, json_value
+from armd.received import names_arm_and_tips
 
 RECORDING = ".mcap"
 TABLE = ".csv"
@@ -162,9 +163,23 @@ def _from_recording(path: Path) -> Measurements:
         _measurement(path, topic, json_data(path, message.data))
         for message in recording.messages({topic})
     )
-    serial = recording.info["arm"]["serial_number"]
+    info = info_of(recording)
+    serial = info["arm"]["serial_number"]
     left_out = [] if recording.missing is None else [recording.missing]
-    return Measurements(found, serial, recording.info, left_out)
+    return Measurements(found, serial, info, left_out)
+
+
+def info_of(recording: Recording) -> dict[str, Any]:
+    """The recorded daemon's `info`; raises `BadInput` where it does not name the arm and its tips.
+    (A replay reads more of it, and checks that itself.)"""
+    if not names_arm_and_tips(recording.info):
+        where = f"{recording.path}: {INFO_ATTACHMENT}"
+        found, expected = (
+            "no serial number, or tips of another form",
+            "what `armd record` writes there",
+        )
+        raise BadInput(where, "arm, configuration.tips", found, expected)
+    return recording.info
 
 
 def _from_table(path: Path) -> Measurements:
@@ -180,7 +195,7 @@ def _from_table(path: Path) -> Measurements:
                     expected = "a table of `armd export`"
                     raise BadInput(path, f"column {name}", "nothing", expected)
             found = [_measurement(path, f"row {n}", _of_row(row)) for n, row in enumerate(rows, 1)]
-        except (ValueError, csv.Error) as error:
+        except (ValueError, OverflowError, csv.Error) as error:
             raise BadInput(path, "the table", str(error), "a table of `armd export`") from error
     return Measurements(_in_order(found))
 
@@ -195,7 +210,10 @@ def _of_points(path: Path) -> list[MeasurementLine]:
 
 
 def _of_row(row: dict[str, str]) -> dict[str, Any]:
-    """A row of a table as its measurement; raises `ValueError` for what is no number."""
+    """A row of a table as its measurement; raises `ValueError` for what is no number, or not
+    as many cells as the header has."""
+    if None in row or None in row.values():  # of csv: cells too many, cells too few
+        raise ValueError("a row with more or fewer cells than the header")
 
     def numbers(names: Iterable[str]) -> list[float] | None:
         """None unless all of them are known."""

@@ -189,9 +189,7 @@ class Bridge:
         stamp_ns = health["stamp_ns"]
         if not messages.has_ros_time(stamp_ns):
             stamp_ns = time.time_ns()
-        self._tell_state(
-            health["stamp_ns"], LEVELS.get(health["state"], messages.WARN), text, values
-        )
+        self._tell_state(stamp_ns, LEVELS.get(health["state"], messages.WARN), text, values)
 
     def _tell_if_stale(self) -> None:
         now_s = time.monotonic()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -12,9 +11,10 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.calibration import parse_calibration
 from armd.compensation.model.kinematics import frames
 from armd.daemon.catalogue.roll_pitch_yaw import rpy_of_matrix
+from armd.files.schema import validate
 from armd.terminal.counted import counted
 from armd.terminal.suggest import few
 
@@ -25,11 +25,13 @@ TURNING = {"effort": "0", "velocity": "10"}
 
 
 def write(info: Mapping[str, Any], calibration: str | None, namespace: str, frame: str) -> str:
-    """XML of the arm that its `info` and *calibration* file describe; its root link is *frame*."""
-    arm = Arm.model_validate_json(json.dumps(info["arm"]))
+    """XML of the arm that its `info` and *calibration* file describe; its root link is *frame*.
+    Raises `BadInput` for what describes no arm."""
+    arm = validate("the daemon's info", info["arm"], Arm)
     parameters = arm.nominal()
     if calibration is not None:
-        parameters = Calibration.model_validate_json(calibration).vector(arm.n_joints)
+        content = parse_calibration("the daemon's calibration", calibration.encode())
+        parameters = content.vector(arm.n_joints)
     return write_geometry(arm, parameters, namespace.replace("/", "_"), frame)
 
 
@@ -72,7 +74,7 @@ def left_out(calibration: str | None) -> str:
     """
     if calibration is None:
         return ""
-    terms = Calibration.model_validate_json(calibration).terms
+    terms = parse_calibration("the daemon's calibration", calibration.encode()).terms
     if not terms:
         return ""
     names = dict.fromkeys(term.effect or f"of {term.parameter}" for term in terms)

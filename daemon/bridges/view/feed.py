@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from typing import Any
 
@@ -18,6 +18,7 @@ from armd.daemon.bridges.view import told
 from armd.daemon.bridges.view.board import KEPT, Board
 from armd.daemon.bridges.view.history import TemperatureHistory
 from armd.errors import ArmdError
+from armd.received import json_object
 from armd.stream import Stream
 
 #: The page is told so often where the tip is; nobody sees more.
@@ -148,11 +149,9 @@ class Feed:
     async def _ask(self, arm: Arm, described: tuple[Any, ...]) -> None:
         """For what changes seldom; again with the next health if nobody answers."""
         try:
-            info = await in_thread(arm.info)
-            text = await in_thread(arm.calibration_file)
-            calibration = None if text is None else json.loads(text)
-            said = told.arm(info, calibration, self._health, self._since_ms())
-        except (ArmdError, ValueError, KeyError, TypeError) as error:
+            health, since_ms = self._health, self._since_ms()
+            info, said = await in_thread(lambda: describe_arm(arm, health, since_ms))
+        except ArmdError as error:
             self._undescribed = f"the daemon does not describe the arm: {error}; asking again"
             return
         self._undescribed = ""
@@ -176,6 +175,19 @@ class Feed:
         if said != self._said:
             self._said = said
             self._board.put("link", said)
+
+
+def describe_arm(
+    arm: Arm, health: Mapping[str, Any], since_ms: Mapping[str, float]
+) -> tuple[dict[str, Any], str]:
+    """Ask the daemon what changes seldom; its info, and what the page is told. Raises `ArmdError`
+    for no answer and for one that is none of armd's."""
+    info, text = arm.info(), arm.calibration_file()
+    calibration = None if text is None else json_object(keys.CALIBRATION, text.encode())
+    try:
+        return info, told.arm(info, calibration, health, since_ms)
+    except (KeyError, TypeError) as error:
+        raise ArmdError(f"its answer is none of armd's: {error!r}") from error
 
 
 _CHANGES = ("calibration", "tip")

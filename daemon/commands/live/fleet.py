@@ -12,6 +12,7 @@ import zenoh
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 import armd
 from armd.daemon.bridges import process
@@ -19,8 +20,8 @@ from armd.daemon.bridges.fleet import Fleet, Listening, tell
 from armd.daemon.bridges.listening import address
 from armd.daemon.commands.screen import COLOURS, temperatures
 from armd.daemon.host.metrics import MetricsServer
-from armd.daemon.state import State
 from armd.errors import BadInput
+from armd.terminal.printable import printable
 from armd.zenoh_session import open_session
 
 EVERY_S = 1.0
@@ -104,12 +105,26 @@ class _Screen(Live):
         super().__init__(console=Console(), auto_refresh=False)
 
     def show(self, fleet: Fleet) -> None:
-        table = Table("arm", "state", "points/s", "lost", "temperatures", "calibration")
-        for row in fleet.rows():
-            state = f"[{COLOURS[State(row['state'])]}]{row['state']}[/] {row['reason']}"
-            calibration = (row["calibration"] or "none")[:8]
-            numbers = f"{row['points_hz']:.0f}", str(row["lost"])
-            table.add_row(row["serial"], state, *numbers, temperatures(row) or "none", calibration)
-        for serial, text in list(fleet.events)[-EVENTS_SHOWN:]:
-            table.add_row(serial, f"[dim]{text}[/]")
-        self.update(table, refresh=True)
+        self.update(table_of(fleet), refresh=True)
+
+
+def table_of(fleet: Fleet) -> Table:
+    """Return what is known of the arms; no word of theirs is markup or obeyed by the terminal."""
+    table = Table("arm", "state", "points/s", "lost", "temperatures", "calibration")
+    for row in fleet.rows():
+        state = Text(printable(row["state"]), COLOURS.get(row["state"], ""))
+        state.append(f" {printable(row['reason'])}", "default")
+        cells = (
+            f"{row['points_hz']:.0f}",
+            row["lost"],
+            temperatures(row) or "none",
+            (row["calibration"] or "none")[:8],
+        )
+        table.add_row(_plain(row["serial"]), state, *map(_plain, cells))
+    for serial, text in list(fleet.events)[-EVENTS_SHOWN:]:
+        table.add_row(_plain(serial), Text(printable(text), "dim"))
+    return table
+
+
+def _plain(cell: object) -> Text:
+    return Text(printable(cell))
