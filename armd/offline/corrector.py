@@ -21,6 +21,7 @@ from armd.compensation.data.offline import Taken
 from armd.compensation.data.pieces import PIECE_ROWS
 from armd.compensation.data.point_columns import COLUMNS, make_point_columns
 from armd.compensation.data.readings import Readings, cast_columns
+from armd.compensation.data.recorded import drop_published, is_recorded
 from armd.compensation.data.session_format import AngleUnit, measured_at
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration as Content
@@ -103,11 +104,11 @@ class Corrector(Displayed):
         path, header = Path(TABLE), list(readings.column_names)
         check_header(path, header)
         added = COLUMNS if self._uncertainty else [*COLUMNS[:3], COLUMNS[-1]]
-        if twice := sorted(set(added) & set(header)):
+        if not is_recorded(header) and (twice := sorted(set(added) & set(header))):
             raise BadInput(path, f"column {twice[0]}", "it already", "a table without it")
         corrector = FileCorrector(self._arm, self._calibration, self._unit, self._started_unix_s)
-        wanted = {name: pa.float64() for name in corrector.columns if name in header}
-        numbers = cast_columns(path, readings, wanted)
+        numbers = cast_columns(path, readings, corrector.wanted(header))
+        readings = drop_published(readings, corrector.identity)
 
         def take_pieces() -> Iterator[Taken]:
             for first in range(0, readings.num_rows, PIECE_ROWS):

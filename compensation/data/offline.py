@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +29,13 @@ from armd.compensation.data.readings import (
     cast_columns,
     parse_csv,
     read_header,
+)
+from armd.compensation.data.recorded import (
+    RECORDED_TYPES,
+    drop_published,
+    instants_s,
+    is_recorded,
+    published_flags,
 )
 from armd.compensation.data.session_columns import (
     LikeRadians,
@@ -63,6 +70,7 @@ class Taken:
     states: States  # temperatures held
     slow: F64  # (n, L+T) values of the model's slow factors
     stale: Mask  # (n,) a temperature in use is missing
+    published: npt.NDArray[np.uint32] | None  # (n,) flags of the samples, of points recorded live
 
 
 class Corrector:
@@ -77,6 +85,8 @@ class Corrector:
     ) -> None:
         self._arm = arm
         self.columns = number_columns(arm)
+        #: of the calibration, as points have it
+        self.identity = 0 if calibration is None else calibration.identity
         self._unit = unit
         self._like_radians = LikeRadians(arm, unit)
         self._started_unix_s = started_unix_s
@@ -104,6 +114,13 @@ class Corrector:
         #: sentences: what was read and does not count as it stands
         self.remarks: list[str] = []
 
+    def wanted(self, header: Collection[str]) -> dict[str, pa.DataType]:
+        """The columns that are asked for of a table with these, and what they hold."""
+        wanted: dict[str, pa.DataType] = {
+            name: pa.float64() for name in self.columns if name in header
+        }
+        return wanted | (RECORDED_TYPES if is_recorded(header) else {})
+
     def take(self, readings: Readings) -> Taken:
         """The next readings of the file, checked."""
         arm = self._arm
@@ -112,7 +129,8 @@ class Corrector:
         self._like_radians.take(readings, q)
         q, turns = fold_turns(q, arm)
         rate = rates(readings, arm.n_joints)
-        time_s = readings.optional("time_s")
+        recorded = is_recorded(readings.header)
+        time_s = instants_s(readings) if recorded else readings.optional("time_s")
         measured_c, _, remarks = self._temperature_columns.take(readings, time_s, "")
         self.remarks += [*remarks, *describe_turns(str(readings.path), turns)]
         self._lowest = np.fmin(self._lowest, np.fmin.reduce(q))
@@ -121,13 +139,13 @@ class Corrector:
             q=q,
             rate=rate,
             temperature_c=self._hold(measured_c),
-            time_s=self._time_s(readings),
+            time_s=time_s if recorded else self._time_s(readings),
             approach=approaches(readings, arm, q, rate),
             series=np.zeros(readings.n, np.int64),
         )
         slow = self._model.slow_values(states, onwards=True)
         stale: Mask = np.logical_or.reduce(np.isnan(measured_c[:, self._used]), axis=1)
-        return Taken(states, slow, stale)
+        return Taken(states, slow, stale, published_flags(readings) if recorded else None)
 
     def ended(self, source: Path) -> None:
         """*source* has no more readings; raises `BadInput` if their unit cannot be right."""
@@ -150,6 +168,8 @@ class Corrector:
         invalid = np.isnan(states.q).any(axis=1) | ~np.isfinite(
             position[:, 0] + position[:, 1] + position[:, 2]
         )
+        if taken.published is not None:  # a point that was withheld stays so
+            invalid |= (taken.published & np.uint32(Flag.INVALID)) != 0
         if invalid.any():
             figures[invalid] = np.nan
 
@@ -160,6 +180,8 @@ class Corrector:
             outside |= (states.time_s < since) | (states.time_s > until)
         near_end = (states.q < self._low + END_STOP_RAD) | (states.q > self._high - END_STOP_RAD)
         flags = np.full(states.n, int(self._always), np.uint32)
+        if taken.published is not None:
+            flags |= taken.published
         for flag, rows in (
             (Flag.INVALID, invalid),
             (Flag.TEMPERATURE_RANGE, outside),
@@ -203,9 +225,10 @@ def correct_file(
     csv_source = source.suffix == ".csv"
     if csv_source and target.suffix == ".parquet":
         raise BadInput(target, "-o", "a .parquet file", "a .csv file: the input is one")
-    if target.suffix == ".parquet" and (twice := sorted(set(COLUMNS) & set(header))):
+    twice = [] if is_recorded(header) else sorted(set(COLUMNS) & set(header))
+    if target.suffix == ".parquet" and twice:
         raise BadInput(source, f"column {twice[0]}", "it already", "a table without it")
-    wanted = {name: pa.float64() for name in corrector.columns if name in header}
+    wanted = corrector.wanted(header)
     n = 0
     with whole_file(target) as part:
         if csv_source:
@@ -272,7 +295,8 @@ def _parquet_pieces(
     with open_parquet(source) as file:
         old = file.schema_arrow
         added = [(name, pa.float64()) for name in COLUMNS[:-1]] + [(COLUMNS[-1], pa.uint32())]
-        schema = pa.schema([*old, *pa.schema(added)])
+        kept = drop_published(old.empty_table(), corrector.identity).schema
+        schema = pa.schema([*kept, *pa.schema(added)])
 
         def taken() -> Iterator[tuple[pa.Table, Taken]]:
             begun = 0
@@ -283,6 +307,7 @@ def _parquet_pieces(
 
         def corrected(piece: tuple[pa.Table, Taken]) -> pa.Table:
             table, new = piece
+            table = drop_published(table, corrector.identity)
             columns = [*table.columns, *make_point_columns(*corrector.correct(new)).columns]
             return pa.Table.from_arrays(columns, schema=schema)
 
