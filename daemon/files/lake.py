@@ -30,7 +30,7 @@ from armd.files.writing import sync_folder, told, whole_file
 #: Seconds of points that wait in memory for their file.
 FILE_S = 30.0
 #: A point whose joints have not come so long after it has none: they were lost on the way.
-JOINTS_S = 1.0
+JOINTS_NS = 1_000_000_000
 #: `seq` and `stamp_ns`, with which points and joints begin: they tell which belong together.
 KEY_BYTES = 16
 LOCK = ".armd-lake.lock"
@@ -71,14 +71,15 @@ class Lake:
         """Write what has come, a file for each day; points whose joints may still come remain,
         unless it is *to_the_end*."""
         n = len(self._points) if to_the_end else self._decided()
-        rows = np.frombuffer(b"".join(self._points[:n]), POINT)
-        joints = self._matching_joints(self._points[:n])
         if n:
-            table = self._table(rows, joints)
+            rows = np.frombuffer(b"".join(self._points[:n]), POINT)
+            found = [self._joints.get(point[:KEY_BYTES]) for point in self._points[:n]]
+            table = self._table(rows, self._joined(found))
             days = rows["stamp_ns"].astype("datetime64[ns]").astype("datetime64[D]")
             for day in np.unique(days):
                 self._write_file(str(day), table.filter(pa.array(days == day)))
             last_ns = int(rows["stamp_ns"].max())
+            self.without_joints += found.count(None)
             del self._points[:n]
             # Of points that never came nothing is kept; of those that may still come, all.
             stamps = np.frombuffer(b"".join(key[8:] for key in self._joints), "<i8").tolist()
@@ -118,17 +119,15 @@ class Lake:
             return 0
         newest_ns = _stamp_ns(self._points[-1])
         while n and self._points[n - 1][:KEY_BYTES] not in self._joints:
-            if _stamp_ns(self._points[n - 1]) < newest_ns - JOINTS_S * 1e9:
+            if _stamp_ns(self._points[n - 1]) < newest_ns - JOINTS_NS:
                 break
             n -= 1
         return n
 
-    def _matching_joints(self, points: list[bytes]) -> Rows:
-        """The joints (n,) of *points*; NaN where there are none."""
+    def _joined(self, found: list[bytes | None]) -> Rows:
+        """Joints (n,); NaN where there are none."""
         unknown = np.zeros(1, self._joints_dtype)
         unknown["angle_rad"] = unknown["rate_rad_s"] = np.nan
-        found = [self._joints.pop(point[:KEY_BYTES], None) for point in points]
-        self.without_joints += found.count(None)
         missing = unknown.tobytes()
         return np.frombuffer(b"".join(data or missing for data in found), self._joints_dtype)
 
