@@ -165,10 +165,10 @@ class Corrector:
         """
         states = taken.states
         # Once, as the compiled functions want it; each of them would do it otherwise.
-        rows = replace(states, q=np.ascontiguousarray(states.q))
-        figures = position = self._model.position_rows(rows, taken.slow)
+        ordered = replace(states, q=np.ascontiguousarray(states.q))
+        figures = position = self._model.position_rows(ordered, taken.slow)
         if uncertainty:
-            figures = np.hstack([position, self._model.uncertainty_rows(rows, taken.slow)])
+            figures = np.hstack([position, self._model.uncertainty_rows(ordered, taken.slow)])
         if math.isfinite(position.sum()):  # of a missing angle comes no position
             invalid = np.zeros(states.n, bool)
         else:
@@ -178,7 +178,8 @@ class Corrector:
         if invalid.any():
             figures[invalid] = np.nan
 
-        outside = _beyond(states.temperature_c, *self._range_c, self._used)
+        low_c, high_c = self._range_c
+        outside = _beyond(states.temperature_c, low_c, high_c, self._used)
         for since, until in self._model.periods_unix_s:  # beyond them terms are held
             outside |= (states.time_s < since) | (states.time_s > until)
         low, high = self._low + END_STOP_RAD, self._high - END_STOP_RAD

@@ -40,4 +40,5 @@ def test_they_are_the_slopes_of_the_tip(n_joints: int) -> None:
     for column in range(parameters.shape[1]):
         first = row_of(column, n_joints)
         expected = difference(q[2 : 2 + m], parameters[:m], column)
-        assert work[first : first + 3, :m].T == pytest.approx(expected, rel=1e-7, abs=1e-6)
+        found = work[first : first + 3, :m].T
+        assert found == pytest.approx(expected, rel=1e-7, abs=1e-6)

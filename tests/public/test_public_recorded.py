@@ -53,9 +53,7 @@ def test_it_is_as_a_table_of_readings_at_the_same_instants(files: Files) -> None
     corrected = armd.Corrector(*files[:2])(table)
     readings = table.select([f"{letter}{k}" for k in range(1, 7) for letter in "qwt"])
     instants = pa.array(table["stamp_ns"].to_numpy() * 1e-9)
-    expected = armd.Corrector(*files[:2], started=EPOCH)(
-        readings.append_column("time_s", instants)
-    )
+    expected = armd.Corrector(*files[:2], started=EPOCH)(readings.append_column("time_s", instants))
     for name in ("x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "flags"):
         assert corrected[name].equals(expected[name]), name
     kept = [name for name in table.column_names if name not in {"flags", "x_mm", "y_mm", "z_mm"}]

@@ -41,9 +41,7 @@ def payloads(rows: np.ndarray) -> list[bytes]:
     return [row.tobytes() for row in rows]
 
 
-def make_lake(
-    folder: Path, serial: str, days: Sequence[str], rows: int, *, files: int = 2
-) -> None:
+def make_lake(folder: Path, serial: str, days: Sequence[str], rows: int, *, files: int = 2) -> None:
     """A lake of one arm with six joints and sensors: *rows* a day in *files*, from noon on."""
     lake = Lake(folder, serial, 6, [f"t{k}" for k in range(1, 7)])
     for number, day in enumerate(days):

@@ -105,7 +105,9 @@ def test_one_recorder_an_arm(tmp_path):
 
 
 def test_what_cannot_be_written_is_refused(tmp_path):
-    with pytest.raises(BadInput, match="temperature_sensor.name: found 'flags', expected another"):
+    with pytest.raises(
+        BadInput, match=r"temperature_sensor\.name: found 'flags', expected another"
+    ):
         a_lake(tmp_path, ("flags",))
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match="the folder: found a file"):
