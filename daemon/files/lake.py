@@ -21,7 +21,6 @@ from armd import POINT, joints_dtype
 from armd.arrays import I64
 from armd.compensation.data.recorded import CALIBRATION, COVARIANCE, FLAGS, POSITION, STAMP
 from armd.compensation.data.table_writing import table_writer, write_group
-from armd.daemon.bridges.export.source import CLASH
 from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
 from armd.files.outputs import check_output_folder
@@ -34,8 +33,6 @@ JOINTS_NS = 1_000_000_000
 #: `seq` and `stamp_ns`, with which points and joints begin: they tell which belong together.
 KEY_BYTES = 16
 LOCK = ".armd-lake.lock"
-
-Rows = npt.NDArray[np.void]
 
 
 class Lake:
@@ -124,14 +121,14 @@ class Lake:
             n -= 1
         return n
 
-    def _joined(self, found: list[bytes | None]) -> Rows:
+    def _joined(self, found: list[bytes | None]) -> npt.NDArray[np.void]:
         """Joints (n,); NaN where there are none."""
         unknown = np.zeros(1, self._joints_dtype)
         unknown["angle_rad"] = unknown["rate_rad_s"] = np.nan
         missing = unknown.tobytes()
         return np.frombuffer(b"".join(data or missing for data in found), self._joints_dtype)
 
-    def _table(self, points: Rows, joints: Rows) -> pa.Table:
+    def _table(self, points: npt.NDArray[np.void], joints: npt.NDArray[np.void]) -> pa.Table:
         columns: list[npt.NDArray[Any]] = [
             points["seq"], points["stamp_ns"], *joints["angle_rad"].T, *joints["rate_rad_s"].T,
             *self._temperatures(points["stamp_ns"]).T, *points["position_mm"].T,
@@ -180,6 +177,6 @@ def _schema(n_joints: int, sensors: list[str]) -> pa.Schema:
     taken = {name for name, _ in [*before, *after]}
     for name in sensors:
         if name in taken:
-            expected = f"another name, as {CLASH}{name}: the lake has a column of it already"
+            expected = f"another name, as temperature_{name}: a lake has another column of this one"
             raise BadInput("the arm", "temperature_sensor.name", repr(name), expected)
     return pa.schema([*before, *((name, pa.float64()) for name in sensors), *after])

@@ -144,6 +144,9 @@ def test_a_cluster_of_two_corrects_what_is_missing(
 
 @pytest.mark.slow
 def test_duckdb_reads_and_writes(folder: Path) -> None:
+    count = next(text for text in re.findall(r"```python\n(.*?)```", page(), re.DOTALL))
+    (folder / "count.py").write_text(count)
+    assert re.findall(r"SYN-1 .* 3000 ", run(folder, "count.py"))
     run(folder, "with_duckdb.py")
     written = pq.read_table(folder / "by_duckdb").sort_by("stamp_ns")
     arm = folder / "arms" / "SYN-1"
