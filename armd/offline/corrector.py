@@ -21,6 +21,7 @@ from armd.compensation.data.offline import Taken
 from armd.compensation.data.pieces import PIECE_ROWS
 from armd.compensation.data.point_columns import COLUMNS, make_point_columns
 from armd.compensation.data.readings import Readings, cast_columns
+from armd.compensation.data.recorded import RECORDED_TYPES, STAMP, drop_published, is_recorded
 from armd.compensation.data.session_format import AngleUnit, measured_at
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration as Content
@@ -53,7 +54,7 @@ class Corrector(Displayed):
     approach_x …, time_s. It returns the same kind, of pyarrow, with `x_mm, y_mm, z_mm, u_x_mm,
     u_y_mm, u_z_mm, flags` appended: mm, standard uncertainties (k = 1), flags of `armd.Flag`.
     Rows must be in the order of time where temperatures are missing or lag. Nothing is kept from
-    call to call: put rows of `lead_in_s` seconds before a part of a longer table, and drop them
+    call to call: put the rows that `lead_in` tells before a part of a longer table, and drop them
     afterwards. It pickles with all it needs, and reads no file after it was made.
 
     Raises `armd.BadInput` for files that do not fit together, and for a table that `armd correct`
@@ -98,16 +99,36 @@ class Corrector(Displayed):
         ]
         return TIME_CONSTANTS * max(lags, default=0.0)
 
+    def lead_in(self, table: Any) -> pa.Table:
+        """Return the last rows of *table* that rows which follow it depend on.
+
+        They reach `lead_in_s` back, and to where each sensor last had a value, which is held until
+        it has another; one row at least. Put them before the following rows and drop what comes of
+        them. Raises `BadInput` where lags need the time and the table has none.
+        """
+        rows = arrow_table(table, TABLE)
+        firsts = [max(rows.num_rows - 1, 0)]
+        for name in self._arm.sensors:
+            if name in rows.column_names:
+                known = np.flatnonzero(~np.isnan(_numbers(rows, name)))
+                firsts += known[-1:].tolist()
+        if self.lead_in_s and rows.num_rows:
+            is_stamped = is_recorded(rows.column_names)
+            time_s = _numbers(rows, STAMP) * 1e-9 if is_stamped else _numbers(rows, "time_s")
+            recent = time_s >= time_s[-1] - self.lead_in_s
+            firsts.append(int(np.argmax(recent)))
+        return rows.slice(min(firsts))
+
     def __call__(self, table: Any) -> Any:
         readings = arrow_table(table, TABLE)
         path, header = Path(TABLE), list(readings.column_names)
         check_header(path, header)
         added = COLUMNS if self._uncertainty else [*COLUMNS[:3], COLUMNS[-1]]
-        if twice := sorted(set(added) & set(header)):
+        if not is_recorded(header) and (twice := sorted(set(added) & set(header))):
             raise BadInput(path, f"column {twice[0]}", "it already", "a table without it")
         corrector = FileCorrector(self._arm, self._calibration, self._unit, self._started_unix_s)
-        wanted = {name: pa.float64() for name in corrector.columns if name in header}
-        numbers = cast_columns(path, readings, wanted)
+        numbers = cast_columns(path, readings, corrector.wanted(header))
+        readings = drop_published(readings, corrector.identity)
 
         def take_pieces() -> Iterator[Taken]:
             for first in range(0, readings.num_rows, PIECE_ROWS):
@@ -173,6 +194,13 @@ def parse_instant(option: str, value: datetime.datetime | str, source: str = "Co
         return measured_at(when).timestamp()
     except ValueError as error:
         raise BadInput(source, option, shown, str(error)) from error
+
+
+def _numbers(table: pa.Table, name: str) -> F64:
+    """A column as numbers (n,), NaN where missing; raises `BadInput`."""
+    types = {name: RECORDED_TYPES.get(name, pa.float64())}
+    numbers = cast_columns(Path(TABLE), table, types)
+    return Readings(Path(TABLE), list(table.column_names), numbers).unchecked(name)
 
 
 def _no_points(figures: int) -> pa.Table:

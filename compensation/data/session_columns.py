@@ -45,7 +45,7 @@ def angles(
     q = np.empty((readings.n, arm.n_joints), order=order)
     for k, joint in enumerate(arm.joint):
         name = f"q{k + 1}"
-        values = readings.number(name) if missing_allowed else readings.required(name)
+        values = readings.unchecked(name)
         if unit == "count":
             if joint.counts_per_turn is None:
                 raise BadInput(
@@ -62,6 +62,7 @@ def angles(
         high = 360.0 * MOST_TURNS if high is None else high + 720.0
         if is_within(q[:, k], math.radians(low), math.radians(high)):
             continue
+        values = readings.number(name) if missing_allowed else readings.required(name)
         absurd = (q[:, k] < math.radians(low)) | (q[:, k] > math.radians(high))
         expected = f"an angle in {unit} ({turn:.10g} a turn), {low:g}° to {high:g}°"
         if unit == "rad" and not ((values < low) | (values > high)).any():
@@ -111,9 +112,10 @@ def temperatures(readings: Readings, sensors: list[str], order: MemoryOrder = "C
     for s, name in enumerate(sensors):
         if not readings.has(name):
             continue
-        columns[:, s] = values = readings.number(name)
+        columns[:, s] = values = readings.unchecked(name)
         if is_within(values, LEAST_C, MOST_C):
             continue
+        values = readings.number(name)
         absurd = (values < LEAST_C) | (values > MOST_C)
         readings.refuse(absurd, name, values, f"a temperature in °C, {LEAST_C:g} to {MOST_C:g}")
     return columns
@@ -148,15 +150,20 @@ def rates(readings: Readings, n_joints: int) -> F64:
     return rate
 
 
-def approaches(readings: Readings, arm: Arm, q: F64, rate: F64) -> F64:
-    """Unit vectors (n, 3): as given, otherwise the tip's direction of motion, otherwise NaN."""
+def approaches(readings: Readings, arm: Arm, q: F64, rate: F64, *, from_motion: bool = True) -> F64:
+    """Unit vectors (n, 3): as given, otherwise the tip's direction of motion, otherwise NaN.
+
+    Without *from_motion*, for a model that no approach concerns, those alone that are given.
+    """
     rated = any(readings.has(f"w{k}") for k in range(1, arm.n_joints + 1))
-    if not rated and not any(map(readings.has, APPROACH)):
+    if not (rated and from_motion) and not any(map(readings.has, APPROACH)):
         return np.full((readings.n, 3), np.nan)
     given = _three(readings, APPROACH)
     length = np.linalg.norm(given, axis=1)
     readings.refuse(np.abs(length - 1) > 0.01, APPROACH[0], length, "a vector of length 1")
     approach: F64 = given / length[:, None]
+    if not from_motion:
+        return approach
     moved = np.flatnonzero(
         np.isnan(length) & np.isfinite(rate).all(axis=1) & (rate != 0).any(axis=1)
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
 from armd.compensation.data.within import is_within
 from armd.compensation.model.arm import Arm
 
@@ -43,6 +43,23 @@ def whole_turns(q: F64, arm: Arm) -> I64:
             off = np.where(outside & (fewest == largest), fewest, 0.0)
         turns[:, k] = np.nan_to_num(off)
     return turns
+
+
+def are_within_limits(q: F64, arm: Arm) -> bool:
+    """Whether no angle of (n, N) rad can be a turn off, where limits decide that; much faster."""
+    low, high = arm.limits_rad
+    return all(
+        not (math.isfinite(least) and math.isfinite(most))
+        or is_within(column, least + AT_A_LIMIT_RAD, most - AT_A_LIMIT_RAD)
+        for column, least, most in zip(q.T, low, high, strict=True)
+    )
+
+
+def are_decided(arm: Arm) -> Mask:
+    """Of which joints (N,) the limits say which turn is meant, whatever the angle."""
+    low, high = arm.limits_rad
+    decided: Mask = high - low <= math.tau * (1 + 1e-9)
+    return decided
 
 
 def fold_turns(q: F64, arm: Arm) -> tuple[F64, I64]:
@@ -97,9 +114,7 @@ def report_open_turns(ranges: Sequence[AngleRange], arm: Arm) -> list[list[str]]
     if not ranges:
         return remarks
     least, most = arm.limits_rad
-    for k in range(arm.n_joints):
-        if most[k] - least[k] <= math.tau * (1 + 1e-9):
-            continue
+    for k in np.flatnonzero(~are_decided(arm)):
         low, high = min(r.low[k] for r in ranges), max(r.high[k] for r in ranges)
         if high - low <= math.tau:
             continue

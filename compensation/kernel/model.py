@@ -135,7 +135,19 @@ class Model:
 
     def correct_rows(self, states: States, slow_values: F64) -> tuple[F64, F64]:
         """As `correct_states`, where the slow factors' values are known; from any thread."""
-        position, correction = np.empty((states.n, 3)), np.empty((states.n, 3))
+        position, correction = np.empty((2, states.n, 3))
+        self._correct_runs(states, slow_values, position, correction)
+        return position, correction
+
+    def position_rows(self, states: States, slow_values: F64) -> F64:
+        """The positions of `correct_rows` alone, in two thirds of the time; from any thread."""
+        position = np.empty((states.n, 3))
+        self._correct_runs(states, slow_values, position, np.empty((0, 3)))
+        return position
+
+    def _correct_runs(
+        self, states: States, slow_values: F64, position: F64, correction: F64
+    ) -> None:
         kernel.correct_runs(
             np.ascontiguousarray(slow_values),
             self._amounts,
@@ -146,7 +158,6 @@ class Model:
             position,
             correction,
         )
-        return position, correction
 
     def uncertainty_rows(self, states: States, slow_values: F64) -> F64:
         """Standard uncertainties (n, 3) mm of the rows' coordinates, NaN where nothing is known.

@@ -4,6 +4,9 @@ The sum is the live path's (GUM, law of propagation: J Σ J' with Σ of the iden
 coefficients, the encoders and the sensors). Live it is brought to few columns when a temperature
 arrives, so that a sample comes cheap; here it is taken whole, and put together once for neighbours
 of equal temperatures.
+
+Derivatives are worked out for a block of samples, whatever their temperatures (`block_jacobian`);
+the products of a run of equal temperatures go four rows of Σ at a time.
 """
 
 from __future__ import annotations
@@ -11,14 +14,23 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.kernel.block_jacobian import (
+    block_jacobian,
+    make_work,
+    row_of,
+    take_parameters,
+)
 from armd.compensation.kernel.covariance import Parts, assemble
 from armd.compensation.kernel.kernel import alike, take_angles
-from armd.compensation.kernel.memory import Amounts, FlatModel, fold, opened
+from armd.compensation.kernel.memory import BLOCK as W
+from armd.compensation.kernel.memory import Amounts, FlatModel, Folded, Program, Work, fold, opened
 from armd.compensation.kernel.points import moves_by, pose_basis
 from armd.compensation.kernel.pose_factors import evaluate_factors
 from armd.compensation.kernel.slow_factors import SlowProgram, evaluate
-from armd.compensation.model.kinematics import compiled_jacobian
 from armd.compiled.jit import jit, unlocked
+
+#: Three axes of a block's samples, one after another.
+AXES = 3 * W
 
 
 @unlocked
@@ -32,103 +44,181 @@ def row_variances(
     *values* (n, L+T) are their slow factors'; *more_c* is a sensor's standard deviation; *rows*,
     *parts* and *floor* are of `covariance.Uncertainty`.
     """
-    n = len(rows)
+    folded, program, work = opened(flat)
+    n_joints, posed = q.shape[1], len(program.parameter) > 0
+    count, n = len(folded.parameters), len(rows)
     matrix, left = np.empty((n, n)), np.empty(n)
     changes = np.empty((celsius.shape[1] + 2 if more_c else 2, values.shape[1]))
-    first = 0
-    while first < len(q):
-        end = first + 1
-        while end < len(q) and (
-            unix_s[end] == unix_s[first]
-            and alike(values, end, first)
-            and alike(celsius, end, first)
-        ):
-            end += 1
-        fold(values[first], amounts, flat)
-        if more_c:
-            evaluate(celsius[first], unix_s[first], more_c, slow, changes)
-        assemble(values[first], changes[2:], parts, matrix, left)
-        for i in range(n):
-            for j in range(n):
-                matrix[i, j] /= parts.scale[i] * parts.scale[j]
-        _of_run(q, rate, approach, first, end, flat, matrix, rows, floor, covariance)
-        first = end
-
-
-@jit
-def _of_run(
-    q: F64, rate: F64, approach: F64, first: int, end: int, flat: FlatModel, matrix: F64, rows: I64,
-    floor: float, covariance: F64,
-) -> None:  # fmt: skip
-    """Samples *first* to *end* with one *matrix* (R, R), the covariance of what *rows* (R,) are."""
-    folded, program, work = opened(flat)
-    width, count = work.angle.shape[1], len(folded.parameters)
-    parameters = np.empty((width, count))
-    position, derivatives = np.empty((width, 3)), np.empty((width, 3, count))
-    # Of each row: x of a block's m samples, then y, then z. So every loop runs over samples.
-    moved = np.empty((len(rows), 3 * width))
-    along = np.empty(3 * width)
-    for start in range(first, end, width):
-        m = min(width, end - start)
-        if len(program.parameter):
+    # Rows of Σ are taken four at a time: those after the last one are zero.
+    padded = np.zeros((n + 3 - (n + 3) % 4, n + 3 - (n + 3) % 4))
+    moved, along = np.zeros(len(padded) * AXES), np.empty(4 * AXES)
+    total = np.empty(6 * W)
+    # Of each sample of a block: is it the first with its temperatures; parameters, coefficients.
+    begins = np.empty(W, np.bool_)
+    parameters, own = np.empty((count, W)), np.empty((count, W))
+    coefficients = np.empty((len(program.parameter), W))
+    derivatives = make_work(n_joints)
+    settled = False  # all samples of the block before had one row of parameters, which still holds
+    for start in range(0, len(q), W):
+        m = min(W, len(q) - start)
+        changed = False
+        for i in range(m):
+            row = start + i
+            begins[i] = row == 0 or not (
+                unix_s[row] == unix_s[row - 1]
+                and alike(values, row, row - 1)
+                and alike(celsius, row, row - 1)
+            )
+            changed = changed or begins[i]
+        if changed or not settled:
+            for i in range(m):
+                if begins[i]:
+                    fold(values[start + i], amounts, flat)
+                _take_column(folded, i, parameters, coefficients)
+            for i in range(m, W):
+                _take_column(folded, i, parameters, coefficients)
+        if posed:
             take_angles(q, start, m, work.angle, work.trig)
             evaluate_factors(rate, approach, start, folded.plain, program, work, m)
-        is_one = len(program.parameter) == 0  # then one row of parameters serves all samples
-        for i in range(1 if is_one else m):
-            for p in range(count):
-                parameters[i, p] = folded.parameters[p]
-            for t in range(len(program.parameter)):
-                more = folded.coefficients[t] * pose_basis(program, work, t, i)
-                parameters[i, program.parameter[t]] += more
-        distinct = parameters[: 1 if is_one else m]
-        compiled_jacobian(q[start : start + m], distinct, position, derivatives)
-        for row in range(len(rows)):
-            for i in range(m):
-                column, weight = moves_by(rows[row], count, program, work, i)
-                for axis in range(3):
-                    moved[row, axis * m + i] = weight * derivatives[i, axis, column]
-        block = covariance[start : start + m]
+            _add_pose_terms(parameters, coefficients, program, work, m, own)
+            take_parameters(own, n_joints, derivatives)
+            block_jacobian(q, start, m, own, derivatives)
+        else:
+            if changed or not settled:
+                take_parameters(parameters, n_joints, derivatives)
+            block_jacobian(q, start, m, parameters, derivatives)
+        settled = not changed
+        _move(rows, count, n_joints, program, work, derivatives, m, moved)
+        low = 0
+        while low < m:
+            high = low + 1
+            while high < m and not begins[high]:
+                high += 1
+            if begins[low]:
+                row = start + low
+                if more_c:
+                    evaluate(celsius[row], unix_s[row], more_c, slow, changes)
+                assemble(values[row], changes[2:], parts, matrix, left)
+                for i in range(n):
+                    for j in range(n):
+                        padded[i, j] = matrix[i, j] / (parts.scale[i] * parts.scale[j])
+            _multiply(padded, moved, low, high, along, total)
+            low = high
         for i in range(m):
-            block[i, 0] = block[i, 3] = block[i, 5] = floor
-            block[i, 1] = block[i, 2] = block[i, 4] = 0.0
-        for a in range(len(rows)):
-            for j in range(3 * m):
-                along[j] = 0.0
-            for b in range(0, a - 3, 4):
-                _add_four(matrix[a, b : b + 4], moved[b : b + 4], 3 * m, along)
-            for b in range(a - a % 4, a):
-                _add(matrix[a, b], moved[b], 3 * m, along)
-            _add_products(matrix[a, a], moved[a], along, block)
+            for part in range(6):
+                covariance[start + i, part] = total[part * W + i]
+            covariance[start + i, 0] += floor
+            covariance[start + i, 3] += floor
+            covariance[start + i, 5] += floor
 
 
 @jit
-def _add(weight: float, values: F64, n: int, total: F64) -> None:
-    """Add *weight* times the first *n* of *values* to *total*."""
+def _take_column(folded: Folded, i: int, parameters: F64, coefficients: F64) -> None:
+    """What is folded now, as that of sample *i* of the block."""
+    for p in range(len(parameters)):
+        parameters[p, i] = folded.parameters[p]
+    for t in range(len(coefficients)):
+        coefficients[t, i] = folded.coefficients[t]
+
+
+@jit
+def _add_pose_terms(
+    parameters: F64, coefficients: F64, program: Program, work: Work, m: int, own: F64
+) -> None:
+    """The parameters of each sample with its pose terms into *own* (P, W)."""
+    for p in range(len(parameters)):
+        for i in range(W):
+            own[p, i] = parameters[p, i]
+    for t in range(len(coefficients)):
+        for i in range(m):
+            more = coefficients[t, i] * pose_basis(program, work, t, i)
+            own[program.parameter[t], i] += more
+
+
+@jit
+def _move(
+    rows: I64, count: int, n_joints: int, program: Program, work: Work, derivatives: F64, m: int,
+    moved: F64,
+) -> None:  # fmt: skip
+    """How far a unit of each of *rows* (R,) moves the tip: x, y, z of a block's samples."""
+    for row in range(len(rows)):
+        if rows[row] < count:
+            first = row_of(rows[row], n_joints)
+            for axis in range(3):
+                for i in range(W):
+                    moved[row * AXES + axis * W + i] = derivatives[first + axis, i]
+            continue
+        for i in range(m):
+            column, weight = moves_by(rows[row], count, program, work, i)
+            first = row_of(column, n_joints)
+            for axis in range(3):
+                moved[row * AXES + axis * W + i] = weight * derivatives[first + axis, i]
+
+
+@jit
+def _multiply(matrix: F64, moved: F64, low: int, high: int, along: F64, total: F64) -> None:
+    """J Σ J' of the samples *low* … *high* − 1 of a block, all of one *matrix*, into *total*."""
+    for part in range(6):
+        for i in range(low, high):
+            total[part * W + i] = 0.0
+    is_whole = low == 0 and high == W
+    n = AXES if is_whole else high - low
+    # Views that begin where a loop does: LLVM leaves a loop alone whose index may be negative.
+    for a in range(0, len(matrix), 4):
+        for j in range(4 * AXES):
+            along[j] = 0.0
+        for since in range(low, AXES, AXES if is_whole else W):
+            sums = along[since:]
+            for b in range(0, a, 4):
+                _add_sixteen(matrix, a, b, moved[b * AXES + since :], n, sums)
+            _add_within(matrix, a, moved[a * AXES + since :], n, sums)
+        for r in range(4):
+            here = r * AXES + low
+            weight = matrix[a + r, a + r]
+            _add_products(weight, moved[a * AXES + here :], along[here:], high - low, total[low:])
+
+
+@jit
+def _add_sixteen(matrix: F64, a: int, b: int, moved: F64, n: int, along: F64) -> None:
+    """Add four rows of *moved*, by the weights of rows *a* … and columns *b* …, to *along*."""
+    a0, a1, a2, a3 = matrix[a, b], matrix[a, b + 1], matrix[a, b + 2], matrix[a, b + 3]
+    a += 1
+    b0, b1, b2, b3 = matrix[a, b], matrix[a, b + 1], matrix[a, b + 2], matrix[a, b + 3]
+    a += 1
+    c0, c1, c2, c3 = matrix[a, b], matrix[a, b + 1], matrix[a, b + 2], matrix[a, b + 3]
+    a += 1
+    d0, d1, d2, d3 = matrix[a, b], matrix[a, b + 1], matrix[a, b + 2], matrix[a, b + 3]
     for j in range(n):
-        total[j] += weight * values[j]
+        p, r, s, t = moved[j], moved[AXES + j], moved[2 * AXES + j], moved[3 * AXES + j]
+        along[j] += a0 * p + a1 * r + a2 * s + a3 * t
+        along[AXES + j] += b0 * p + b1 * r + b2 * s + b3 * t
+        along[2 * AXES + j] += c0 * p + c1 * r + c2 * s + c3 * t
+        along[3 * AXES + j] += d0 * p + d1 * r + d2 * s + d3 * t
 
 
 @jit
-def _add_four(weight: F64, values: F64, n: int, total: F64) -> None:
-    """Add *weight* (4,) times the first *n* columns of *values* (4, …) to *total*: four at once
-    read and write it once."""
-    one, two, three, four = weight[0], weight[1], weight[2], weight[3]
-    first, second, third, fourth = values[0], values[1], values[2], values[3]
+def _add_within(matrix: F64, a: int, moved: F64, n: int, along: F64) -> None:
+    """The same of the columns before each of the four rows that are among them."""
+    b0 = matrix[a + 1, a]
+    c0, c1 = matrix[a + 2, a], matrix[a + 2, a + 1]
+    d0, d1, d2 = matrix[a + 3, a], matrix[a + 3, a + 1], matrix[a + 3, a + 2]
     for j in range(n):
-        total[j] = total[j] + one * first[j] + two * second[j] + three * third[j] + four * fourth[j]
+        p, r, s = moved[j], moved[AXES + j], moved[2 * AXES + j]
+        along[AXES + j] += b0 * p
+        along[2 * AXES + j] += c0 * p + c1 * r
+        along[3 * AXES + j] += d0 * p + d1 * r + d2 * s
 
 
 @jit
-def _add_products(weight: float, moved: F64, along: F64, block: F64) -> None:
-    """Add one row's products to a block's covariances (m, 6): with itself by *weight*, with all
-    rows before it by *along* (3 m,), the sum of theirs by their weights."""
-    m = len(block)
-    for i in range(m):
-        x, y, z = moved[i], moved[m + i], moved[2 * m + i]
-        along_x, along_y, along_z = along[i], along[m + i], along[2 * m + i]
-        block[i, 0] += (2 * along_x + weight * x) * x
-        block[i, 3] += (2 * along_y + weight * y) * y
-        block[i, 5] += (2 * along_z + weight * z) * z
-        block[i, 1] += along_x * y + (along_y + weight * y) * x
-        block[i, 2] += along_z * x + (along_x + weight * x) * z
-        block[i, 4] += along_z * y + (along_y + weight * y) * z
+def _add_products(weight: float, moved: F64, along: F64, n: int, total: F64) -> None:
+    """Add one row's products to a block's covariances (6 W,): with itself by *weight*, with all
+    rows before it by *along* (3 W,), the sum of theirs by their weights."""
+    for i in range(n):
+        x, y, z = moved[i], moved[W + i], moved[2 * W + i]
+        along_x, along_y, along_z = along[i], along[W + i], along[2 * W + i]
+        total[i] += (2 * along_x + weight * x) * x
+        total[3 * W + i] += (2 * along_y + weight * y) * y
+        total[5 * W + i] += (2 * along_z + weight * z) * z
+        total[W + i] += along_x * y + (along_y + weight * y) * x
+        total[2 * W + i] += along_z * x + (along_x + weight * x) * z
+        total[4 * W + i] += along_z * y + (along_y + weight * y) * z

@@ -85,6 +85,12 @@ MARKS = [
         "growth.evaluate_peak_ratio", "", 1.1, None,
         "growth.duckdb_read_peak_ratio", "DuckDB reads",
     ),
+    Mark("python.imports.armd.seconds", "s", 0.2, None, "python.imports.python.seconds", "Python"),
+    *(
+        Mark(f"python.table.{kind}.{name}_ratio", "", most)
+        for kind in ("one_temperature", "steps_of_500_rows")
+        for name, most in (("corrector", 1.3), ("corrector_with_uncertainty", 5))
+    ),
     *(
         mark
         for bus in ("feetech", "dynamixel")

@@ -24,7 +24,7 @@ from armd.files.writing import write_whole
 #: → lines of a table of their own.
 NAMES = [
     "kernel", "wire", "daemon", "controller", "rate", "installed", "identify", "calibrate",
-    "diagnose", "growth", "timing", "servo", "microscribe", "view",
+    "diagnose", "growth", "timing", "servo", "microscribe", "view", "python",
 ]  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """`armd record [SERIAL]`: everything an arm's daemon says, into an MCAP file.
 
 `armd record --session DIR`: its measurements, into a session for `armd calibrate`.
+`armd record --lake DIR`: its points with joints and temperatures, into Parquet files.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
+from typing import Any
 
 import armd
 from armd import keys
@@ -31,6 +33,9 @@ from armd.terminal.printable import printable
 POLL_S = 0.01
 WAIT_S = 60.0  # for an arm to show up
 FIRST_S = 1.0  # for its frames to begin
+FIRST_JOINTS_S = 3.0  # for its joints to begin, which it publishes once they are asked for
+#: Points that may wait while a file is written: two minutes at 1 kHz, in 18 MB.
+WAITING_POINTS = 1 << 17
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     output.add_argument(
         "--session", metavar="DIR", type=Path, help="measurements instead, as a session's readings"
+    )
+    output.add_argument(
+        "--lake",
+        metavar="DIR",
+        type=Path,
+        help="points with joints and temperatures instead, as Parquet by arm and day",
     )
     parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
     session = parser.add_argument_group("with --session")
@@ -58,8 +69,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """0; 1 if nothing came over the wire, raw frames were lost on the way here, or a session got no
-    reading."""
+    """0; 1 if nothing came over the wire, raw frames or points were lost on the way here, or a
+    session got no reading."""
+    if args.lake is not None:
+        check_output_folder(args.lake)
     if args.session is None:
         for option in ("artefact", "targets", "placement"):
             if getattr(args, option) is not None:
@@ -79,7 +92,11 @@ def run(args: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, stop)
     with armd.connect(args.serial, args.endpoint, timeout_s=WAIT_S) as arm:
         end_s = time.monotonic() + (args.seconds or float("inf"))
-        record = _record_frames if args.session is None else _record_session
+        record = _record_frames
+        if args.session is not None:
+            record = _record_session
+        elif args.lake is not None:
+            record = _record_lake
         return record(args, arm, lambda: not stopping and time.monotonic() < end_s)
 
 
@@ -115,6 +132,44 @@ def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], b
     return 0 if folder.n else 1
 
 
+def _record_lake(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
+    from armd.daemon.files.lake import FILE_S, Lake
+
+    info = arm.info()["arm"]
+    sensors = [sensor["name"] for sensor in info.get("temperature_sensor", [])]
+    n_joints = len(info["joint"])
+    with ExitStack() as opened:
+        lake = opened.enter_context(closing(Lake(args.lake, arm.serial, n_joints, sensors)))
+        health = opened.enter_context(arm.stream(keys.HEALTH))
+        joints = opened.enter_context(arm.stream(keys.JOINTS, WAITING_POINTS))
+        first = _first(joints, FIRST_JOINTS_S)
+        # Points only now: the joints of each of them come.
+        points = opened.enter_context(arm.stream(keys.POINT, WAITING_POINTS))
+
+        def take(messages: list[dict[str, Any]], first: Sequence[bytes] = ()) -> None:
+            for message in messages:
+                lake.take_temperatures(message["stamp_ns"], message["temperatures"])
+            waiting = points.take()
+            arm.decode(waiting)  # which counts those that are lost
+            lake.take(waiting, [*first, *joints.take()])
+
+        take([arm.state()], first)
+        print(printable(f"armd: recording {arm.serial} to {lake.folder}"), flush=True)
+        _warn_unless_ready(arm)
+        write_s = time.monotonic() + FILE_S
+        while going_on():
+            time.sleep(POLL_S)
+            take([json.loads(payload) for payload in health.take()])
+            if time.monotonic() >= write_s:
+                write_s = time.monotonic() + FILE_S
+                lake.write()
+        take([])
+    lost, without = arm.lost.here, lake.without_joints
+    summary = f"{counted(lake.rows, 'point')} in {counted(lake.files, 'file')}"
+    print(printable(f"armd: {lake.folder}: {summary}; {lost} lost, {without} without joints"))
+    return 0 if lake.rows and not lost and not without else 1
+
+
 def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
     with ExitStack() as opened:
         output = args.output or default_path(arm.serial)
@@ -129,7 +184,7 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
             what: opened.enter_context(arm.stream(what)) for what in TOPICS if what != keys.POINT
         }
         # Once frames arrive none is missed; the preamble tells what came before them.
-        waiting = _first(raw)
+        waiting = _first(raw, FIRST_S)
         following, preamble = arm.preamble()
         recorder.begin(following, preamble)
         recorder.take_frames(waiting)
@@ -158,9 +213,9 @@ def _warn_unless_ready(arm: Arm) -> None:
         print(printable(text), file=sys.stderr, flush=True)
 
 
-def _first(stream: Stream) -> list[bytes]:
+def _first(stream: Stream, seconds: float) -> list[bytes]:
     """The first payloads that arrive; none from an arm that is silent."""
-    end_s = time.monotonic() + FIRST_S
+    end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         if payloads := stream.take():
             return payloads

@@ -6,9 +6,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from armd.compensation.data.offline import Corrector, correct_file
+from armd.compensation.data.offline import Corrector
+from armd.compensation.data.offline_files import correct_file
 from armd.compensation.data.point_columns import COLUMNS
 from armd.compensation.data.readings import read_header
+from armd.compensation.data.recorded import is_recorded
 from armd.daemon.commands.offline.given import (
     add_arm,
     add_session_settings,
@@ -47,8 +49,9 @@ def run(args: argparse.Namespace) -> int:
     unit, started_unix_s = session_settings(readings, args.angle_unit, args.started)
     loaded = calibration.loaded if calibration else None
     corrector = Corrector(arm.content, loaded, unit, started_unix_s)
-    repeated = [name for name in COLUMNS if name in read_header(readings)]
-    if repeated:
+    header = read_header(readings)
+    repeated = [name for name in COLUMNS if name in header]
+    if repeated and not (readings.suffix == ".parquet" and is_recorded(header)):
         names = ", ".join(repeated)
         print(f"armd: {readings}: has {names} already; the last of each is new", file=sys.stderr)
     with bar(aside(args), "correcting") as told:

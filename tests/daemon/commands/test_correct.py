@@ -13,7 +13,7 @@ import pyarrow.parquet
 import pytest
 
 from armd import POINT, Flag
-from armd.compensation.data import offline, pieces
+from armd.compensation.data import offline, offline_files, pieces, point_columns
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import (
@@ -116,18 +116,18 @@ def bench(tmp_path: Path) -> Bench:
 
 
 def positions(rows: list[dict[str, str]]) -> np.ndarray:
-    return np.array([[float(row[name]) for name in offline.COLUMNS[:3]] for row in rows])
+    return np.array([[float(row[name]) for name in point_columns.COLUMNS[:3]] for row in rows])
 
 
 def figures(rows: list[dict[str, str]]) -> np.ndarray:
-    return np.array([[float(row[name]) for name in offline.COLUMNS[:-1]] for row in rows])
+    return np.array([[float(row[name]) for name in point_columns.COLUMNS[:-1]] for row in rows])
 
 
 def test_columns_are_kept_and_points_added(bench: Bench) -> None:
     bench.readings('note,q1,q2,q3,t1\n"a, ""b""",0.10,0.2,-0.3,26.0\n c ,1e0,0,0,20\n')
     assert bench.calibrated() == 0
     rows = bench.points()
-    assert list(rows[0]) == ["note", "q1", "q2", "q3", "t1", *offline.COLUMNS]
+    assert list(rows[0]) == ["note", "q1", "q2", "q3", "t1", *point_columns.COLUMNS]
     assert [row["note"] for row in rows] == ['a, "b"', " c "]
     assert [row["q1"] for row in rows] == ["0.10", "1e0"]
     q, celsius = np.array([[0.1, 0.2, -0.3], [1.0, 0, 0]]), np.array([26.0, 20.0])
@@ -149,10 +149,12 @@ def test_without_a_calibration_nominal_geometry_and_flag_7(bench: Bench) -> None
     (row,) = bench.points()
     assert int(row["flags"]) == Flag.NOT_CALIBRATED
     position = forward(np.array([[0.1, 0.2, 0.3]]), bench.arm.nominal())[0]
-    assert [float(row[name]) for name in offline.COLUMNS[:3]] == pytest.approx(
+    assert [float(row[name]) for name in point_columns.COLUMNS[:3]] == pytest.approx(
         position[0], abs=1e-8
     )
-    assert [row[name] for name in offline.COLUMNS[3:6]] == ["", "", ""], "nothing is known of them"
+    assert [row[name] for name in point_columns.COLUMNS[3:6]] == ["", "", ""], (
+        "nothing is known of them"
+    )
 
 
 def test_flags_and_missing_values(bench: Bench) -> None:
@@ -241,7 +243,7 @@ def test_pieces_do_not_show(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> No
     written = pa.parquet.ParquetFile(bench.folder / "points.parquet")
     assert written.num_row_groups == 1
     points = written.read()
-    assert points.column_names == [*table.column_names, *offline.COLUMNS]
+    assert points.column_names == [*table.column_names, *point_columns.COLUMNS]
     assert points["x_mm"].to_numpy() == pytest.approx(expected[:, 0], abs=1e-8)
 
 
@@ -285,14 +287,14 @@ def test_a_fault_in_a_later_piece_names_its_row(
 
 def test_a_long_parquet_file_is_not_kept(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pieces, "PIECE_ROWS", 5000)
-    monkeypatch.setattr(offline, "GROUP_ROWS", 5000)
+    monkeypatch.setattr(offline_files, "GROUP_ROWS", 5000)
     rng = np.random.default_rng(1)
     columns = {name: rng.uniform(0, 1, 100_000) for name in ("q1", "q2", "q3", "t1", "note")}
     source, target = bench.folder / "long.parquet", bench.folder / "points.parquet"
     pa.parquet.write_table(pa.table(columns), source, row_group_size=10_000)
     before, kept = pa.total_allocated_bytes(), list[int]()
     corrector = offline.Corrector(bench.arm, None, "rad", None)
-    n = offline.correct_file(
+    n = offline_files.correct_file(
         source, target, corrector, lambda _: kept.append(pa.total_allocated_bytes())
     )
     assert n == 100_000 and len(kept) == 20

@@ -1,0 +1,140 @@
+"""Files of readings in, the same tables with corrected points out, piece by piece.
+
+So memory does not grow with the file. Pieces are worked off on all processors, some at a time.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv
+
+from armd.compensation.data.in_order import in_order
+from armd.compensation.data.offline import Corrector, Taken
+from armd.compensation.data.pieces import line_pieces, open_parquet, parquet_pieces
+from armd.compensation.data.point_columns import COLUMNS, make_point_columns
+from armd.compensation.data.readings import Readings, cast_columns, parse_csv, read_header
+from armd.compensation.data.recorded import drop_published, is_recorded
+from armd.compensation.data.table_writing import table_writer, write_group
+from armd.errors import BadInput
+from armd.files.inputs import open_input
+from armd.files.writing import whole_file
+
+#: Rows that are written together, as one group of a Parquet file: the file's end describes every
+#: group, and that is in memory until then.
+GROUP_ROWS = 1 << 16
+
+
+def correct_file(
+    source: Path, target: Path, corrector: Corrector, progress: Callable[[float], None]
+) -> int:
+    """Read *source*, write *target* whole or not at all; returns the number of rows.
+
+    CSV gives CSV, its own text kept letter by letter; Parquet gives Parquet or CSV, by the
+    target's suffix. *progress* is told the share done, 0 to 1.
+    """
+    header = read_header(source)
+    csv_source = source.suffix == ".csv"
+    if csv_source and target.suffix == ".parquet":
+        raise BadInput(target, "-o", "a .parquet file", "a .csv file: the input is one")
+    twice = [] if is_recorded(header) else sorted(set(COLUMNS) & set(header))
+    if target.suffix == ".parquet" and twice:
+        raise BadInput(source, f"column {twice[0]}", "it already", "a table without it")
+    wanted = corrector.wanted(header)
+    n = 0
+    with whole_file(target) as part:
+        if csv_source:
+            pieces = _csv_pieces(source, part, header, wanted, corrector)
+        else:
+            pieces = _parquet_pieces(source, part, target.suffix, wanted, corrector)
+        for n, share in pieces:  # noqa: B007 (the last one counts)
+            progress(share)
+        corrector.ended(source)
+        if n == 0:
+            raise BadInput(source, "the file", "no readings", "at least one row")
+    return n
+
+
+def _csv_pieces(
+    source: Path,
+    part: Path,
+    header: list[str],
+    wanted: dict[str, pa.DataType],
+    corrector: Corrector,
+) -> Iterator[tuple[int, float]]:
+    """Yields the number of rows and the share of the file done so far."""
+    done = 0
+    with open_input(source) as lines, part.open("wb") as out:
+        size = os.fstat(lines.fileno()).st_size
+        names = lines.readline().rstrip(b"\r\n")
+        out.write(names + b"," + ",".join(COLUMNS).encode() + b"\n")
+
+        def taken() -> Iterator[tuple[list[bytes], Taken, int]]:
+            begun = 0
+            for piece in line_pieces(source, lines):
+                rows = [line for line in piece if line.strip()]  # a blank line is no row
+                if not rows:
+                    continue
+                table = parse_csv(source, io.BytesIO(b"\n".join(rows) + b"\n"), header, wanted)
+                if len(table) != len(rows):
+                    found = "a line break inside a value"
+                    raise BadInput(source, f"after row {begun}", found, "one line per row")
+                new = corrector.take(Readings(source, header, table, begun))
+                begun += len(rows)
+                yield rows, new, lines.tell()
+
+        def written(piece: tuple[list[bytes], Taken, int]) -> tuple[list[bytes], bytes, int]:
+            rows, new, end = piece
+            text = pa.BufferOutputStream()
+            options = pa.csv.WriteOptions(include_header=False)
+            pa.csv.write_csv(make_point_columns(*corrector.correct(new)), text, options)
+            return rows, text.getvalue().to_pybytes(), end
+
+        for rows, text, end in in_order(written, taken()):
+            added = text.splitlines(keepends=True)
+            out.writelines(
+                old.rstrip(b"\r") + b"," + new for old, new in zip(rows, added, strict=True)
+            )
+            done += len(rows)
+            yield done, end / size
+
+
+def _parquet_pieces(
+    source: Path, part: Path, suffix: str, wanted: dict[str, pa.DataType], corrector: Corrector
+) -> Iterator[tuple[int, float]]:
+    """Yields the number of rows and the share of the file done so far."""
+    done = 0
+    with open_parquet(source) as file:
+        old = file.schema_arrow
+        added = [(name, pa.float64()) for name in COLUMNS[:-1]] + [(COLUMNS[-1], pa.uint32())]
+        kept = drop_published(old.empty_table(), corrector.identity).schema
+        schema = pa.schema([*kept, *pa.schema(added)])
+
+        def taken() -> Iterator[tuple[pa.Table, Taken]]:
+            begun = 0
+            for table in parquet_pieces(source, file):
+                asked = cast_columns(source, table, wanted)
+                yield table, corrector.take(Readings(source, old.names, asked, begun))
+                begun += len(table)
+
+        def corrected(piece: tuple[pa.Table, Taken]) -> pa.Table:
+            table, new = piece
+            table = drop_published(table, corrector.identity)
+            columns = [*table.columns, *make_point_columns(*corrector.correct(new)).columns]
+            return pa.Table.from_arrays(columns, schema=schema)
+
+        with table_writer(source, part, suffix, schema) as out:
+            group: list[pa.Table] = []
+            for table in in_order(corrected, taken()):
+                group.append(table)
+                if sum(map(len, group)) >= GROUP_ROWS:
+                    write_group(source, out, group)
+                    group.clear()
+                done += len(table)
+                yield done, done / file.metadata.num_rows
+            if group:
+                write_group(source, out, group)

@@ -1,0 +1,65 @@
+"""Tables of points that an arm published, as `armd record --lake` writes them.
+
+They hold joints and temperatures, so that they can be corrected again, and what was published: its
+columns give place to those of the new correction, its flags on the sample itself remain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from armd import Flag
+from armd.arrays import F64
+from armd.compensation.data.readings import Readings
+
+POSITION = ["x_mm", "y_mm", "z_mm"]
+COVARIANCE = ["xx_mm2", "xy_mm2", "xz_mm2", "yy_mm2", "yz_mm2", "zz_mm2"]
+#: The first eight bytes of the calibration's SHA-256 as an integer, as a point has them.
+CALIBRATION = "calibration"
+FLAGS = "flags"
+STAMP = "stamp_ns"
+#: What is read of a recorded table besides the columns of readings.
+RECORDED_TYPES: dict[str, pa.DataType] = {STAMP: pa.int64(), FLAGS: pa.uint32()}
+#: What a new correction takes away: it appends its own.
+REPLACED = frozenset([*POSITION, *COVARIANCE, "u_x_mm", "u_y_mm", "u_z_mm", FLAGS])
+#: Flags that tell something of the sample, whatever it is corrected by.
+OF_SAMPLE = (
+    Flag.INVALID
+    | Flag.TEMPERATURE_STALE
+    | Flag.TEMPERATURE_RATE
+    | Flag.JOINT_WARNING
+    | Flag.SAMPLES_LOST
+    | Flag.CLOCK
+    | Flag.AT_REST
+)
+
+
+def is_recorded(header: Collection[str]) -> bool:
+    """Whether a table with these columns holds points that an arm published."""
+    return {"seq", STAMP, CALIBRATION, FLAGS, *POSITION} <= set(header)
+
+
+def drop_published(table: pa.Table, identity: int) -> pa.Table:
+    """Return a recorded table without what a correction replaces, and with the new *identity* as
+    its calibration (0: none); any other table as it is."""
+    if not is_recorded(table.column_names):
+        return table
+    kept = table.select([name for name in table.column_names if name not in REPLACED])
+    place = kept.column_names.index(CALIBRATION)
+    again = pa.array(np.full(len(kept), identity, np.uint64))
+    return kept.set_column(place, CALIBRATION, again)
+
+
+def instants_s(readings: Readings) -> F64:
+    """Return the instants (n,) of recorded points, Unix seconds."""
+    return readings.required(STAMP) * 1e-9
+
+
+def published_flags(readings: Readings) -> npt.NDArray[np.uint32]:
+    """Return those of the published flags (n,) that tell of the sample; none where missing."""
+    flags = readings.number(FLAGS)
+    return np.where(np.isnan(flags), 0.0, flags).astype(np.uint32) & np.uint32(OF_SAMPLE)

@@ -1,0 +1,182 @@
+"""Points of an arm as Parquet files, partitioned by arm and day: `armd record --lake`.
+
+Each file appears whole or not at all, and a new one every half minute: a recorder that is killed
+loses no more than that. docs/scale.md describes the columns.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from armd import POINT, joints_dtype
+from armd.arrays import I64
+from armd.compensation.data.recorded import CALIBRATION, COVARIANCE, FLAGS, POSITION, STAMP
+from armd.compensation.data.table_writing import table_writer, write_group
+from armd.errors import BadInput
+from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
+from armd.files.outputs import check_output_folder
+from armd.files.writing import sync_folder, told, whole_file
+
+#: Seconds of points that wait in memory for their file.
+FILE_S = 30.0
+#: A point whose joints have not come so long after it has none: they were lost on the way.
+JOINTS_NS = 1_000_000_000
+#: `seq` and `stamp_ns`, with which points and joints begin: they tell which belong together.
+KEY_BYTES = 16
+LOCK = ".armd-lake.lock"
+
+
+class Lake:
+    """Writes one arm's points below a folder; one at a time for each arm. Close it."""
+
+    def __init__(self, folder: Path, serial: str, n_joints: int, sensors: list[str]) -> None:
+        """Raises `BadInput` where nothing can be written, or another recorder writes this arm."""
+        self.folder = folder / f"serial={quote(serial, safe=' ')}"
+        self._schema = _schema(n_joints, sensors)
+        self._sensors = sensors
+        self._joints_dtype = joints_dtype(n_joints)
+        self._points: list[bytes] = []
+        self._joints: dict[bytes, bytes] = {}
+        #: instants and values of the temperatures heard: the last before a file, and all since
+        self._heard: deque[tuple[int, list[float]]] = deque()
+        self.rows = 0
+        self.files = 0
+        self.without_joints = 0
+        self._lock = self._lock_folder()
+
+    def take_temperatures(self, stamp_ns: int, celsius: Mapping[str, float | None]) -> None:
+        """From this instant on points have these temperatures; None is missing."""
+        values = [celsius.get(name) for name in self._sensors]
+        self._heard.append((stamp_ns, [np.nan if value is None else value for value in values]))
+
+    def take(self, points: Iterable[bytes], joints: Iterable[bytes]) -> None:
+        """Payloads of the point key and of the joints key, as published."""
+        self._points += points
+        size = self._joints_dtype.itemsize
+        self._joints |= {data[:KEY_BYTES]: data for data in joints if len(data) == size}
+
+    def write(self, *, to_the_end: bool = False) -> None:
+        """Write what has come, a file for each day; points whose joints may still come remain,
+        unless it is *to_the_end*."""
+        n = len(self._points) if to_the_end else self._decided()
+        if n:
+            rows = np.frombuffer(b"".join(self._points[:n]), POINT)
+            found = [self._joints.get(point[:KEY_BYTES]) for point in self._points[:n]]
+            table = self._table(rows, self._joined(found))
+            days = rows["stamp_ns"].astype("datetime64[ns]").astype("datetime64[D]")
+            for day in np.unique(days):
+                self._write_file(str(day), table.filter(pa.array(days == day)))
+            last_ns = int(rows["stamp_ns"].max())
+            self.without_joints += found.count(None)
+            del self._points[:n]
+            # Of points that never came nothing is kept; of those that may still come, all.
+            stamps = np.frombuffer(b"".join(key[8:] for key in self._joints), "<i8").tolist()
+            self._joints = {
+                key: data
+                for (key, data), stamp_ns in zip(self._joints.items(), stamps, strict=True)
+                if stamp_ns > last_ns
+            }
+            while len(self._heard) > 1 and self._heard[1][0] <= last_ns:
+                self._heard.popleft()
+
+    def close(self) -> None:
+        """Write the rest, and let others write this arm."""
+        try:
+            self.write(to_the_end=True)
+        finally:
+            os.close(self._lock)
+
+    def _lock_folder(self) -> int:
+        check_output_folder(self.folder)
+        path = self.folder / LOCK
+        with told(path):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0o666)
+        try:
+            lock_file(handle, wait=False)
+        except BlockingIOError as error:
+            os.close(handle)
+            found = "another recorder that writes this arm"
+            raise BadInput(self.folder, "the folder", found, "one recorder an arm") from error
+        return handle
+
+    def _decided(self) -> int:
+        """How many points have their joints, or will never have them."""
+        n = len(self._points)
+        if not n:
+            return 0
+        newest_ns = _stamp_ns(self._points[-1])
+        while n and self._points[n - 1][:KEY_BYTES] not in self._joints:
+            if _stamp_ns(self._points[n - 1]) < newest_ns - JOINTS_NS:
+                break
+            n -= 1
+        return n
+
+    def _joined(self, found: list[bytes | None]) -> npt.NDArray[np.void]:
+        """Joints (n,); NaN where there are none."""
+        unknown = np.zeros(1, self._joints_dtype)
+        unknown["angle_rad"] = unknown["rate_rad_s"] = np.nan
+        missing = unknown.tobytes()
+        return np.frombuffer(b"".join(data or missing for data in found), self._joints_dtype)
+
+    def _table(self, points: npt.NDArray[np.void], joints: npt.NDArray[np.void]) -> pa.Table:
+        columns: list[npt.NDArray[Any]] = [
+            points["seq"], points["stamp_ns"], *joints["angle_rad"].T, *joints["rate_rad_s"].T,
+            *self._temperatures(points["stamp_ns"]).T, *points["position_mm"].T,
+            *points["covariance_mm2"].T, points["flags"], points["calibration"], points["buttons"],
+        ]  # fmt: skip
+        arrays = [
+            pa.array(np.ascontiguousarray(column), field.type, from_pandas=True)
+            for column, field in zip(columns, self._schema, strict=True)
+        ]
+        return pa.Table.from_arrays(arrays, schema=self._schema)
+
+    def _temperatures(self, stamp_ns: I64) -> npt.NDArray[np.float64]:
+        """Those heard last before each instant (n, S); the first ones before that."""
+        if not self._heard:
+            return np.full((len(stamp_ns), len(self._sensors)), np.nan)
+        since_ns = np.array([instant for instant, _ in self._heard])
+        last = np.maximum(np.searchsorted(since_ns, stamp_ns, side="right") - 1, 0)
+        values = np.array([celsius for _, celsius in self._heard]).reshape(len(since_ns), -1)
+        return values[last]
+
+    def _write_file(self, day: str, table: pa.Table) -> None:
+        folder = self.folder / f"day={day}"
+        with told(folder):
+            if not folder.is_dir():
+                folder.mkdir()
+                sync_folder(self.folder)
+        seq, stamp_ns = table["seq"][0].as_py(), table[STAMP][0].as_py()
+        path = folder / f"{stamp_ns}-{seq}.parquet"
+        with whole_file(path) as part, table_writer(path, part, path.suffix, self._schema) as out:
+            write_group(path, out, [table])
+        self.rows += len(table)
+        self.files += 1
+
+
+def _stamp_ns(point: bytes) -> int:
+    return int.from_bytes(point[8:KEY_BYTES], "little", signed=True)
+
+
+def _schema(n_joints: int, sensors: list[str]) -> pa.Schema:
+    joints = range(1, n_joints + 1)
+    before = [("seq", pa.uint64()), (STAMP, pa.int64())]
+    before += [(f"q{k}", pa.float64()) for k in joints] + [(f"w{k}", pa.float32()) for k in joints]
+    after = [(name, pa.float64()) for name in POSITION]
+    after += [(name, pa.float32()) for name in COVARIANCE]
+    after += [(FLAGS, pa.uint32()), (CALIBRATION, pa.uint64()), ("buttons", pa.uint32())]
+    taken = {name for name, _ in [*before, *after]}
+    for name in sensors:
+        if name in taken:
+            expected = f"another name, as temperature_{name}: a lake has another column of this one"
+            raise BadInput("the arm", "temperature_sensor.name", repr(name), expected)
+    return pa.schema([*before, *((name, pa.float64()) for name in sensors), *after])
