@@ -29,7 +29,7 @@ CORRELATED = 2.0
 
 
 @dataclass(frozen=True)
-class Drift:
+class CoordinateDrift:
     """Of each coordinate, µm per unit."""
 
     value: F64  # (3,)
@@ -47,8 +47,8 @@ class Repeatability:
 
     repeatability_um: float  # 3-D standard deviation after the drifts
     interval_um: tuple[float, float]  # 95 %
-    per_h: Drift | None  # None: the visits do not tell
-    per_k: Drift | None
+    per_h: CoordinateDrift | None  # None: the visits do not tell
+    per_k: CoordinateDrift | None
     rp_um: float  # ISO 9283: mean distance plus three standard deviations, after the drifts
     largest_um: float  # distance from the fitted course
     offset_um: F64  # (n, 3) from the mean
@@ -99,13 +99,13 @@ def fit_repeatability(position_mm: F64, time_h: F64, temperature_c: F64) -> Repe
     fitted = design @ solved
     residual = position_um - fitted
     covariance = residual.T @ residual / freedom
-    drifts: list[Drift] = []
+    drifts: list[CoordinateDrift] = []
     if rank == design.shape[1]:
         inverse = np.diag(np.linalg.inv(design.T @ design))
         larger = _enlargement(residual, remarks)
         for i in range(1, design.shape[1]):
             spread = np.sqrt(inverse[i] * np.diag(covariance) * larger)
-            drifts.append(Drift(solved[i], spread))
+            drifts.append(CoordinateDrift(solved[i], spread))
     else:
         remarks.append("time and temperature moved exactly together: no drift is reported")
     by = iter(drifts)
