@@ -42,6 +42,25 @@ class ForeignTable:
             raise self.fault(row, column, "a number")
         return value
 
+    def of_prefix(self, prefix: str) -> ForeignTable:
+        """Without other arms' joints: those columns without *prefix*, and what has no arm's.
+
+        An arm's columns are those whose name some other column has behind another beginning.
+        Raises `BadInput` where no column begins so.
+        """
+        prefix = f"{prefix.rstrip('_')}_"
+        own = {name.removeprefix(prefix) for name in self.header if name.startswith(prefix)}
+        if not own:
+            raise BadInput(self.path, "--prefix", repr(prefix), f"one of {few(self.header)}")
+        kept, header = [], []
+        for at, name in enumerate(self.header):
+            bare = name.removeprefix(prefix)
+            if name.startswith(prefix) or not any(name.endswith(f"_{other}") for other in own):
+                kept.append(at)
+                header.append(bare)
+        rows = [[row[at] for at in kept] for row in self.rows]
+        return ForeignTable(self.path, header, rows, self.assumed)
+
     def fault(self, row: int, column: int, expected: str) -> BadInput:
         """What is wrong with one cell."""
         where = f"row {row + 1}, column {self.header[column]}"
