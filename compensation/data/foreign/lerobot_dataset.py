@@ -6,7 +6,6 @@ meta/info.json the names of `observation.state`.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from armd.compensation.data.foreign.table import ForeignTable
+from armd.compensation.data.foreign.table import ForeignTable, has_file
 from armd.errors import BadInput
 from armd.files.inputs import MOST_JSON_BYTES, check_input, read_input
 from armd.files.schema import json_data
@@ -27,7 +26,7 @@ TIME, EPISODE, INDEX = "timestamp", "episode_index", "index"
 
 def is_dataset(path: Path) -> bool:
     """Whether *path* is one of its files, or its folder."""
-    return path.suffix.lower() == SUFFIX or os.path.isfile(path / INFO)  # never raises
+    return path.suffix.lower() == SUFFIX or has_file(path, INFO)
 
 
 def read_dataset(path: Path) -> ForeignTable:

@@ -7,7 +7,6 @@ number at a multiple of its size.
 from __future__ import annotations
 
 import math
-import os
 import sqlite3
 import struct
 from collections import Counter
@@ -16,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from armd.compensation.data.foreign.table import ForeignTable
+from armd.compensation.data.foreign.table import ForeignTable, has_file
 from armd.errors import BadInput
 from armd.files.inputs import check_input
 from armd.terminal.suggest import few
@@ -44,7 +43,7 @@ class JointState:
 
 def is_bag(path: Path) -> bool:
     """Whether *path* is a bag's file, or its folder."""
-    return path.suffix.lower() in SUFFIXES or os.path.isfile(path / "metadata.yaml")  # never raises
+    return path.suffix.lower() in SUFFIXES or has_file(path, "metadata.yaml")
 
 
 def read_bag(path: Path) -> ForeignTable:

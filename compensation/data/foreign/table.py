@@ -6,6 +6,7 @@ CSV of any separator, with a decimal comma or point, in any usual encoding; Exce
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -98,6 +99,13 @@ def read_table(path: Path, sheet: str | None = None) -> ForeignTable:
     if not rows:
         raise BadInput(path, "the table", "no rows", "a header and one row per reading")
     return ForeignTable(path, header, rows, assumed)
+
+
+def has_file(folder: Path, name: str | Path) -> bool:
+    """Whether *folder* is one with this file in it; a name too long for any is none."""
+    with suppress(OSError):
+        return (folder / name).is_file()
+    return False
 
 
 def _without_header(path: Path, begin: int, row: Sequence[str]) -> BadInput:
