@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 import math
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -270,6 +271,20 @@ def test_what_was_added_stays_and_comes_once(
     assert add([two], artefact) == 2
     assert "edited or damaged" in capsys.readouterr().err
     assert len((tmp_path / "checks" / "history.jsonl").read_text().splitlines()) == 1
+
+
+def test_two_files_of_one_instant(
+    tmp_path: Path, artefact: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Tables without dates are of their files' last change, which a copy may share."""
+    rows = "target,x,y,z\nA,0,0,0\nB,500,0,0\n"
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.csv").write_text(rows)
+        os.utime(tmp_path / f"{name}.csv", (1_772_000_000, 1_772_000_000))
+    assert add([tmp_path / "one.csv"], artefact) == 0
+    assert add([tmp_path / "two.csv"], artefact) == 2
+    assert "last change: a column of dates, or --started" in capsys.readouterr().err
+    assert add([tmp_path / "two.csv"], artefact, "--started", "2026-03-02T00:00:00Z") == 0
 
 
 def test_a_table_without_its_artefact(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

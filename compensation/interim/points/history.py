@@ -33,6 +33,7 @@ class NewTable:
     points: PointTable
     dated: CheckDate
     said: list[str]
+    by_file: bool  # dated by the file's last change
 
 
 def read_tables(paths: Sequence[str], started_unix_s: float | None) -> list[NewTable]:
@@ -54,6 +55,7 @@ def _read(path: Path, started_unix_s: float | None) -> NewTable:
     first_s = started_unix_s
     if first_s is None and points.started is not None:
         first_s = points.started.timestamp() + min(known, default=0.0)
+    by_file = first_s is None
     if first_s is None:
         first_s = float(int(path.stat().st_mtime))
         said.append(
@@ -61,7 +63,9 @@ def _read(path: Path, started_unix_s: float | None) -> NewTable:
             " (--started, or a column of dates)"
         )
     last_s = first_s + (max(known) - min(known) if known else 0.0)
-    return NewTable(path, points, CheckDate(path.stem, path, ARM, first_s, first_s, last_s), said)
+    return NewTable(
+        path, points, CheckDate(path.stem, path, ARM, first_s, first_s, last_s), said, by_file
+    )
 
 
 def keep_tables(

@@ -78,7 +78,15 @@ def add(args: argparse.Namespace) -> int:
         lines = chain.read_lines(folder, chain.PointsLine).lines
         if not args.future:
             keeping.check_clock(folder, lines, now)
-        keeping.check_new(folder, lines, dated)
+        try:
+            keeping.check_new(folder, lines, dated)
+        except BadInput as error:
+            if not any(one.by_file and str(one.path) == error.file for one in new):
+                raise
+            expected = f"{error.expected}; it is dated by the file's last change: a column of dates"
+            raise BadInput(
+                error.file, error.where, error.found, f"{expected}, or --started"
+            ) from error
         if lines:
             load_checks(folder)  # a damaged history takes no more
         keep_tables(folder, len(lines), new, args.artefact, radius_mm)
