@@ -26,3 +26,8 @@ def seconds_of_arc(angle_rad: float) -> str:
     """An angle as a person in a workshop says it."""
     seconds = abs(angle_rad) / ARC_SECOND
     return f"{plain(seconds)}″"
+
+
+def minute(unix_s: float) -> str:
+    """An instant as a person reads it."""
+    return f"{datetime.datetime.fromtimestamp(unix_s, datetime.UTC):%Y-%m-%d %H:%M} UTC"

@@ -10,6 +10,7 @@ from pydantic import Field, create_model
 
 from armd import keys
 from armd.compensation.model.arm import Arm, Offset, load_arm
+from armd.compensation.model.parameters import MOST_JOINTS
 from armd.drivers.can.objects import CHANNELS_PER_MODULE, TEMPERATURE_NODES
 from armd.drivers.config import (
     CanConfig,
@@ -30,6 +31,9 @@ from armd.files.schema import Strict, toml_data, validate
 
 if TYPE_CHECKING:
     from armd.drivers.plugin import DriverPlugin
+
+#: The live path's: compiled ahead for so many, and tested with them.
+MOST_LIVE_JOINTS = 9
 
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 Endpoint = Annotated[str, Field(pattern=r"^[a-z0-9-]+/.+$", description="e.g. tcp/127.0.0.1:7447")]
@@ -170,6 +174,9 @@ def load_config(path: str | Path) -> Config:
     config_path = Path(path).absolute()
     arm_path = config_path.parent / file.arm
     arm = load_arm(arm_path)
+    if arm.n_joints > MOST_LIVE_JOINTS:
+        expected = f"3 to {MOST_LIVE_JOINTS} of a live arm (offline commands take {MOST_JOINTS})"
+        raise BadInput(arm_path, "joint", f"{arm.n_joints} of them", expected)
     for k, joint in enumerate(arm.joint, 1):
         if joint.counts_per_turn is None:
             where = f"joint[{k}].counts_per_turn"

@@ -14,7 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from armd.compensation.interim.checks.chain import HEAD, HISTORY, HistoryChain, read_chain
+from armd.compensation.interim.checks.chain import (
+    HEAD,
+    HISTORY,
+    REPORT,
+    HistoryChain,
+    HistoryLine,
+    read_chain,
+)
 from armd.files.inputs import read_input
 from armd.files.schema import json_data
 
@@ -23,7 +30,6 @@ LOOK_S = 5.0
 HOUR_S = 3600.0
 #: A check dated farther ahead than this was dated by a clock that is wrong, or ours is.
 CLOCKS_APART_H = 1.0
-REPORT = "report.json"
 #: A history of ten years is a few megabytes.
 MOST_BYTES = 1 << 26
 
@@ -48,7 +54,7 @@ class WatchedChain:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._stamps: object = ()
-        self._seen = self._now = HistoryChain()
+        self._seen = self._now = HistoryChain[HistoryLine]()
 
     def fault(self, checks: int) -> str:
         """What is wrong with the history, of which a result tells *checks*; "" if nothing. Raises

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from armd.arrays import F64
-from armd.compensation.model.parameters import ParameterLayout
+from armd.compensation.model.parameters import MOST_JOINTS, ParameterLayout
 from armd.files.schema import Strict, load_toml
 from armd.terminal.suggest import few
 
@@ -25,7 +25,9 @@ Offset = Annotated[tuple[Millimetres, Millimetres, Millimetres], Field(descripti
 
 
 #: Columns of readings that are no sensor's.
-TAKEN = re.compile(r"time_s|placement|target|artefact_c|[qw][1-9]|approach_[xyz]|[xyz]_mm")
+TAKEN = re.compile(
+    r"time_s|placement|target|artefact_c|[qw](?:[1-9]|1\d|20)|approach_[xyz]|[xyz]_mm"
+)
 #: Thirds written with two digits still make a mean.
 WEIGHTS_OFF = 0.011
 #: Consecutive axes closer to parallel than this need Hayati's β.
@@ -74,7 +76,7 @@ class Arm(Strict):
     reference_temperature_c: Celsius = 20.0
     gravity: Vector3 = (0.0, 0.0, -1.0)
     temperature_sensor: list[TemperatureSensor] = Field(default_factory=list, max_length=16)
-    joint: Annotated[list[Joint], Field(min_length=3, max_length=9)]
+    joint: Annotated[list[Joint], Field(min_length=3, max_length=MOST_JOINTS)]
     tip: Tip = Tip()
 
     @model_validator(mode="after")

@@ -22,7 +22,7 @@ from pydantic import Field, model_validator
 from armd.arrays import F64
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm, Celsius, Vector3
-from armd.compensation.model.parameters import ParameterLayout
+from armd.compensation.model.parameters import MOST_JOINTS, ParameterLayout
 from armd.compensation.model.slow_factors import Period, SlowFactor
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
@@ -46,7 +46,7 @@ class Noise(Strict):
 
     #: per joint, standard deviation
     encoder_rad: Annotated[
-        list[Annotated[float, Field(ge=0, le=MOST_RAD)]], Field(max_length=9)
+        list[Annotated[float, Field(ge=0, le=MOST_RAD)]], Field(max_length=MOST_JOINTS)
     ] = []
     reading_mm: Annotated[float, Field(ge=0, le=MOST_MM)] = (
         0.0  # repeatability of one reading, per axis

@@ -19,6 +19,9 @@ import numpy as np
 from armd.arrays import Mask
 from armd.errors import ArmdError
 
+#: Of an arm, offline; the live path has a limit of its own.
+MOST_JOINTS = 20
+
 JOINT_PARAMETERS = ("theta", "d", "a", "alpha", "beta")
 TIP_PARAMETERS = ("tip_x", "tip_y", "tip_z")
 BASE_PARAMETERS = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")

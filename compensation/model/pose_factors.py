@@ -14,12 +14,13 @@ from pydantic import Field
 
 from armd.arrays import F64
 from armd.compensation.model.curve import curve_at, curve_pieces
+from armd.compensation.model.parameters import MOST_JOINTS
 from armd.files.schema import Strict
 
 if TYPE_CHECKING:
     from armd.compensation.model.instants import Instants
 
-JointNumber = Annotated[int, Field(ge=1, le=9)]
+JointNumber = Annotated[int, Field(ge=1, le=MOST_JOINTS)]
 Axis = Literal["x", "y", "z"]
 AXES = "xyz"
 

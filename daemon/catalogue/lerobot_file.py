@@ -55,12 +55,15 @@ class CalibrationFile(RootModel[dict[str, Motor]]):
 class Normalised:
     """LeRobot's -100 to 100 of a joint's sweep, back to the servo's positions."""
 
-    def __init__(self, path: Path, headers: dict[str, str]) -> None:
-        """*headers*: q1 → the column of a log, whose name has the motor's in it.
+    def __init__(self, path: Path, headers: dict[str, str], prefix: str | None = None) -> None:
+        """*headers*: q1 → the column of a log, whose name has the motor's in it; *prefix*: of the
+        arm's motors, where the calibration has several arms.
 
         Raises `BadInput` for a joint that the calibration does not have.
         """
         motors = read_motors(path)
+        if prefix is not None and any(key.startswith(prefix.rstrip("_")) for key in motors):
+            motors = motors_of_arm(path, motors, prefix)
         self._motors = {}
         for name, header in headers.items():
             meant = [m for key, m in motors.items() if _named_alike(key, header)]

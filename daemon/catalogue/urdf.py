@@ -16,6 +16,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
+from armd.compensation.model.parameters import MOST_JOINTS
 from armd.daemon.catalogue.axes import across, point_text, rows_of_axes
 from armd.daemon.catalogue.urdf_joints import (
     TURNING,
@@ -157,8 +158,9 @@ def walk(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> 
             raise BadInput(
                 path, where(joint), f"the type {kind!r}", "joints that turn, or are fixed"
             )
-    if not 3 <= len(axes) <= 9:
-        raise BadInput(path, "the chain", f"{len(axes)} turning joints", "3 to 9")
+    if not 3 <= len(axes) <= MOST_JOINTS:
+        found = f"{len(axes)} turning joints"
+        raise BadInput(path, "the chain", found, f"3 to {MOST_JOINTS}")
     return Chain(np.array(origins), np.array(axes), position, limits, name, names, ends)
 
 

@@ -14,7 +14,7 @@ from armd.daemon.measure.in_use import ARM, CALIBRATION, MeasuredWith
 from armd.daemon.measure.plan.stations import Plan, PlanKind
 from armd.errors import BadInput
 
-Then = Literal["calibrate", "diagnose", "verify", "interim", "tip", "none"]
+Then = Literal["calibrate", "diagnose", "verify", "interim", "tip", "repeatability", "none"]
 
 #: What a kind ends with, where a calibration is in force and where none is.
 _USUAL: dict[PlanKind, tuple[tuple[Then, ...], tuple[Then, ...]]] = {
@@ -24,6 +24,7 @@ _USUAL: dict[PlanKind, tuple[tuple[Then, ...], tuple[Then, ...]]] = {
     "verify": (("verify",), ("verify",)),
     "tip": (("tip",), ("tip",)),
     "interim": (("interim",), ("interim",)),
+    "repeatability": (("repeatability",), ("repeatability",)),
 }
 
 
@@ -68,6 +69,9 @@ def commands(
                 limits = [] if options.mpe is None else ["--mpe", str(options.mpe)]
                 outputs = _results(folder, "verify")
                 made.append(["verify", str(folder), *arm, *in_force, *limits, *outputs])
+            case "repeatability":
+                outputs = _results(folder, "repeatability")
+                made.append(["feature", "repeatability", str(folder), *arm, *in_force, *outputs])
             case "tip":
                 label = [] if options.tip_name is None else ["--name", options.tip_name]
                 if options.apply_at is not None:

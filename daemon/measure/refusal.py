@@ -46,7 +46,7 @@ def judge(
     if plan.within_calibration and (reason := _climate(Flag(measurement["flags"]))):
         return reason
     return (
-        _already_taken(measurement, progress)
+        _already_taken(measurement, plan, progress)
         or _not_moved(measurement, plan, earlier)
         or _elsewhere(measurement, plan, progress, station, whereabouts)
     )
@@ -85,22 +85,25 @@ def _climate(flags: Flag) -> Refusal | None:
     return None
 
 
-def _already_taken(measurement: Mapping[str, Any], progress: Progress) -> Refusal | None:
+def _already_taken(
+    measurement: Mapping[str, Any], plan: Plan, progress: Progress
+) -> Refusal | None:
     if not progress.readings:
         return None
     own = measurement["seq"], measurement["stamp_ns"]
     if any((r.measurement["seq"], r.measurement["stamp_ns"]) == own for r in progress.readings):
         return Refusal("twice", "this measurement has been taken")
     last = progress.readings[-1].measurement
-    if _turned_rad(measurement, last) < UNMOVED_RAD and not _came_back(measurement, last):
+    if _turned_rad(measurement, last) < UNMOVED_RAD and not _came_back(measurement, last, plan):
         return Refusal("unmoved", "the arm has not moved since the last reading")
     return None
 
 
-def _came_back(measurement: Mapping[str, Any], last: Mapping[str, Any]) -> bool:
-    """To the only posture: whether the tip was moved since the last reading (older daemons do not
-    say)."""
-    if len(measurement["angles_rad"]) > ONE_POSTURE or "still_s" not in measurement:
+def _came_back(measurement: Mapping[str, Any], last: Mapping[str, Any], plan: Plan) -> bool:
+    """To the only posture, or the one that is visited: whether the tip was moved since the last
+    reading (older daemons do not say)."""
+    one_posture = len(measurement["angles_rad"]) <= ONE_POSTURE or plan.kind == "repeatability"
+    if not one_posture or "still_s" not in measurement:
         return False
     since_s = (int(measurement["stamp_ns"]) - int(last["stamp_ns"])) * 1e-9
     return float(measurement["still_s"]) < since_s

@@ -19,7 +19,8 @@ from pathlib import Path
 import pytest
 
 from armd import __version__
-from armd.compensation.interim.checks import keeping
+from armd.compensation.interim.checks import appending
+from armd.compensation.interim.checks.chain import REPORT
 from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.interim.told import remembered
 from armd.compensation.model.arm import load_arm
@@ -109,7 +110,7 @@ def copy(kept: Path, tmp_path: Path) -> Iterator[Path]:
 
 
 def reported(history: Path) -> dict:
-    return json.loads((history / interim.REPORT).read_text())
+    return json.loads((history / REPORT).read_text())
 
 
 def test_a_slip_and_a_bad_check_are_told(kept: Path) -> None:
@@ -434,7 +435,7 @@ def test_a_full_disk_keeps_nothing_half(
             left[0] -= 1
         write_whole(path, content)
 
-    monkeypatch.setattr(keeping, "write_whole", full)
+    monkeypatch.setattr(appending, "write_whole", full)
     with pytest.raises(BadInput, match="no space left"):
         add(checks, history, 2, 4)
     assert {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()} == before

@@ -16,8 +16,8 @@ from bench import Bench
 from scipy.stats import beta
 from threadpoolctl import threadpool_limits
 
+from armd.compensation.interim.checks.chain import REPORT
 from armd.daemon.cli import main as main_command
-from armd.daemon.commands.offline.interim import REPORT
 from armd.simulator.campaigns import interim
 from armd.simulator.measured.measuring import write_session
 from armd.simulator.measured.noise import Noise

@@ -13,9 +13,16 @@ ROOMS = ("diagnose", "estimate", "interim")
 #: Whole diagnoses of simulated and of real arms; here no test of one module.
 WHOLE = ("hidden", "real")
 HISTORY = "interim/test_interim_history.py"
+POINTS = "interim/test_points_over_time.py"
 #: Module → the tests that hold it. They write and read whole histories; or stand beside such tests.
 HELD_BY = {
     "diagnose/heldout/borne_out": "hidden/test_borne_out.py",  # by squares made up
+    "interim/checks/keeping": HISTORY,
+    "interim/points/figures": POINTS,
+    "interim/points/history": POINTS,
+    "interim/points/judge": POINTS,
+    "interim/points/page": POINTS,
+    "interim/points/result": POINTS,
     "interim/told/judge": HISTORY,
     "interim/told/page": HISTORY,
     "interim/told/result": HISTORY,

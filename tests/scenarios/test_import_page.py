@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
+import numpy as np
 import openpyxl
+from rosbags.rosbag2 import StoragePlugin
 
 from armd.compensation.data.session import load_session
 from armd.compensation.model.arm import load_arm
 from support.pages import run_as_typed, shell_blocks
+from support.robot_logs import MOTORS, bag, dataset
 
+FOLLOWER = Path(__file__).parents[1] / "field" / "lerobot-wrapped-sweep" / "whole.json"
 PAGE = Path(__file__).parents[2] / "docs" / "import.md"
 ROBOT = """<robot name="three">
 {links}
@@ -43,6 +48,9 @@ def robot() -> str:
 def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     workbook(tmp_path / "readings.xlsx")
     (tmp_path / "robot.urdf").write_text(robot())
+    shutil.copy(FOLLOWER, tmp_path / "follower.json")
+    dataset(tmp_path / "my-dataset", MOTORS, [np.zeros((4, 6))], per_file=True)
+    bag(tmp_path / "rosbag2_2026_03_01", StoragePlugin.MCAP)
     text = PAGE.read_text(encoding="utf-8")
     said = run_as_typed("".join(shell_blocks(text)), tmp_path).splitlines()
     (output,) = re.findall(r"```\n(armd: .*?)```", text, re.DOTALL)
@@ -50,6 +58,8 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     arm = load_arm(tmp_path / "my-arm" / "arm.toml")
     assert load_session(tmp_path / "measured", arm).n == 3
     assert load_session(tmp_path / "from-excel", arm).n == 1
+    assert load_session(tmp_path / "from-lerobot", arm).n == 4
+    assert load_session(tmp_path / "from-ros", arm).n == 3
     drawn = load_arm(tmp_path / "drawn-arm" / "arm.toml")
     assert [joint.d_mm for joint in drawn.joint] == [292.1, 0.0, 0.0]
     assert drawn.sensors == ["foot", "elbow"]

@@ -178,7 +178,7 @@ def _put_words(places: Places, given: Mapping[str, str]) -> None:
     """Columns that are called what they are."""
     for at, header in places.free():
         word, _ = word_and_unit(header)
-        meant = header if header in places.known and not re.fullmatch(r"[qw]\d", header) else None
+        meant = header if header in places.known and not re.fullmatch(r"[qw]\d+", header) else None
         meant = meant or _sensor_by_name(places.arm, header) or _as_word(word)
         if meant is None or meant in given or word == "t":
             continue

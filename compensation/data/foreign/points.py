@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,11 +10,14 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.data.foreign.table import ForeignTable, read_table
-from armd.compensation.data.foreign.words import LENGTHS, WORDS, word_and_unit
+from armd.compensation.data.foreign.times import check_unit, read_times
+from armd.compensation.data.foreign.words import DATE, LENGTHS, WORDS, word_and_unit
 from armd.errors import BadInput
 from armd.terminal.suggest import few
 
 AXES = ("x_mm", "y_mm", "z_mm")
+TAKEN = (*AXES, "target", "placement")
+TIMED = ("time_s", "date")
 ALL = "1"
 
 
@@ -24,18 +28,22 @@ class PointTable:
     position_mm: F64  # (n, 3)
     target: list[str]
     placement: list[str]
+    time_s: list[float]  # NaN unknown; since *started*, or since nobody knows when
+    started: datetime.datetime | None
     said: list[str] = field(default_factory=list)  # what was assumed, a sentence each
 
 
-def read_points(path: Path) -> PointTable:
-    """Raises `BadInput` for a table without x, y, z, or with a cell that is no number."""
+def read_points(path: Path, *, timed: bool = False) -> PointTable:
+    """Read a table of points, with their instants if *timed*.
+
+    Raises `BadInput` for a table without x, y, z, or with a cell that is no number."""
     table = read_table(path)
     said = list(table.assumed)
     columns: dict[str, int] = {}
     for at, header in enumerate(table.header):
         word = word_and_unit(header)[0]
-        name = header if header in (*AXES, "target", "placement") else WORDS.get(word)
-        if name not in (*AXES, "target", "placement"):
+        name = "date" if word in DATE else header if header in TAKEN else WORDS.get(word)
+        if name is None or name not in (*TAKEN, *(TIMED if timed else ())):
             continue
         if name in columns:
             both = f"two columns, {table.header[columns[name]]!r} and {header!r}"
@@ -56,7 +64,22 @@ def read_points(path: Path) -> PointTable:
         if "" in names[name]:
             raise table.fault(names[name].index(""), columns[name], f"the name of a {name}")
     said += [f"{name} is the column {table.header[at]!r}" for name, at in columns.items()]
-    return PointTable(position, names["target"], names["placement"], said)
+    time_s, started = _times(table, columns)
+    return PointTable(position, names["target"], names["placement"], time_s, started, said)
+
+
+def _times(
+    table: ForeignTable, columns: dict[str, int]
+) -> tuple[list[float], datetime.datetime | None]:
+    """When each point was measured, and since when the seconds count, where that is known."""
+    at = columns.get("time_s", columns.get("date"))
+    if at is None:
+        return [float("nan")] * len(table.rows), None
+    unit = word_and_unit(table.header[at])[1]
+    check_unit(table, at, unit)
+    day = columns.get("date") if "time_s" in columns else None
+    times = read_times(table, at, unit, day, None)
+    return times.seconds, times.started
 
 
 def _millimetres(table: ForeignTable, at: int) -> list[float]:

@@ -6,6 +6,7 @@ CSV of any separator, with a decimal comma or point, in any usual encoding; Exce
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -41,6 +42,25 @@ class ForeignTable:
         if value is None:
             raise self.fault(row, column, "a number")
         return value
+
+    def of_prefix(self, prefix: str) -> ForeignTable:
+        """Without other arms' joints: those columns without *prefix*, and what has no arm's.
+
+        An arm's columns are those whose name some other column has behind another beginning.
+        Raises `BadInput` where no column begins so.
+        """
+        prefix = f"{prefix.rstrip('_')}_"
+        own = {name.removeprefix(prefix) for name in self.header if name.startswith(prefix)}
+        if not own:
+            raise BadInput(self.path, "--prefix", repr(prefix), f"one of {few(self.header)}")
+        kept, header = [], []
+        for at, name in enumerate(self.header):
+            bare = name.removeprefix(prefix)
+            if name.startswith(prefix) or not any(name.endswith(f"_{other}") for other in own):
+                kept.append(at)
+                header.append(bare)
+        rows = [[row[at] for at in kept] for row in self.rows]
+        return ForeignTable(self.path, header, rows, self.assumed)
 
     def fault(self, row: int, column: int, expected: str) -> BadInput:
         """What is wrong with one cell."""
@@ -79,6 +99,13 @@ def read_table(path: Path, sheet: str | None = None) -> ForeignTable:
     if not rows:
         raise BadInput(path, "the table", "no rows", "a header and one row per reading")
     return ForeignTable(path, header, rows, assumed)
+
+
+def has_file(folder: Path, name: str | Path) -> bool:
+    """Whether *folder* is one with this file in it; a name too long for any is none."""
+    with suppress(OSError):
+        return (folder / name).is_file()
+    return False
 
 
 def _without_header(path: Path, begin: int, row: Sequence[str]) -> BadInput:

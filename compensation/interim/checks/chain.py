@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Generic, TypeVar
 
 from pydantic import Field
 
@@ -15,13 +17,14 @@ from armd.files.schema import Strict, json_data, validate
 from armd.files.writing import told
 
 HISTORY, HEAD = "history.jsonl", "head.json"
+#: The last result, for the daemon and for programs.
+REPORT = "report.json"
 BEGINNING = "0" * 64
 
 
-class HistoryLine(Strict):
-    """One check, as the history has it."""
+class AnyLine(Strict):
+    """One check, as every kind of history has it."""
 
-    schema_: str = Field(alias="schema", pattern="^armd.interim.check/1$")
     check: int
     name: str
     started: str
@@ -30,10 +33,29 @@ class HistoryLine(Strict):
     last_unix_s: float
     folder: str
     files: dict[str, str]  # name → SHA-256
-    arm_file: str  # SHA-256
-    calibration: str  # SHA-256
     added: str
     previous: str
+
+
+class HistoryLine(AnyLine):
+    """A check that is a session."""
+
+    schema_: str = Field(alias="schema", pattern="^armd.interim.check/1$")
+    arm_file: str  # SHA-256
+    calibration: str  # SHA-256
+
+
+class PointsLine(AnyLine):
+    """A check that is a table of points."""
+
+    schema_: str = Field(alias="schema", pattern="^armd.interim.points/1$")
+    artefact: str  # SHA-256
+    tip_radius_mm: float = Field(ge=0)
+
+
+#: What the checks of a history are, by the schema of its lines.
+KINDS = {"armd.interim.check/1": "sessions", "armd.interim.points/1": "tables of points"}
+Line = TypeVar("Line", bound=AnyLine)
 
 
 class Head(Strict):
@@ -45,14 +67,31 @@ class Head(Strict):
 
 
 @dataclass(frozen=True)
-class HistoryChain:
+class HistoryChain(Generic[Line]):
     """The lines in the order of adding."""
 
-    lines: tuple[HistoryLine, ...] = ()
+    lines: tuple[Line, ...] = ()
     hashes: tuple[str, ...] = ()  # each line's SHA-256
 
 
-def read_chain(folder: Path) -> HistoryChain:
+def is_of_points(folder: Path) -> bool:
+    """Whether the checks of a history are tables of points; False where there is no history."""
+    path = folder / HISTORY
+    if not path.is_file():
+        return False
+    first = read_input(path).split(b"\n")[0]
+    with suppress(BadInput):
+        content = json_data(path, first)
+        return isinstance(content, dict) and content.get("schema") == "armd.interim.points/1"
+    return False
+
+
+def read_chain(folder: Path) -> HistoryChain[HistoryLine]:
+    """The lines of a history of sessions: see `read_lines`."""
+    return read_lines(folder, HistoryLine)
+
+
+def read_lines(folder: Path, kind: type[Line]) -> HistoryChain[Line]:
     """The history's lines in the order of adding, none without a history; raises `BadInput` where
     the chain is broken or cut short."""
     path = folder / HISTORY
@@ -71,10 +110,13 @@ def read_chain(folder: Path) -> HistoryChain:
     raw = read_input(path).split(b"\n")
     if raw.pop() != b"":
         raise BadInput(path, f"line {len(raw) + 1}", "its end torn off", "a whole line")
-    lines, hashes = [], [BEGINNING]
+    lines: list[Line] = []
+    hashes = [BEGINNING]
     for number, text in enumerate(raw, 1):
         where = f"{path}: line {number}"
-        line = validate(where, json_data(where, text), HistoryLine)
+        content = json_data(where, text)
+        _refuse_other_kind(path, number, content, kind)
+        line = validate(where, content, kind)
         if line.previous != hashes[-1] or line.check != number:
             found = "a line that does not follow the one before (edited, or lines are missing)"
             follows = f"the hash {hashes[-1][:16]}… of that line"
@@ -83,6 +125,16 @@ def read_chain(folder: Path) -> HistoryChain:
         lines.append(line)
     _check_head(folder, head or _head(folder), hashes)
     return HistoryChain(tuple(lines), tuple(hashes[1:]))
+
+
+def _refuse_other_kind(path: Path, number: int, content: object, kind: type[AnyLine]) -> None:
+    """A history has checks of one kind."""
+    own = KINDS["armd.interim.points/1" if kind is PointsLine else "armd.interim.check/1"]
+    schema = content.get("schema") if isinstance(content, dict) else None
+    other = KINDS.get(schema, own) if isinstance(schema, str) else own
+    if other != own:
+        expected = f"checks that are {own}: keep the two kinds in two folders (--history)"
+        raise BadInput(path, f"line {number}", f"a history of {other}", expected)
 
 
 def _check_head(folder: Path, head: Head | None, hashes: Sequence[str]) -> None:

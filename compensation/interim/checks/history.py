@@ -62,16 +62,16 @@ def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
     for line in lines:
         if line.arm_file not in arms:
             path = folder / "arms" / f"{line.arm_file}.toml"
-            _check_hash(path, line.arm_file)
+            check_hash(path, line.arm_file)
             arms[line.arm_file] = load_arm(path)
         arm = arms[line.arm_file]
         if line.calibration not in calibrations:
             path = folder / "calibrations" / f"{line.calibration}.json"
-            _check_hash(path, line.calibration)
+            check_hash(path, line.calibration)
             calibrations[line.calibration] = load_calibration(path, arm)
         place = folder / "checks" / line.folder
         for name, sha256 in line.files.items():
-            _check_hash(place / name, sha256)
+            check_hash(place / name, sha256)
         calibration = calibrations[line.calibration]
         epoch = line.arm_file, line.calibration
         if epoch not in catalogues:
@@ -102,7 +102,8 @@ def _of_today(folder: Path, check: Check, causes: Sequence[Cause]) -> Check:
     return replace(check, reduced=reduce(measured, check.arm, check.calibration.content, causes))
 
 
-def _check_hash(path: Path, sha256: str) -> None:
+def check_hash(path: Path, sha256: str) -> None:
+    """Raise `BadInput` unless *path* has the content of that hash."""
     if not path.is_file():
         raise BadInput(path, "the file", "nothing", "the file that the history was written with")
     if hashlib.sha256(read_input(path)).hexdigest() != sha256:

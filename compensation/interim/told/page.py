@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from armd.arrays import F64
@@ -18,18 +15,13 @@ from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.interim.changes.change import shapes
 from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
 from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
-from armd.compensation.interim.told.result import in_words, minute
+from armd.compensation.interim.told.result import in_words
+from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, instants
 from armd.compensation.report.drawing import COLOURS, one_drawing
 from armd.compensation.report.page import Page, report_number
 from armd.compensation.report.sessions import session_facts
-from armd.compensation.wording import ARC_SECOND, plain
+from armd.compensation.wording import ARC_SECOND, minute, plain
 
-#: How a verdict looks; colours are told apart by colour-blind readers too.
-LOOK = {
-    "in_control": ("in control", "#009E73", "o"),
-    "changed": ("changed", "#D55E00", "D"),
-    "bad_check": ("bad check", "#000000", "x"),
-}
 #: Of a check's files, what was measured.
 MEASURED = ("session.toml", *READINGS)
 #: Units as a person reads them: the name, and how many of them one unit of the model is.
@@ -56,7 +48,7 @@ def interim_page(judgement: Judgement, result: dict[str, Any], sessions: Sequenc
         "much likelier the readings are with a change than without, over all instants and causes."
     )
     checks = result["checks"]
-    page.figure(_statistics(checks), "The statistic of each check, and its limit")
+    page.figure(draw_statistics(checks), "The statistic of each check, and its limit")
     page.figure(_residuals(checks), "Residuals of each check under the calibration, µm RMS")
     for epoch in judgement.epochs:
         for told in epoch.told:
@@ -116,40 +108,9 @@ def _origin(page: Page, judgement: Judgement, result: dict[str, Any]) -> None:
     page.origin(report_number(result["arm"], *inputs.values()), inputs, facts)
 
 
-def _instants(texts: Sequence[str]) -> npt.NDArray[np.datetime64]:
-    """Instants in UTC, as a drawing takes them."""
-    utc = [datetime.datetime.fromisoformat(text).astimezone(datetime.UTC) for text in texts]
-    return np.array([instant.replace(tzinfo=None) for instant in utc], dtype="datetime64[us]")
-
-
-def _by_verdict(panel: Axes, checks: Sequence[dict[str, Any]], values: Sequence[float]) -> None:
-    """A mark for each check, that shows its verdict."""
-    for verdict, (name, colour, mark) in LOOK.items():
-        own = [i for i, check in enumerate(checks) if check["verdict"] == verdict]
-        panel.plot(
-            _instants([checks[i]["started"] for i in own]),
-            [values[i] for i in own],
-            mark,
-            color=colour,
-            markersize=4,
-            label=name,
-        )
-    panel.set_xlabel("check started, UTC")
-
-
-def _statistics(checks: Sequence[dict[str, Any]]) -> Figure:
-    figure, panel = one_drawing()
-    # Beyond its limit a statistic grows with every check: what matters is where it passes.
-    _by_verdict(panel, checks, [min(c["statistic"], 4 * c["limit"]) for c in checks])
-    panel.axhline(checks[0]["limit"], linestyle="--", color="black", label="limit")
-    panel.set_ylabel("statistic (natural logarithm; cut at 4 limits)")
-    panel.legend(frameon=False)
-    return figure
-
-
 def _residuals(checks: Sequence[dict[str, Any]]) -> Figure:
     figure, panel = one_drawing()
-    _by_verdict(panel, checks, [check["rms_um"] for check in checks])
+    draw_by_verdict(panel, checks, [check["rms_um"] for check in checks])
     panel.set_ylabel("residuals under the calibration, µm RMS")
     panel.set_ylim(bottom=0.0)
     panel.legend(frameon=False)
@@ -160,7 +121,7 @@ def _over_time(epoch: Epoch, told: Told) -> Figure:
     """A cause's amplitudes check by check, and the course that is told."""
     figure, panel = one_drawing()
     assert told.change.cause is not None and told.cause is not None
-    instants = _instants([check.line.started for check in epoch.checks])
+    moments = instants([check.line.started for check in epoch.checks])
     block = epoch.stack.blocks[told.change.cause]
     course = shapes(epoch.stack, told.change)
     grown = course[:, 0] / max(float(course[-1, 0]), 1e-300)
@@ -170,12 +131,12 @@ def _over_time(epoch: Epoch, told: Told) -> Figure:
         values, spread = _by_check(epoch, block, j)
         colour = COLOURS[j % len(COLOURS)]
         panel.errorbar(
-            instants.astype(object), factor * column.typical * values,
+            moments.astype(object), factor * column.typical * values,
             2 * factor * column.typical * spread, fmt="o", markersize=3, elinewidth=0.8,
             color=colour, alpha=0.6, label=f"{column.name}, {unit}, each check alone",
         )  # fmt: skip
         panel.plot(
-            instants, factor * told.values[j] * grown, color=colour, drawstyle=drawstyle,
+            moments, factor * told.values[j] * grown, color=colour, drawstyle=drawstyle,
             label=f"{column.name}, {unit}, as reported",
         )  # fmt: skip
     first, last = (np.datetime64(round(1e6 * s), "us") for s in told.between_unix_s)

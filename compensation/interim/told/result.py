@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +12,7 @@ from armd.compensation.interim.checks.history import Check, iso
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
 from armd.compensation.interim.told.growth import SURE, Grown
 from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
-from armd.compensation.wording import ARC_SECOND, plain
+from armd.compensation.wording import ARC_SECOND, minute, plain
 from armd.terminal.counted import counted
 
 #: Of a statistic: whatever comes behind depends on which checks were watched at one time.
@@ -171,11 +170,6 @@ def reading(told: Told) -> str:
 def named(cause: Cause) -> str:
     """A cause and its place in words."""
     return f"{cause.candidate.cause.replace('_', ' ')} ({cause.candidate.location})"
-
-
-def minute(unix_s: float) -> str:
-    """An instant as a person reads it."""
-    return f"{datetime.datetime.fromtimestamp(unix_s, datetime.UTC):%Y-%m-%d %H:%M} UTC"
 
 
 def in_words(judgement: Judgement) -> list[str]:

@@ -36,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " three seats\n"
         "  poses     the poses of a table of `armd design -o`\n"
         "  tip       a seat, or a sphere (--sphere-mm): the tip's offset\n"
+        "  repeatability  one place, visited many times over hours: scatter and drift\n"
         "  interim   a short check, for `armd interim`; --proposed: the one it proposes\n"
         "while it runs, Enter after: d delete the last, a once more, s leave out, f finish, q stop"
     )
@@ -63,7 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--repeats",
         metavar="N",
         type=lambda text: whole(text, 1, MOST_STATIONS),
-        help="rounds over the targets in each placement (seats: 10, artefact: 3)",
+        help="rounds over the targets in each placement (seats: 10, artefact: 3,"
+        " repeatability: 30)",
     )
     what.add_argument(
         "--poses",

@@ -15,7 +15,9 @@ from armd.arrays import F64
 from armd.compensation.features.fit import SHAPES, Feature, fit
 from armd.compensation.features.relate import angle, distance
 from armd.compensation.features.shapes import Shape
+from armd.compensation.report.written import add_pages
 from armd.daemon.bridges.export.source import MeasurementLine, from_path
+from armd.daemon.commands.offline import repeatability
 from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
@@ -23,6 +25,7 @@ from armd.terminal.arguments import positive
 from armd.terminal.printable import printable
 
 RELATIONS = ("distance", "angle")
+REPEATABILITY = "repeatability"
 #: `FILE:1-4,7`: rows of the file, from 1.
 ROWS = re.compile(r"\d+(-\d+)?(,\d+(-\d+)?)*")
 
@@ -34,15 +37,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "FILE:1-4,7 takes these of its measurements, counted from 1\n\n"
         "  armd feature plane table.csv:1-9\n"
         "  armd feature cylinder bore.csv --tip-radius-mm 3 --inside\n"
-        "  armd feature distance plane=table.csv:1-9 sphere=table.csv:10-20"
+        "  armd feature distance plane=table.csv:1-9 sphere=table.csv:10-20\n"
+        "  armd feature repeatability SESSION --arm arm.toml: of one seat visited many times"
     )
-    kinds = (*SHAPES, *RELATIONS)
+    kinds = (*SHAPES, *RELATIONS, REPEATABILITY)
     parser.add_argument("kind", choices=kinds, metavar="KIND", help=", ".join(kinds))
     parser.add_argument(
         "operand",
         nargs="+",
         metavar="FILE[:ROWS]",
-        help="of distance and angle two, KIND=FILE[:ROWS]",
+        help="of distance and angle two, KIND=FILE[:ROWS]; of repeatability a session's folder, or"
+        " a table of points (x_mm, y_mm, z_mm; optionally a time)",
     )
     parser.add_argument("--json", metavar="OUT.json", help="the result for programs")
     parser.add_argument(
@@ -54,11 +59,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--inside", action="store_true", help="with --tip-radius-mm: a bore, touched from inside"
     )
+    visits = parser.add_argument_group("repeatability")
+    visits.add_argument("--arm", metavar="ARM.toml", help="what the arm is; of a session")
+    visits.add_argument("--calibration", metavar="CAL.json", help="without it: nominal geometry")
+    add_pages(parser, "of repeatability: a report with a picture of the visits over time")
     add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     kind: str = args.kind
+    if kind == REPEATABILITY:
+        for option, value in (("--tip-radius-mm", args.tip_radius_mm), ("--inside", args.inside)):
+            if value:
+                raise BadInput("the command line", option, f"it with {kind}", "it with a sphere")
+        return repeatability.run(args)
+    for option in ("arm", "calibration", "report", "pdf"):
+        if getattr(args, option) is not None:
+            expected = f"it with {REPEATABILITY}"
+            raise BadInput("the command line", f"--{option}", f"it with {kind}", expected)
     operands = [_operand(kind, text) for text in args.operand]
     wanted = 2 if kind in RELATIONS else 1
     if len(operands) != wanted:

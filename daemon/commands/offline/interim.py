@@ -30,28 +30,33 @@ from armd.compensation.interim.told.tomorrow import Tomorrow, tomorrow
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
-from armd.daemon.commands.offline.given import add_arm
+from armd.daemon.commands.offline import interim_points
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_changed, write_whole
 from armd.terminal.aside import aside, bar
 
-#: In a history's folder: the last result, for the daemon and for programs; and the calibration with
-#: the growth of the links, where the one in use could not know it.
-REPORT, GROWTH = "report.json", "calibration-growth.json"
+#: In a history's folder: the calibration with the growth of the links, where the one in
+#: use could not know it.
+GROWTH = "calibration-growth.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
     add = actions.add_parser("add", help="keep a check and judge the whole history")
-    add.add_argument("session", nargs="+", metavar="SESSION", help="session folders of checks")
-    add_arm(add)
+    add.add_argument(
+        "session",
+        nargs="+",
+        metavar="SESSION",
+        help="session folders of checks, or tables of points (x_mm, y_mm, z_mm, target)",
+    )
+    add.add_argument("--arm", metavar="ARM.toml", help="what the arm is; of sessions")
     add.add_argument(
         "--calibration",
-        required=True,
         metavar="CAL.json",
         help="the calibration that the checks are of; another one begins an epoch of its own",
     )
+    interim_points.add_arguments(add)
     add.add_argument("--history", required=True, metavar="DIR", help="the folder that keeps them")
     add.add_argument(
         "--future",
@@ -81,17 +86,27 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _add(args: argparse.Namespace) -> int:
+    if interim_points.are_tables(args.session):
+        return interim_points.add(args)
+    interim_points.refuse_options(args)
+    for option, value, expected in (
+        ("--arm", args.arm, "the arm.toml measured with"),
+        ("--calibration", args.calibration, "the calibration that the checks are of"),
+    ):
+        if value is None:
+            raise BadInput("the command line", option, "nothing", expected)
     folder = Path(args.history)
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm)
     sessions = load_sessions(args.session, arm)
+    dated = [keeping.CheckDate.of_session(session) for session in sessions]
     if not args.future:
-        keeping.check_past(sessions, math.floor(time.time()))
+        keeping.check_past(dated, math.floor(time.time()))
     # Twice: before the long part for a quick answer, and again when nobody else may write.
     lines = chain.read_chain(folder).lines
     if not args.future:
         keeping.check_clock(folder, lines, math.floor(time.time()))
-    keeping.check_new(folder, lines, sessions)
+    keeping.check_new(folder, lines, dated)
     remarks = refuse_unfit(sessions, arm, calibration.content)
     causes = causes_of(arm, calibration.content)
     console, new = aside(args), []
@@ -102,14 +117,14 @@ def _add(args: argparse.Namespace) -> int:
     with keeping.locked(folder), console.status("judging the history …"):
         lines = chain.read_chain(folder).lines
         before = history.load(folder) if lines else []  # a damaged history takes no more
-        keeping.check_new(folder, lines, sessions)
+        keeping.check_new(folder, lines, dated)
         keeping.keep(folder, lines, new, Path(args.arm), calibration)
         try:
             judgement, result, _ = _judged(folder, before)
         except BadInput as error:  # no room for the report, it may be
             kept = f"{error.expected} (the checks are kept: armd interim report judges them)"
             raise BadInput(error.file, error.where, error.found, kept) from error
-    for remark in filter(None, [*remarks, keeping.dated_before(lines, sessions)]):
+    for remark in filter(None, [*remarks, keeping.dated_before(lines, dated)]):
         console.print(f"armd: {remark}", soft_wrap=True, markup=False, highlight=False)
     _say(folder, judgement, result, "-" if args.json else None)
     return 1 if judgement.changed else 0
@@ -127,6 +142,8 @@ def _report(args: argparse.Namespace) -> int:
         args.force,
     )
     folder = Path(args.history)
+    if chain.is_of_points(folder):
+        return interim_points.report(args, to_file)
     with aside(args).status("judging the history …"):
         judgement, result, after = _judged(folder)
     if args.poses:
@@ -166,7 +183,7 @@ def _judged(
         saved = save_calibration(folder / GROWTH, grown.calibration, write_changed)
         with_growth = GROWTH, saved.sha256
     result = as_json(judgement, files, after.as_json(), with_growth)
-    write_changed(folder / REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    write_changed(folder / chain.REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
     remember(folder, judgement)
     return judgement, result, after
 

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from armd.compensation.data.foreign.columns import NORMALISED, FoundColumns, Given, find_columns
-from armd.compensation.data.foreign.table import TABLES, read_table
+from armd.compensation.data.foreign.lerobot_dataset import is_dataset, read_dataset
+from armd.compensation.data.foreign.rosbag import is_bag, read_bag
+from armd.compensation.data.foreign.table import TABLES, ForeignTable, read_table
 from armd.compensation.data.foreign.words import LENGTHS
 from armd.compensation.data.session import load_session
 from armd.compensation.data.session_writing import write_session
@@ -32,7 +34,13 @@ from armd.terminal.printable import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("table", type=Path, metavar="FILE", help="a table (CSV, .xlsx), or a URDF")
+    parser.add_argument(
+        "table",
+        type=Path,
+        metavar="FILE",
+        help="a table (CSV, .xlsx), a LeRobot data set (folder, .parquet), a ROS 2 bag (folder,"
+        " .mcap, .db3), or a URDF",
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="SESSION|ARM.toml")
     table = parser.add_argument_group("a table")
     table.add_argument("--arm", type=Path, metavar="ARM.toml", help="what was measured with")
@@ -41,6 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="which column is which, where its name does not say so: q1='Joint one'",
     )  # fmt: skip
     table.add_argument("--sheet", metavar="NAME", help="of a workbook (the first)")
+    table.add_argument(
+        "--prefix", metavar="NAME",
+        help="of one arm's joints, where the table has those of several: left_",
+    )  # fmt: skip
     angles = table.add_mutually_exclusive_group()
     angles.add_argument("--angle-unit", choices=["rad", "deg", "count"], help="(by the header)")
     angles.add_argument(
@@ -59,6 +71,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     urdf = parser.add_argument_group("a URDF")
     urdf.add_argument("--tip-link", metavar="LINK", help="the link that touches (the last one)")
     add_force(parser)
+
+
+def _read(args: argparse.Namespace) -> ForeignTable:
+    """The table, of one arm; raises `BadInput`."""
+    if is_dataset(args.table) or is_bag(args.table):
+        if args.sheet is not None:
+            raise BadInput(args.table, "--sheet", repr(args.sheet), "a workbook, which has sheets")
+        table = (read_dataset if is_dataset(args.table) else read_bag)(args.table)
+    else:
+        table = read_table(args.table, args.sheet)
+    return table if args.prefix is None else table.of_prefix(args.prefix)
 
 
 def _column(text: str) -> tuple[str, str]:
@@ -85,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     artefact = None if args.artefact is None else _artefact(args)
     with aside(args).status("reading the table …"):
-        table = read_table(args.table, args.sheet)
+        table = _read(args)
     given = Given(
         dict(args.column),
         NORMALISED if args.lerobot else args.angle_unit,
@@ -96,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
     found = find_columns(table, arm, given)
     said = [*table.assumed, *found.said]
     if args.lerobot:
-        said.append(_from_lerobot(args.lerobot, arm, found))
+        said.append(_from_lerobot(args.lerobot, arm, found, args.prefix))
     n = len(table.rows)
     content = _content(args, arm, found, artefact, said)
     names = ["time_s", "placement", "target", *arm_columns(found.numbers)]
@@ -159,11 +182,11 @@ def _artefact(args: argparse.Namespace) -> dict[str, Any]:
     return content
 
 
-def _from_lerobot(path: Path, arm: Arm, found: FoundColumns) -> str:
+def _from_lerobot(path: Path, arm: Arm, found: FoundColumns, prefix: str | None) -> str:
     """Angles of LeRobot's normalised positions, in place; what was done, in a sentence."""
     from armd.daemon.catalogue.lerobot_file import Normalised
 
-    sweeps = Normalised(path, found.joints)
+    sweeps = Normalised(path, found.joints, prefix)
     counts = all(joint.counts_per_turn == 4096 for joint in arm.joint)
     for name in found.joints:
         found.numbers[name] = [

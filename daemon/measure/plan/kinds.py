@@ -31,6 +31,8 @@ ARTEFACT_ROUNDS = 3
 TIP_SEAT_READINGS, TIP_SPHERE_READINGS = 12, 25
 #: A tip that is to be calibrated may be anywhere: only another seat is farther off than this.
 TIP_NEAR_MM = 100.0
+#: Visits of one place: an hour at one each two minutes, and enough to tell drifts from scatter.
+REPEATABILITY_VISITS = 30
 INTERIM_SEATS, INTERIM_SEAT_READINGS, INTERIM_ROUNDS = ("S1", "S2"), 10, 2
 SPAT = ("SPAT1", "SPAT2", "SPAT3")
 SPAT_WHERE = ("near the column", "in the middle of the reach", "far out")
@@ -44,6 +46,7 @@ SPHERE_POINTS: dict[str, list[str]] = {
 }
 
 SEAT_HOW = "the tip in the seat, the arm in another posture than before"
+VISIT_HOW = "away and back to the same place, in the same posture as the first time"
 BALL_HOW = "the tip's centre at the ball, the wrist turned otherwise than last time"
 SPHERE_HOW = "touch the sphere, all over its upper half"
 
@@ -85,7 +88,7 @@ def _refuse_what_is_not_asked(kind: PlanKind, artefact: Artefact | None, wishes:
         "--artefact": (artefact, ("artefact", "verify", "poses", "interim")),
         "--targets": (wishes.targets, ("seats", "artefact", "interim")),
         "--placements": (wishes.placements, ("seats", "artefact", "poses", "interim")),
-        "--repeats": (wishes.repeats, ("seats", "artefact", "tip", "interim")),
+        "--repeats": (wishes.repeats, ("seats", "artefact", "tip", "interim", "repeatability")),
     }
     for option, (value, kinds) in only.items():
         if value is not None and kind not in kinds:
@@ -243,6 +246,13 @@ def _tip(_arm: Arm, _none: Artefact | None, wishes: Wishes) -> Made:
     return seats_artefact(names), stations
 
 
+def _repeatability(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
+    names = ["seat"]
+    return seats_artefact(names), rounds(
+        ["1"], names, wishes.repeats or REPEATABILITY_VISITS, VISIT_HOW
+    )
+
+
 def _interim(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     if wishes.proposed is not None or wishes.poses is not None:
         return _interim_poses(arm, artefact, wishes)
@@ -289,4 +299,5 @@ _MAKERS: dict[PlanKind, Callable[[Arm, Artefact | None, Wishes], Made]] = {
     "poses": _poses,
     "tip": _tip,
     "interim": _interim,
+    "repeatability": _repeatability,
 }

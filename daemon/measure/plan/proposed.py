@@ -7,8 +7,9 @@ import math
 from pathlib import Path
 from typing import Any
 
+from armd.compensation.interim.checks.chain import REPORT
 from armd.compensation.model.arm import Arm
-from armd.daemon.interim_checks import MOST_BYTES, REPORT
+from armd.daemon.interim_checks import MOST_BYTES
 from armd.daemon.measure.plan.poses import Pose, how_to
 from armd.errors import BadInput
 from armd.files.inputs import read_input

@@ -15,7 +15,7 @@ from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.files.schema import Strict, validate
 
-PlanKind = Literal["seats", "artefact", "verify", "poses", "tip", "interim"]
+PlanKind = Literal["seats", "artefact", "verify", "poses", "tip", "interim", "repeatability"]
 KINDS: tuple[PlanKind, ...] = get_args(PlanKind)
 
 #: Farther than this from where its target must be, a reading is taken for another target's (mm).

@@ -54,7 +54,9 @@ class Following:
             self.earlier = {place: _placed(plan, progress, place) for place in measured_in}
         to = arm, in_use.constants, self._target_mm
         measured = angles_of(progress, arm.n_joints)
-        if station.posture_deg is None:
+        if plan.kind == "repeatability":
+            self._posture = Proposal(measured[0] if len(measured) else None, "")
+        elif station.posture_deg is None:
             self._posture = propose(*to, measured, progress.last_number)
         else:
             self._posture = designed(*to, np.radians(station.posture_deg), measured)

@@ -258,6 +258,7 @@ def plan_of_kind(kind, folder):
         "verify": Wishes(tests=["spat"]),
         "tip": Wishes(repeats=5),
         "interim": Wishes(targets=["S1", "S2"], repeats=3),
+        "repeatability": Wishes(repeats=5),
     }
     return plan_of(kind, ARM, BEAM if kind == "artefact" else None, wishes[kind])
 
@@ -493,3 +494,25 @@ def test_arm_toml_says_the_same_again():
     joint = arm.joint[0].model_copy(update={"temperature": {"a": 0.5, "b": 0.5}})
     arm = arm.model_copy(update={"joint": [joint, *arm.joint[1:]]})
     assert parse_toml("arm.toml", arm_toml(arm).encode(), type(arm)) == arm
+
+
+def test_repeatability_comes_back_to_the_same_posture(tmp_path):
+    """The posture is the first visit's. A servo that comes back to the count is a new visit if the
+    tip was moved since, and the same one if it was not; in other kinds it is the same."""
+    joint = {"a_mm": 100.0, "counts_per_turn": 4096, "min_deg": -170.0, "max_deg": 170.0}
+    arm = small_arm(joint=[joint] * 5)
+    in_use = MeasuredWith(arm, None, None, None)
+    place = (300.0, 20.0, 100.0)
+    q = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
+    for kind, wanted in (("repeatability", "reading"), ("seats", "refused")):
+        plan = plan_of(kind, arm, None, Wishes(repeats=3))
+        with Measuring(tmp_path / kind, plan, in_use) as measuring:
+            first = press(1, place, angles_rad=q.tolist(), rates_rad_s=[0.0] * 5)
+            assert measuring.offer(first)["event"] == "reading"
+            still = press(2, place, still_s=1e6, angles_rad=q.tolist(), rates_rad_s=[0.0] * 5)
+            assert measuring.offer(still)["reason"] == "unmoved"
+            back = press(3, place, still_s=0.7, angles_rad=q.tolist(), rates_rad_s=[0.0] * 5)
+            assert measuring.offer(back)["event"] == wanted
+            following = measuring.state()["next"]
+        if kind == "repeatability":
+            assert following["posture_deg"] == pytest.approx(np.degrees(q).tolist())

@@ -1,0 +1,115 @@
+"""Lines put to a history: their checks' folders whole first, then the lines, then the head."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from armd.compensation.interim.checks.chain import BEGINNING, HEAD, HISTORY
+from armd.files.inputs import read_input
+from armd.files.writing import sync_folder, told, write_changed, write_whole
+
+CHECKS = "checks"
+
+
+@dataclass(frozen=True)
+class NewLine:
+    """A check to be kept."""
+
+    facts: Mapping[str, Any]  # what its line says of it
+    folder: str  # within CHECKS
+    contents: Mapping[str, bytes]  # of the folder, by file name
+
+
+def append_checks(
+    folder: Path, count: int, new: Sequence[NewLine], common: Mapping[Path, bytes]
+) -> None:
+    """Keep checks behind the *count* that *folder* has; *common* are further files in it.
+
+    The history is locked.
+    """
+    path = folder / HISTORY
+    places = [folder / CHECKS / one.folder for one in new]
+    with told(folder), _taken_back_unless_told_of(places, path):
+        for name in (CHECKS, *(str(file.parent) for file in common)):
+            (folder / name).mkdir(exist_ok=True)
+        for file, data in common.items():
+            write_changed(folder / file, data)
+        text = read_input(path) if path.exists() else b""
+        previous = _hash_of_last(text)
+        added = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        for number, (one, place) in enumerate(zip(new, places, strict=True), count + 1):
+            line = {
+                **one.facts,
+                "check": number,
+                "folder": place.name,
+                "files": _keep_check(place, one.contents),
+                "added": added,
+                "previous": previous,
+            }
+            data = json.dumps(line, ensure_ascii=False).encode()
+            previous = hashlib.sha256(data).hexdigest()
+            text += data + b"\n"
+        # A head of nothing before the first line, so that a history never stands without one.
+        if not (folder / HEAD).exists():
+            _write_head(folder, 0, BEGINNING)
+        write_whole(path, text)
+    _write_head(folder, count + len(new), previous)
+
+
+def folder_name(started: str, name: str) -> str:
+    """The folder of a check: its instant, and its name as a part of a folder's."""
+    plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
+    return f"{started.replace(':', '').replace('-', '')}-{plain[:80]}"
+
+
+@contextmanager
+def _taken_back_unless_told_of(places: Sequence[Path], history: Path) -> Iterator[None]:
+    """What fails within this `with` (a full disk) leaves no check's folder, whole or in part, that
+    no new line of *history* tells of: there it would keep the disk full."""
+    before = history.read_bytes() if history.is_file() else b""
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            if (history.read_bytes() if history.is_file() else b"") == before:
+                for place in places:
+                    shutil.rmtree(_part_of(place), ignore_errors=True)
+                    shutil.rmtree(place, ignore_errors=True)
+        raise
+
+
+def _write_head(folder: Path, checks: int, sha256: str) -> None:
+    head = {"schema": "armd.interim.head/1", "checks": checks, "sha256": sha256}
+    write_whole(folder / HEAD, json.dumps(head) + "\n")
+
+
+def _hash_of_last(text: bytes) -> str:
+    lines = text.split(b"\n")[:-1]
+    return hashlib.sha256(lines[-1]).hexdigest() if lines else BEGINNING
+
+
+def _keep_check(place: Path, contents: Mapping[str, bytes]) -> dict[str, str]:
+    """A check's files in *place*; their hashes."""
+    if place.exists():  # begun and not finished: no line tells of it
+        shutil.rmtree(place)
+    part = _part_of(place)
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir()
+    for name, data in contents.items():
+        write_whole(part / name, data)
+    part.rename(place)
+    sync_folder(place.parent)
+    return {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
+
+
+def _part_of(place: Path) -> Path:
+    """Where a check's folder is made before it stands in its *place*."""
+    return place.with_name(f".{place.name}.part")

@@ -1,0 +1,144 @@
+"""How much likelier a series of figures is with a change than without.
+
+One figure in n checks is y = level + β·course + noise of unknown size σ. The level has a flat
+prior. That of σ is worth s checks, which scatter as the readings inside the checks let expect. β/σ
+has a normal prior of standard deviation g. Integrated over all three, the ratio of the likelihoods
+is (Liang et al., JASA 103, 2008, equation 5, with a fixed g)
+
+    (1 + g²·x'x)^(-1/2) · (1 − g²(x'y)² / ((1 + g²·x'x)(y'y + s·u²)))^(-(n − p + s)/2)
+
+where x and y are clear of the p courses that are there already. Averaged over courses and figures,
+and summed over the checks at which a change may have begun, this is the statistic of Shiryaev and
+Roberts. Without a change it rises by one a check on the average, so that it reaches 500 once in 500
+checks at most (Pollak, Ann. Stat. 13, 1985), whatever the noises of the figures have in common.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from armd.arrays import F64, Mask
+
+#: A false alarm in so many checks, at most.
+RUN_LENGTH = 500.0
+LIMIT = math.log(RUN_LENGTH)
+#: The scatter inside the checks counts as much as so many checks about how far checks scatter. They
+#: scatter more than that: their seats, the hand and the day differ as well.
+OWN_SCATTER_CHECKS, OWN_SCATTER_FACTOR = 4.0, 1.5
+#: Steps in units of the noise, and growths in units of it a day: standard deviations of what may
+#: come, each as likely as the others of its kind.
+STEPS, RATES_PER_DAY = (3.0, 30.0), (0.01, 0.1, 1.0)
+GRADUAL_SHARE = 0.2
+DAY_S = 86400.0
+
+
+@dataclass(frozen=True)
+class Series:
+    """J figures of n checks; NaN where a check does not have a figure."""
+
+    value: F64  # (n, J), scaled so that their noise is near a normal one
+    own: F64  # (J,) their standard uncertainty from the scatter inside a check; NaN unknown
+    least: F64  # (J,) the noise is no smaller
+    instant_s: F64  # (n,) Unix time
+
+    @property
+    def n(self) -> int:
+        return len(self.value)
+
+
+@dataclass(frozen=True)
+class ChangeCourse:
+    """How a change goes on from its *first* check."""
+
+    first: int
+    gradual: bool
+
+    def shape(self, instant_s: F64) -> F64:
+        """(n,) 0 before; then 1, or days since the last check before it."""
+        since = np.arange(len(instant_s)) >= self.first
+        if not self.gradual:
+            return since.astype(float)
+        return np.where(since, (instant_s - instant_s[self.first - 1]) / DAY_S, 0.0)
+
+
+def log_ratios(
+    series: Series, rows: Mask, known: Sequence[ChangeCourse], shapes: F64, sizes: Sequence[float]
+) -> F64:
+    """(m,) log of the ratio for each column of *shapes* (n, m), averaged over *sizes* and figures.
+
+    *rows* (n,) take part; the courses of the changes *known* are free.
+    """
+    each = []
+    for j in range(series.value.shape[1]):
+        taken = rows & np.isfinite(series.value[:, j])
+        if taken.sum() < 2:
+            each.append(np.zeros((shapes.shape[1], len(sizes))))
+            continue
+        y, x, freedom, squares = _cleared(series, j, taken, known, shapes)
+        xx, xy = (x**2).sum(axis=0)[:, None], (y @ x)[:, None]
+        gain = 1.0 + np.square(sizes) * xx
+        rest = 1.0 - np.square(sizes) * xy**2 / (gain * squares)
+        each.append(-0.5 * np.log(gain) - 0.5 * freedom * np.log(np.maximum(rest, 1e-300)))
+    stacked = np.stack(each)
+    out: F64 = logsumexp(stacked, axis=(0, 2)) - math.log(stacked.shape[0] * len(sizes))
+    return out
+
+
+def _cleared(
+    series: Series, j: int, taken: Mask, known: Sequence[ChangeCourse], shapes: F64
+) -> tuple[F64, F64, float, float]:
+    """A figure and shapes clear of its level and the known courses; freedom, squares."""
+    there = [np.ones(series.n)] + [course.shape(series.instant_s) for course in known]
+    basis, _ = np.linalg.qr(_full_rank(np.column_stack(there)[taken]))
+    y, x = series.value[taken, j], shapes[taken]
+    y, x = y - basis @ (basis.T @ y), x - basis @ (basis.T @ x)
+    freedom = float(len(y) - basis.shape[1])
+    squares = float(y @ y) + max(freedom, 1.0) * float(series.least[j]) ** 2
+    own = float(series.own[j]) * OWN_SCATTER_FACTOR
+    if math.isfinite(own):
+        freedom, squares = freedom + OWN_SCATTER_CHECKS, squares + OWN_SCATTER_CHECKS * own**2
+    return y, x, freedom, squares
+
+
+def _full_rank(columns: F64) -> F64:
+    """Drop columns that the ones before make, where a figure has no part in some checks."""
+    kept = columns[:, :1]
+    for column in columns.T[1:]:
+        more = np.column_stack([kept, column])
+        kept = more if np.linalg.matrix_rank(more) > kept.shape[1] else kept
+    return kept
+
+
+@dataclass(frozen=True)
+class ChangeSize:
+    """How far a change moved each figure by the last check, in the figures' scale."""
+
+    value: F64  # (J,); NaN where a figure does not show it
+    deviation: F64  # (J,) standard uncertainty
+    freedom: F64  # (J,) its degrees of freedom
+
+
+def effect(
+    series: Series, rows: Mask, known: Sequence[ChangeCourse], course: ChangeCourse
+) -> ChangeSize:
+    """Least squares of *course* beside the changes *known*."""
+    shape = course.shape(series.instant_s)
+    value, deviation, freedom = np.full((3, series.value.shape[1]), np.nan)
+    for j in range(series.value.shape[1]):
+        taken = rows & np.isfinite(series.value[:, j])
+        if taken.sum() < 2:
+            continue
+        y, x, free, squares = _cleared(series, j, taken, known, shape[:, None])
+        xx = float((x**2).sum())
+        if xx < 1e-12 or free <= 1:
+            continue
+        slope = float(y @ x[:, 0]) / xx
+        left = max(squares - slope**2 * xx, 0.0)
+        value[j], freedom[j] = slope * shape[-1], free - 1
+        deviation[j] = math.sqrt(left / (free - 1) / xx) * shape[-1]
+    return ChangeSize(value, deviation, freedom)

@@ -1,0 +1,217 @@
+"""What one table of points says of an arm: lengths, sizes, forms, and how well a seat repeats."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.data.foreign.points import PointTable
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.verify.points import UNKNOWN
+from armd.compensation.verify.spheres import fit_sphere
+from armd.errors import BadInput
+from armd.terminal.suggest import hint
+
+#: The serial number of an arm of which only the points are known.
+ARM = str(UNKNOWN["serial_number"])
+#: Points on a certified sphere, by the names of docs/verify.md; the part before the dot is a set.
+ON_SPHERE = re.compile(r"(SPHERE[12]|LDIA\.[1-5]|EFFDIA\.[1-3])\..+")
+#: The ends of a sphere's certified diameter.
+DIAMETER = frozenset(("SPHERE.a", "SPHERE.b"))
+#: A sphere has four unknowns: of fewer points nothing is left for its form.
+SPHERE_POINTS = 6
+#: Of fewer readings a spread says nothing.
+SEAT_READINGS = 4
+#: Of more targets, only lengths from the first are compared, beside the certified ones.
+MOST_IN_PAIRS = 8
+#: A certified length farther off, absolutely and in its own size, is another target, or a unit.
+FAR_OFF_MM, FAR_OFF = 5.0, 0.01
+
+
+@dataclass(frozen=True)
+class PointFigure:
+    """A figure of one check. A spread is a standard deviation of *freedom* degrees of freedom."""
+
+    name: str
+    value_mm: float
+    own_mm: float = math.nan  # its standard uncertainty from the scatter inside the check
+    freedom: int = 0  # of a spread alone
+    longest_mm: float = 0.0  # of a certified length: how long it is
+
+    @property
+    def is_spread(self) -> bool:
+        return self.freedom > 0
+
+
+@dataclass(frozen=True)
+class PointCheck:
+    """A check that the history has, or that is to be kept."""
+
+    name: str
+    first_unix_s: float
+    last_unix_s: float
+    artefact: str  # SHA-256 of its file
+    tip_radius_mm: float
+    figures: tuple[PointFigure, ...]
+    files: dict[str, str]  # name → SHA-256
+
+    @property
+    def epoch(self) -> tuple[str, float]:
+        """Checks on one artefact with one tip are compared."""
+        return self.artefact, self.tip_radius_mm
+
+
+def figures_of_points(
+    path: Path, points: PointTable, artefact: Artefact, tip_radius_mm: float
+) -> list[PointFigure]:
+    """All figures of a table; raises `BadInput` for a target that the artefact does not have, and
+    for a table that has no figure."""
+    artefact = artefact.with_documented(points.target)
+    names = artefact.target_names
+    for row, name in enumerate(points.target, 1):
+        if name not in names:
+            expected = f"a target of the artefact{hint(name, names)}"
+            raise BadInput(path, f"row {row}, target", repr(name), expected)
+    groups = _groups(points)
+    at_points = {key: at for key, at in groups.items() if not ON_SPHERE.fullmatch(key[1])}
+    figures = list(_lengths(artefact, at_points))
+    figures += _spheres(artefact, groups, tip_radius_mm)
+    figures += _seats(at_points)
+    if not figures:
+        found = (
+            f"{len(points.target)} points at {', '.join(list(dict.fromkeys(points.target))[:6])}"
+        )
+        expected = "two targets, six points on a sphere, or four readings of a seat"
+        raise BadInput(path, "the table", found, expected)
+    for figure in figures:
+        off = abs(figure.value_mm) > max(FAR_OFF_MM, FAR_OFF * figure.longest_mm)
+        if figure.longest_mm and off:
+            found = f"{figure.value_mm:+.3f} mm off its certified {figure.longest_mm:g} mm"
+            expected = "these targets, and their unit (x [in] in the header, if inches)"
+            raise BadInput(path, figure.name, found, expected)
+    return figures
+
+
+Groups = dict[tuple[str, str], F64]  # (placement, target) → (n, 3) mm
+
+
+def _groups(points: PointTable) -> Groups:
+    rows: dict[tuple[str, str], list[int]] = {}
+    for i, key in enumerate(zip(points.placement, points.target, strict=True)):
+        rows.setdefault(key, []).append(i)
+    return {key: points.position_mm[chosen] for key, chosen in rows.items()}
+
+
+def _lengths(artefact: Artefact, groups: Groups) -> Iterator[PointFigure]:
+    """Between the means of two targets in one placement, averaged over the placements."""
+    placements = list(dict.fromkeys(placement for placement, _ in groups))
+    certified = {frozenset(d.between): d.length_mm for d in artefact.distances}
+    own_mm = _scatter_mm(groups)
+    relative: list[tuple[float, float]] = []
+    for one, other in _pairs(artefact, groups):
+        errors, variances, length = [], [], certified.get(frozenset((one, other)), math.nan)
+        if math.isnan(length):
+            length = _apart_mm(artefact, one, other)
+        for placement in placements:
+            ends = [groups.get((placement, name)) for name in (one, other)]
+            if ends[0] is None or ends[1] is None:
+                continue
+            measured = float(np.linalg.norm(ends[1].mean(axis=0) - ends[0].mean(axis=0)))
+            errors.append(measured - (0.0 if math.isnan(length) else length))
+            variances.append(own_mm**2 * (1 / len(ends[0]) + 1 / len(ends[1])))
+        if not errors:
+            continue
+        value, own = float(np.mean(errors)), math.sqrt(sum(variances)) / len(errors)
+        is_certified = math.isfinite(length)
+        longest = length if is_certified else 0.0
+        yield PointFigure(f"length {one} to {other}", value, own, longest_mm=longest)
+        if is_certified:
+            relative.append((length, value))
+    if len(relative) > 2:
+        yield _scale(np.array(relative), own_mm)
+
+
+def _scale(relative: F64, own_mm: float) -> PointFigure:
+    """The factor that all certified lengths (n, 2: length, error) share, at the longest one."""
+    length, error = relative.T
+    longest, square = float(length.max()), float(length @ length)
+    own = own_mm * math.sqrt(2 / square) * longest
+    return PointFigure(
+        "scale, at the longest length", float(length @ error) / square * longest, own
+    )
+
+
+def _pairs(artefact: Artefact, groups: Groups) -> list[tuple[str, str]]:
+    """Which lengths are compared: the certified ones first."""
+    measured = list(dict.fromkeys(target for _, target in groups))
+    listed = [d.between for d in artefact.distances if frozenset(d.between) != DIAMETER]
+    known = [name for name in measured if _position(artefact, name) is not None]
+    rest = known if listed or len(known) > 1 else measured
+    more = combinations(rest, 2)
+    pairs = [*listed, *(pair for pair in more if len(rest) <= MOST_IN_PAIRS or pair[0] == rest[0])]
+    return list({frozenset(pair): pair for pair in reversed(pairs)}.values())[::-1]
+
+
+def _position(artefact: Artefact, name: str) -> F64 | None:
+    position = artefact.targets[artefact.target_names.index(name)].position_mm
+    return None if position is None else np.array(position)
+
+
+def _apart_mm(artefact: Artefact, one: str, other: str) -> float:
+    ends = _position(artefact, one), _position(artefact, other)
+    if ends[0] is None or ends[1] is None:
+        return math.nan
+    return float(np.linalg.norm(ends[1] - ends[0]))
+
+
+def _scatter_mm(groups: Groups) -> float:
+    """Standard deviation of a reading along one axis, from repeats; NaN without them."""
+    repeated = [at for at in groups.values() if len(at) > 1]
+    freedom = sum(len(at) - 1 for at in repeated)
+    if freedom < 2:
+        return math.nan
+    squares = sum(float(((at - at.mean(axis=0)) ** 2).sum()) for at in repeated)
+    return math.sqrt(squares / (3 * freedom))
+
+
+def _spheres(artefact: Artefact, groups: Groups, tip_radius_mm: float) -> Iterator[PointFigure]:
+    diameter = next((d.length_mm for d in artefact.distances if set(d.between) == DIAMETER), 0.0)
+    sets: dict[str, list[F64]] = {}
+    for (placement, target), at in groups.items():
+        if ON_SPHERE.fullmatch(target):
+            name = target.rpartition(".")[0] + ("" if placement == "1" else f" in {placement}")
+            sets.setdefault(name, []).append(at)
+    for name, parts in sets.items():
+        on = np.vstack(parts)
+        if len(on) < SPHERE_POINTS:
+            continue
+        try:
+            centre, radius = fit_sphere(on)
+        except ArithmeticError:
+            continue
+        way = on - centre
+        distance = np.linalg.norm(way, axis=1)
+        freedom = len(on) - 4
+        form = math.sqrt(float(((distance - radius) ** 2).sum()) / freedom)
+        jacobian = np.column_stack([way / distance[:, None], np.ones(len(on))])
+        own = form * math.sqrt(float(np.linalg.inv(jacobian.T @ jacobian)[3, 3]))
+        yield PointFigure(f"size {name}", 2 * (radius - tip_radius_mm) - diameter, 2 * own)
+        yield PointFigure(f"form {name}", form, freedom=freedom)
+
+
+def _seats(groups: Groups) -> Iterator[PointFigure]:
+    """3-D standard deviation of the readings of each seat, over its placements."""
+    for name in dict.fromkeys(target for _, target in groups):
+        sets: Sequence[F64] = [at for (_, target), at in groups.items() if target == name]
+        freedom = sum(len(at) - 1 for at in sets)
+        if freedom < SEAT_READINGS - 1:
+            continue
+        squares = sum(float(((at - at.mean(axis=0)) ** 2).sum()) for at in sets)
+        yield PointFigure(f"spread {name}", math.sqrt(squares / freedom), freedom=freedom)

@@ -1,0 +1,132 @@
+"""When the figures of an arm changed: check after check, each alarm with the checks since."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import logsumexp
+
+from armd.arrays import F64
+from armd.compensation.interim.points.evidence import (
+    GRADUAL_SHARE,
+    LIMIT,
+    RATES_PER_DAY,
+    STEPS,
+    ChangeCourse,
+    Series,
+    log_ratios,
+)
+
+#: An alarm is looked at with so many checks after it.
+LATER_CHECKS = 5
+#: How frequent changes and bad checks are taken to be, a check.
+CHANGE_SHARE, BAD_SHARE = 1 / 100, 1 / 50
+#: Of the interval that holds a change.
+OUTSIDE = 0.05
+
+
+@dataclass(frozen=True)
+class PointChange:
+    """A change, and how sure it is."""
+
+    course: ChangeCourse
+    earliest: int  # 95 %: the first check that has it is no earlier
+    latest: int  # and no later than this
+    probability: float  # that it is a change, and neither chance nor a bad check
+
+
+@dataclass
+class PointChanges:
+    """What the checks show."""
+
+    statistic: F64  # (n,) natural logarithm
+    changes: list[PointChange] = field(default_factory=list)
+    bad: list[int] = field(default_factory=list)
+
+    @property
+    def courses(self) -> list[ChangeCourse]:
+        return [change.course for change in self.changes]
+
+
+def find_changes(series: Series) -> PointChanges:
+    """Watch the checks in order of time."""
+    found = PointChanges(np.full(series.n, -np.inf))
+    row = 0
+    while row < series.n:
+        found.statistic[row] = _statistic(series, found, row)
+        if row not in found.bad and found.statistic[row] >= LIMIT:
+            bad, change = _explain(series, found, row)
+            if change is None:
+                found.bad.append(bad)
+                row = bad  # what came after it is watched without it
+            else:
+                found.changes.append(change)
+        row += 1
+    found.bad.sort()
+    return found
+
+
+def _starts(found: PointChanges, last: int) -> list[int]:
+    """Checks that may be a change's first: after the last one's, and none that is bad."""
+    after = max((course.first for course in found.courses), default=0)
+    return [i for i in range(after + 1, last + 1) if i not in found.bad]
+
+
+def _until(series: Series, found: PointChanges, last: int) -> np.ndarray:
+    rows = np.arange(series.n) <= last
+    rows[found.bad] = False
+    return rows
+
+
+def _by_start(series: Series, found: PointChanges, starts: list[int], last: int) -> dict[bool, F64]:
+    """(k,) log of the ratio of a change from each of *starts* on, sudden and gradual."""
+    rows = _until(series, found, last)
+    out = {}
+    for gradual, sizes, share in (
+        (False, STEPS, 1 - GRADUAL_SHARE),
+        (True, RATES_PER_DAY, GRADUAL_SHARE),
+    ):
+        courses = [ChangeCourse(k, gradual).shape(series.instant_s) for k in starts]
+        shapes = np.column_stack(courses)
+        ratios = log_ratios(series, rows, found.courses, shapes, sizes)
+        out[gradual] = ratios + math.log(share)
+    return out
+
+
+def _statistic(series: Series, found: PointChanges, row: int) -> float:
+    starts = _starts(found, row)
+    if not starts or row in found.bad:
+        return -math.inf
+    return float(logsumexp(list(_by_start(series, found, starts, row).values())))
+
+
+def _explain(series: Series, found: PointChanges, row: int) -> tuple[int, PointChange | None]:
+    """The bad check that an alarm at *row* was, or the change."""
+    last = min(series.n - 1, row + LATER_CHECKS)
+    starts = _starts(found, row)
+    change = {
+        gradual: ratios + math.log(CHANGE_SHARE)
+        for gradual, ratios in _by_start(series, found, starts, last).items()
+    }
+    # The last check alone may be either: a change, until one comes after it.
+    alone = [i for i in starts if i < last]
+    bad = np.full(1, -np.inf)
+    if alone:
+        shapes = np.eye(series.n)[:, alone]
+        rows = _until(series, found, last)
+        bad = log_ratios(series, rows, found.courses, shapes, STEPS) + math.log(BAD_SHARE)
+    every = logsumexp([*change[False], *change[True]])
+    if logsumexp(bad) > every:
+        return alone[int(np.argmax(bad))], None
+    gradual = bool(logsumexp(change[True]) > logsumexp(change[False]))
+    onset = np.logaddexp(change[False], change[True])
+    share = np.exp(onset - logsumexp(onset)).cumsum()
+    first = starts[int(np.argmax(change[gradual]))]
+    earliest = starts[int(np.searchsorted(share, OUTSIDE / 2))]
+    latest = starts[min(int(np.searchsorted(share, 1 - OUTSIDE / 2)), len(starts) - 1)]
+    certain = float(np.exp(every - logsumexp([every, *bad, 0.0])))
+    return -1, PointChange(
+        ChangeCourse(first, gradual), min(earliest, first), max(latest, first), certain
+    )

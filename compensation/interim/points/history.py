@@ -1,0 +1,120 @@
+"""A history whose checks are tables of points: kept as sessions are, with what was touched.
+
+checks/STARTED-NAME/     the table as it was written
+artefacts/               the artefacts' files, by their hash
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from armd.compensation.data.foreign.points import PointTable, read_points
+from armd.compensation.data.session_format import ArtefactFile
+from armd.compensation.interim.checks.appending import CHECKS, NewLine, append_checks, folder_name
+from armd.compensation.interim.checks.chain import PointsLine, read_lines
+from armd.compensation.interim.checks.history import check_hash, iso
+from armd.compensation.interim.checks.keeping import ARTEFACTS, CheckDate
+from armd.compensation.interim.points.figures import ARM, PointCheck, figures_of_points
+from armd.compensation.wording import clock
+from armd.errors import BadInput
+from armd.files.inputs import read_input
+from armd.files.schema import load_toml
+
+
+@dataclass(frozen=True)
+class NewTable:
+    """A table that was read, and when it was measured."""
+
+    path: Path
+    points: PointTable
+    dated: CheckDate
+    said: list[str]
+    by_file: bool  # dated by the file's last change
+
+
+def read_tables(paths: Sequence[str], started_unix_s: float | None) -> list[NewTable]:
+    """Tables of checks; *started_unix_s* is the instant of the first point of one alone.
+
+    Without it the instant is the table's first date, or else the file's last change. Raises
+    `BadInput`.
+    """
+    if started_unix_s is not None and len(paths) > 1:
+        expected = "one table with --started, or a column of dates in each"
+        raise BadInput("the command line", "--started", f"it with {len(paths)} tables", expected)
+    return [_read(Path(path), started_unix_s) for path in paths]
+
+
+def _read(path: Path, started_unix_s: float | None) -> NewTable:
+    points = read_points(path, timed=True)
+    said = [f"{path.name}: {sentence}" for sentence in points.said]
+    known = [second for second in points.time_s if math.isfinite(second)]
+    first_s = started_unix_s
+    if first_s is None and points.started is not None:
+        first_s = points.started.timestamp() + min(known, default=0.0)
+    by_file = first_s is None
+    if first_s is None:
+        first_s = float(int(path.stat().st_mtime))
+        said.append(
+            f"{path.name}: measured when the file was last changed, {clock(first_s)}"
+            " (--started, or a column of dates)"
+        )
+    last_s = first_s + (max(known) - min(known) if known else 0.0)
+    return NewTable(
+        path, points, CheckDate(path.stem, path, ARM, first_s, first_s, last_s), said, by_file
+    )
+
+
+def keep_tables(
+    folder: Path, count: int, new: Sequence[NewTable], artefact: Path, tip_radius_mm: float
+) -> None:
+    """Keep checks behind the *count* that *folder* has; the history is locked."""
+    data = read_input(artefact)
+    sha256 = hashlib.sha256(data).hexdigest()
+    kept = []
+    for one in new:
+        facts = {
+            "schema": "armd.interim.points/1",
+            "name": one.dated.name,
+            "started": iso(one.dated.started_unix_s),
+            "arm": ARM,
+            "first_unix_s": one.dated.first_unix_s,
+            "last_unix_s": one.dated.last_unix_s,
+            "artefact": sha256,
+            "tip_radius_mm": tip_radius_mm,
+        }
+        contents = {f"points{one.path.suffix.lower()}": read_input(one.path)}
+        kept.append(NewLine(facts, folder_name(str(facts["started"]), one.dated.name), contents))
+    append_checks(folder, count, kept, {Path(ARTEFACTS) / f"{sha256}.toml": data})
+
+
+def load_checks(folder: Path) -> list[PointCheck]:
+    """All checks in order of time; raises `BadInput` where the history is damaged."""
+    lines = read_lines(folder, PointsLine).lines
+    if not lines:
+        raise BadInput(folder, "the history", "no checks", "some: armd interim add keeps them")
+    checks = []
+    for line in sorted(lines, key=lambda line: line.first_unix_s):
+        path = folder / ARTEFACTS / f"{line.artefact}.toml"
+        check_hash(path, line.artefact)
+        for name, sha256 in line.files.items():
+            check_hash(folder / CHECKS / line.folder / name, sha256)
+        (name,) = line.files
+        table = folder / CHECKS / line.folder / name
+        artefact = load_toml(path, ArtefactFile).artefact
+        figures = figures_of_points(table, read_points(table), artefact, line.tip_radius_mm)
+        checks.append(
+            PointCheck(
+                line.name,
+                line.first_unix_s,
+                line.last_unix_s,
+                line.artefact,
+                line.tip_radius_mm,
+                tuple(figures),
+                line.files,
+            )
+        )
+    return checks

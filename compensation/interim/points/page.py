@@ -1,0 +1,108 @@
+"""A history of tables of points as one HTML page: the statistic, and every figure over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from armd.compensation.interim.points.evidence import RUN_LENGTH
+from armd.compensation.interim.points.judge import PointEpoch
+from armd.compensation.interim.points.result import points_in_words
+from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics
+from armd.compensation.report.drawing import COLOURS, one_drawing
+from armd.compensation.report.page import Page, report_number
+from armd.compensation.wording import plain
+
+
+def points_page(folder: Path, epochs: Sequence[PointEpoch], result: dict[str, Any]) -> str:
+    """HTML text of the report of the history in *folder*."""
+    page = Page(f"Interim checks of points: {folder.resolve().name}")
+    first, *more = points_in_words(epochs)
+    changed = result["state"] == "changed"
+    page.verdict(
+        "CHANGED" if changed else "IN CONTROL", first.removeprefix("In control: "), not changed
+    )
+    if more:
+        page.items(more)
+    page.text(f"Next: {result['next_check']['sentence']}")
+    page.heading("Checks")
+    page.text(
+        "Decision rule: a change is reported where the statistic reaches its limit: without one,"
+        f" once in {RUN_LENGTH:.0f} checks at most. It is Shiryaev's and Roberts's: how much"
+        " likelier the figures are with a change than without, over all instants and sizes."
+    )
+    page.figure(draw_statistics(result["checks"]), "The statistic of each check, and its limit")
+    for epoch in epochs:
+        _changes(page, epoch)
+        for j, name in enumerate(epoch.names):
+            page.figure(_over_time(epoch, result["checks"], j), f"{name}, µm, check by check")
+    _table(page, epochs, result["checks"])
+    inputs = {
+        f"check {check.name}, {file}": sha256
+        for epoch in epochs
+        for check in epoch.checks
+        for file, sha256 in check.files.items()
+    } | {
+        f"artefact of {epoch.checks[0].name} and later checks": epoch.checks[0].artefact
+        for epoch in epochs
+    }
+    page.origin(report_number("points", *inputs.values()), inputs)
+    page.signatures("Checked by")
+    return page.html()
+
+
+def _changes(page: Page, epoch: PointEpoch) -> None:
+    for number, moved in enumerate(epoch.moved, 1):
+        page.heading(f"Change {number}: by how much")
+        page.table(
+            ["figure", "before, µm", "change, µm", "standard uncertainty, µm", "95 %, ± µm"],
+            [
+                [
+                    one.name,
+                    plain(one.before_um, 3, "+"),
+                    plain(one.change_um, 3, "+"),
+                    plain(one.standard_uncertainty_um),
+                    plain(one.half_width_um),
+                ]
+                for one in moved
+            ],
+        )
+
+
+def _over_time(epoch: PointEpoch, checks: Sequence[dict[str, Any]], j: int) -> Figure:
+    figure, panel = one_drawing(2.4)
+    name = epoch.names[j]
+    own = {check.artefact for check in epoch.checks}
+    shown = [c for c in checks if c["artefact"] in own and name in c["figures_um"]]
+    draw_by_verdict(panel, shown, [check["figures_um"][name] for check in shown])
+    for change in epoch.found.changes:
+        low, high = (np.datetime64(round(1e6 * s), "us") for s in epoch.between_unix_s(change))
+        panel.axvspan(low, high, color=COLOURS[4], alpha=0.25, linewidth=0)  # type: ignore[arg-type]
+    panel.set_ylabel("µm")
+    panel.legend(frameon=False)
+    return figure
+
+
+def _table(page: Page, epochs: Sequence[PointEpoch], checks: Sequence[dict[str, Any]]) -> None:
+    names = list(dict.fromkeys(name for epoch in epochs for name in epoch.names))
+    page.heading("All checks")
+    page.table(
+        ["check", "started", *(f"{name}, µm" for name in names), "statistic", "verdict"],
+        [
+            [
+                check["name"],
+                check["started"],
+                *(
+                    plain(check["figures_um"][name], 3, "+") if name in check["figures_um"] else ""
+                    for name in names
+                ),
+                f"{check['statistic']:.2f}",
+                LOOK[check["verdict"]][0],
+            ]
+            for check in checks
+        ],
+    )

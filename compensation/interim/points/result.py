@@ -1,0 +1,146 @@
+"""What a history of tables of points says, as JSON (the form of `armd interim`) and in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from armd.compensation.interim.checks.history import iso
+from armd.compensation.interim.points.evidence import LIMIT, RUN_LENGTH
+from armd.compensation.interim.points.figures import ARM
+from armd.compensation.interim.points.find import PointChange
+from armd.compensation.interim.points.judge import Moved, PointEpoch
+from armd.compensation.wording import minute, plain
+from armd.terminal.counted import counted
+
+NEXT = "the same check again: the same targets, as often, in the same places of the arm's volume"
+CONFIRM = (
+    "the same check again, which confirms it; after a repair or a new calibration of the arm"
+    " begin a history of its own (--history)"
+)
+#: Of a statistic.
+DECIMALS = 6
+#: So many figures of a change stand in its sentence.
+IN_WORDS = 3
+#: Of fewer checks only large changes show.
+FIRST_CHECKS = 5
+
+
+def points_as_json(epochs: Sequence[PointEpoch]) -> dict[str, Any]:
+    """The whole result as plain data; the last epoch decides the state."""
+    checks = sorted(
+        ((epoch, i) for epoch in epochs for i in range(len(epoch.checks))),
+        key=lambda one: one[0].checks[one[1]].first_unix_s,
+    )
+    latest = epochs[-1]
+    changed = bool(latest.found.changes)
+    return {
+        "schema": "armd.interim/1",
+        "state": "changed" if changed else "in_control",
+        "arm": ARM,
+        "calibration": "",
+        "artefact": latest.checks[-1].artefact,
+        "last_check": iso(latest.checks[-1].first_unix_s),
+        "in_control_run_length": RUN_LENGTH,
+        "checks": [_check(epoch, i) for epoch, i in checks],
+        "changes": [
+            _change(epoch, change, moved)
+            for epoch in epochs
+            for change, moved in zip(epoch.found.changes, epoch.moved, strict=True)
+        ],
+        "growth": None,
+        "far_off": [],
+        "next_check": {"sentence": CONFIRM if changed else NEXT},
+    }
+
+
+def _check(epoch: PointEpoch, index: int) -> dict[str, Any]:
+    check, statistic = epoch.checks[index], float(epoch.found.statistic[index])
+    return {
+        "name": check.name,
+        "started": iso(check.first_unix_s),
+        "statistic": round(statistic, DECIMALS) if math.isfinite(statistic) else 0.0,
+        "limit": LIMIT,
+        "verdict": epoch.verdict(index),
+        "figures_um": {figure.name: 1e3 * figure.value_mm for figure in check.figures},
+        "artefact": check.artefact,
+    }
+
+
+def _change(epoch: PointEpoch, change: PointChange, moved: Sequence[Moved]) -> dict[str, Any]:
+    low, high = epoch.between_unix_s(change)
+    return {
+        "between": [iso(math.floor(low)), iso(math.ceil(high))],
+        "cause": "unknown",
+        "location": "-",
+        "probability": change.probability,
+        "alternatives": [],
+        "gradual": change.course.gradual,
+        "tip_rms_um": None,
+        "calibration_from": None,
+        "calibration_sha256": None,
+        "judged_under": "",
+        "from": iso(round(high)),
+        "reading": _reading(moved),
+        "parameters": [],
+        "figures": [
+            {
+                "name": one.name,
+                "before_um": one.before_um,
+                "change_um": one.change_um,
+                "standard_uncertainty_um": one.standard_uncertainty_um,
+                "interval_um": [
+                    one.change_um - one.half_width_um,
+                    one.change_um + one.half_width_um,
+                ],
+                "significant": one.significant,
+            }
+            for one in moved
+        ],
+    }
+
+
+def _reading(moved: Sequence[Moved]) -> str:
+    """By how much, in a sentence: what is sure, the surest first."""
+    shown = [one for one in moved if one.significant][:IN_WORDS] or list(moved[:1])
+    each = ", ".join(
+        f"{one.name} by {plain(one.change_um, sign='+')} ± {plain(one.half_width_um)} µm"
+        for one in shown
+    )
+    more = sum(one.significant for one in moved) - len(shown)
+    return each + (f", and {counted(more, 'further figure')}" if more > 0 else "")
+
+
+def points_in_words(epochs: Sequence[PointEpoch]) -> list[str]:
+    """What came of it, for the console and the page."""
+    latest = epochs[-1]
+    count = sum(len(epoch.checks) for epoch in epochs)
+    last = latest.checks[-1]
+    lines = []
+    if not latest.found.changes:
+        lines.append(
+            f"In control: {counted(count, 'check')}, the last {last.name} of"
+            f" {minute(last.first_unix_s)}."
+        )
+        if len(latest.checks) < FIRST_CHECKS:
+            more = FIRST_CHECKS - len(latest.checks)
+            lines.append(
+                f"Few checks yet: only a large change shows. {counted(more, 'more check')} will"
+                " tell how far checks of this arm scatter."
+            )
+    for epoch in epochs:
+        for change, moved in zip(epoch.found.changes, epoch.moved, strict=True):
+            low, high = epoch.between_unix_s(change)
+            how = "Growing since" if change.course.gradual else "Changed between"
+            lines.append(
+                f"{how} {minute(low)} {'or' if change.course.gradual else 'and'} {minute(high)}"
+                f" (95 %): {_reading(moved)} (95 %) [probability {change.probability:.2f}]."
+            )
+    bad = [epoch.checks[i].name for epoch in epochs for i in epoch.found.bad]
+    if bad:
+        lines.append(
+            f"Bad by {'itself' if len(bad) == 1 else 'themselves'}, and no change: "
+            f"{', '.join(bad)} (dirt in a seat, or a loose artefact)."
+        )
+    return lines

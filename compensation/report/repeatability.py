@@ -1,0 +1,52 @@
+"""The repeatability of an arm as one HTML page with one picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from armd.arrays import F64
+from armd.compensation.report.drawing import COLOURS, drawing
+from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.sessions import InputFile
+from armd.compensation.verify.repeatability import Repeatability
+
+
+def repeatability_page(
+    found: Repeatability,
+    words: Sequence[str],
+    when: tuple[F64, F64],
+    name: str,
+    files: Mapping[str, InputFile | None],
+) -> str:
+    """HTML text; *when* are hours and °C of the visits, *name* is of what was measured."""
+    page = Page(f"Repeatability: {name}")
+    page.items(words)
+    page.figure(
+        _over_time(found, *when),
+        "Each visit's distance from the mean in x, y and z, the fitted drifts (lines), and the"
+        " temperature",
+    )
+    inputs = {f"{role} {file.name}": file.sha256 for role, file in files.items() if file}
+    page.origin(report_number(name, *inputs.values()), inputs)
+    page.signatures("Measured by", "Checked by")
+    return page.html()
+
+
+def _over_time(found: Repeatability, time_h: F64, temperature_c: F64) -> Figure:
+    """Over hours, or over the number of the visit where no time is known."""
+    warm, timed = np.isfinite(temperature_c).any(), np.isfinite(time_h).all()
+    across = time_h if timed else np.arange(1.0, len(time_h) + 1)
+    figure, panels = drawing(1 + bool(warm), 1, 5.0 if warm else 3.6)
+    for i, axis in enumerate("xyz"):
+        panels[0].plot(across, found.offset_um[:, i], ".", color=COLOURS[i], label=axis)
+        panels[0].plot(across, found.fitted_um[:, i], color=COLOURS[i], linewidth=0.9)
+    panels[0].set_ylabel("from the mean, µm")
+    panels[0].legend(frameon=False, ncols=3)
+    if warm:
+        panels[1].plot(across, temperature_c, ".-", color=COLOURS[6], linewidth=0.6)
+        panels[1].set_ylabel("temperature, °C")
+    panels[-1].set_xlabel("time, h" if timed else "visit")
+    return figure

@@ -1,0 +1,185 @@
+"""How well an arm comes back to one place: repeatability, and drift by time and by temperature.
+
+Each coordinate of n visits is p = c + a·t + b·T + e by ordinary least squares; the scatter of e,
+in three dimensions, is the repeatability. If e is correlated from one visit to the next, the
+uncertainties of the drifts are enlarged by (1 + r)/(1 − r) of the correlation r (Bartlett, 1935).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from armd.arrays import F64
+
+CONFIDENCE = 0.95
+#: Visits beyond the parameters of each coordinate, of which fewer give no scatter.
+LEAST_FREEDOM = 3
+#: What varied by less tells no drift.
+LEAST_SPAN_H, LEAST_SPAN_K = 1 / 60, 0.1
+#: Beyond this correlation of time and temperature the two drifts are hard to separate.
+ALIKE = 0.95
+#: Significance of a correlation from visit to visit, in its standard deviations.
+CORRELATED = 2.0
+
+
+@dataclass(frozen=True)
+class CoordinateDrift:
+    """Of each coordinate, µm per unit."""
+
+    value: F64  # (3,)
+    standard_uncertainty: F64  # (3,)
+
+    def as_json(self) -> dict[str, list[float]]:
+        """As the contract has it."""
+        uncertainty = self.standard_uncertainty.tolist()
+        return {"value": self.value.tolist(), "standard_uncertainty": uncertainty}
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """What n visits of one place say."""
+
+    repeatability_um: float  # 3-D standard deviation after the drifts
+    interval_um: tuple[float, float]  # 95 %
+    per_h: CoordinateDrift | None  # None: the visits do not tell
+    per_k: CoordinateDrift | None
+    rp_um: float  # ISO 9283: mean distance plus three standard deviations, after the drifts
+    largest_um: float  # distance from the fitted course
+    offset_um: F64  # (n, 3) from the mean
+    fitted_um: F64  # (n, 3) the drifts' part of it
+    remarks: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data."""
+        axes = np.std(self.offset_um - self.fitted_um, axis=0, ddof=1)
+        return {
+            "schema": "armd.repeatability/1",
+            "n": len(self.offset_um),
+            "repeatability_um": self.repeatability_um,
+            "interval_um": list(self.interval_um),
+            "drift_um_per_h": None if self.per_h is None else self.per_h.as_json(),
+            "drift_um_per_k": None if self.per_k is None else self.per_k.as_json(),
+            "by_axis_um": axes.tolist(),
+            "rp_iso9283_um": self.rp_um,
+            "largest_um": self.largest_um,
+            "remarks": list(self.remarks),
+        }
+
+
+def fit_repeatability(position_mm: F64, time_h: F64, temperature_c: F64) -> Repeatability:
+    """Of visits (n, 3) mm at (n,) hours and (n,) °C; NaN where either is not known.
+
+    Raises `ArithmeticError` for too few visits.
+    """
+    remarks: list[str] = []
+    columns = [np.ones(len(position_mm))]
+    hours = _varied(time_h, LEAST_SPAN_H, "time", remarks)
+    kelvin = _varied(temperature_c, LEAST_SPAN_K, "temperature", remarks)
+    columns += [column for column in (hours, kelvin) if column is not None]
+    design = np.column_stack(columns)
+    freedom = len(design) - design.shape[1]
+    if freedom < LEAST_FREEDOM:
+        needed = design.shape[1] + LEAST_FREEDOM
+        raise ArithmeticError(f"{len(design)} visits, of {needed} at least")
+    if hours is not None and kelvin is not None:
+        alike = float(np.corrcoef(hours, kelvin)[0, 1])
+        if abs(alike) > ALIKE:
+            remarks.append(
+                f"time and temperature moved together (correlation {alike:+.2f}): let the arm cool"
+                " down while it is visited, to separate the two drifts"
+            )
+    position_um = 1e3 * (position_mm - position_mm.mean(axis=0))
+    solved, _, rank, _ = np.linalg.lstsq(design, position_um, rcond=None)
+    fitted = design @ solved
+    residual = position_um - fitted
+    covariance = residual.T @ residual / freedom
+    drifts: list[CoordinateDrift] = []
+    if rank == design.shape[1]:
+        inverse = np.diag(np.linalg.inv(design.T @ design))
+        larger = _enlargement(residual, remarks)
+        for i in range(1, design.shape[1]):
+            spread = np.sqrt(inverse[i] * np.diag(covariance) * larger)
+            drifts.append(CoordinateDrift(solved[i], spread))
+    else:
+        remarks.append("time and temperature moved exactly together: no drift is reported")
+    by = iter(drifts)
+    per_h = next(by, None) if hours is not None else None
+    per_k = next(by, None) if kelvin is not None else None
+    size = math.sqrt(float(np.trace(covariance)))
+    distance = np.linalg.norm(residual, axis=1)
+    return Repeatability(
+        size,
+        _interval(covariance, freedom, size),
+        per_h,
+        per_k,
+        float(distance.mean() + 3 * distance.std(ddof=1)),
+        float(distance.max()),
+        position_um,
+        fitted - fitted.mean(axis=0),
+        tuple(remarks),
+    )
+
+
+def _varied(values: F64, least: float, what: str, remarks: list[str]) -> F64 | None:
+    """Values about their mean; None where they tell no drift, with a remark."""
+    if not np.isfinite(values).all():
+        remarks.append(f"no {what} with every visit: no drift by {what}")
+        return None
+    if float(np.ptp(values)) < least:
+        remarks.append(f"the {what} varied by {np.ptp(values):.2g}: no drift by {what}")
+        return None
+    out: F64 = values - values.mean()
+    return out
+
+
+def _enlargement(residual: F64, remarks: list[str]) -> F64:
+    """(3,) of the variances, for a correlation from visit to visit."""
+    squares = np.maximum((residual**2).sum(axis=0), 1e-30)
+    r = (residual[1:] * residual[:-1]).sum(axis=0) / squares
+    significant = r > CORRELATED / math.sqrt(len(residual))
+    if significant.any():
+        remarks.append(
+            f"visits are correlated with the ones before ({r.max():.2f}): the drift is no straight"
+            " line; its uncertainties are enlarged"
+        )
+    r = np.clip(np.where(significant, r, 0.0), 0.0, 0.9)
+    out: F64 = (1 + r) / (1 - r)
+    return out
+
+
+def _interval(covariance: F64, freedom: int, size: float) -> tuple[float, float]:
+    """95 %, by chi-squared with the degrees of freedom of the three axes together (Satterthwaite,
+    Biometrics Bull. 2, 1946)."""
+    square = float((covariance**2).sum())
+    together = freedom * size**4 / square if square > 0 else 3.0 * freedom
+    tails = stats.chi2.ppf([0.5 + CONFIDENCE / 2, 0.5 - CONFIDENCE / 2], together)
+    low, high = size * np.sqrt(together / tails)
+    return float(low), float(high)
+
+
+def repeatability_in_words(found: Repeatability, sensors: Sequence[str]) -> list[str]:
+    """What came of it, for the console and the page; *sensors* were averaged."""
+    low, high = found.interval_um
+    lines = [
+        f"repeatability {found.repeatability_um / 1e3:.4f} mm (95 %: {low / 1e3:.4f} to"
+        f" {high / 1e3:.4f} mm), 3-D standard deviation of {len(found.offset_um)} visits after the"
+        " drifts",
+        f"ISO 9283 RP {found.rp_um / 1e3:.4f} mm; farthest visit {found.largest_um / 1e3:.4f} mm",
+    ]
+    where = f" (mean of {', '.join(sensors)})" if sensors else ""
+    for drift, unit in ((found.per_h, "h"), (found.per_k, f"K{where}")):
+        if drift is not None:
+            each = ", ".join(
+                f"{axis} {value:+.2f} ± {2 * deviation:.2f}"
+                for axis, value, deviation in zip(
+                    "xyz", drift.value, drift.standard_uncertainty, strict=True
+                )
+            )
+            lines.append(f"drift {each} µm per {unit}, ± U (k = 2)")
+    return [*lines, *(f"remark: {remark}" for remark in found.remarks)]
