@@ -23,6 +23,7 @@ from armd.compensation.estimate.poses import (
     steady_poses,
     target_columns,
 )
+from armd.compensation.estimate.surfaces import project_on_normals
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.terms import Term
@@ -34,7 +35,8 @@ class Linearisation:
 
     With parameter changes δ (per row: constants' plus coefficient × basis value), twists w of the
     placements and shifts s of the targets:
-    residual + jacobian·δ + pose_columns·w[placement] + target_columns·s[target].
+    residual + jacobian·δ + pose_columns·w[placement] + target_columns·s[target]. Of a reading on a
+    surface all of them lie along its normal.
     """
 
     observations: Observations
@@ -99,7 +101,7 @@ def linearise(
         basis = basis_values(terms, states, arm, reference_c, constants)
     rows = parameter_rows(constants, terms, basis)
     position = forward(states.q, rows)[0]
-    placed = poses.placed(observations)
+    placed = poses.placed(observations, position)
     q = adjusted(states.q, rows, placed)
     there, columns = jacobian(q, rows)
     return _around(observations, poses, position, (q, there, columns), basis, placed)
@@ -127,6 +129,7 @@ def _around(
 ) -> Linearisation:
     q, there, columns = columns_at
     centre = centres(observations, levers_to_mm)
+    normal = poses.normals(observations, position)
     return Linearisation(
         observations=observations,
         poses=poses,
@@ -134,11 +137,11 @@ def _around(
         residual_mm=poses.residual(observations, position),
         q=q,
         there_mm=there,
-        jacobian=columns,
+        jacobian=project_on_normals(normal, columns),
         basis=basis,
         centre_mm=centre,
-        pose_columns=pose_columns(observations, levers_to_mm, centre),
-        target_columns=target_columns(observations, poses),
+        pose_columns=project_on_normals(normal, pose_columns(observations, levers_to_mm, centre)),
+        target_columns=target_columns(observations, poses, normal),
         free_targets=_free_targets(observations),
     )
 

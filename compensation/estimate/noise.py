@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from armd.arrays import F64, Mask
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.adjustment import backwards
 from armd.compensation.estimate.robust import LEAST_MM, far_off
 
@@ -30,10 +30,18 @@ class ReadingNoise:
         covariance: F64 = self.encoder_rad**2 * shape + self.reading_mm**2 * np.eye(3)
         return covariance
 
-    def typical_mm(self, joint_columns: F64) -> float:
-        """Per-axis standard deviation over all readings (rms)."""
-        variance = np.trace(self.covariance(joint_columns), axis1=1, axis2=2) / 3.0
-        return float(np.sqrt(np.mean(variance)))
+    def typical_mm(self, joint_columns: F64, freedom: I64 | int = 3) -> float:
+        """Per-axis standard deviation over all readings (rms); *freedom* (n,): their axes."""
+        return float(np.sqrt(np.mean(self._squares(joint_columns, freedom) / freedom)))
+
+    def distance_mm(self, joint_columns: F64, freedom: I64 | int = 3) -> float:
+        """RMS distance from the target over all readings; *freedom* (n,): their axes."""
+        return float(np.sqrt(np.mean(self._squares(joint_columns, freedom))))
+
+    def _squares(self, joint_columns: F64, freedom: I64 | int) -> F64:
+        of_encoders = self.encoder_rad**2 * np.einsum("nij,nij->n", joint_columns, joint_columns)
+        squares: F64 = of_encoders + freedom * self.reading_mm**2
+        return squares
 
 
 @dataclass(frozen=True)
@@ -74,6 +82,7 @@ def estimate(
     left: F64,
     region: Mask,
     counts: F64 | None = None,
+    freedom: I64 | None = None,
 ) -> ReadingNoise:
     """Most likely noise for residuals (n, 3), outliers set aside but those of a *region* (n,).
 
@@ -81,6 +90,7 @@ def estimate(
     reading. Restricted maximum likelihood: a component counts as the share of it that is left, and
     where noise and weights agree, after some rounds, this is its gradient (docs/decisions/0033).
     *counts* (n,): how much each reading counts, copies of a posture together as one or more.
+    *freedom* (n,): 1 of a reading on a surface, whose columns lie along its normal, else 3.
     """
     counts = np.ones(len(residual_mm)) if counts is None else counts
     shape = joint_columns @ joint_columns.transpose(0, 2, 1)
@@ -92,8 +102,10 @@ def estimate(
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     share_left = np.clip(np.einsum("nij,nik,nkj->nj", axes, left, axes), 0.0, 1.0)
     share_left = np.maximum(share_left - (1.0 - counts)[:, None], 0.0)  # counts less the fitted
+    if freedom is not None:  # the levers move along the normal, which comes last
+        share_left[freedom == 1, :2] = 0.0
     counted2 = turned2 * counts[:, None]
-    inliers = ~far_off(turned2.sum(axis=1), LEAST_MM**2) | region
+    inliers = ~far_off(turned2.sum(axis=1), LEAST_MM**2, freedom) | region
 
     def scaled(log_ratio: float) -> F64:
         """Variances (n, 3) up to one common factor; encoders' share of it = ratio / (1+ratio)."""
@@ -113,7 +125,7 @@ def estimate(
 
     log_ratio = float(minimize_scalar(unlikely, bounds=(-12.0, 12.0), method="bounded").x)
     variance = scaled(log_ratio)
-    inliers = ~far_off((turned2 / variance).sum(axis=1), LEAST_MM**2) | region
+    inliers = ~far_off((turned2 / variance).sum(axis=1), LEAST_MM**2, freedom) | region
     size = size_of(variance)
     share = 1.0 / (1.0 + np.exp(-log_ratio))
     return ReadingNoise(

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.data.session_format import Distance
+from armd.compensation.estimate.surface_kinds import POINT, kinds_of, own_placements
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.state import States
@@ -32,7 +34,11 @@ class Distances:
 @dataclass(frozen=True)
 class Observations:
     """n readings, P placements, K targets. Row i says: the tip stood at target[i] in
-    placement[i], or at truth_mm[i] in that placement's frame where truth is given."""
+    placement[i], or at truth_mm[i] in that placement's frame where truth is given.
+
+    A target that is a surface says so of one direction only. It has a placement of its own
+    wherever it was touched, in which it is a plane at a height, or a sphere or cylinder about the
+    origin or z; its position's third coordinate is that height or its radius."""
 
     arm: Arm
     session_names: list[str]
@@ -45,6 +51,7 @@ class Observations:
     target: I64  # (n,)
     truth_mm: F64  # (n, 3), NaN where the target counts
     stretch: F64  # (n,) the artefact's size relative to its reference temperature
+    kind: I64  # (K,) a point, or which surface
     position_mm: F64  # (K, 3) certified, NaN for a seat
     uncertainty_mm: F64  # (K,) standard uncertainty per axis of a certified position
     certificate: I64  # (K,) alike where it is the same target of the same artefact's certificate
@@ -65,6 +72,17 @@ class Observations:
     def unknown(self) -> Mask:
         """(K,) seats: targets without a certified position."""
         return np.isnan(self.position_mm[:, 0])
+
+    @cached_property
+    def on_surface(self) -> Mask:
+        """(n,) rows that touch a surface, wherever on it."""
+        touched: Mask = (self.kind[self.target] != POINT) & ~self.has_truth
+        return touched
+
+    @property
+    def freedom(self) -> I64:
+        """(n,) how many equations each row gives."""
+        return np.where(self.on_surface, 1, 3)
 
     def row_name(self, i: int) -> str:
         """A reading as a person finds it: its session, and its row counted from 1."""
@@ -106,23 +124,31 @@ def gather(
     step from a guess finds.
     """
     names = distinct_names(sessions)
-    named = list(zip(names, sessions, strict=True))
     corrections = [_correction_of(session, artefact) for session in sessions]
-    counts = [len(session.placement_names) for session in sessions]
+    own = [own_placements(session) for session in sessions]
+    counts = [len(placements) for placements, _ in own]
     first_placement = np.concatenate([[0], np.cumsum(counts)])
-    sizes = [len(session.artefact.targets) for session in sessions]
+    sizes = [len(session.artefact.target_names) for session in sessions]
     first_target = np.concatenate([[0], np.cumsum(sizes)])
     of_session = np.repeat(np.arange(len(sessions)), [session.n for session in sessions])
     return Observations(
         arm=arm,
         session_names=names,
-        placement_names=[f"{own}/{name}" for own, s in named for name in s.placement_names],
-        target_names=[f"{own}/{name}" for own, s in named for name in s.artefact.target_names],
+        placement_names=[
+            f"{name}/{placement}"
+            for name, (placements, _) in zip(names, own, strict=True)
+            for placement in placements
+        ],
+        target_names=[
+            f"{name}/{target}"
+            for name, s in zip(names, sessions, strict=True)
+            for target in s.artefact.target_names
+        ],
         states=replace(States.joined([s.states for s in sessions]), series=of_session),
         session=of_session,
         row=np.concatenate([s.row for s in sessions]),
         placement=np.concatenate(
-            [s.placement + first for s, first in zip(sessions, first_placement, strict=False)]
+            [of + first for (_, of), first in zip(own, first_placement, strict=False)]
         ),
         target=np.concatenate(
             [s.target + first for s, first in zip(sessions, first_target, strict=False)]
@@ -131,18 +157,13 @@ def gather(
         stretch=np.concatenate(
             [_stretch(s, c) for s, c in zip(sessions, corrections, strict=True)]
         ),
+        kind=np.concatenate([kinds_of(s.artefact) for s in sessions]),
         position_mm=np.concatenate(
             [_positions(s, c) for s, c in zip(sessions, corrections, strict=True)]
         ),
-        uncertainty_mm=np.array(
-            [t.standard_uncertainty_mm for s in sessions for t in s.artefact.targets]
-        ),
+        uncertainty_mm=np.concatenate([s.artefact.uncertainties_mm() for s in sessions]),
         certificate=_numbered(
-            [
-                (s.artefact.name, t.name, t.position_mm, t.standard_uncertainty_mm)
-                for s in sessions
-                for t in s.artefact.targets
-            ]
+            [(s.artefact.name, entry) for s in sessions for entry in s.artefact.entries]
         ),
         placement_session=np.repeat(np.arange(len(sessions)), counts),
         target_session=np.repeat(np.arange(len(sessions)), sizes),

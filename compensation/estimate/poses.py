@@ -15,6 +15,8 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.placements import Placements
 from armd.compensation.estimate.robust import SUSPECT, monstrous
+from armd.compensation.estimate.surface_kinds import POINT
+from armd.compensation.estimate.surfaces import fit_each_surface, heights, project_on_normals
 
 #: A rotation by 1 rad moves a point at this lever by as much: it makes columns comparable.
 LEVER_MM = 100.0
@@ -29,13 +31,43 @@ class Poses:
     rotation: F64  # (P, 3, 3)
     translation_mm: F64  # (P, 3)
     target_mm: F64  # (K, 3) certified or fitted; zero for a seat nobody has touched
+    side: F64 | None = None  # (K,) 1 or -1: on which side of a surface the tip is; None: no surface
 
-    def placed(self, observations: Observations) -> F64:
-        """Where the tip should stand (n, 3) mm, in the base frame."""
+    def target_points(self, observations: Observations) -> F64:
+        """Where the point targets of the readings stand (n, 3) mm, in the base frame."""
         points = observations.known_mm(self.target_mm)
         rotation = self.rotation[observations.placement]
         turned: F64 = np.einsum("nij,nj->ni", rotation, points)
         return turned + self.translation_mm[observations.placement]
+
+    def placed(self, observations: Observations, position_mm: F64) -> F64:
+        """Where the tip at *position_mm* (n, 3) should stand (n, 3) mm, in the base frame: at its
+        target, or nearest to itself where that is a surface."""
+        placed = self.target_points(observations)
+        if self.side is not None and (rows := np.flatnonzero(observations.on_surface)).size:
+            gap, normal = self._gaps(observations, position_mm, rows, self.side)
+            placed[rows] = position_mm[rows] - gap[:, None] * normal
+        return placed
+
+    def normals(self, observations: Observations, position_mm: F64) -> F64:
+        """Unit vectors (n, 3) along which the surfaces are nearest, base frame; 0 for points."""
+        normals = np.zeros((observations.n, 3))
+        if self.side is not None and (rows := np.flatnonzero(observations.on_surface)).size:
+            normals[rows] = self._gaps(observations, position_mm, rows, self.side)[1]
+        return normals
+
+    def _gaps(
+        self, observations: Observations, position_mm: F64, rows: I64, side: F64
+    ) -> tuple[F64, F64]:
+        """How far tips at *rows* (m,) are off their surface (m,) mm, along its normals (m, 3)."""
+        target, placement = observations.target[rows], observations.placement[rows]
+        rotation = self.rotation[placement]
+        off = position_mm[rows] - self.translation_mm[placement]
+        local = np.einsum("nji,nj->ni", rotation, off)
+        height, normal = heights(observations.kind[target], local)
+        size = observations.stretch[rows] * self.target_mm[target, 2]
+        gap = height - size - side[target] * observations.arm.tip.radius_mm
+        return gap, np.einsum("nij,nj->ni", rotation, normal)
 
     def placed_at(self, observations: Observations, targets: I64) -> F64:
         """Where the tip would stand (n, k, 3) mm, had each reading touched each of *targets*."""
@@ -46,7 +78,7 @@ class Poses:
 
     def residual(self, observations: Observations, position_mm: F64) -> F64:
         """Tip minus target (n, 3) mm, in the base frame."""
-        return position_mm - self.placed(observations)
+        return position_mm - self.placed(observations, position_mm)
 
     def apart(self, between: I64) -> tuple[F64, F64]:
         """How far apart pairs of targets (D, 2) are, mm (D,), and unit vectors (D, 3) from the
@@ -64,6 +96,7 @@ class Poses:
             rotation=turn @ self.rotation,
             translation_mm=centre_mm + np.einsum("pij,pj->pi", turn, arm) + twist[:, 3:],
             target_mm=self.target_mm + target_step_mm,
+            side=self.side,
         )
 
 
@@ -99,10 +132,17 @@ def rigid_columns(lever_mm: F64) -> F64:
     return columns
 
 
-def target_columns(observations: Observations, poses: Poses) -> F64:
-    """d residual / d target position (n, 3, 3); zero where the row's own truth counts."""
+def target_columns(observations: Observations, poses: Poses, normal: F64 | None = None) -> F64:
+    """d residual / d target position (n, 3, 3); zero where the row's own truth counts.
+
+    *normal* (n, 3) of the surfaces touched: their third coordinate moves the residual along it.
+    """
     size = np.where(observations.has_truth, 0.0, observations.stretch)
-    columns: F64 = -size[:, None, None] * poses.rotation[observations.placement]
+    moved = poses.rotation[observations.placement]
+    if normal is not None:
+        of_surface = normal[:, :, None] * np.array([0.0, 0.0, 1.0])
+        moved = np.where(observations.on_surface[:, None, None], of_surface, moved)
+    columns: F64 = -size[:, None, None] * moved
     return columns
 
 
@@ -119,9 +159,10 @@ def steady_poses(observations: Observations, position_mm: F64) -> Poses:
 def robust_poses(observations: Observations, position_mm: F64) -> tuple[Poses, F64]:
     """Poses that few readings far off hardly move (Cauchy's weights), and (n,) mm of each reading
     from its target there."""
-    weight = np.ones(observations.n)
+    weight, near = np.ones(observations.n), None
     for _ in range(ROBUST_ROUNDS):
-        poses = fit_poses(observations, position_mm, weight)
+        poses = fit_poses(observations, position_mm, weight, near)
+        near = poses if observations.on_surface.any() else None  # to begin with a surface costs
         distance: F64 = np.linalg.norm(poses.residual(observations, position_mm), axis=1)
         weight = 1.0 / (1.0 + (distance / max(float(np.median(distance)), 1e-9)) ** 2)
     return poses, distance
@@ -131,19 +172,22 @@ def fit_poses(
     observations: Observations,
     position_mm: F64,
     weight: F64 | None = None,
-    begin: Poses | None = None,
+    near: Poses | None = None,
 ) -> Poses:
     """Least-squares poses, and unknown seats, for tip positions (n, 3) mm in the base frame.
 
     Certified positions count as exact here; certified distances are not used. *weight* (n,) of
-    the readings; *begin*: poses near by, where there are.
+    the readings; *near*: poses near by, where there are.
     """
     weight = np.ones(observations.n) if weight is None else weight
-    if not _touched_seats(observations).any():
+    surfaces = observations.on_surface.any()
+    if not surfaces and not _touched_seats(observations).any():
         return _start(observations, position_mm, weight)
-    poses = begin or _start(observations, position_mm, weight)
+    poses = near or _start(observations, position_mm, weight)
+    if surfaces and near is None:
+        poses = _with_surfaces(observations, position_mm, poses)
     for _ in range(50):
-        placed = poses.placed(observations)
+        placed = poses.placed(observations, position_mm)
         centre = centres(observations, placed)
         twist, step = _gauss_newton_step(observations, poses, position_mm, centre, weight)
         poses = poses.moved(centre, twist, step)
@@ -152,8 +196,16 @@ def fit_poses(
     return poses
 
 
+def _with_surfaces(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
+    """*poses* with those of the surfaces, each fitted by itself."""
+    at = fit_each_surface(
+        observations, position_mm, poses.rotation, poses.translation_mm, poses.target_mm
+    )
+    return Poses(at.rotation, at.translation_mm, at.target_mm, at.side)
+
+
 def _touched_seats(observations: Observations) -> Mask:
-    """(K,) unknown targets that some reading without its own truth stands at."""
+    """(K,) unknown targets, surfaces among them, that a reading without its own truth touches."""
     touched = np.zeros(len(observations.target_names), dtype=bool)
     touched[observations.target[~observations.has_truth]] = True
     return touched & observations.unknown
@@ -166,13 +218,14 @@ def _start(observations: Observations, position_mm: F64, weight: F64) -> Poses:
     """
     n_placements = len(observations.placement_names)
     target = observations.position_mm.copy()
-    seats = _touched_seats(observations)
+    seats = _touched_seats(observations) & (observations.kind == POINT)
     row_seat = seats[observations.target] & ~observations.has_truth
     poses = Poses(np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3)), target)
     if seats.any():
         _first_seats(observations, position_mm, target, row_seat)
     for _ in range(10 if seats.any() else 1):
         points = observations.known_mm(target)
+        points[observations.on_surface] = np.nan
         rotation, translation = kabsch(
             points, position_mm, weight, observations.placement, n_placements
         )
@@ -252,11 +305,15 @@ def _gauss_newton_step(
     observations: Observations, poses: Poses, position_mm: F64, centre_mm: F64, weight: F64
 ) -> tuple[F64, F64]:
     """Step of poses (P, 6) and unknown seats (K, 3), of minimum norm."""
+    placed, normal = (
+        poses.placed(observations, position_mm),
+        poses.normals(observations, position_mm),
+    )
     return Placements(
         observations,
-        pose_columns(observations, poses.placed(observations), centre_mm),
-        target_columns(observations, poses),
+        project_on_normals(normal, pose_columns(observations, placed, centre_mm)),
+        target_columns(observations, poses, normal),
         np.flatnonzero(_touched_seats(observations)),
-        (poses.residual(observations, position_mm)[:, :, None],),
+        ((position_mm - placed)[:, :, None],),
         np.sqrt(weight)[:, None, None] * np.eye(3),
     ).followed(np.ones(1))

@@ -29,6 +29,7 @@ from armd.compensation.identify.admission.requirements import (
     require_plausible,
     require_some,
 )
+from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed, told_of_misnamed
 from armd.compensation.identify.certificate import Misses, Suspects, judge
 from armd.compensation.identify.drawing import drawn_rms_um, off_drawing
@@ -89,10 +90,13 @@ def _calibrate(
         gather(sessions, arm), files, options.thermal_order, notes
     )
     require_some(observations, files)
+    drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
+    require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)
     refuse_mistakes(sessions, observations)
     thermal = len(groups) > 1 and options.thermal_order != 0
     terms = length_terms(arm, [1]) if thermal else []
     first = _fit(observations, arm, unknown, terms, progress)
+    require_surfaces(sessions, observations, first.at.poses, first.at.position_mm)
     drawing_rms_um = drawn_rms_um(observations)
     odd = odd_session(sessions, first, drawing_rms_um)
     second = None if odd and odd.tip else find_second_group(sessions, first)
@@ -151,7 +155,7 @@ def _calibrate(
     require_help(first, share, files, notes)
     far = off_drawing(first)
     notes += [one.in_words() for one in far]
-    noise_rms_um = 1e3 * np.sqrt(3.0) * final.noise.typical_mm(final.at.joints)
+    noise_rms_um = 1e3 * final.noise.distance_mm(final.at.joints, observations.freedom)
     certificate = judge(
         first,
         first.converged and final.converged,

@@ -143,8 +143,7 @@ class Descent:
         """What a trial costs with the weights and adjusted angles held of where it came from."""
         rows = parameter_rows(*self.unknowns.put(trial.x, self.constants, self.terms), self.basis)
         tip = forward(here.at.q, rows)[0] - here.at.there_mm
-        placed = trial.poses.placed(self.observations) - here.at.poses.placed(self.observations)
-        residual = here.at.residual_mm + tip - placed
+        residual = trial.poses.residual(self.observations, here.at.position_mm + tip)
         return here.alone.clear_cost_of(residual, trial.poses)
 
     def linearise(

@@ -27,12 +27,13 @@ from armd.compensation.estimate.postures import counts_as, find_postures, shared
 from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.robust import (
     LEAST_MM,
-    MEDIAN_D2,
     OUTLIER_D2,
     mahalanobis2,
     monstrous,
+    of_three_components,
     outlying,
     redescending_weights,
+    usual_square,
 )
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
@@ -128,7 +129,8 @@ def fit(
     position = forward(states.q, parameter_rows(constants, terms, basis))[0]
     poses = steady_poses(observations, position)
     residual_mm = poses.residual(observations, position)
-    alike = _alike(residual_mm)
+    freedom = observations.freedom
+    alike = _alike(residual_mm, freedom)
     weighing = noise or alike
     # A monstrous reading has no voice from the beginning: it would make its neighbours a region.
     squared = np.sum(residual_mm**2, axis=1) / alike.reading_mm**2
@@ -142,7 +144,7 @@ def fit(
         joints = begun.joints
         weight = counts * redescending_weights(distance2, region)
         if held:
-            weighing = ReadingNoise(0.0, weighing.typical_mm(joints))
+            weighing = ReadingNoise(0.0, weighing.typical_mm(joints, freedom))
         weighting = Weighting(weighing, joints, weight)
         descent = Descent(
             observations, constants, terms, unknowns, reference_c, basis, start, weighting
@@ -158,10 +160,10 @@ def fit(
         left, whiten = end.alone.left(end.solution.root), end.alone.whitening
         before, weighing = (
             weighing,
-            estimate(end.at.residual_mm, joints, whiten, left, region, counts),
+            estimate(end.at.residual_mm, joints, whiten, left, region, counts, freedom),
         )
         covariance = weighing.covariance(joints)
-        distance2 = mahalanobis2(end.at.residual_mm, covariance)
+        distance2 = of_three_components(mahalanobis2(end.at.residual_mm, covariance), freedom)
         if not held:  # far off, everything is
             region = region | in_region(distance2 > OUTLIER_D2, states.q)
         basis = basis_values(terms, states, observations.arm, reference_c, constants)
@@ -169,7 +171,7 @@ def fit(
             progress(f"round {round_}: {rms_um(end.at.residual_mm):.2f} µm RMS, {steps} steps")
         robust = redescending_weights(distance2, region)
         white = np.einsum("nij,nj->ni", whitening(covariance, robust), end.at.residual_mm)
-        counts = counts_as(posture, shared_part(white, posture))
+        counts = counts_as(posture, shared_part(white, posture, freedom))
         weight_after = counts * robust
         settled = _settled(before, weighing, joints) and np.allclose(
             weight, weight_after, atol=0.05
@@ -179,14 +181,15 @@ def fit(
         # Another round from the same point with the same weights would end where this one did.
         repeats = (
             stands
-            and np.isclose(weighing.typical_mm(joints), before.reading_mm, rtol=1e-6)
+            and np.isclose(weighing.typical_mm(joints, freedom), before.reading_mm, rtol=1e-6)
             and np.allclose(weight, weight_after, rtol=1e-6)
         )
         held = held and not settled and not repeats and round_ < rounds // 2
     # The last weights are those of the round before: what is left of the difference is a factor.
-    freedom = max(3 * float(weight.sum()) + end.alone.n_certified - fitted, 1.0)
+    equations = float((freedom * weight).sum())
+    spare = max(equations + end.alone.n_certified - fitted, 1.0)
     free = gauge_of(unknowns, constants, terms, basis, end.solution.scale)
-    factor = end.alone.cost / freedom
+    factor = end.alone.cost / spare
     covariance = end.solution.covariance(free)
     covariance = (covariance + _shared(end.alone, covariance)) * factor
     deviation = np.sqrt(np.diag(covariance))[len(unknowns.constants) :]
@@ -229,9 +232,9 @@ def gauge_of(
     return gauge(unknowns.columns(columns, values, terms), scale)
 
 
-def _alike(residual_mm: F64) -> ReadingNoise:
+def _alike(residual_mm: F64, freedom: I64) -> ReadingNoise:
     """The noise that makes all readings alike, as large as their median residual."""
-    typical = float(np.median(np.sum(residual_mm**2, axis=1)) / MEDIAN_D2)
+    typical = usual_square(np.sum(residual_mm**2, axis=1), freedom)
     return ReadingNoise(0.0, max(np.sqrt(typical), LEAST_MM))
 
 

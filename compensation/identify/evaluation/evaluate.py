@@ -14,6 +14,7 @@ from armd.compensation.data.overflow import overflowed, refuse_overflow
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
+from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.evaluation import tally
 from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
 from armd.compensation.model.arm import Arm
@@ -87,15 +88,12 @@ def _evaluate(
     progress: TellStep | None,
 ) -> Evaluation:
     observations = gather(sessions, arm, calibration.artefact if calibration else None)
-    if calibration is None:
-        return evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
-    return evaluate_model(
-        observations,
-        calibration.vector(arm.n_joints),
-        calibration.terms,
-        calibration.reference_temperature_c,
-        progress,
-    )
+    constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
+    terms = calibration.terms if calibration else []
+    reference_c = (calibration or arm).reference_temperature_c
+    found = evaluate_model(observations, constants, terms, reference_c, progress)
+    require_surfaces(sessions, found.observations, found.poses, found.position_mm)
+    return found
 
 
 def evaluate_model(

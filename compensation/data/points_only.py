@@ -1,0 +1,28 @@
+"""Refuse surfaces where a command can use points alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_format import Artefact
+from armd.errors import BadInput
+
+
+def refuse_surfaces(artefact: Artefact, place: str | Path, command: str) -> None:
+    """Raise `BadInput`, which names *place*, for an artefact with a surface."""
+    if artefact.surfaces:
+        surface = artefact.surfaces[0]
+        raise BadInput(
+            place,
+            "artefact.surface[1]",
+            f"{surface.name!r}, a {surface.kind}",
+            f"points: {command} does not use surfaces, `armd calibrate` and `armd evaluate` do",
+        )
+
+
+def refuse_sessions_with_surfaces(sessions: Sequence[Session], command: str) -> None:
+    """Raise `BadInput` for the first session whose artefact has a surface."""
+    for session in sessions:
+        refuse_surfaces(session.artefact, session.path / "session.toml", command)
