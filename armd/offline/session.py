@@ -94,7 +94,7 @@ class Session(Displayed):
         facts = [
             ("arm", file.arm),
             ("started", file.started.isoformat()),
-            ("artefact", f"{file.artefact.name}, {len(file.artefact.targets)} targets"),
+            ("artefact", f"{file.artefact.name}, {len(file.artefact.target_names)} targets"),
             ("angles", file.angle_unit),
         ]
         if self.path is None:

@@ -249,11 +249,17 @@ def _of_the_channel(
     )
 
 
+def _middle(values: F64) -> float:
+    """Median of those that are known; NaN of none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
+
+
 def _dead(sessions: Sequence[Session], columns: dict[str, int], name: str) -> list[str]:
     """Per session why the channel shows nothing; empty where it does."""
     own = [s.states.temperature_c[:, columns[name]] for s in sessions]
     rest = [column for other, column in columns.items() if other != name]
-    usual = [np.nanmedian(np.append(_mean(s, rest), np.nan)) if rest else np.nan for s in sessions]
+    usual = [_middle(_mean(s, rest)) if rest else np.nan for s in sessions]
     one_value = [bool(np.all(values == values[0])) for values in own]
     still_at = [  # NaN, which equals nothing, where there is more than one value
         float(values[0]) if one and len(values) >= LEAST_STILL else np.nan

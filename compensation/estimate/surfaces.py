@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.surface_kinds import CYLINDER, PLANE, SPHERE
 from armd.compensation.features.algebraic import algebraic_sphere
@@ -39,7 +39,7 @@ def heights(kind: I64, local_mm: F64) -> tuple[F64, F64]:
     way, normal = local_mm.copy(), np.tile([0.0, 0.0, 1.0], (len(kind), 1))
     way[kind == CYLINDER, 2] = 0.0
     length: F64 = np.linalg.norm(way, axis=1)
-    round_ = (kind != PLANE) & (length > 0.0)
+    round_: Mask = (kind != PLANE) & (length > 0.0)
     normal[round_] = way[round_] / length[round_, None]
     height: F64 = np.einsum("ni,ni->n", way, normal)
     return height, normal
@@ -49,8 +49,10 @@ def project_on_normals(normal: F64, columns: F64) -> F64:
     """Columns (n, 3, m) of readings, those across a surface's *normal* (n, 3) taken away; a
     reading whose normal is 0 touches a point, and keeps all of them."""
     kept = np.einsum("ni,nim->nm", normal, columns)
-    on_surface = normal.any(axis=1)[:, None, None]
-    projected: F64 = np.where(on_surface, normal[:, :, None] * kept[:, None, :], columns)
+    on_surface: Mask = np.any(normal, axis=1)
+    projected: F64 = np.where(
+        on_surface[:, None, None], normal[:, :, None] * kept[:, None, :], columns
+    )
     return projected
 
 

@@ -89,9 +89,9 @@ def _calibrate(
     observations, groups = choose_readings(
         gather(sessions, arm), files, options.thermal_order, notes
     )
-    require_some(observations, files)
     drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
     require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)
+    require_some(observations, files)
     refuse_mistakes(sessions, observations)
     thermal = len(groups) > 1 and options.thermal_order != 0
     terms = length_terms(arm, [1]) if thermal else []

@@ -71,7 +71,10 @@ def _fault(
     turned = _spread(normal - normal.mean(axis=0))
     if kind == CYLINDER:
         axis = np.linalg.svd(normal)[2][2]
-        along = float(np.std(position @ axis))
+        off = position - position.mean(axis=0)
+        thin, across = float(_spread(off)[2]), np.linalg.svd(off)[2][2]
+        # A circle lies on a cylinder that leans either way, too.
+        along = thin if abs(axis @ across) > np.sqrt(0.5) else float(np.std(position @ axis))
         if along < LEAST_SPREAD_MM:
             found = f"a cylinder touched around one circle ({along:.2g} mm RMS along it)"
             return found, f"places that spread by {LEAST_SPREAD_MM:g} mm RMS along it"
