@@ -159,10 +159,10 @@ def steady_poses(observations: Observations, position_mm: F64) -> Poses:
 def robust_poses(observations: Observations, position_mm: F64) -> tuple[Poses, F64]:
     """Poses that few readings far off hardly move (Cauchy's weights), and (n,) mm of each reading
     from its target there."""
-    weight, near = np.ones(observations.n), None
+    weight, start = np.ones(observations.n), None
     for _ in range(ROBUST_ROUNDS):
-        poses = fit_poses(observations, position_mm, weight, near)
-        near = poses if observations.on_surface.any() else None  # to begin with a surface costs
+        poses = fit_poses(observations, position_mm, weight, start)
+        start = poses if observations.on_surface.any() else None  # to begin with a surface costs
         distance: F64 = np.linalg.norm(poses.residual(observations, position_mm), axis=1)
         weight = 1.0 / (1.0 + (distance / max(float(np.median(distance)), 1e-9)) ** 2)
     return poses, distance
@@ -172,19 +172,19 @@ def fit_poses(
     observations: Observations,
     position_mm: F64,
     weight: F64 | None = None,
-    near: Poses | None = None,
+    start: Poses | None = None,
 ) -> Poses:
     """Least-squares poses, and unknown seats, for tip positions (n, 3) mm in the base frame.
 
     Certified positions count as exact here; certified distances are not used. *weight* (n,) of
-    the readings; *near*: poses near by, where there are.
+    the readings; *start*: poses near by, where there are.
     """
     weight = np.ones(observations.n) if weight is None else weight
     surfaces = observations.on_surface.any()
     if not surfaces and not _touched_seats(observations).any():
         return _start(observations, position_mm, weight)
-    poses = near or _start(observations, position_mm, weight)
-    if surfaces and near is None:
+    poses = start or _start(observations, position_mm, weight)
+    if surfaces and start is None:
         poses = _with_surfaces(observations, position_mm, poses)
     for _ in range(50):
         placed = poses.placed(observations, position_mm)

@@ -39,8 +39,8 @@ def heights(kind: I64, local_mm: F64) -> tuple[F64, F64]:
     way, normal = local_mm.copy(), np.tile([0.0, 0.0, 1.0], (len(kind), 1))
     way[kind == CYLINDER, 2] = 0.0
     length: F64 = np.linalg.norm(way, axis=1)
-    round_: Mask = (kind != PLANE) & (length > 0.0)
-    normal[round_] = way[round_] / length[round_, None]
+    is_round: Mask = (kind != PLANE) & (length > 0.0)
+    normal[is_round] = way[is_round] / length[is_round, None]
     height: F64 = np.einsum("ni,ni->n", way, normal)
     return height, normal
 
@@ -56,7 +56,7 @@ def project_on_normals(normal: F64, columns: F64) -> F64:
     return projected
 
 
-def outward(observations: Observations) -> tuple[F64, F64]:
+def outward_directions(observations: Observations) -> tuple[F64, F64]:
     """Return unit vectors (n, 3), base frame, out of what was touched: against the approach, NaN
     without one, and along the shaft of arm.toml's tip, up to the wrist."""
     arm, states = observations.arm, observations.states
@@ -71,7 +71,7 @@ def mean_cosines(observations: Observations, rows: I64, normal: F64) -> tuple[fl
     NaN where no row has the direction."""
     part = observations.rows(rows)
     found = []
-    for direction in outward(part):
+    for direction in outward_directions(part):
         cosine = np.einsum("ni,ni->n", direction, normal)
         known = cosine[np.isfinite(cosine)]
         found.append(float(known.mean()) if len(known) else np.nan)
@@ -100,7 +100,7 @@ def fit_each_surface(
     of_placement = observations.placement[every]
     for p in np.unique(of_placement):
         rows = every[of_placement == p]
-        rotation[p], translation[p] = _stand(observations, rows, position_mm[rows])
+        rotation[p], translation[p] = _fit_frame(observations, rows, position_mm[rows])
     height, normal = heights(
         observations.kind[observations.target[every]],
         np.einsum(
@@ -122,7 +122,7 @@ def fit_each_surface(
     return SurfaceFits(rotation, translation, target, side)
 
 
-def _stand(observations: Observations, rows: I64, points: F64) -> tuple[F64, F64]:
+def _fit_frame(observations: Observations, rows: I64, points: F64) -> tuple[F64, F64]:
     """Rotation (3, 3) and origin (3,) of one surface's frame, by the tips (m, 3) that touch it.
 
     A plane passes through the points of its placement's first target, seen from outside.

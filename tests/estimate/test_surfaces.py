@@ -38,7 +38,12 @@ ARM = synthetic.arm().model_copy(
 )
 BODIES = {
     "name": "bodies",
-    "target": [{"name": "seat"}],
+    "target": [
+        {"name": "seat"},
+        {"name": "B1", "position_mm": [0.0, 0.0, 0.0]},
+        {"name": "B2", "position_mm": [80.0, 0.0, 0.0]},
+        {"name": "B3", "position_mm": [0.0, 60.0, 5.0]},
+    ],
     "surface": [
         {"name": "plate", "kind": "plane"},
         {"name": "ball", "kind": "sphere", "radius_mm": 25.0},
@@ -81,6 +86,10 @@ def session(target: list[str], placement: list[int], approach: F64 | None = None
     )
 
 
+def names_of(observations: Observations) -> list[str]:
+    return [name.partition("/")[2] for name in observations.target_names]
+
+
 def directions(n: int, seed: int = 2) -> F64:
     vectors = np.random.default_rng(seed).normal(size=(n, 3))
     unit: F64 = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
@@ -89,7 +98,9 @@ def directions(n: int, seed: int = 2) -> F64:
 
 def test_each_surface_has_a_placement_of_its_own_and_a_block_one_for_both_faces() -> None:
     artefact = validate("artefact", BODIES, Artefact)
-    assert kinds_of(artefact).tolist() == [POINT, PLANE, SPHERE, SPHERE, CYLINDER, PLANE, PLANE]
+    assert kinds_of(artefact).tolist() == [
+        *[POINT] * 4, PLANE, SPHERE, SPHERE, CYLINDER, PLANE, PLANE,
+    ]  # fmt: skip
     of = session(["seat", "plate", "foot", "head", "plate", "seat"], [0, 0, 0, 0, 1, 1])
     names, placement = own_placements(of)
     assert placement[[0, 5]].tolist() == [0, 1]  # the session's own
@@ -103,8 +114,11 @@ def test_each_surface_has_a_placement_of_its_own_and_a_block_one_for_both_faces(
 def test_a_reading_on_a_surface_is_one_equation() -> None:
     observations = gather([session(["seat", "plate", "pin"], [0, 0, 0])], ARM)
     assert observations.freedom.tolist() == [3, 1, 1]
-    assert observations.unknown.tolist() == [True, False, False, True, True, True, True]
-    assert observations.position_mm[2].tolist() == [0.0, 0.0, 25.0]
+    unknown = [
+        name for name, u in zip(names_of(observations), observations.unknown, strict=True) if u
+    ]
+    assert unknown == ["seat", "other ball", "pin", "foot", "head"]
+    assert observations.position_mm[5].tolist() == [0.0, 0.0, 25.0]
 
 
 @pytest.mark.parametrize("kind", [PLANE, SPHERE, CYLINDER])
@@ -172,6 +186,11 @@ def bodies_touched(seed: int) -> tuple[Observations, F64, dict[str, F64]]:
         if name == "pin":
             points[:, 2] = rng.uniform(-30.0, 30.0, 16)
         touch(name, turn, where, points, out)
+    turn, where = Rotation.random(random_state=seed), rng.uniform(-300.0, 300.0, 3)
+    balls = np.array([[0.0, 0.0, 0.0], [80.0, 0.0, 0.0], [0.0, 60.0, 5.0], [33.0, 21.0, -9.0]])
+    names += ["B1", "B2", "B3", "seat"] * 2  # points in a placement of their own, beside all that
+    tips.append(np.tile(turn.apply(balls) + where, (2, 1)))
+    pushed.append(np.full((8, 3), np.nan))
     of = session(names, [0] * len(names), np.concatenate(pushed))
     return gather([of], ARM), np.concatenate(tips), {k: np.array(v) for k, v in true.items()}
 
@@ -181,16 +200,21 @@ def test_bodies_are_found_where_they_stand_and_as_large_as_they_are(seed: int) -
     observations, tips, true = bodies_touched(seed)
     poses = fit_poses(observations, tips)
     assert np.abs(poses.residual(observations, tips)).max() < 1e-7
-    size = dict(
-        zip(
-            (n.partition("/")[2] for n in observations.target_names),
-            poses.target_mm[:, 2],
-            strict=True,
-        )
-    )
+    size = dict(zip(names_of(observations), poses.target_mm[:, 2], strict=True))
+    np.testing.assert_allclose(poses.target_mm[0], [33.0, 21.0, -9.0], atol=1e-7)
     assert size["pin"] == pytest.approx(true["pin"], abs=1e-7)
     assert size["other ball"] == pytest.approx(true["other ball"], abs=1e-7)
     assert abs(size["head"] - size["foot"]) == pytest.approx(40.0, abs=1e-7)
+
+
+def test_a_warm_block_and_pin_are_as_large_as_at_their_reference_temperature() -> None:
+    """Touched where they are by their certificate: 10 K warmer, that is smaller at 20 °C."""
+    observations, tips, true = bodies_touched(2)
+    warm = replace(observations, stretch=np.full(observations.n, 1.0 + 10.0 * 2e-4))
+    size = fit_poses(warm, tips).target_mm[:, 2]
+    found = dict(zip(names_of(warm), size, strict=True))
+    assert found["pin"] == pytest.approx(true["pin"] / 1.002, abs=1e-7)
+    assert abs(found["head"] - found["foot"]) == pytest.approx(40.0 / 1.002, abs=1e-7)
 
 
 def test_a_bore_is_touched_from_inside() -> None:
@@ -231,7 +255,7 @@ def test_columns_are_the_residuals_slopes() -> None:
     ahead, behind = (residual(np.zeros((p, 6)), sign * shift) for sign in (1.0, -1.0))
     slope = np.einsum("ni,ni->n", normal, at.target_columns[:, :, 2])
     np.testing.assert_allclose((ahead - behind) / 2e-5, slope, atol=1e-6)
-    assert not at.target_columns[:, :, :2].any()
+    assert not at.target_columns[observations.on_surface, :, :2].any()
 
 
 @pytest.mark.parametrize("approach", [False, True])

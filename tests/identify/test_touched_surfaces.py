@@ -129,7 +129,7 @@ def scale_named(found: Result) -> bool:
     return any("scale of the arm" in words for words in found.unidentifiable)
 
 
-@parametrize_default("name", list(KINDS), default=2)
+@parametrize_default("name", list(KINDS))
 def test_the_arm_comes_back_within_what_is_stated(name: str, tmp_path: Path) -> None:
     kind = KINDS[name]
     workshop = measured(tmp_path, kind, 1)
@@ -182,6 +182,21 @@ def test_a_length_certified_wrong_is_contradicted(tmp_path: Path) -> None:
     found = calibrate(load_sessions([tmp_path / "one"], arm), arm, Options())
     assert not found.certificate.granted
     assert "certified length contradicts" in found.certificate.reason
+
+
+def test_readings_in_the_air_are_named_and_count_for_nothing(tmp_path: Path) -> None:
+    workshop = measured(tmp_path, KINDS["ball"], 1)
+    table = tmp_path / "session" / "readings.csv"
+    lines = table.read_text(encoding="utf-8").splitlines()
+    for row, joint, by_rad in ((50, 1, 0.03), (90, 0, -0.02), (120, 2, 0.2)):
+        cells = lines[row].split(",")
+        cells[3 + joint] = str(float(cells[3 + joint]) + by_rad)
+        lines[row] = ",".join(cells)
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    found = calibrated(tmp_path)
+    assert found.fit.outliers.tolist() == [49, 89, 119]
+    assert np.mean(errors_of(found, workshop.arm) ** 2) < 2.2
+    assert not found.certificate.granted
 
 
 # ---------------------------------------------------------------------------------- refused

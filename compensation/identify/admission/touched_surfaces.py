@@ -18,6 +18,9 @@ from armd.terminal.counted import counted
 #: Places on a plane, and along a cylinder, spread by at least this (RMS, mm) in their narrower
 #: direction: under a drawing, one spot touched from many sides seems to spread by half of it.
 LEAST_SPREAD_MM = 2.0
+#: Places that spread by less than this (mm) are one spot, too, if they lie in a cloud and not in a
+#: plane: off it by half as much. A bad drawing makes such a cloud of a spot.
+SPOT_MM = 5.0
 #: Normals of a sphere spread by at least this (RMS) in each of two directions: those of a cap of
 #: 25° about its pole do. Around a cylinder those of an arc of 50° do.
 LEAST_TURN = 0.2
@@ -41,13 +44,13 @@ def require_surfaces(
         rows = every[of_placement == p]
         kind = int(observations.kind[observations.target[rows[0]]])
         if fault := _fault(observations, rows, kind, position_mm[rows], normal[rows]):
-            raise _named(sessions, observations, rows, *fault)
+            raise _refusal(sessions, observations, rows, *fault)
     for k in np.unique(observations.target[every]):
         rows = every[observations.target[every] == k]
         if _needs_side(observations, int(k)) and (
             fault := _no_side(observations, rows, normal[rows])
         ):
-            raise _named(sessions, observations, rows, *fault)
+            raise _refusal(sessions, observations, rows, *fault)
 
 
 def _fault(
@@ -62,9 +65,9 @@ def _fault(
         return counted(len(rows), "reading"), f"at least {least} on this surface"
     if kind == PLANE:
         off = np.concatenate([position[own] - position[own].mean(axis=0) for own in parts])
-        wide, narrow = _spread(off)[:2]
-        if narrow < LEAST_SPREAD_MM:
-            where = "at one spot" if wide < LEAST_SPREAD_MM else "along one line"
+        wide, narrow, thin = _spread(off)
+        if narrow < LEAST_SPREAD_MM or (narrow < SPOT_MM and thin > 0.5 * narrow):
+            where = "at one spot" if wide < SPOT_MM else "along one line"
             found = f"a plane touched {where} ({wide:.2g} mm × {narrow:.2g} mm RMS)"
             return found, f"places that spread by {LEAST_SPREAD_MM:g} mm RMS in both directions"
         return None
@@ -110,7 +113,7 @@ def _spread(points: F64) -> F64:
     return np.append(spread, np.zeros(3))[:3]
 
 
-def _named(
+def _refusal(
     sessions: Sequence[Session], observations: Observations, rows: I64, found: str, expected: str
 ) -> BadInput:
     i = int(rows[0])
