@@ -1,4 +1,4 @@
-"""Refuse surfaces where a command can use points alone."""
+"""Refuse surfaces and reflectors where a command takes points of one tip alone."""
 
 from __future__ import annotations
 
@@ -22,7 +22,15 @@ def refuse_surfaces(artefact: Artefact, place: str | Path, command: str) -> None
         )
 
 
-def refuse_sessions_with_surfaces(sessions: Sequence[Session], command: str) -> None:
-    """Raise `BadInput` for the first session whose artefact has a surface."""
+def require_points(sessions: Sequence[Session], command: str) -> None:
+    """Raise `BadInput` for the first session with a surface, or with readings of reflectors."""
     for session in sessions:
         refuse_surfaces(session.artefact, session.path / "session.toml", command)
+        if session.reflector is not None:
+            raise BadInput(
+                session.path,
+                "column reflector",
+                f"{', '.join(session.reflector_names[:3])}",
+                f"readings of one tip: {command} does not use reflectors, `armd calibrate` and"
+                " `armd evaluate` do",
+            )

@@ -215,6 +215,13 @@ class ArtefactFile(Strict):
     artefact: Annotated[Artefact, AfterValidator(_with_targets)]
 
 
+class Reflector(Strict):
+    """A reflector whose place in the last frame is known."""
+
+    name: Name
+    offset_mm: Vector3
+
+
 class SessionFile(Strict):
     """The content of `session.toml`."""
 
@@ -224,3 +231,12 @@ class SessionFile(Strict):
     operator: Name | None = None
     angle_unit: AngleUnit = "rad"
     artefact: Artefact
+    reflectors: Annotated[list[Reflector], Field(alias="reflector")] = []
+
+    @model_validator(mode="after")
+    def _reflectors_once(self) -> SessionFile:
+        names = [reflector.name for reflector in self.reflectors]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"reflectors' names that differ, not two {name!r}")
+        return self

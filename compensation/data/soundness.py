@@ -116,6 +116,8 @@ def _once(session: Session, told: list[str]) -> Session:
         session.truth_mm, session.artefact_c[:, None], session.placement[:, None],
         session.target[:, None],
     ]  # fmt: skip
+    if session.reflector is not None:
+        columns.append(session.reflector[:, None])
     table = np.nan_to_num(np.hstack(columns), nan=np.inf)
     first = np.sort(np.unique(table, axis=0, return_index=True)[1])
     if len(first) == session.n:

@@ -19,6 +19,7 @@ from armd.compensation.estimate.surface_kinds import POINT, kinds_of, own_placem
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.state import States
+from armd.errors import BadInput
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,8 @@ class Observations:
     placement_session: I64  # (P,)
     target_session: I64  # (K,)
     distances: Distances
+    reflector: I64  # (n,) index into reflectors; -1: arm.toml's tip
+    reflectors: dict[str, F64]  # offset (3,) mm in the last frame, NaN unknown
 
     @property
     def n(self) -> int:
@@ -107,6 +110,7 @@ class Observations:
             target=self.target[mask],
             truth_mm=self.truth_mm[mask],
             stretch=self.stretch[mask],
+            reflector=self.reflector[mask],
         )
 
 
@@ -125,6 +129,7 @@ def gather(
     """
     names = distinct_names(sessions)
     corrections = [_correction_of(session, artefact) for session in sessions]
+    reflectors = _reflectors(sessions)
     own = [own_placements(session) for session in sessions]
     counts = [len(placements) for placements, _ in own]
     first_placement = np.concatenate([[0], np.cumsum(counts)])
@@ -168,7 +173,31 @@ def gather(
         placement_session=np.repeat(np.arange(len(sessions)), counts),
         target_session=np.repeat(np.arange(len(sessions)), sizes),
         distances=_distances(sessions, first_target, every_length),
+        reflector=np.concatenate([_reflector(s, list(reflectors)) for s in sessions]),
+        reflectors=reflectors,
     )
+
+
+def _reflectors(sessions: Sequence[Session]) -> dict[str, F64]:
+    """Offsets of all reflectors that readings name; raises `BadInput` where two sessions differ."""
+    found: dict[str, F64] = {}
+    for session in sessions:
+        for name in session.reflector_names:
+            own = np.array(session.offset_mm.get(name, (np.nan,) * 3), dtype=float)
+            before = found.setdefault(name, own)
+            if not np.array_equal(before, own, equal_nan=True):
+                place, where = session.path / "session.toml", f"reflector {name}"
+                expected = f"{before.tolist()}, as in another session (nan: not given)"
+                raise BadInput(place, where, f"offset_mm {own.tolist()}", expected)
+    return found
+
+
+def _reflector(session: Session, names: Sequence[str]) -> I64:
+    """(n,) index into *names*; -1 without a reflector."""
+    if session.reflector is None:
+        return np.full(session.n, -1)
+    numbers = np.array([names.index(name) for name in session.reflector_names], dtype=np.int64)
+    return numbers[session.reflector]
 
 
 def _numbered(entries: Sequence[object]) -> I64:

@@ -38,6 +38,13 @@ from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
 from armd.compensation.identify.heldout import HeldOut
 from armd.compensation.identify.next_step import CalibratedFiles
+from armd.compensation.identify.reflectors import (
+    ReflectorTerms,
+    found_reflectors,
+    reflector_terms,
+    require_one_kind,
+    without_reflectors,
+)
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.sensor_noise import sensor_noise_c
 from armd.compensation.identify.thermal.comparison import Comparison, Trial
@@ -47,7 +54,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
-from armd.errors import ArmdError
+from armd.errors import ArmdError, BadInput
 from armd.terminal.counted import counted
 
 ThermalMethod = Literal["polynomial", "zones", "components", "per-temperature"]
@@ -89,17 +96,26 @@ def _calibrate(
     observations, groups = choose_readings(
         gather(sessions, arm), files, options.thermal_order, notes
     )
-    drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
+    tips = reflector_terms(observations, arm.nominal()[arm.layout.tip])
+    require_one_kind(tips, files)
+    observations = tips.observations
+    unknown = tips.identified(unknown)
+    if tips.hides_tip:
+        notes.append("no reading touches with the tip itself: it is that of arm.toml")
+    drawn = evaluate_model(observations, arm.nominal(), tips.terms, arm.reference_temperature_c)
     require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)
     require_some(observations, files)
-    refuse_mistakes(sessions, observations)
+    if not tips.terms:  # else nobody knows where each reading's tip is
+        refuse_mistakes(sessions, observations)
     thermal = len(groups) > 1 and options.thermal_order != 0
+    if thermal and tips.terms:
+        require_polynomial(options, files)
     terms = length_terms(arm, [1]) if thermal else []
-    first = _fit(observations, arm, unknown, terms, progress)
+    first = _fit(observations, tips, unknown, terms, progress)
     require_surfaces(sessions, observations, first.at.poses, first.at.position_mm)
-    drawing_rms_um = drawn_rms_um(observations)
-    odd = odd_session(sessions, first, drawing_rms_um)
-    second = None if odd and odd.tip else find_second_group(sessions, first)
+    drawing_rms_um = drawn_rms_um(observations, tips.terms, tips.free)
+    odd = None if tips.terms else odd_session(sessions, first, drawing_rms_um)
+    second = None if tips.terms or (odd and odd.tip) else find_second_group(sessions, first)
     if second:
         odd = None  # it explains that session's rows, too
         if not is_plausible(first):
@@ -107,7 +123,7 @@ def _calibrate(
     if odd:
         notes.append(odd.in_words())
     # A fit to many of them may lie so far off that the drawing tells more.
-    if not is_plausible(first):
+    if not is_plausible(first) and not tips.terms:
         refuse_misnamed(sessions, observations, AssumedModel.of(first))
         refuse_misnamed(sessions, observations, AssumedModel.under(arm, None))
     if not second:  # else it is what moves the links
@@ -116,10 +132,15 @@ def _calibrate(
     trials: list[Trial] = []
     order, final = 0, first
     per_temperature = thermal and options.thermal_method == "per-temperature"
-    if thermal and not options.compare:
+    if thermal and tips.terms:
+        order = options.thermal_order or int(far_apart(groups))
+        terms = length_terms(arm, range(1, order + 1))
+        final = _fit(observations, tips, unknown, terms, progress, first)
+        notes.append(f"thermal models are not compared with reflectors: order {order}")
+    elif thermal and not options.compare:
         order = 1 if far_apart(groups) or Comparison(first, groups).tells_expansion() else 0
         terms = terms if order else []
-        final = _fit(observations, arm, unknown, terms, progress, first)
+        final = _fit(observations, tips, unknown, terms, progress, first)
     elif thermal:
         comparison = Comparison(first, groups)
         trials = comparison.trials()
@@ -131,7 +152,7 @@ def _calibrate(
             )
         else:
             order, terms = _choose(comparison, trials, arm, options, notes)
-            final = _fit(observations, arm, unknown, terms, progress, first)
+            final = _fit(observations, tips, unknown, terms, progress, first)
     if not final.converged:
         notes.append(f"the fit did not settle within {final.steps} steps")
     if final.region.any() and not second:
@@ -187,7 +208,7 @@ def _calibrate(
         else "in the constants",
     }
     return Result(
-        calibration=as_calibration(final, provenance),
+        calibration=as_calibration(without_reflectors(final, len(tips.terms)), provenance),
         fit=final,
         rms_um=rms_um,
         heldout=heldout,
@@ -202,7 +223,15 @@ def _calibrate(
         off_drawing=far,
         notes=notes,
         second_group=second,
+        reflectors=found_reflectors(final),
     )
+
+
+def require_polynomial(options: Options, files: str) -> None:
+    """Raise `BadInput` for the thermal models that sessions with reflectors cannot have."""
+    if options.thermal_method != "polynomial":
+        expected = "polynomial: with reflectors no thermal models are compared"
+        raise BadInput(files, "--thermal-method", options.thermal_method, expected)
 
 
 def as_calibration(found: Identification, provenance: dict[str, Any]) -> Calibration:
@@ -232,17 +261,20 @@ def as_calibration(found: Identification, provenance: dict[str, Any]) -> Calibra
 
 def _fit(
     observations: Observations,
-    arm: Arm,
+    tips: ReflectorTerms,
     unknown: Sequence[str],
     terms: Sequence[Term],
     progress: TellStep | None,
     start: Identification | None = None,
 ) -> Identification:
-    unknowns = Unknowns(unknown, range(len(terms)))
+    """Fit *unknown* constants, the reflectors' terms as far as they are free, and *terms*."""
+    arm, known = observations.arm, len(tips.terms)
+    unknowns = Unknowns(unknown, [*tips.free, *range(known, known + len(terms))])
+    own = tips.terms if start is None else start.terms[:known]
     return fit(
         observations,
         arm.nominal(),
-        terms,
+        [*own, *terms],
         unknowns,
         arm.reference_temperature_c,
         noise=start.noise if start else None,

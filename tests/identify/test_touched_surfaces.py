@@ -145,6 +145,7 @@ def test_the_arm_comes_back_within_what_is_stated(name: str, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)  # forty calibrations, a minute of processor time
 @pytest.mark.parametrize("name", list(KINDS))
 def test_forty_arms_lie_within_their_stated_uncertainty_as_often_as_stated(
     name: str, tmp_path: Path

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,12 @@ from armd.compensation.estimate.poses import Poses, fit_poses
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.evaluation import tally
 from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
+from armd.compensation.identify.reflectors import (
+    FoundReflector,
+    fit_reflectors,
+    found_reflectors,
+    reflector_terms,
+)
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration, sensors_of
@@ -38,6 +44,7 @@ class Evaluation:
     position_mm: F64  # (n, 3) base frame
     residual_mm: F64  # (n, 3) tip minus target, base frame
     n_unused: int  # readings that lack a temperature the model needs
+    reflectors: list[FoundReflector] = field(default_factory=list)  # where they sit, fitted along
 
     @property
     def distance_um(self) -> F64:
@@ -62,6 +69,7 @@ class Evaluation:
                 for i, name in enumerate(names)
             },
             "distances": [length.as_json() for length in self.lengths],
+            "reflectors": {one.name: one.as_json() for one in self.reflectors},
         }
 
     @property
@@ -91,9 +99,15 @@ def _evaluate(
     constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
     terms = calibration.terms if calibration else []
     reference_c = (calibration or arm).reference_temperature_c
+    tips = reflector_terms(observations, constants[arm.layout.tip])
+    reflectors: list[FoundReflector] = []
+    if tips.terms:
+        fitted = fit_reflectors(tips, constants, terms, reference_c)
+        observations, terms = tips.observations, fitted.terms
+        reflectors = found_reflectors(fitted)
     found = evaluate_model(observations, constants, terms, reference_c, progress)
     require_surfaces(sessions, found.observations, found.poses, found.position_mm)
-    return found
+    return replace(found, reflectors=reflectors)
 
 
 def evaluate_model(

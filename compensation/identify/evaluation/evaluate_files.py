@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
 from armd.compensation.data.in_order import in_order
-from armd.compensation.data.points_only import refuse_sessions_with_surfaces
+from armd.compensation.data.points_only import require_points
 from armd.compensation.data.session import Session, check_once, load_sessions, session_pieces
 from armd.compensation.data.session_files import READINGS
 from armd.compensation.data.turns import AngleRange, report_open_turns
@@ -144,6 +144,7 @@ class _Passes:
             "n_unused": self._n - together.n,
             "by_session": {n: t.as_json() for n, t in zip(names, by_session, strict=True)},
             "distances": [length.as_json() for length in lengths],
+            "reflectors": {},
             "remarks": [*self._remarks, *self._open_turns(), *self._outside.in_words()],
         }
         return result, lengths
@@ -155,7 +156,7 @@ class _Passes:
         for i, path in enumerate(self._paths):
             lags = _Lags()
             for session in session_pieces(path, self._arm):
-                refuse_sessions_with_surfaces([session], LONG)
+                require_points([session], LONG)
                 observations = gather([session], self._arm, self._artefact)
                 basis = basis_values(
                     self._terms, session.states, self._arm, self._reference_c, self._constants,
