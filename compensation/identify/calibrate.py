@@ -43,7 +43,7 @@ from armd.compensation.identify.reflectors import (
     found_reflectors,
     reflector_terms,
     require_one_kind,
-    without_reflectors,
+    require_polynomial,
 )
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.sensor_noise import sensor_noise_c
@@ -54,7 +54,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
-from armd.errors import ArmdError, BadInput
+from armd.errors import ArmdError
 from armd.terminal.counted import counted
 
 ThermalMethod = Literal["polynomial", "zones", "components", "per-temperature"]
@@ -109,7 +109,7 @@ def _calibrate(
         refuse_mistakes(sessions, observations)
     thermal = len(groups) > 1 and options.thermal_order != 0
     if thermal and tips.terms:
-        require_polynomial(options, files)
+        require_polynomial(options.thermal_method, files)
     terms = length_terms(arm, [1]) if thermal else []
     first = _fit(observations, tips, unknown, terms, progress)
     require_surfaces(sessions, observations, first.at.poses, first.at.position_mm)
@@ -208,7 +208,7 @@ def _calibrate(
         else "in the constants",
     }
     return Result(
-        calibration=as_calibration(without_reflectors(final, len(tips.terms)), provenance),
+        calibration=as_calibration(final.without_terms(len(tips.terms)), provenance),
         fit=final,
         rms_um=rms_um,
         heldout=heldout,
@@ -223,15 +223,10 @@ def _calibrate(
         off_drawing=far,
         notes=notes,
         second_group=second,
-        reflectors=found_reflectors(final),
+        reflectors=found_reflectors(
+            observations, final.constants, final.terms, final.unknowns.names, final.covariance
+        ),
     )
-
-
-def require_polynomial(options: Options, files: str) -> None:
-    """Raise `BadInput` for the thermal models that sessions with reflectors cannot have."""
-    if options.thermal_method != "polynomial":
-        expected = "polynomial: with reflectors no thermal models are compared"
-        raise BadInput(files, "--thermal-method", options.thermal_method, expected)
 
 
 def as_calibration(found: Identification, provenance: dict[str, Any]) -> Calibration:

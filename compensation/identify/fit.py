@@ -11,7 +11,7 @@ what the readings do not know (docs/decisions/0014).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -94,6 +94,20 @@ class Identification:
     def rms_um(self) -> float:
         """3-D RMS of all readings' residuals."""
         return rms_um(self.at.residual_mm)
+
+    def without_terms(self, count: int) -> Identification:
+        """The same without the first *count* terms, as if they were no unknowns."""
+        n = len(self.unknowns.constants)
+        later = [place for place, i in enumerate(self.unknowns.terms) if i >= count]
+        kept = [*range(n), *(n + place for place in later)]
+        return replace(
+            self,
+            terms=self.terms[count:],
+            unknowns=Unknowns(
+                self.unknowns.constants, [self.unknowns.terms[place] - count for place in later]
+            ),
+            covariance=self.covariance[np.ix_(kept, kept)],
+        )
 
 
 def rms_um(residual_mm: F64) -> float:

@@ -8,18 +8,16 @@ sensors that only these observations have.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from armd.arrays import F64, Mask
+from armd.arrays import F64
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.unknowns import INDICATOR, Unknowns
-from armd.compensation.identify.fit import Identification, fit
+from armd.compensation.estimate.unknowns import INDICATOR
 from armd.compensation.model.arm import TemperatureSensor
-from armd.compensation.model.basis import basis_values
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
@@ -101,59 +99,28 @@ def reflector_terms(observations: Observations, tip_mm: F64) -> ReflectorTerms:
     return ReflectorTerms(known, terms, free)
 
 
-def fit_reflectors(
-    tips: ReflectorTerms, constants: F64, terms: Sequence[Term], reference_c: float
-) -> Identification:
-    """Fit where unknown reflectors sit, constants (P,) and *terms* being as they are; readings
-    without a temperature that a term needs have no part."""
-    every, arm = [*tips.terms, *terms], tips.observations.arm
-    basis = basis_values(every, tips.observations.states, arm, reference_c, constants)
-    usable: Mask = np.all(np.isfinite(basis), axis=1)
-    observations = tips.observations.rows(usable) if usable.any() else tips.observations
-    return fit(observations, constants, every, Unknowns((), tips.free), reference_c)
-
-
-def found_reflectors(found: Identification) -> list[FoundReflector]:
-    """Return where the reflectors of a fit sit, whose first terms are theirs."""
-    arm = found.observations.arm
-    tip = found.constants[arm.layout.tip]
-    columns = {name: i for i, name in enumerate(found.unknowns.names)}
+def found_reflectors(
+    observations: Observations,
+    constants: F64,
+    terms: Sequence[Term],
+    names: Sequence[str],
+    covariance: F64,
+) -> list[FoundReflector]:
+    """Return where reflectors sit, whose terms are the first of a fit's *terms*; *names* (C,) of
+    its unknowns and their *covariance* (C, C)."""
+    tip = constants[observations.arm.layout.tip]
+    columns = {name: i for i, name in enumerate(names)}
     result = []
-    for r, name in enumerate(found.observations.reflectors):
+    for r, reflector in enumerate(observations.reflectors):
         own = range(3 * r, 3 * r + 3)
-        offset = tip + np.array([found.terms[i].coefficient for i in own])
-        variance = [_variance(found, columns, TIP_PARAMETERS[i - 3 * r], i) for i in own]
-        result.append(FoundReflector(name, offset, np.sqrt(np.maximum(variance, 0.0))))
+        offset = tip + np.array([terms[i].coefficient for i in own])
+        variance = np.zeros(3)
+        for axis, i in enumerate(own):
+            if f"term {i}" in columns:  # not given: with the tip, where that is unknown, too
+                both = [columns[n] for n in (TIP_PARAMETERS[axis], f"term {i}") if n in columns]
+                variance[axis] = covariance[np.ix_(both, both)].sum()
+        result.append(FoundReflector(reflector, offset, np.sqrt(np.maximum(variance, 0.0))))
     return result
-
-
-def _variance(
-    found: Identification, columns: Mapping[str, int], parameter: str, term: int
-) -> float:
-    """Of a parameter and a term together, as far as they were unknown; of a given one 0."""
-    if f"term {term}" not in columns:
-        return 0.0
-    own: Sequence[int] = [columns[n] for n in (parameter, f"term {term}") if n in columns]
-    return float(found.covariance[np.ix_(own, own)].sum())
-
-
-def without_reflectors(found: Identification, count: int) -> Identification:
-    """Return a fit without its first *count* terms, which are the reflectors', for a file."""
-    if not count:
-        return found
-    kept = [i for i, name in enumerate(found.unknowns.names) if _number(name) >= count]
-    terms = [i - count for i in found.unknowns.terms if i >= count]
-    return replace(
-        found,
-        terms=found.terms[count:],
-        unknowns=Unknowns(found.unknowns.constants, terms),
-        covariance=found.covariance[np.ix_(kept, kept)],
-    )
-
-
-def _number(name: str) -> float:
-    """Of a term among the names of unknowns; of a constant more than any."""
-    return float(name.removeprefix("term ")) if name.startswith("term ") else np.inf
 
 
 def require_one_kind(tips: ReflectorTerms, files: str) -> None:
@@ -163,3 +130,10 @@ def require_one_kind(tips: ReflectorTerms, files: str) -> None:
         found = "readings without a reflector beside a reflector with offset_mm"
         expected = "a reflector in every reading, or no offset_mm: the tip itself is unknown"
         raise BadInput(files, "column reflector", found, expected)
+
+
+def require_polynomial(method: str, files: str) -> None:
+    """Raise `BadInput` for a thermal model that sessions with reflectors cannot have."""
+    if method != "polynomial":
+        expected = "polynomial: with reflectors no thermal models are compared"
+        raise BadInput(files, "--thermal-method", method, expected)

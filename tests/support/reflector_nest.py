@@ -55,9 +55,8 @@ def write_nest_session(
                 seen = turn.T @ (tip - where) + rng.normal(0.0, TRACKER_MM, 3)
                 read = q + rng.normal(0.0, ENCODER_RAD, 6)
                 writer.writerow([10.0 * i, "T", "SMR", name, *read.tolist(), *seen.tolist()])
-    tables = [
-        f'[[reflector]]\nname = "{n}"\noffset_mm = {list(map(float, nest[n]))}' for n in given
-    ]
+    places = {name: list(map(float, nest[name])) for name in given}
+    tables = [f'[[reflector]]\nname = "{n}"\noffset_mm = {at}' for n, at in places.items()]
     head = [
         'schema = "armd.session/1"', f'arm = "{nominal.SERIAL_NUMBER}"',
         "started = 2026-03-01T09:00:00Z", *tables, extra, "[artefact]", 'name = "tracker"',

@@ -9,17 +9,19 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
 from armd.compensation.data.overflow import overflowed, refuse_overflow
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
+from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.evaluation import tally
 from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
+from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.reflectors import (
     FoundReflector,
-    fit_reflectors,
+    ReflectorTerms,
     found_reflectors,
     reflector_terms,
 )
@@ -102,12 +104,25 @@ def _evaluate(
     tips = reflector_terms(observations, constants[arm.layout.tip])
     reflectors: list[FoundReflector] = []
     if tips.terms:
-        fitted = fit_reflectors(tips, constants, terms, reference_c)
-        observations, terms = tips.observations, fitted.terms
-        reflectors = found_reflectors(fitted)
+        observations = tips.observations
+        fitted = _fit_reflectors(tips, constants, terms, reference_c)
+        terms, names = fitted.terms, fitted.unknowns.names
+        reflectors = found_reflectors(observations, constants, terms, names, fitted.covariance)
     found = evaluate_model(observations, constants, terms, reference_c, progress)
     require_surfaces(sessions, found.observations, found.poses, found.position_mm)
     return replace(found, reflectors=reflectors)
+
+
+def _fit_reflectors(
+    tips: ReflectorTerms, constants: F64, terms: Sequence[Term], reference_c: float
+) -> Identification:
+    """Fit where unknown reflectors sit, constants (P,) and *terms* being as they are; readings
+    without a temperature that a term needs have no part."""
+    every, arm = [*tips.terms, *terms], tips.observations.arm
+    basis = basis_values(every, tips.observations.states, arm, reference_c, constants)
+    usable: Mask = np.all(np.isfinite(basis), axis=1)
+    observations = tips.observations.rows(usable) if usable.any() else tips.observations
+    return fit(observations, constants, every, Unknowns((), tips.free), reference_c)
 
 
 def evaluate_model(
