@@ -30,6 +30,8 @@ from armd.terminal.suggest import few
 Value = TypeVar("Value")
 
 ALL = "1"
+#: A column of names that a table may have, beside those that a session needs.
+REFLECTOR = "reflector"
 #: What LeRobot calls a joint's position: a share of its sweep, -100 to 100, unless it was asked
 #: for degrees.
 LEROBOT_POSITION = ".pos"
@@ -65,7 +67,7 @@ class Given:
 def find_columns(table: ForeignTable, arm: Arm, given: Given) -> FoundColumns:
     """Raises `BadInput` for a joint without a column, a cell that is no number, a unit not known,
     and a name that may mean two things."""
-    known = [*number_columns(arm), *TEXTS]
+    known = [*number_columns(arm), *TEXTS, REFLECTOR]
     places = find_places(table, arm, given.columns, known, given.targets)
     for k in range(1, arm.n_joints + 1):
         if f"q{k}" not in places.at:
@@ -73,7 +75,7 @@ def find_columns(table: ForeignTable, arm: Arm, given: Given) -> FoundColumns:
     found = FoundColumns(_angle_unit(table, places.at, given.angle_unit))
     for name, at in places.at.items():
         header = table.header[at]
-        if name in TEXTS:
+        if name in (*TEXTS, REFLECTOR):
             found.texts[name] = [row[at] for row in table.rows]
             _refuse_empty(table, name, at)
             unit = ""

@@ -8,7 +8,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from armd.compensation.data.foreign.columns import NORMALISED, FoundColumns, Given, find_columns
+from armd.compensation.data.foreign.columns import (
+    NORMALISED,
+    REFLECTOR,
+    FoundColumns,
+    Given,
+    find_columns,
+)
 from armd.compensation.data.foreign.join_tables import WITHIN_S, join_tables
 from armd.compensation.data.foreign.table import TABLES, read_table
 from armd.compensation.data.foreign.words import LENGTHS
@@ -119,7 +125,8 @@ def run(args: argparse.Namespace) -> int:
         said.append(_from_lerobot(args.lerobot, arm, found))
     n = len(table.rows)
     content = _content(args, arm, found, artefact, said)
-    names = ["time_s", "placement", "target", *arm_columns(found.numbers)]
+    reflector = [REFLECTOR] if REFLECTOR in found.texts else []
+    names = ["time_s", "placement", "target", *reflector, *arm_columns(found.numbers)]
     columns = {name: (found.numbers | found.texts)[name] for name in names}
     with aside(args).status("writing the session …"):
         _write(args, arm, content, columns)

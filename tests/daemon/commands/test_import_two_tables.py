@@ -61,6 +61,15 @@ def test_each_point_takes_the_joints_nearest_in_time(bench: Bench) -> None:
     assert session.truth_mm.tolist() == [[4, 5, 6], [1, 2, 3], [7, 8, 9]]
 
 
+def test_the_trackers_reflectors_come_along(bench: Bench) -> None:
+    joints = "q1,q2,q3\n0.1,0,0\n0.2,0,0\n"
+    code, told = bench.run(joints, "Reflector,x,y,z\nA,1,2,3\nB,4,5,6\n")
+    assert code == 0, told
+    session = bench.session()
+    assert session.reflector_names == ("A", "B") and session.reflector is not None
+    assert session.reflector.tolist() == [0, 1]
+
+
 def test_dates_and_unix_time_are_one_clock(bench: Bench) -> None:
     joints = "time,q1,q2,q3\n2026-03-01 09:00:00,0.1,0,0\n2026-03-01 09:00:10,0.2,0,0\n"
     points = "timestamp,x,y,z\n1772355610.1,1,2,3\n1772355599.9,4,5,6\n"
