@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
-from armd.arrays import F64
+from armd.arrays import F64, Mask
 from armd.simulator.measured.noise import Noise
-from armd.simulator.measured.poses import Reach
+from armd.simulator.measured.poses import MARGIN_RAD, settle_on
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
@@ -105,8 +107,11 @@ class Workshop:
     def __init__(self, seed: int = 1, reach_size: int = 6000) -> None:
         self.arm = TrueArm.default(seed)
         self.rng = np.random.default_rng([seed, 0x5F])
-        self.reach = Reach(self.arm, self.rng, size=reach_size)
         self._low, self._high = nominal.limits_rad()
+        inside = self._low + MARGIN_RAD, self._high - MARGIN_RAD
+        self._phi = self.rng.uniform(*inside, (reach_size, self.arm.n_joints))
+        still = Conditions.at_rest(reach_size, self.arm.n_joints)
+        self._near = cKDTree(self.arm.tip(self._phi, still))
 
     def postures(self, surface: Surface, rotation: F64, origin_mm: F64, count: int) -> F64:
         """(count, N) true angles that put the ball against *surface*, stood at such a pose, its
@@ -124,13 +129,12 @@ class Workshop:
                 return found[:count]
         raise AssertionError(f"{surface.name} is out of reach at {origin_mm}")
 
-    def _reached(self, goal: F64) -> tuple[F64, F64]:
-        from armd.simulator.measured.poses import settle_on
-
-        near = np.asarray(self.reach._tree.query(goal, k=200)[1])
+    def _reached(self, goal: F64) -> tuple[F64, Mask]:
+        """Angles (n, N) with the ball's centre at *goal* (n, 3), and which of them hold."""
+        near = np.asarray(self._near.query(goal, k=200)[1])
         picked = near[np.arange(len(goal)), self.rng.integers(0, 200, len(goal))]
         still = Conditions.at_rest(len(goal), self.arm.n_joints)
-        phi = settle_on(self.arm, self.reach._phi[picked], goal, still)
+        phi = settle_on(self.arm, self._phi[picked], goal, still)
         missed = np.linalg.norm(self.arm.tip(phi, still) - goal, axis=1)
         inside = ((phi >= self._low) & (phi <= self._high)).all(axis=1)
         return phi, inside & (missed < 1e-4)
@@ -144,8 +148,6 @@ class Workshop:
 
     def stand(self, tilted: float = 0.6) -> tuple[F64, F64]:
         """A pose within reach: somewhere around the column, tilted at random."""
-        from scipy.spatial.transform import Rotation
-
         azimuth = self.rng.uniform(-np.pi, np.pi)
         radius, height = self.rng.uniform(420.0, 650.0), self.rng.uniform(-50.0, 450.0)
         where = np.array([radius * np.cos(azimuth), radius * np.sin(azimuth), height])
