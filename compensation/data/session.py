@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.data.orientations import orientations
 from armd.compensation.data.pieces import reading_pieces
 from armd.compensation.data.readings import Readings, load_readings, row_in_words
 from armd.compensation.data.session_columns import (
@@ -71,6 +72,7 @@ class Session:
     digest: Callable[[], str] | None = None  # of a session in memory: its fingerprint
     reflector: I64 | None = None  # (n,) index into reflector_names; None: arm.toml's tip
     reflector_names: tuple[str, ...] = ()
+    turn: F64 | None = None  # (n, 3, 3) of the measured body in the placement's frame; NaN missing
     offset_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # if given
 
     @property
@@ -106,6 +108,7 @@ class Session:
             artefact_c=self.artefact_c[kept],
             row=self.row[kept],
             reflector=None if self.reflector is None else self.reflector[kept],
+            turn=None if self.turn is None else self.turn[kept],
         )
 
     def row_in_words(self, i: int) -> str:
@@ -282,6 +285,7 @@ def _session(
         row=readings.first_row + np.arange(readings.n),
         operator=file.operator,
         remarks=(*remarks, *describe_turns(name, turns)),
+        turn=orientations(readings),
         reflector=reflector,
         reflector_names=tuple(reflectors),
         offset_mm={one.name: one.offset_mm for one in file.reflectors},

@@ -52,6 +52,8 @@ def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
     """
     told = [remark for session in sessions for remark in session.remarks]
     mended = [_clock_on(_once(session, told), told) for session in sessions]
+    if any(session.turn is not None for session in sessions):
+        told.append("Orientations take no part here: `armd calibrate` uses them.")
     told += _clocks(mended)
     told += told_of_artefact(mended, arm)
     mended, arm = _without_dead_channels(mended, arm, told)
@@ -118,6 +120,8 @@ def _once(session: Session, told: list[str]) -> Session:
     ]  # fmt: skip
     if session.reflector is not None:
         columns.append(session.reflector[:, None])
+    if session.turn is not None:
+        columns.append(session.turn.reshape(session.n, 9))
     table = np.nan_to_num(np.hstack(columns), nan=np.inf)
     first = np.sort(np.unique(table, axis=0, return_index=True)[1])
     if len(first) == session.n:

@@ -16,6 +16,7 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.adjustment import adjusted
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.orientations import observe, turn_columns
 from armd.compensation.estimate.poses import (
     Poses,
     centres,
@@ -25,7 +26,7 @@ from armd.compensation.estimate.poses import (
 )
 from armd.compensation.estimate.surfaces import project_on_normals
 from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.terms import Term
 
 
@@ -100,10 +101,15 @@ def linearise(
     if basis is None:
         basis = basis_values(terms, states, arm, reference_c, constants)
     rows = parameter_rows(constants, terms, basis)
-    position = forward(states.q, rows)[0]
+    turned = observations.turned
+    position = observe(states.q, rows, turned)
     placed = poses.placed(observations, position)
-    q = adjusted(states.q, rows, placed)
+    q, points = states.q.copy(), ~turned
+    q[points] = adjusted(states.q[points], rows[points], placed[points])
     there, columns = jacobian(q, rows)
+    if turned.any():
+        there[turned] = position[turned]
+        columns[turned] = turn_columns(q[turned], rows[turned])
     return _around(observations, poses, position, (q, there, columns), basis, placed)
 
 

@@ -6,7 +6,7 @@ angle. The encoders' share grows with reach, so readings far out count for less.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,12 +23,21 @@ class ReadingNoise:
 
     encoder_rad: float
     reading_mm: float
+    turn_mm: float = 0.0  # of an orientation, at its lever
 
-    def covariance(self, joint_columns: F64) -> F64:
-        """Covariance (n, 3, 3) mm² of readings, from d tip / d angle (n, 3, N) mm/rad."""
+    def covariance(self, joint_columns: F64, turned: Mask | None = None) -> F64:
+        """Covariance (n, 3, 3) mm² of readings, from d tip / d angle (n, 3, N) mm/rad; *turned*
+        (n,): those that are orientations."""
         shape = joint_columns @ joint_columns.transpose(0, 2, 1)
-        covariance: F64 = self.encoder_rad**2 * shape + self.reading_mm**2 * np.eye(3)
+        own_mm = self.own_mm(len(shape), turned)[:, None, None]
+        covariance: F64 = self.encoder_rad**2 * shape + own_mm**2 * np.eye(3)
         return covariance
+
+    def own_mm(self, n: int, turned: Mask | None) -> F64:
+        """Standard deviations (n,) per axis that readings have beside those of the encoders."""
+        if turned is None or not turned.any():
+            return np.full(n, self.reading_mm)
+        return np.where(turned, self.turn_mm, self.reading_mm)
 
     def typical_mm(self, joint_columns: F64, freedom: I64 | int = 3) -> float:
         """Per-axis standard deviation over all readings (rms); *freedom* (n,): their axes."""
@@ -55,12 +64,14 @@ class Weighting:
     noise: ReadingNoise
     joints: F64  # (n, 3, N) mm/rad where the noise was found
     weight: F64  # (n,) robust weights
+    turned: Mask | None = None  # (n,) orientations
 
     def whitening(self, joints: F64) -> F64:
         """W (n, 3, 3) at levers d tip / d angle (n, 3, N)."""
         stretch = np.eye(3) + (joints - self.joints) @ self._backwards
         covariance = self.noise.encoder_rad**2 * (joints @ joints.transpose(0, 2, 1))
-        covariance += self.noise.reading_mm**2 * (stretch @ stretch.transpose(0, 2, 1))
+        own_mm = self.noise.own_mm(len(joints), self.turned)[:, None, None]
+        covariance += own_mm**2 * (stretch @ stretch.transpose(0, 2, 1))
         return whitening(covariance, self.weight)
 
     @cached_property
@@ -132,3 +143,18 @@ def estimate(
         encoder_rad=float(np.sqrt(size * share / typical)),
         reading_mm=max(float(np.sqrt(size * (1.0 - share))), LEAST_MM),
     )
+
+
+def estimate_turns(
+    noise: ReadingNoise, residual_mm: F64, joint_columns: F64, left: F64, counts: F64
+) -> ReadingNoise:
+    """*noise* with that of orientations, by residuals (n, 3) and *left* (n, 3, 3) as `estimate` has
+    them: what their squares exceed that of the encoders by, those far off set aside."""
+    distance2 = np.sum(residual_mm**2, axis=1)
+    inliers = ~far_off(distance2, LEAST_MM**2)
+    share = np.trace(left, axis1=1, axis2=2) - 3.0 * (1.0 - counts)
+    freedom = max(float(np.maximum(share, 0.0)[inliers].sum()), 1.0)
+    square = float((counts * distance2)[inliers].sum()) / freedom
+    of_encoders = np.einsum("nij,nij->n", joint_columns, joint_columns)[inliers].mean() / 3.0
+    own = max(square - noise.encoder_rad**2 * float(of_encoders), LEAST_MM**2)
+    return replace(noise, turn_mm=float(np.sqrt(own)))

@@ -15,11 +15,14 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.data.session_format import Distance
-from armd.compensation.estimate.surface_kinds import POINT, kinds_of, own_placements
+from armd.compensation.estimate.surface_kinds import POINT, TURN, kinds_of, own_placements
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.state import States
 from armd.errors import BadInput
+
+#: An orientation that is off by 1 rad counts as off by so many mm.
+TURN_MM = 100.0
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,8 @@ class Observations:
     distances: Distances
     reflector: I64  # (n,) index into reflectors; -1: arm.toml's tip
     reflectors: dict[str, F64]  # offset (3,) mm in the last frame, NaN unknown
+    measured_turn: F64  # (n, 3, 3) of the measured body in its placement's frame; NaN without
+    turned: Mask  # (n,) rows that say this, and not where the tip is (`orientations`)
 
     @property
     def n(self) -> int:
@@ -79,7 +84,8 @@ class Observations:
     @cached_property
     def on_surface(self) -> Mask:
         """(n,) rows that touch a surface, wherever on it."""
-        touched: Mask = (self.kind[self.target] != POINT) & ~self.has_truth
+        kind = self.kind[self.target]
+        touched: Mask = (kind != POINT) & (kind != TURN) & ~self.has_truth
         return touched
 
     @property
@@ -111,6 +117,8 @@ class Observations:
             truth_mm=self.truth_mm[mask],
             stretch=self.stretch[mask],
             reflector=self.reflector[mask],
+            measured_turn=self.measured_turn[mask],
+            turned=self.turned[mask],
         )
 
 
@@ -175,7 +183,15 @@ def gather(
         distances=_distances(sessions, first_target, every_length),
         reflector=np.concatenate([_reflector(s, list(reflectors)) for s in sessions]),
         reflectors=reflectors,
+        measured_turn=np.concatenate([_turn(s) for s in sessions]),
+        turned=np.zeros(len(of_session), dtype=bool),
     )
+
+
+def _turn(session: Session) -> F64:
+    """(n, 3, 3); of a session without orientations NaN, and no memory."""
+    nothing = np.broadcast_to(np.full((1, 1, 1), np.nan), (session.n, 3, 3))
+    return nothing if session.turn is None else session.turn
 
 
 def _reflectors(sessions: Sequence[Session]) -> dict[str, F64]:

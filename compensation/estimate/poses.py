@@ -6,13 +6,13 @@ fit: poses and unknown seats.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.observations import TURN_MM, Observations
 from armd.compensation.estimate.placements import Placements
 from armd.compensation.estimate.robust import SUSPECT, monstrous
 from armd.compensation.estimate.surface_kinds import POINT
@@ -32,6 +32,7 @@ class Poses:
     translation_mm: F64  # (P, 3)
     target_mm: F64  # (K, 3) certified or fitted; zero for a seat nobody has touched
     side: F64 | None = None  # (K,) 1 or -1: on which side of a surface the tip is; None: no surface
+    body: F64 | None = None  # (K, 3, 3) of the last frame: how measured bodies are turned in it
 
     def target_points(self, observations: Observations) -> F64:
         """Where the point targets of the readings stand (n, 3) mm, in the base frame."""
@@ -47,7 +48,24 @@ class Poses:
         if self.side is not None and (rows := np.flatnonzero(observations.on_surface)).size:
             gap, normal = self._gaps(observations, position_mm, rows, self.side)
             placed[rows] = position_mm[rows] - gap[:, None] * normal
+        if self.body is not None and observations.turned.any():
+            rows = np.flatnonzero(observations.turned)
+            placed[rows] = position_mm[rows] - self._turns_mm(position_mm, observations, rows)
         return placed
+
+    def _turns_mm(self, position_mm: F64, observations: Observations, rows: I64) -> F64:
+        """Rotation vectors (m, 3) from measured to the arm's orientations, at their lever."""
+        assert self.body is not None
+        frame = Rotation.from_rotvec(position_mm[rows] / TURN_MM).as_matrix()
+        of_arm = frame @ self.body[observations.target[rows]]
+        off = of_arm @ self.measured(observations, rows).transpose(0, 2, 1)
+        turns: F64 = TURN_MM * Rotation.from_matrix(off).as_rotvec()
+        return turns
+
+    def measured(self, observations: Observations, rows: I64) -> F64:
+        """Orientations (m, 3, 3) as measured, in the base frame."""
+        turned: F64 = self.rotation[observations.placement[rows]] @ observations.measured_turn[rows]
+        return turned
 
     def normals(self, observations: Observations, position_mm: F64) -> F64:
         """Unit vectors (n, 3) along which the surfaces are nearest, base frame; 0 for points."""
@@ -97,13 +115,18 @@ class Poses:
             translation_mm=centre_mm + np.einsum("pij,pj->pi", turn, arm) + twist[:, 3:],
             target_mm=self.target_mm + target_step_mm,
             side=self.side,
+            body=None
+            if self.body is None
+            else self.body @ Rotation.from_rotvec(target_step_mm / TURN_MM).as_matrix(),
         )
 
 
 def centres(observations: Observations, position_mm: F64) -> F64:
     """Mean position of each placement's readings (P, 3); zero for one without."""
-    total = group_sum(position_mm, observations.placement, len(observations.placement_names))
-    return total / np.maximum(placement_counts(observations), 1)[:, None]
+    points = ~observations.turned
+    of, p = observations.placement[points], len(observations.placement_names)
+    total = group_sum(position_mm[points], of, p)
+    return total / np.maximum(np.bincount(of, minlength=p), 1)[:, None]
 
 
 def placement_counts(observations: Observations) -> I64:
@@ -117,7 +140,9 @@ def pose_columns(observations: Observations, placed_mm: F64, centre_mm: F64) -> 
     The lever arm is the target's, not the tip's: so turning an artefact of unknown points in its
     own frame is the same as turning its placements exactly, however large the residuals are.
     """
-    return rigid_columns(placed_mm - centre_mm[observations.placement])
+    columns = rigid_columns(placed_mm - centre_mm[observations.placement])
+    columns[observations.turned] = -(TURN_MM / LEVER_MM) * np.eye(3, 6)
+    return columns
 
 
 def rigid_columns(lever_mm: F64) -> F64:
@@ -143,6 +168,8 @@ def target_columns(observations: Observations, poses: Poses, normal: F64 | None 
         of_surface = normal[:, :, None] * np.array([0.0, 0.0, 1.0])
         moved = np.where(observations.on_surface[:, None, None], of_surface, moved)
     columns: F64 = -size[:, None, None] * moved
+    if (rows := np.flatnonzero(observations.turned)).size:
+        columns[rows] = poses.measured(observations, rows)
     return columns
 
 
@@ -186,6 +213,8 @@ def fit_poses(
     poses = start or _start(observations, position_mm, weight)
     if surfaces and start is None:
         poses = _with_surfaces(observations, position_mm, poses)
+    if start is None and observations.turned.any():
+        poses = _with_bodies(observations, position_mm, poses)
     for _ in range(50):
         placed = poses.placed(observations, position_mm)
         centre = centres(observations, placed)
@@ -202,6 +231,17 @@ def _with_surfaces(observations: Observations, position_mm: F64, poses: Poses) -
         observations, position_mm, poses.rotation, poses.translation_mm, poses.target_mm
     )
     return Poses(at.rotation, at.translation_mm, at.target_mm, at.side)
+
+
+def _with_bodies(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
+    """*poses* with the mean rotation of each measured body against the last frame."""
+    rows = np.flatnonzero(observations.turned)
+    frame = Rotation.from_rotvec(position_mm[rows] / TURN_MM).as_matrix()
+    turns = frame.transpose(0, 2, 1) @ poses.measured(observations, rows)
+    body = np.tile(np.eye(3), (len(observations.target_names), 1, 1))
+    for k in np.unique(observations.target[rows]):
+        body[k] = Rotation.from_matrix(turns[observations.target[rows] == k]).mean().as_matrix()
+    return replace(poses, body=body)
 
 
 def _touched_seats(observations: Observations) -> Mask:
@@ -225,7 +265,7 @@ def _start(observations: Observations, position_mm: F64, weight: F64) -> Poses:
         _first_seats(observations, position_mm, target, row_seat)
     for _ in range(10 if seats.any() else 1):
         points = observations.known_mm(target)
-        points[observations.on_surface] = np.nan
+        points[observations.on_surface | observations.turned] = np.nan
         rotation, translation = kabsch(
             points, position_mm, weight, observations.placement, n_placements
         )

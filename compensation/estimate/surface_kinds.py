@@ -14,8 +14,8 @@ from armd.arrays import I64
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Artefact, SurfaceKind
 
-#: What stands at a target's number.
-POINT, PLANE, SPHERE, CYLINDER = range(4)
+#: What stands at a target's number; a turn is how a body on the last link is turned.
+POINT, PLANE, SPHERE, CYLINDER, TURN = range(5)
 _KINDS: dict[SurfaceKind, int] = {"plane": PLANE, "sphere": SPHERE, "cylinder": CYLINDER}
 #: How many directions of a placement move what stands there.
 FREEDOM = {POINT: 6, PLANE: 3, SPHERE: 3, CYLINDER: 4}

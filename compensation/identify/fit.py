@@ -20,8 +20,15 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.gauge import gauge
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
-from armd.compensation.estimate.noise import ReadingNoise, Weighting, estimate, whitening
+from armd.compensation.estimate.noise import (
+    ReadingNoise,
+    Weighting,
+    estimate,
+    estimate_turns,
+    whitening,
+)
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.orientations import observe
 from armd.compensation.estimate.poses import steady_poses
 from armd.compensation.estimate.postures import counts_as, find_postures, shared_part
 from armd.compensation.estimate.regions import in_region
@@ -39,7 +46,7 @@ from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.descent import Descent
 from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
@@ -95,6 +102,21 @@ class Identification:
         """3-D RMS of all readings' residuals."""
         return rms_um(self.at.residual_mm)
 
+    def of_points(self) -> Identification:
+        """The same with the rows alone that say where the tip is."""
+        points = ~self.observations.turned
+        if points.all():
+            return self
+        at = self.at.rows(points)
+        return replace(
+            self,
+            observations=at.observations,
+            at=at,
+            distance2=self.distance2[points],
+            counts=self.counts[points],
+            region=self.region[points],
+        )
+
     def without_terms(self, count: int) -> Identification:
         """The same without the first *count* terms, as if they were no unknowns."""
         n = len(self.unknowns.constants)
@@ -140,11 +162,13 @@ def fit(
     x = unknowns.values(constants, terms)
     states = observations.states
     basis = basis_values(terms, states, observations.arm, reference_c, constants)
-    position = forward(states.q, parameter_rows(constants, terms, basis))[0]
+    rows = parameter_rows(constants, terms, basis)
+    position = observe(states.q, rows, observations.turned)
     poses = steady_poses(observations, position)
     residual_mm = poses.residual(observations, position)
     freedom = observations.freedom
-    alike = _alike(residual_mm, freedom)
+    turned, points = observations.turned, ~observations.turned
+    alike = _alike(residual_mm[points], freedom[points])
     weighing = noise or alike
     # A monstrous reading has no voice from the beginning: it would make its neighbours a region.
     squared = np.sum(residual_mm**2, axis=1) / alike.reading_mm**2
@@ -158,8 +182,9 @@ def fit(
         joints = begun.joints
         weight = counts * redescending_weights(distance2, region)
         if held:
-            weighing = ReadingNoise(0.0, weighing.typical_mm(joints, freedom))
-        weighting = Weighting(weighing, joints, weight)
+            typical = weighing.typical_mm(joints[points], freedom[points])
+            weighing = ReadingNoise(0.0, typical, weighing.turn_mm or typical)
+        weighting = Weighting(weighing, joints, weight, turned)
         descent = Descent(
             observations, constants, terms, unknowns, reference_c, basis, start, weighting
         )
@@ -172,11 +197,8 @@ def fit(
         fitted = end.alone.rank + end.solution.told
         joints = end.at.joints
         left, whiten = end.alone.left(end.solution.root), end.alone.whitening
-        before, weighing = (
-            weighing,
-            estimate(end.at.residual_mm, joints, whiten, left, region, counts, freedom),
-        )
-        covariance = weighing.covariance(joints)
+        before, weighing = weighing, _estimate(end.at, whiten, left, region, counts)
+        covariance = weighing.covariance(joints, turned)
         distance2 = of_three_components(mahalanobis2(end.at.residual_mm, covariance), freedom)
         if not held:  # far off, everything is
             region = region | in_region(distance2 > OUTLIER_D2, states.q)
@@ -187,7 +209,7 @@ def fit(
         white = np.einsum("nij,nj->ni", whitening(covariance, robust), end.at.residual_mm)
         counts = counts_as(posture, shared_part(white, posture, freedom))
         weight_after = counts * robust
-        settled = _settled(before, weighing, joints) and np.allclose(
+        settled = _settled(before, weighing, joints, turned) and np.allclose(
             weight, weight_after, atol=0.05
         )
         if settled and not held:
@@ -195,7 +217,9 @@ def fit(
         # Another round from the same point with the same weights would end where this one did.
         repeats = (
             stands
-            and np.isclose(weighing.typical_mm(joints, freedom), before.reading_mm, rtol=1e-6)
+            and np.isclose(
+                weighing.typical_mm(joints[points], freedom[points]), before.reading_mm, rtol=1e-6
+            )
             and np.allclose(weight, weight_after, rtol=1e-6)
         )
         held = held and not settled and not repeats and round_ < rounds // 2
@@ -252,9 +276,24 @@ def _alike(residual_mm: F64, freedom: I64) -> ReadingNoise:
     return ReadingNoise(0.0, max(np.sqrt(typical), LEAST_MM))
 
 
-def _settled(before: ReadingNoise, after: ReadingNoise, joint_columns: F64) -> bool:
+def _estimate(at: Linearisation, whiten: F64, left: F64, region: Mask, counts: F64) -> ReadingNoise:
+    """Noise of the readings by what a round left, that of orientations by theirs alone."""
+    turned, points = at.observations.turned, ~at.observations.turned
+    noise = estimate(
+        at.residual_mm[points], at.joints[points], whiten[points], left[points], region[points],
+        counts[points], at.observations.freedom[points],
+    )  # fmt: skip
+    if not turned.any():
+        return noise
+    return estimate_turns(
+        noise, at.residual_mm[turned], at.joints[turned], left[turned], counts[turned]
+    )
+
+
+def _settled(before: ReadingNoise, after: ReadingNoise, joint_columns: F64, turned: Mask) -> bool:
     """Whether the weights would change by less than a few per cent."""
     sizes = [
-        np.trace(noise.covariance(joint_columns), axis1=1, axis2=2) for noise in (before, after)
+        np.trace(noise.covariance(joint_columns, turned), axis1=1, axis2=2)
+        for noise in (before, after)
     ]
     return bool(np.all(np.abs(sizes[1] / sizes[0] - 1.0) < 0.05))

@@ -72,6 +72,7 @@ def test_unknown_reflectors_are_found_and_the_arm_with_them(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)  # forty calibrations
 def test_offsets_lie_within_their_uncertainty_as_often_as_stated(tmp_path: Path) -> None:
     errors = []
     for seed in range(1, 41):

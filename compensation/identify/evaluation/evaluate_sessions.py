@@ -42,6 +42,8 @@ def _evaluate_sessions(
         outside.add(i, session.name, session.states.temperature_c)
     remarks = [remark for session in sessions for remark in session.remarks]
     remarks += outside.in_words()
+    if any(session.turn is not None for session in sessions):
+        remarks.append("orientations take no part in these figures: `armd calibrate` uses them")
     extra: dict[str, Any] = {}
     if refit_tip:
         require_points(sessions, "`armd evaluate --fit-tip`")
