@@ -22,7 +22,7 @@ from armd.compensation.data.foreign.words import (
     numbered,
     word_and_unit,
 )
-from armd.compensation.data.session_columns import number_columns
+from armd.compensation.data.session_columns import QUATERNION, ROLL_PITCH_YAW, number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.terminal.suggest import few
@@ -221,7 +221,12 @@ def _in_unit(
             factor = ANGLES[unit][1]
         if factor == 1.0:
             return f", in {found.angle_unit}", values
-    elif not name.startswith("approach"):
+    elif name in ROLL_PITCH_YAW:
+        of, factor = _known(table, header, unit or "deg", ANGLES)
+        if of == "count":
+            raise BadInput(table.path, f"column {header}", "counts", "degrees or radians")
+        factor *= math.degrees(1.0) if of == "rad" else 1.0
+    elif not name.startswith("approach") and name not in QUATERNION:
         factor, shift = _known(table, header, unit or "c", TEMPERATURES)
     if (factor, shift) == (1.0, 0.0):
         return "", values

@@ -70,6 +70,22 @@ def test_the_trackers_reflectors_come_along(bench: Bench) -> None:
     assert session.reflector.tolist() == [0, 1]
 
 
+def test_the_trackers_orientations_come_along(bench: Bench) -> None:
+    joints = "q1,q2,q3\n0.1,0,0\n0.2,0,0\n"
+    points = "x,y,z,rx_deg,ry_deg,rz_deg\n1,2,3,0,0,90\n4,5,6,90,0,0\n"
+    code, told = bench.run(joints, points)
+    assert code == 0, told
+    turn = bench.session().turn
+    assert turn is not None
+    np.testing.assert_allclose(turn[0] @ [1, 0, 0], [0, 1, 0], atol=1e-12)  # yaw: x to y
+    np.testing.assert_allclose(turn[1] @ [0, 1, 0], [0, 0, 1], atol=1e-12)  # roll: y to z
+    code, told = bench.run(joints, "x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n4,5,6,1,0,0,0\n", "--force")
+    assert code == 0, told
+    turn = bench.session().turn
+    assert turn is not None
+    np.testing.assert_allclose(turn, [np.eye(3), np.diag([1, -1, -1])], atol=1e-12)
+
+
 def test_dates_and_unix_time_are_one_clock(bench: Bench) -> None:
     joints = "time,q1,q2,q3\n2026-03-01 09:00:00,0.1,0,0\n2026-03-01 09:00:10,0.2,0,0\n"
     points = "timestamp,x,y,z\n1772355610.1,1,2,3\n1772355599.9,4,5,6\n"
