@@ -253,5 +253,8 @@ def _condensed(
         target=np.array(target),
         truth_mm=np.array(truth),
         stretch=np.array(stretch),
+        reflector=np.full(len(session), -1),
+        measured_turn=np.full((len(session), 3, 3), np.nan),
+        turned=np.zeros(len(session), dtype=bool),
     )
     return few, np.array(weight), np.array(tip)
