@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from armd.compensation.data.points_only import require_points
 from armd.compensation.data.session import Session as StoredSession
 from armd.compensation.design.conditions import POOL
 from armd.compensation.design.design import Experiment
@@ -154,6 +155,7 @@ def design(
     loaded = resolve_calibration(calibration, model)
     content = loaded.content if loaded else None
     read, _ = load_sessions(resolve_sessions(sessions), model.content)
+    require_points(read, "`armd design`")
     diagnosis = diagnose_loaded(read, model.content, content, progress=progress)
     progress("choosing poses", 1.0)
     experiment = choose(diagnosis, readings)

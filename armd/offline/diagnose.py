@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from armd.compensation.data.points_only import require_points
 from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
 from armd.compensation.diagnose.diagnosis import Diagnosis as Details
 from armd.compensation.diagnose.told.result import as_json
@@ -174,6 +175,7 @@ def diagnose(
     fitted, held_out = load_sessions(inspected, model.content, others)
     assumed = AssumedModel.under(model.content, content) if content else None
     every = [*fitted, *held_out]
+    require_points(every, "`armd diagnose`")
     artefact = content.artefact if content else None
     refuse_mistakes(every, gather(every, model.content, artefact), assumed)
     details = diagnose_loaded(fitted, model.content, content, held_out, progress, command)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from armd.compensation.data.points_only import refuse_surfaces
 from armd.compensation.data.session_format import Artefact, ArtefactFile
 from armd.compensation.design.first import Bounds, FirstExperiment, design_first
 from armd.compensation.model.calibration import LoadedCalibration
@@ -135,6 +136,7 @@ def design_without_sessions(
     if artefact is not None:
         where = "artefact" if isinstance(artefact, Mapping) else str(artefact)
         seats = validate(where, {"artefact": artefact_content(artefact)}, ArtefactFile).artefact
+        refuse_surfaces(seats, where, "`armd design`")
     experiment = design_first(content, parameters, readings, seats, bounds)
     return FirstDesignResult(experiment, arm, calibration, seats)
 

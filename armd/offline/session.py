@@ -94,7 +94,7 @@ class Session(Displayed):
         facts = [
             ("arm", file.arm),
             ("started", file.started.isoformat()),
-            ("artefact", f"{file.artefact.name}, {len(file.artefact.targets)} targets"),
+            ("artefact", f"{file.artefact.name}, {len(file.artefact.target_names)} targets"),
             ("angles", file.angle_unit),
         ]
         if self.path is None:
@@ -134,7 +134,7 @@ def make_session(
     `__arrow_c_stream__`, or a dict of arrays (n,). Its columns are those of readings.csv:
     `time_s` in s, `placement`, `target`, `q1` … `qN` in *angle_unit* (`rad`, `deg` or `count`),
     and the optional ones: `w1` … `wN` in rad/s, a column for each sensor in °C, `artefact_c`,
-    `approach_x` …, `x_mm` …; NaN or null is missing.
+    `approach_x` …, `x_mm` …, `qx` … or `rx_deg` …, `reflector`; NaN or null is missing.
     *artefact*: a dict as the table `[artefact]` of session.toml, or the path of a file that has
     one; None: every target is an unknown fixed point.
     *started*: the instant of `time_s = 0`, a datetime or ISO text with its offset from UTC; None:

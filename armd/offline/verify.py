@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+from armd.compensation.data.points_only import require_points
 from armd.compensation.data.session import Session as StoredSession
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
@@ -107,6 +108,7 @@ def verify(
     loaded = resolve_calibration(calibration, model)
     content = loaded.content if loaded else None
     (read,), _ = load_sessions(resolve_sessions(session), model.content)
+    require_points([read], "`armd verify`")
     # First of all: it refuses a calibration that overflows.
     position = positions_of(read, model.content, loaded)
     observations = gather([read], model.content, content.artefact if content else None)

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.data.orientations import orientations
 from armd.compensation.data.pieces import reading_pieces
 from armd.compensation.data.readings import Readings, load_readings, row_in_words
 from armd.compensation.data.session_columns import (
@@ -43,7 +44,7 @@ from armd.files.schema import load_toml
 from armd.terminal.printable import printable
 from armd.terminal.suggest import hint
 
-TEXTS = ["placement", "target"]
+TEXTS = ["placement", "target", "reflector"]
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,10 @@ class Session:
     artefact_before_c: float = np.nan  # of a piece: the last artefact_c in those before it
     remarks: tuple[str, ...] = ()  # sentences: what was read and does not count as it stands
     digest: Callable[[], str] | None = None  # of a session in memory: its fingerprint
+    reflector: I64 | None = None  # (n,) index into reflector_names; None: arm.toml's tip
+    reflector_names: tuple[str, ...] = ()
+    turn: F64 | None = None  # (n, 3, 3) of the measured body in the placement's frame; NaN missing
+    offset_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)  # if given
 
     @property
     def n(self) -> int:
@@ -102,6 +107,8 @@ class Session:
             truth_mm=self.truth_mm[kept],
             artefact_c=self.artefact_c[kept],
             row=self.row[kept],
+            reflector=None if self.reflector is None else self.reflector[kept],
+            turn=None if self.turn is None else self.turn[kept],
         )
 
     def row_in_words(self, i: int) -> str:
@@ -253,6 +260,7 @@ def _session(
     q, turns = fold_turns(angles(readings, arm, file.angle_unit), arm)
     rate = rates(readings, arm.n_joints)
     name = printable(folder.resolve().name)
+    reflector, reflectors = readings.names("reflector") if readings.has("reflector") else (None, [])
     temperature_c, artefact_c, remarks = celsius.take(readings, time_s, name)
     return Session(
         path=folder,
@@ -277,6 +285,10 @@ def _session(
         row=readings.first_row + np.arange(readings.n),
         operator=file.operator,
         remarks=(*remarks, *describe_turns(name, turns)),
+        turn=orientations(readings),
+        reflector=reflector,
+        reflector_names=tuple(reflectors),
+        offset_mm={one.name: one.offset_mm for one in file.reflectors},
     )
 
 

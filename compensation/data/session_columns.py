@@ -21,6 +21,8 @@ MemoryOrder = Literal["C", "F"]  # of an array in memory: rows in one piece, or 
 
 APPROACH = ["approach_x", "approach_y", "approach_z"]
 TRUTH = ["x_mm", "y_mm", "z_mm"]
+QUATERNION = ["qx", "qy", "qz", "qw"]
+ROLL_PITCH_YAW = ["rx_deg", "ry_deg", "rz_deg"]
 
 # Beyond these a number is taken for one in another unit, not for a measurement.
 MOST_TURNS = 10.0
@@ -135,7 +137,8 @@ def number_columns(arm: Arm) -> list[str]:
     """The columns of numbers that readings of this arm may have."""
     joints = range(1, arm.n_joints + 1)
     angle_and_rate = [f"{letter}{k}" for letter in "qw" for k in joints]
-    return ["time_s", *angle_and_rate, *arm.sensors, "artefact_c", *APPROACH, *TRUTH]
+    truth = [*TRUTH, *QUATERNION, *ROLL_PITCH_YAW]
+    return ["time_s", *angle_and_rate, *arm.sensors, "artefact_c", *APPROACH, *truth]
 
 
 def rates(readings: Readings, n_joints: int) -> F64:

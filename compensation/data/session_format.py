@@ -36,6 +36,7 @@ OF_A_VERIFICATION = re.compile(
 )
 
 AngleUnit = Literal["rad", "deg", "count"]
+SurfaceKind = Literal["plane", "sphere", "cylinder"]
 Name = Annotated[str, Field(min_length=1)]
 
 
@@ -67,11 +68,27 @@ class Distance(Strict):
     standard_uncertainty_mm: Annotated[float, Field(ge=0)] = 0.0
 
 
+class Surface(Strict):
+    """A surface of unknown place, which the tip touches from outside wherever somebody likes."""
+
+    name: Name
+    kind: SurfaceKind
+    radius_mm: Annotated[float, Field(gt=0)] | None = None  # certified; None: unknown
+    standard_uncertainty_mm: Annotated[float, Field(ge=0)] = 0.0  # of the radius
+
+    @model_validator(mode="after")
+    def _round(self) -> Surface:
+        if self.kind == "plane" and self.radius_mm is not None:
+            raise ValueError(f"no radius_mm for {self.name!r}: a plane has none")
+        return self
+
+
 def _of_distances(artefact: dict[str, Any]) -> list[Target]:
     """Targets that no list names: those that the distances of *artefact* are between."""
     distances: list[Distance] = artefact.get("distances", [])
+    surfaces = {surface.name for surface in artefact.get("surfaces", [])}
     names = dict.fromkeys(name for distance in distances for name in distance.between)
-    return [Target(name=name) for name in names]
+    return [Target(name=name) for name in names if name not in surfaces]
 
 
 class Artefact(Strict):
@@ -82,6 +99,7 @@ class Artefact(Strict):
     expansion_per_k: Annotated[float, Field(ge=-1e-3, le=1e-3)] = 0.0
     reference_temperature_c: float = 20.0
     distances: Annotated[list[Distance], Field(alias="distance")] = []
+    surfaces: Annotated[list[Surface], Field(alias="surface")] = []
     targets: Annotated[list[Target], Field(alias="target", default_factory=_of_distances)]
 
     @field_validator("targets", mode="after")
@@ -89,6 +107,7 @@ class Artefact(Strict):
     def _with_ends(cls, targets: list[Target], info: ValidationInfo) -> list[Target]:
         """With the ends of distances that a verification's names are, where the list lacks them."""
         listed = {target.name for target in targets}
+        listed |= {surface.name for surface in info.data.get("surfaces", [])}
         ends = [target.name for target in _of_distances(info.data)]
         new = [name for name in ends if name not in listed and is_documented(name)]
         return [*targets, *(Target(name=name) for name in new)]
@@ -109,8 +128,23 @@ class Artefact(Strict):
             self._agrees(i, distance)
         return self
 
+    def _between_planes(self, i: int, distance: Distance) -> bool:
+        """Whether it is a gauge block's length; raises `ValueError` for a point and a surface."""
+        kinds = [self.surface_kinds.get(name) for name in distance.between]
+        if kinds == [None, None]:
+            return False
+        if kinds != ["plane", "plane"]:
+            one, other = distance.between
+            raise ValueError(
+                f"distance[{i}] between two targets or between two surfaces of kind"
+                f' "plane", not {one!r} and {other!r}'
+            )
+        return True
+
     def _agrees(self, i: int, distance: Distance) -> None:
         """One certificate says a length once: between two certified positions, and as a length."""
+        if self._between_planes(i, distance):
+            return
         ends = [self.targets[self.target_names.index(name)] for name in distance.between]
         one, other = (end.position_mm for end in ends)
         if one is None or other is None:
@@ -124,8 +158,19 @@ class Artefact(Strict):
             )
 
     @property
+    def entries(self) -> list[Target | Surface]:
+        """The targets, then the surfaces."""
+        return [*self.targets, *self.surfaces]
+
+    @property
     def target_names(self) -> list[str]:
-        return [target.name for target in self.targets]
+        """What a reading's `target` may be."""
+        return [entry.name for entry in self.entries]
+
+    @property
+    def surface_kinds(self) -> dict[str, SurfaceKind]:
+        """Kind of each surface by its name."""
+        return {surface.name: surface.kind for surface in self.surfaces}
 
     def with_documented(self, names: Iterable[str]) -> Artefact:
         """Itself, and those of *names* that a verification's readings have, as unknown points."""
@@ -134,16 +179,31 @@ class Artefact(Strict):
         return self.model_copy(update={"targets": [*self.targets, *new]}) if new else self
 
     def positions_mm(self) -> F64:
-        """Certified positions (K, 3) mm; NaN where a target is an unknown seat."""
+        """Certified positions (K, 3) mm; NaN where a target is an unknown seat.
+
+        Of a surface, which has a frame of its own, the third coordinate is its radius or, of a
+        plane, its height there: 0 for one that no certified length ties to another.
+        """
         unknown = (np.nan, np.nan, np.nan)
-        return np.array([target.position_mm or unknown for target in self.targets], dtype=float)
+        tied = {name for distance in self.distances for name in distance.between}
+        rows = [target.position_mm or unknown for target in self.targets]
+        for surface in self.surfaces:
+            size = 0.0 if surface.kind == "plane" else surface.radius_mm
+            rows.append(unknown if size is None or surface.name in tied else (0.0, 0.0, size))
+        return np.array(rows, dtype=float).reshape(-1, 3)
+
+    def uncertainties_mm(self) -> F64:
+        """Standard uncertainties (K,) mm per axis of the certified positions; of radii."""
+        round_ = [s.standard_uncertainty_mm * (s.kind != "plane") for s in self.surfaces]
+        return np.array([*(target.standard_uncertainty_mm for target in self.targets), *round_])
 
 
 def _with_targets(artefact: Artefact) -> Artefact:
-    if not artefact.targets:
+    if not artefact.target_names:
         raise ValueError(
             "the points that were touched: a [[artefact.target]] with name (and position_mm,"
-            " where it is certified) for each, or [[artefact.distance]] between two of them"
+            " where it is certified) for each, [[artefact.distance]] between two of them, or an"
+            " [[artefact.surface]]"
         )
     return artefact
 
@@ -155,6 +215,13 @@ class ArtefactFile(Strict):
     artefact: Annotated[Artefact, AfterValidator(_with_targets)]
 
 
+class Reflector(Strict):
+    """A reflector whose place in the last frame is known."""
+
+    name: Name
+    offset_mm: Vector3
+
+
 class SessionFile(Strict):
     """The content of `session.toml`."""
 
@@ -164,3 +231,12 @@ class SessionFile(Strict):
     operator: Name | None = None
     angle_unit: AngleUnit = "rad"
     artefact: Artefact
+    reflectors: Annotated[list[Reflector], Field(alias="reflector")] = []
+
+    @model_validator(mode="after")
+    def _reflectors_once(self) -> SessionFile:
+        names = [reflector.name for reflector in self.reflectors]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"reflectors' names that differ, not two {name!r}")
+        return self

@@ -52,6 +52,8 @@ def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
     """
     told = [remark for session in sessions for remark in session.remarks]
     mended = [_clock_on(_once(session, told), told) for session in sessions]
+    if any(session.turn is not None for session in sessions):
+        told.append("Orientations take no part here: `armd calibrate` uses them.")
     told += _clocks(mended)
     told += told_of_artefact(mended, arm)
     mended, arm = _without_dead_channels(mended, arm, told)
@@ -116,6 +118,10 @@ def _once(session: Session, told: list[str]) -> Session:
         session.truth_mm, session.artefact_c[:, None], session.placement[:, None],
         session.target[:, None],
     ]  # fmt: skip
+    if session.reflector is not None:
+        columns.append(session.reflector[:, None])
+    if session.turn is not None:
+        columns.append(session.turn.reshape(session.n, 9))
     table = np.nan_to_num(np.hstack(columns), nan=np.inf)
     first = np.sort(np.unique(table, axis=0, return_index=True)[1])
     if len(first) == session.n:
@@ -249,11 +255,17 @@ def _of_the_channel(
     )
 
 
+def _middle(values: F64) -> float:
+    """Median of those that are known; NaN of none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
+
+
 def _dead(sessions: Sequence[Session], columns: dict[str, int], name: str) -> list[str]:
     """Per session why the channel shows nothing; empty where it does."""
     own = [s.states.temperature_c[:, columns[name]] for s in sessions]
     rest = [column for other, column in columns.items() if other != name]
-    usual = [np.nanmedian(np.append(_mean(s, rest), np.nan)) if rest else np.nan for s in sessions]
+    usual = [_middle(_mean(s, rest)) if rest else np.nan for s in sessions]
     one_value = [bool(np.all(values == values[0])) for values in own]
     still_at = [  # NaN, which equals nothing, where there is more than one value
         float(values[0]) if one and len(values) >= LEAST_STILL else np.nan

@@ -16,6 +16,7 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.adjustment import adjusted
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.orientations import observe, turn_columns
 from armd.compensation.estimate.poses import (
     Poses,
     centres,
@@ -23,8 +24,9 @@ from armd.compensation.estimate.poses import (
     steady_poses,
     target_columns,
 )
+from armd.compensation.estimate.surfaces import project_on_normals
 from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.terms import Term
 
 
@@ -34,7 +36,8 @@ class Linearisation:
 
     With parameter changes δ (per row: constants' plus coefficient × basis value), twists w of the
     placements and shifts s of the targets:
-    residual + jacobian·δ + pose_columns·w[placement] + target_columns·s[target].
+    residual + jacobian·δ + pose_columns·w[placement] + target_columns·s[target]. Of a reading on a
+    surface all of them lie along its normal.
     """
 
     observations: Observations
@@ -98,10 +101,15 @@ def linearise(
     if basis is None:
         basis = basis_values(terms, states, arm, reference_c, constants)
     rows = parameter_rows(constants, terms, basis)
-    position = forward(states.q, rows)[0]
-    placed = poses.placed(observations)
-    q = adjusted(states.q, rows, placed)
+    turned = observations.turned
+    position = observe(states.q, rows, turned)
+    placed = poses.placed(observations, position)
+    q, points = states.q.copy(), ~turned
+    q[points] = adjusted(states.q[points], rows[points], placed[points])
     there, columns = jacobian(q, rows)
+    if turned.any():
+        there[turned] = position[turned]
+        columns[turned] = turn_columns(q[turned], rows[turned])
     return _around(observations, poses, position, (q, there, columns), basis, placed)
 
 
@@ -127,6 +135,7 @@ def _around(
 ) -> Linearisation:
     q, there, columns = columns_at
     centre = centres(observations, levers_to_mm)
+    normal = poses.normals(observations, position)
     return Linearisation(
         observations=observations,
         poses=poses,
@@ -134,11 +143,11 @@ def _around(
         residual_mm=poses.residual(observations, position),
         q=q,
         there_mm=there,
-        jacobian=columns,
+        jacobian=project_on_normals(normal, columns),
         basis=basis,
         centre_mm=centre,
-        pose_columns=pose_columns(observations, levers_to_mm, centre),
-        target_columns=target_columns(observations, poses),
+        pose_columns=project_on_normals(normal, pose_columns(observations, levers_to_mm, centre)),
+        target_columns=target_columns(observations, poses, normal),
         free_targets=_free_targets(observations),
     )
 

@@ -6,13 +6,13 @@ angle. The encoders' share grows with reach, so readings far out count for less.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from armd.arrays import F64, Mask
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.adjustment import backwards
 from armd.compensation.estimate.robust import LEAST_MM, far_off
 
@@ -23,17 +23,34 @@ class ReadingNoise:
 
     encoder_rad: float
     reading_mm: float
+    turn_mm: float = 0.0  # of an orientation, at its lever
 
-    def covariance(self, joint_columns: F64) -> F64:
-        """Covariance (n, 3, 3) mm² of readings, from d tip / d angle (n, 3, N) mm/rad."""
+    def covariance(self, joint_columns: F64, turned: Mask | None = None) -> F64:
+        """Covariance (n, 3, 3) mm² of readings, from d tip / d angle (n, 3, N) mm/rad; *turned*
+        (n,): those that are orientations."""
         shape = joint_columns @ joint_columns.transpose(0, 2, 1)
-        covariance: F64 = self.encoder_rad**2 * shape + self.reading_mm**2 * np.eye(3)
+        own_mm = self.own_mm(len(shape), turned)[:, None, None]
+        covariance: F64 = self.encoder_rad**2 * shape + own_mm**2 * np.eye(3)
         return covariance
 
-    def typical_mm(self, joint_columns: F64) -> float:
-        """Per-axis standard deviation over all readings (rms)."""
-        variance = np.trace(self.covariance(joint_columns), axis1=1, axis2=2) / 3.0
-        return float(np.sqrt(np.mean(variance)))
+    def own_mm(self, n: int, turned: Mask | None) -> F64:
+        """Standard deviations (n,) per axis that readings have beside those of the encoders."""
+        if turned is None or not turned.any():
+            return np.full(n, self.reading_mm)
+        return np.where(turned, self.turn_mm, self.reading_mm)
+
+    def typical_mm(self, joint_columns: F64, freedom: I64 | int = 3) -> float:
+        """Per-axis standard deviation over all readings (rms); *freedom* (n,): their axes."""
+        return float(np.sqrt(np.mean(self._squares(joint_columns, freedom) / freedom)))
+
+    def distance_mm(self, joint_columns: F64, freedom: I64 | int = 3) -> float:
+        """RMS distance from the target over all readings; *freedom* (n,): their axes."""
+        return float(np.sqrt(np.mean(self._squares(joint_columns, freedom))))
+
+    def _squares(self, joint_columns: F64, freedom: I64 | int) -> F64:
+        of_encoders = self.encoder_rad**2 * np.einsum("nij,nij->n", joint_columns, joint_columns)
+        squares: F64 = of_encoders + freedom * self.reading_mm**2
+        return squares
 
 
 @dataclass(frozen=True)
@@ -47,12 +64,14 @@ class Weighting:
     noise: ReadingNoise
     joints: F64  # (n, 3, N) mm/rad where the noise was found
     weight: F64  # (n,) robust weights
+    turned: Mask | None = None  # (n,) orientations
 
     def whitening(self, joints: F64) -> F64:
         """W (n, 3, 3) at levers d tip / d angle (n, 3, N)."""
         stretch = np.eye(3) + (joints - self.joints) @ self._backwards
         covariance = self.noise.encoder_rad**2 * (joints @ joints.transpose(0, 2, 1))
-        covariance += self.noise.reading_mm**2 * (stretch @ stretch.transpose(0, 2, 1))
+        own_mm = self.noise.own_mm(len(joints), self.turned)[:, None, None]
+        covariance += own_mm**2 * (stretch @ stretch.transpose(0, 2, 1))
         return whitening(covariance, self.weight)
 
     @cached_property
@@ -74,6 +93,7 @@ def estimate(
     left: F64,
     region: Mask,
     counts: F64 | None = None,
+    freedom: I64 | None = None,
 ) -> ReadingNoise:
     """Most likely noise for residuals (n, 3), outliers set aside but those of a *region* (n,).
 
@@ -81,6 +101,7 @@ def estimate(
     reading. Restricted maximum likelihood: a component counts as the share of it that is left, and
     where noise and weights agree, after some rounds, this is its gradient (docs/decisions/0033).
     *counts* (n,): how much each reading counts, copies of a posture together as one or more.
+    *freedom* (n,): 1 of a reading on a surface, whose columns lie along its normal, else 3.
     """
     counts = np.ones(len(residual_mm)) if counts is None else counts
     shape = joint_columns @ joint_columns.transpose(0, 2, 1)
@@ -92,8 +113,10 @@ def estimate(
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     share_left = np.clip(np.einsum("nij,nik,nkj->nj", axes, left, axes), 0.0, 1.0)
     share_left = np.maximum(share_left - (1.0 - counts)[:, None], 0.0)  # counts less the fitted
+    if freedom is not None:  # the levers move along the normal, which comes last
+        share_left[freedom == 1, :2] = 0.0
     counted2 = turned2 * counts[:, None]
-    inliers = ~far_off(turned2.sum(axis=1), LEAST_MM**2) | region
+    inliers = ~far_off(turned2.sum(axis=1), LEAST_MM**2, freedom) | region
 
     def scaled(log_ratio: float) -> F64:
         """Variances (n, 3) up to one common factor; encoders' share of it = ratio / (1+ratio)."""
@@ -113,10 +136,25 @@ def estimate(
 
     log_ratio = float(minimize_scalar(unlikely, bounds=(-12.0, 12.0), method="bounded").x)
     variance = scaled(log_ratio)
-    inliers = ~far_off((turned2 / variance).sum(axis=1), LEAST_MM**2) | region
+    inliers = ~far_off((turned2 / variance).sum(axis=1), LEAST_MM**2, freedom) | region
     size = size_of(variance)
     share = 1.0 / (1.0 + np.exp(-log_ratio))
     return ReadingNoise(
         encoder_rad=float(np.sqrt(size * share / typical)),
         reading_mm=max(float(np.sqrt(size * (1.0 - share))), LEAST_MM),
     )
+
+
+def estimate_turns(
+    noise: ReadingNoise, residual_mm: F64, joint_columns: F64, left: F64, counts: F64
+) -> ReadingNoise:
+    """*noise* with that of orientations, by residuals (n, 3) and *left* (n, 3, 3) as `estimate` has
+    them: what their squares exceed that of the encoders by, those far off set aside."""
+    distance2 = np.sum(residual_mm**2, axis=1)
+    inliers = ~far_off(distance2, LEAST_MM**2)
+    share = np.trace(left, axis1=1, axis2=2) - 3.0 * (1.0 - counts)
+    freedom = max(float(np.maximum(share, 0.0)[inliers].sum()), 1.0)
+    square = float((counts * distance2)[inliers].sum()) / freedom
+    of_encoders = np.einsum("nij,nij->n", joint_columns, joint_columns)[inliers].mean() / 3.0
+    own = max(square - noise.encoder_rad**2 * float(of_encoders), LEAST_MM**2)
+    return replace(noise, turn_mm=float(np.sqrt(own)))

@@ -8,15 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.data.session_format import Distance
+from armd.compensation.estimate.surface_kinds import POINT, TURN, kinds_of, own_placements
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.state import States
+from armd.errors import BadInput
+
+#: An orientation that is off by 1 rad counts as off by so many mm.
+TURN_MM = 100.0
 
 
 @dataclass(frozen=True)
@@ -32,7 +38,11 @@ class Distances:
 @dataclass(frozen=True)
 class Observations:
     """n readings, P placements, K targets. Row i says: the tip stood at target[i] in
-    placement[i], or at truth_mm[i] in that placement's frame where truth is given."""
+    placement[i], or at truth_mm[i] in that placement's frame where truth is given.
+
+    A target that is a surface says so of one direction only. It has a placement of its own
+    wherever it was touched, in which it is a plane at a height, or a sphere or cylinder about the
+    origin or z; its position's third coordinate is that height or its radius."""
 
     arm: Arm
     session_names: list[str]
@@ -45,12 +55,17 @@ class Observations:
     target: I64  # (n,)
     truth_mm: F64  # (n, 3), NaN where the target counts
     stretch: F64  # (n,) the artefact's size relative to its reference temperature
+    kind: I64  # (K,) a point, or which surface
     position_mm: F64  # (K, 3) certified, NaN for a seat
     uncertainty_mm: F64  # (K,) standard uncertainty per axis of a certified position
     certificate: I64  # (K,) alike where it is the same target of the same artefact's certificate
     placement_session: I64  # (P,)
     target_session: I64  # (K,)
     distances: Distances
+    reflector: I64  # (n,) index into reflectors; -1: arm.toml's tip
+    reflectors: dict[str, F64]  # offset (3,) mm in the last frame, NaN unknown
+    measured_turn: F64  # (n, 3, 3) of the measured body in its placement's frame; NaN without
+    turned: Mask  # (n,) rows that say this, and not where the tip is (`orientations`)
 
     @property
     def n(self) -> int:
@@ -65,6 +80,18 @@ class Observations:
     def unknown(self) -> Mask:
         """(K,) seats: targets without a certified position."""
         return np.isnan(self.position_mm[:, 0])
+
+    @cached_property
+    def on_surface(self) -> Mask:
+        """(n,) rows that touch a surface, wherever on it."""
+        kind = self.kind[self.target]
+        touched: Mask = (kind != POINT) & (kind != TURN) & ~self.has_truth
+        return touched
+
+    @property
+    def freedom(self) -> I64:
+        """(n,) how many equations each row gives."""
+        return np.where(self.on_surface, 1, 3)
 
     def row_name(self, i: int) -> str:
         """A reading as a person finds it: its session, and its row counted from 1."""
@@ -89,6 +116,9 @@ class Observations:
             target=self.target[mask],
             truth_mm=self.truth_mm[mask],
             stretch=self.stretch[mask],
+            reflector=self.reflector[mask],
+            measured_turn=self.measured_turn[mask],
+            turned=self.turned[mask],
         )
 
 
@@ -106,23 +136,32 @@ def gather(
     step from a guess finds.
     """
     names = distinct_names(sessions)
-    named = list(zip(names, sessions, strict=True))
     corrections = [_correction_of(session, artefact) for session in sessions]
-    counts = [len(session.placement_names) for session in sessions]
+    reflectors = _reflectors(sessions)
+    own = [own_placements(session) for session in sessions]
+    counts = [len(placements) for placements, _ in own]
     first_placement = np.concatenate([[0], np.cumsum(counts)])
-    sizes = [len(session.artefact.targets) for session in sessions]
+    sizes = [len(session.artefact.target_names) for session in sessions]
     first_target = np.concatenate([[0], np.cumsum(sizes)])
     of_session = np.repeat(np.arange(len(sessions)), [session.n for session in sessions])
     return Observations(
         arm=arm,
         session_names=names,
-        placement_names=[f"{own}/{name}" for own, s in named for name in s.placement_names],
-        target_names=[f"{own}/{name}" for own, s in named for name in s.artefact.target_names],
+        placement_names=[
+            f"{name}/{placement}"
+            for name, (placements, _) in zip(names, own, strict=True)
+            for placement in placements
+        ],
+        target_names=[
+            f"{name}/{target}"
+            for name, s in zip(names, sessions, strict=True)
+            for target in s.artefact.target_names
+        ],
         states=replace(States.joined([s.states for s in sessions]), series=of_session),
         session=of_session,
         row=np.concatenate([s.row for s in sessions]),
         placement=np.concatenate(
-            [s.placement + first for s, first in zip(sessions, first_placement, strict=False)]
+            [of + first for (_, of), first in zip(own, first_placement, strict=False)]
         ),
         target=np.concatenate(
             [s.target + first for s, first in zip(sessions, first_target, strict=False)]
@@ -131,23 +170,50 @@ def gather(
         stretch=np.concatenate(
             [_stretch(s, c) for s, c in zip(sessions, corrections, strict=True)]
         ),
+        kind=np.concatenate([kinds_of(s.artefact) for s in sessions]),
         position_mm=np.concatenate(
             [_positions(s, c) for s, c in zip(sessions, corrections, strict=True)]
         ),
-        uncertainty_mm=np.array(
-            [t.standard_uncertainty_mm for s in sessions for t in s.artefact.targets]
-        ),
+        uncertainty_mm=np.concatenate([s.artefact.uncertainties_mm() for s in sessions]),
         certificate=_numbered(
-            [
-                (s.artefact.name, t.name, t.position_mm, t.standard_uncertainty_mm)
-                for s in sessions
-                for t in s.artefact.targets
-            ]
+            [(s.artefact.name, entry) for s in sessions for entry in s.artefact.entries]
         ),
         placement_session=np.repeat(np.arange(len(sessions)), counts),
         target_session=np.repeat(np.arange(len(sessions)), sizes),
         distances=_distances(sessions, first_target, every_length),
+        reflector=np.concatenate([_reflector(s, list(reflectors)) for s in sessions]),
+        reflectors=reflectors,
+        measured_turn=np.concatenate([_turn(s) for s in sessions]),
+        turned=np.zeros(len(of_session), dtype=bool),
     )
+
+
+def _turn(session: Session) -> F64:
+    """(n, 3, 3); of a session without orientations NaN, and no memory."""
+    nothing = np.broadcast_to(np.full((1, 1, 1), np.nan), (session.n, 3, 3))
+    return nothing if session.turn is None else session.turn
+
+
+def _reflectors(sessions: Sequence[Session]) -> dict[str, F64]:
+    """Offsets of all reflectors that readings name; raises `BadInput` where two sessions differ."""
+    found: dict[str, F64] = {}
+    for session in sessions:
+        for name in session.reflector_names:
+            own = np.array(session.offset_mm.get(name, (np.nan,) * 3), dtype=float)
+            before = found.setdefault(name, own)
+            if not np.array_equal(before, own, equal_nan=True):
+                place, where = session.path / "session.toml", f"reflector {name}"
+                expected = f"{before.tolist()}, as in another session (nan: not given)"
+                raise BadInput(place, where, f"offset_mm {own.tolist()}", expected)
+    return found
+
+
+def _reflector(session: Session, names: Sequence[str]) -> I64:
+    """(n,) index into *names*; -1 without a reflector."""
+    if session.reflector is None:
+        return np.full(session.n, -1)
+    numbers = np.array([names.index(name) for name in session.reflector_names], dtype=np.int64)
+    return numbers[session.reflector]
 
 
 def _numbered(entries: Sequence[object]) -> I64:

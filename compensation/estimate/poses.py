@@ -6,15 +6,18 @@ fit: poses and unknown seats.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.observations import TURN_MM, Observations
 from armd.compensation.estimate.placements import Placements
+from armd.compensation.estimate.rigid_motions import group_sum, kabsch
 from armd.compensation.estimate.robust import SUSPECT, monstrous
+from armd.compensation.estimate.surface_kinds import POINT
+from armd.compensation.estimate.surfaces import fit_each_surface, heights, project_on_normals
 
 #: A rotation by 1 rad moves a point at this lever by as much: it makes columns comparable.
 LEVER_MM = 100.0
@@ -32,13 +35,61 @@ class Poses:
     rotation: F64  # (P, 3, 3)
     translation_mm: F64  # (P, 3)
     target_mm: F64  # (K, 3) certified or fitted; zero for a seat nobody has touched
+    side: F64 | None = None  # (K,) 1 or -1: on which side of a surface the tip is; None: no surface
+    body: F64 | None = None  # (K, 3, 3) of the last frame: how measured bodies are turned in it
 
-    def placed(self, observations: Observations) -> F64:
-        """Where the tip should stand (n, 3) mm, in the base frame."""
+    def target_points(self, observations: Observations) -> F64:
+        """Where the point targets of the readings stand (n, 3) mm, in the base frame."""
         points = observations.known_mm(self.target_mm)
         rotation = self.rotation[observations.placement]
         turned: F64 = np.einsum("nij,nj->ni", rotation, points)
         return turned + self.translation_mm[observations.placement]
+
+    def placed(self, observations: Observations, position_mm: F64) -> F64:
+        """Where the tip at *position_mm* (n, 3) should stand (n, 3) mm, in the base frame: at its
+        target, or nearest to itself where that is a surface."""
+        placed = self.target_points(observations)
+        if self.side is not None and (rows := np.flatnonzero(observations.on_surface)).size:
+            gap, normal = self._gaps(observations, position_mm, rows, self.side)
+            placed[rows] = position_mm[rows] - gap[:, None] * normal
+        if self.body is not None and observations.turned.any():
+            rows = np.flatnonzero(observations.turned)
+            placed[rows] = position_mm[rows] - self._turns_mm(position_mm, observations, rows)
+        return placed
+
+    def _turns_mm(self, position_mm: F64, observations: Observations, rows: I64) -> F64:
+        """Rotation vectors (m, 3) from measured to the arm's orientations, at their lever."""
+        assert self.body is not None
+        frame = Rotation.from_rotvec(position_mm[rows] / TURN_MM).as_matrix()
+        of_arm = frame @ self.body[observations.target[rows]]
+        off = of_arm @ self.measured(observations, rows).transpose(0, 2, 1)
+        turns: F64 = TURN_MM * Rotation.from_matrix(off).as_rotvec()
+        return turns
+
+    def measured(self, observations: Observations, rows: I64) -> F64:
+        """Orientations (m, 3, 3) as measured, in the base frame."""
+        turned: F64 = self.rotation[observations.placement[rows]] @ observations.measured_turn[rows]
+        return turned
+
+    def normals(self, observations: Observations, position_mm: F64) -> F64:
+        """Unit vectors (n, 3) along which the surfaces are nearest, base frame; 0 for points."""
+        normals = np.zeros((observations.n, 3))
+        if self.side is not None and (rows := np.flatnonzero(observations.on_surface)).size:
+            normals[rows] = self._gaps(observations, position_mm, rows, self.side)[1]
+        return normals
+
+    def _gaps(
+        self, observations: Observations, position_mm: F64, rows: I64, side: F64
+    ) -> tuple[F64, F64]:
+        """How far tips at *rows* (m,) are off their surface (m,) mm, along its normals (m, 3)."""
+        target, placement = observations.target[rows], observations.placement[rows]
+        rotation = self.rotation[placement]
+        off = position_mm[rows] - self.translation_mm[placement]
+        local = np.einsum("nji,nj->ni", rotation, off)
+        height, normal = heights(observations.kind[target], local)
+        size = observations.stretch[rows] * self.target_mm[target, 2]
+        gap = height - size - side[target] * observations.arm.tip.radius_mm
+        return gap, np.einsum("nij,nj->ni", rotation, normal)
 
     def placed_at(self, observations: Observations, targets: I64) -> F64:
         """Where the tip would stand (n, k, 3) mm, had each reading touched each of *targets*."""
@@ -49,7 +100,7 @@ class Poses:
 
     def residual(self, observations: Observations, position_mm: F64) -> F64:
         """Tip minus target (n, 3) mm, in the base frame."""
-        return position_mm - self.placed(observations)
+        return position_mm - self.placed(observations, position_mm)
 
     def apart(self, between: I64) -> tuple[F64, F64]:
         """How far apart pairs of targets (D, 2) are, mm (D,), and unit vectors (D, 3) from the
@@ -67,13 +118,19 @@ class Poses:
             rotation=turn @ self.rotation,
             translation_mm=centre_mm + np.einsum("pij,pj->pi", turn, arm) + twist[:, 3:],
             target_mm=self.target_mm + target_step_mm,
+            side=self.side,
+            body=None
+            if self.body is None
+            else self.body @ Rotation.from_rotvec(target_step_mm / TURN_MM).as_matrix(),
         )
 
 
 def centres(observations: Observations, position_mm: F64) -> F64:
     """Mean position of each placement's readings (P, 3); zero for one without."""
-    total = group_sum(position_mm, observations.placement, len(observations.placement_names))
-    return total / np.maximum(placement_counts(observations), 1)[:, None]
+    points = ~observations.turned
+    of, p = observations.placement[points], len(observations.placement_names)
+    total = group_sum(position_mm[points], of, p)
+    return total / np.maximum(np.bincount(of, minlength=p), 1)[:, None]
 
 
 def placement_counts(observations: Observations) -> I64:
@@ -87,7 +144,9 @@ def pose_columns(observations: Observations, placed_mm: F64, centre_mm: F64) -> 
     The lever arm is the target's, not the tip's: so turning an artefact of unknown points in its
     own frame is the same as turning its placements exactly, however large the residuals are.
     """
-    return rigid_columns(placed_mm - centre_mm[observations.placement])
+    columns = rigid_columns(placed_mm - centre_mm[observations.placement])
+    columns[observations.turned] = -(TURN_MM / LEVER_MM) * np.eye(3, 6)
+    return columns
 
 
 def rigid_columns(lever_mm: F64) -> F64:
@@ -102,10 +161,19 @@ def rigid_columns(lever_mm: F64) -> F64:
     return columns
 
 
-def target_columns(observations: Observations, poses: Poses) -> F64:
-    """d residual / d target position (n, 3, 3); zero where the row's own truth counts."""
+def target_columns(observations: Observations, poses: Poses, normal: F64 | None = None) -> F64:
+    """d residual / d target position (n, 3, 3); zero where the row's own truth counts.
+
+    *normal* (n, 3) of the surfaces touched: their third coordinate moves the residual along it.
+    """
     size = np.where(observations.has_truth, 0.0, observations.stretch)
-    columns: F64 = -size[:, None, None] * poses.rotation[observations.placement]
+    moved = poses.rotation[observations.placement]
+    if normal is not None:
+        of_surface = normal[:, :, None] * np.array([0.0, 0.0, 1.0])
+        moved = np.where(observations.on_surface[:, None, None], of_surface, moved)
+    columns: F64 = -size[:, None, None] * moved
+    if (rows := np.flatnonzero(observations.turned)).size:
+        columns[rows] = poses.measured(observations, rows)
     return columns
 
 
@@ -129,16 +197,27 @@ def robust_poses(
     round takes a few steps from where the last one ended; a descent to the last digit takes fifty.
     """
     weight = np.ones(observations.n)
-    poses = _start(observations, position_mm, weight)
-    distance = _distance(poses, observations, position_mm)
+    begun = observations.on_surface.any()  # to begin with a surface costs
+    start, steps = None, MOST_STEPS
+    roughly = roughly and not begun and not observations.turned.any()
+    if roughly:
+        poses = _start(observations, position_mm, weight)
+        start, steps = _nearer(poses, _distance(poses, observations, position_mm))
     for _ in range(ROBUST_ROUNDS):
-        if roughly and float(np.median(distance)) > FOREIGN_MM:
-            poses = fit_poses(observations, position_mm, weight, poses, FOREIGN_STEPS)
-        else:
-            poses = fit_poses(observations, position_mm, weight)
+        poses = fit_poses(observations, position_mm, weight, start, steps)
         distance = _distance(poses, observations, position_mm)
+        if begun:
+            start = poses
+        elif roughly:
+            start, steps = _nearer(poses, distance)
         weight = 1.0 / (1.0 + (distance / max(float(np.median(distance)), 1e-9)) ** 2)
     return poses, distance
+
+
+def _nearer(poses: Poses, distance_mm: F64) -> tuple[Poses | None, int]:
+    """Where a rough round begins, and how many steps it takes."""
+    is_foreign = float(np.median(distance_mm)) > FOREIGN_MM
+    return (poses, FOREIGN_STEPS) if is_foreign else (None, MOST_STEPS)
 
 
 def _distance(poses: Poses, observations: Observations, position_mm: F64) -> F64:
@@ -150,20 +229,25 @@ def fit_poses(
     observations: Observations,
     position_mm: F64,
     weight: F64 | None = None,
-    begin: Poses | None = None,
+    start: Poses | None = None,
     most_steps: int = MOST_STEPS,
 ) -> Poses:
     """Least-squares poses, and unknown seats, for tip positions (n, 3) mm in the base frame.
 
     Certified positions count as exact here; certified distances are not used. *weight* (n,) of
-    the readings; *begin*: poses near by, where there are.
+    the readings; *start*: poses near by, where there are.
     """
     weight = np.ones(observations.n) if weight is None else weight
-    if not _touched_seats(observations).any():
+    surfaces = observations.on_surface.any()
+    if not surfaces and not _touched_seats(observations).any():
         return _start(observations, position_mm, weight)
-    poses = begin or _start(observations, position_mm, weight)
+    poses = start or _start(observations, position_mm, weight)
+    if surfaces and start is None:
+        poses = _with_surfaces(observations, position_mm, poses)
+    if start is None and observations.turned.any():
+        poses = _with_bodies(observations, position_mm, poses)
     for _ in range(most_steps):
-        placed = poses.placed(observations)
+        placed = poses.placed(observations, position_mm)
         centre = centres(observations, placed)
         twist, step = _gauss_newton_step(observations, poses, position_mm, centre, weight)
         poses = poses.moved(centre, twist, step)
@@ -172,8 +256,27 @@ def fit_poses(
     return poses
 
 
+def _with_surfaces(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
+    """*poses* with those of the surfaces, each fitted by itself."""
+    at = fit_each_surface(
+        observations, position_mm, poses.rotation, poses.translation_mm, poses.target_mm
+    )
+    return Poses(at.rotation, at.translation_mm, at.target_mm, at.side)
+
+
+def _with_bodies(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
+    """*poses* with the mean rotation of each measured body against the last frame."""
+    rows = np.flatnonzero(observations.turned)
+    frame = Rotation.from_rotvec(position_mm[rows] / TURN_MM).as_matrix()
+    turns = frame.transpose(0, 2, 1) @ poses.measured(observations, rows)
+    body = np.tile(np.eye(3), (len(observations.target_names), 1, 1))
+    for k in np.unique(observations.target[rows]):
+        body[k] = Rotation.from_matrix(turns[observations.target[rows] == k]).mean().as_matrix()
+    return replace(poses, body=body)
+
+
 def _touched_seats(observations: Observations) -> Mask:
-    """(K,) unknown targets that some reading without its own truth stands at."""
+    """(K,) unknown targets, surfaces among them, that a reading without its own truth touches."""
     touched = np.zeros(len(observations.target_names), dtype=bool)
     touched[observations.target[~observations.has_truth]] = True
     return touched & observations.unknown
@@ -186,13 +289,14 @@ def _start(observations: Observations, position_mm: F64, weight: F64) -> Poses:
     """
     n_placements = len(observations.placement_names)
     target = observations.position_mm.copy()
-    seats = _touched_seats(observations)
+    seats = _touched_seats(observations) & (observations.kind == POINT)
     row_seat = seats[observations.target] & ~observations.has_truth
     poses = Poses(np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3)), target)
     if seats.any():
         _first_seats(observations, position_mm, target, row_seat)
     for _ in range(10 if seats.any() else 1):
         points = observations.known_mm(target)
+        points[observations.on_surface | observations.turned] = np.nan
         rotation, translation = kabsch(
             points, position_mm, weight, observations.placement, n_placements
         )
@@ -240,43 +344,19 @@ def _first_seats(
             target[counts > 0] = sums[counts > 0] / counts[counts > 0, None]
 
 
-def kabsch(points: F64, images: F64, weight: F64, group: I64, n_groups: int) -> tuple[F64, F64]:
-    """Rigid motions (G, 3, 3), (G, 3) that carry points (n, 3) to images, group by group.
-
-    Weighted least squares (Kabsch, Acta Cryst. A32, 1976). Rows with NaN points are left out; a
-    group with too few points gets one of the motions that fit.
-    """
-    known = np.isfinite(points[:, 0])
-    points, images, group = points[known], images[known], group[known]
-    weight = weight[known, None]
-    total = np.maximum(np.bincount(group, weight[:, 0], n_groups), 1e-300)[:, None]
-    from_centre = group_sum(weight * points, group, n_groups) / total
-    to_centre = group_sum(weight * images, group, n_groups) / total
-    a, b = points - from_centre[group], weight * (images - to_centre[group])
-    outer = (b[:, :, None] * a[:, None, :]).reshape(-1, 9)
-    u, _, vt = np.linalg.svd(group_sum(outer, group, n_groups).reshape(-1, 3, 3))
-    sign = np.ones((n_groups, 3))
-    sign[:, 2] = np.linalg.det(u @ vt)
-    rotation = (u * sign[:, None, :]) @ vt
-    translation: F64 = to_centre - np.einsum("gij,gj->gi", rotation, from_centre)
-    return rotation, translation
-
-
-def group_sum(values: F64, group: I64, n_groups: int) -> F64:
-    """Sums (G, c) of the rows of values (n, c) that share a group number."""
-    columns = [np.bincount(group, column, n_groups) for column in values.T]
-    return np.stack(columns, axis=1) if columns else np.zeros((n_groups, 0))
-
-
 def _gauss_newton_step(
     observations: Observations, poses: Poses, position_mm: F64, centre_mm: F64, weight: F64
 ) -> tuple[F64, F64]:
     """Step of poses (P, 6) and unknown seats (K, 3), of minimum norm."""
+    placed, normal = (
+        poses.placed(observations, position_mm),
+        poses.normals(observations, position_mm),
+    )
     return Placements(
         observations,
-        pose_columns(observations, poses.placed(observations), centre_mm),
-        target_columns(observations, poses),
+        project_on_normals(normal, pose_columns(observations, placed, centre_mm)),
+        target_columns(observations, poses, normal),
         np.flatnonzero(_touched_seats(observations)),
-        (poses.residual(observations, position_mm)[:, :, None],),
+        ((position_mm - placed)[:, :, None],),
         np.sqrt(weight)[:, None, None] * np.eye(3),
     ).followed(np.ones(1))

@@ -56,14 +56,16 @@ def counts_as(posture: I64, share: float) -> F64:
     return weight
 
 
-def shared_part(white: F64, posture: I64) -> float:
+def shared_part(white: F64, posture: I64, components: I64 | int = 3) -> float:
     """Return to which part copies share their error, by residuals (n, 3) of unit variance.
+
+    *components* (n,): how many of each residual there are, 3, or 1 on a surface.
 
     What differs between copies has a variance of one less that part. With none, it is 1: of what
     the readings do not tell, the careful answer, and of no consequence.
     """
     copies = np.bincount(posture, minlength=1)
-    freedom = 3 * int((copies - 1)[copies > 1].sum())
+    freedom = int((components * (1.0 - 1.0 / copies[posture])).sum().round())
     if not freedom:
         return 1.0
     sums = np.stack([np.bincount(posture, column) for column in white.T], axis=1)

@@ -7,20 +7,26 @@ is at the edge, so that a cause which few rests show is not taken for their goin
 outlier, by name?* `outlying`, the one judge of both: whether the noise's own tails explain it.
 
 All are of the distance of a reading's three components together, in units of its noise: a χ² of
-three degrees of freedom where the noise is normal.
+three degrees of freedom where the noise is normal. A reading on a surface has one component; its
+distance is stretched to that of three components of the same probability.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.special import fdtrc, fdtri, gammaincinv
+from scipy.special import fdtrc, fdtri, gammaincc, gammainccinv, gammaincinv
 
 from armd.arrays import F64, I64, Mask
 
 # Quantiles of χ² with three degrees of freedom: one in 10 000 above, and one in two.
 OUTLIER_D2 = 2.0 * float(gammaincinv(1.5, 1 - 1e-4))
 MEDIAN_D2 = 2.0 * float(gammaincinv(1.5, 0.5))
+#: The same of one component: a reading on a surface.
+OUTLIER_D2_OF_ONE = 2.0 * float(gammaincinv(0.5, 1 - 1e-4))
+MEDIAN_D2_OF_ONE = 2.0 * float(gammaincinv(0.5, 0.5))
+#: Beyond this squared distance of one component no probability can be written down.
+FAR_D2 = 500.0
 #: Beyond this many standard deviations of a rest's three components a residual counts as its edge:
 #: one in eighty does, where the noise is normal.
 WINSOR_AT = 3.3
@@ -52,6 +58,15 @@ def mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
     return distance
 
 
+def of_three_components(distance2: F64, freedom: I64) -> F64:
+    """Squared distances (n,) of three components that are as improbable as *distance2* (n,) of
+    *freedom* (n,) components, 1 or 3."""
+    near = np.minimum(distance2, FAR_D2)
+    stretched = 2.0 * gammainccinv(1.5, gammaincc(0.5, near / 2.0)) + (distance2 - near)
+    alike: F64 = np.where(freedom == 1, stretched, distance2)
+    return alike
+
+
 def redescending_weights(distance2: F64, region: Mask) -> F64:
     """Weights (n,) of squares, from squared distances; *region* counts fully, however far off."""
     weight = np.minimum(1.0, OUTLIER_D2 / np.maximum(distance2, 1e-300))
@@ -79,11 +94,20 @@ def huber_loss(size: F64) -> float:
     return float((within * (size - 0.5 * within)).sum())
 
 
-def far_off(distance2: F64, least: float) -> Mask:
+def far_off(distance2: F64, least: float, freedom: I64 | None = None) -> Mask:
     """Squared distances (n,) beyond that of one normal reading in 10 000, the median telling what
-    is usual, and beyond *least*."""
-    usual = float(np.median(distance2)) / MEDIAN_D2
-    return distance2 > max(OUTLIER_D2 * usual, least)
+    is usual, and beyond *least*; of *freedom* (n,) components, 1 or 3, None: 3 of each."""
+    most = OUTLIER_D2 if freedom is None else np.where(freedom == 1, OUTLIER_D2_OF_ONE, OUTLIER_D2)
+    far: Mask = distance2 > np.maximum(most * usual_square(distance2, freedom), least)
+    return far
+
+
+def usual_square(distance2: F64, freedom: I64 | None = None) -> float:
+    """Variance of one component by the median of squared distances (n,) of *freedom* (n,)
+    components, 1 or 3, None: 3 of each."""
+    if freedom is None:
+        return float(np.median(distance2)) / MEDIAN_D2
+    return float(np.median(distance2 / np.where(freedom == 1, MEDIAN_D2_OF_ONE, MEDIAN_D2)))
 
 
 def outlying(distance2: F64, region: Mask) -> tuple[I64, float]:

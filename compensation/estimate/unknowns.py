@@ -16,6 +16,10 @@ from armd.compensation.model.terms import Term
 
 #: A term is plausible up to this share of its parameter's plausible departure (rms of its basis).
 PLAUSIBLE_TERM = 0.1
+#: Where a reflector sits, no drawing knows: so far from the tip it may be.
+PLAUSIBLE_REFLECTOR_MM = 100.0
+#: Before a reflector's name, that of the sensor that is 1 in its readings and 0 in all others.
+INDICATOR = "reflector "
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,9 @@ class Unknowns:
         for i in self.terms:
             typical = float(np.sqrt(np.mean(basis[:, i] ** 2)))
             unit = PLAUSIBLE[parameters.unit(terms[i].parameter)]
+            if is_of_reflector(terms[i]):
+                sizes.append(PLAUSIBLE_REFLECTOR_MM)
+                continue
             sizes.append(PLAUSIBLE_TERM * unit / max(typical, 1e-12))
         return np.array(sizes)
 
@@ -73,8 +80,22 @@ class Unknowns:
         return ParameterLayout.of(len(constants)).indices(self.constants)
 
 
+def is_indicator(sensor: str) -> bool:
+    """Whether a sensor says of each reading whether it is of one reflector."""
+    return sensor.startswith(INDICATOR)
+
+
+def is_of_reflector(term: Term) -> bool:
+    """Whether a term is the place of a reflector."""
+    factors = (f for f in term.basis if isinstance(f, Temperature))
+    return any(is_indicator(sensor) for factor in factors for sensor in factor.weights)
+
+
 def in_words(term: Term) -> str:
-    """A term as a person reads it: d_2·ΔT²(t2)."""
+    """A term as a person reads it: d_2·ΔT²(t2), or tip_x of reflector A."""
+    if is_of_reflector(term):
+        sensors = (s for f in term.basis if isinstance(f, Temperature) for s in f.weights)
+        return f"{term.parameter} of {next(sensors)}"
     factors = []
     for factor in term.basis:
         if isinstance(factor, Temperature):

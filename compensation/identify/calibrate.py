@@ -16,6 +16,7 @@ from armd.compensation.data.soundness import fit_to_identify
 from armd.compensation.estimate.folds import placement_folds
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.orientations import with_orientation_rows, with_orientations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.find_second_group import find_second_group
 from armd.compensation.identify.admission.mistakes import AssumedModel
@@ -29,6 +30,7 @@ from armd.compensation.identify.admission.requirements import (
     require_plausible,
     require_some,
 )
+from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed, told_of_misnamed
 from armd.compensation.identify.certificate import Misses, Suspects, judge
 from armd.compensation.identify.drawing import drawn_rms_um, off_drawing
@@ -37,6 +39,14 @@ from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
 from armd.compensation.identify.heldout import HeldOut
 from armd.compensation.identify.next_step import CalibratedFiles
+from armd.compensation.identify.orientation import orientation_gain
+from armd.compensation.identify.reflectors import (
+    ReflectorTerms,
+    found_reflectors,
+    reflector_terms,
+    require_one_kind,
+    require_polynomial,
+)
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.sensor_noise import sensor_noise_c
 from armd.compensation.identify.thermal.comparison import Comparison, Trial
@@ -88,14 +98,29 @@ def _calibrate(
     observations, groups = choose_readings(
         gather(sessions, arm), files, options.thermal_order, notes
     )
+    tips = reflector_terms(observations, arm.nominal()[arm.layout.tip])
+    require_one_kind(tips, files)
+    observations = tips.observations
+    unknown = tips.identified(unknown)
+    if tips.hides_tip:
+        notes.append("no reading touches with the tip itself: it is that of arm.toml")
+    drawn = evaluate_model(observations, arm.nominal(), tips.terms, arm.reference_temperature_c)
+    require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)
     require_some(observations, files)
-    refuse_mistakes(sessions, observations)
+    whole = with_orientations(observations)
+    simple = not tips.terms and whole.n == observations.n
+    if simple:  # else nobody knows where each reading's tip is
+        refuse_mistakes(sessions, observations)
     thermal = len(groups) > 1 and options.thermal_order != 0
+    if thermal and not simple:
+        require_polynomial(options.thermal_method, files)
     terms = length_terms(arm, [1]) if thermal else []
-    first = _fit(observations, arm, unknown, terms, progress)
-    drawing_rms_um = drawn_rms_um(observations)
-    odd = odd_session(sessions, first, drawing_rms_um)
-    second = None if odd and odd.tip else find_second_group(sessions, first)
+    first_whole = final_whole = _fit(whole, tips, unknown, terms, progress)
+    first = first_whole.of_points()
+    require_surfaces(sessions, observations, first.at.poses, first.at.position_mm)
+    drawing_rms_um = drawn_rms_um(observations, tips.terms, tips.free)
+    odd = odd_session(sessions, first, drawing_rms_um) if simple else None
+    second = None if not simple or (odd and odd.tip) else find_second_group(sessions, first)
     if second:
         odd = None  # it explains that session's rows, too
         if not is_plausible(first):
@@ -103,7 +128,7 @@ def _calibrate(
     if odd:
         notes.append(odd.in_words())
     # A fit to many of them may lie so far off that the drawing tells more.
-    if not is_plausible(first):
+    if not is_plausible(first) and simple:
         refuse_misnamed(sessions, observations, AssumedModel.of(first))
         refuse_misnamed(sessions, observations, AssumedModel.under(arm, None))
     if not second:  # else it is what moves the links
@@ -112,10 +137,16 @@ def _calibrate(
     trials: list[Trial] = []
     order, final = 0, first
     per_temperature = thermal and options.thermal_method == "per-temperature"
-    if thermal and not options.compare:
+    if thermal and not simple:
+        order = options.thermal_order or int(far_apart(groups))
+        terms = length_terms(arm, range(1, order + 1))
+        final_whole = _fit(whole, tips, unknown, terms, progress, first_whole)
+        final = final_whole.of_points()
+        notes.append(f"no thermal models are compared here: order {order}")
+    elif thermal and not options.compare:
         order = 1 if far_apart(groups) or Comparison(first, groups).tells_expansion() else 0
         terms = terms if order else []
-        final = _fit(observations, arm, unknown, terms, progress, first)
+        final = _fit(observations, tips, unknown, terms, progress, first)
     elif thermal:
         comparison = Comparison(first, groups)
         trials = comparison.trials()
@@ -127,7 +158,7 @@ def _calibrate(
             )
         else:
             order, terms = _choose(comparison, trials, arm, options, notes)
-            final = _fit(observations, arm, unknown, terms, progress, first)
+            final = _fit(observations, tips, unknown, terms, progress, first)
     if not final.converged:
         notes.append(f"the fit did not settle within {final.steps} steps")
     if final.region.any() and not second:
@@ -137,10 +168,13 @@ def _calibrate(
         )
     by = "temperature"
     if not per_temperature:
+        base = final if simple else final_whole
         folds, by = placement_folds(observations)
-        columns = final.unknowns.columns(final.at.jacobian, final.at.basis, final.terms)
-        scale = final.solution.scale
-        left_out = HeldOut(final, columns, scale, final.at.residual_mm, -final.departure, folds)
+        if not simple:  # an orientation is left out with its reading
+            folds = [with_orientation_rows(observations, fold) for fold in folds]
+        columns = base.unknowns.columns(base.at.jacobian, base.at.basis, base.terms)
+        scale = base.solution.scale
+        left_out = HeldOut(base, columns, scale, base.at.residual_mm, -base.departure, folds)
         heldout = left_out.errors(np.arange(len(scale)))
     terms, reference_c = final.terms, final.reference_c
     evaluation = evaluate_model(observations, final.constants, terms, reference_c)
@@ -149,9 +183,12 @@ def _calibrate(
     # Copies of one reading fit any drawing: where that misses by nothing, nothing helps.
     share = heldout.rms_um / drawing_rms_um if drawing_rms_um else 1.0
     require_help(first, share, files, notes)
+    gain = orientation_gain(final_whole)
+    if gain:
+        notes.append(gain.in_words())
     far = off_drawing(first)
     notes += [one.in_words() for one in far]
-    noise_rms_um = 1e3 * np.sqrt(3.0) * final.noise.typical_mm(final.at.joints)
+    noise_rms_um = 1e3 * final.noise.distance_mm(final.at.joints, observations.freedom)
     certificate = judge(
         first,
         first.converged and final.converged,
@@ -183,7 +220,7 @@ def _calibrate(
         else "in the constants",
     }
     return Result(
-        calibration=as_calibration(final, provenance),
+        calibration=as_calibration(final.without_terms(len(tips.terms)), provenance),
         fit=final,
         rms_um=rms_um,
         heldout=heldout,
@@ -198,6 +235,10 @@ def _calibrate(
         off_drawing=far,
         notes=notes,
         second_group=second,
+        orientation=gain,
+        reflectors=found_reflectors(
+            observations, final.constants, final.terms, final.unknowns.names, final.covariance
+        ),
     )
 
 
@@ -228,17 +269,20 @@ def as_calibration(found: Identification, provenance: dict[str, Any]) -> Calibra
 
 def _fit(
     observations: Observations,
-    arm: Arm,
+    tips: ReflectorTerms,
     unknown: Sequence[str],
     terms: Sequence[Term],
     progress: TellStep | None,
     start: Identification | None = None,
 ) -> Identification:
-    unknowns = Unknowns(unknown, range(len(terms)))
+    """Fit *unknown* constants, the reflectors' terms as far as they are free, and *terms*."""
+    arm, known = observations.arm, len(tips.terms)
+    unknowns = Unknowns(unknown, [*tips.free, *range(known, known + len(terms))])
+    own = tips.terms if start is None else start.terms[:known]
     return fit(
         observations,
         arm.nominal(),
-        terms,
+        [*own, *terms],
         unknowns,
         arm.reference_temperature_c,
         noise=start.noise if start else None,

@@ -12,6 +12,7 @@ from armd.compensation.estimate.gauge import PLAUSIBLE, scale_is_free
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.postures import count_postures
+from armd.compensation.estimate.unknowns import is_indicator
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, LEAST_TIMES
 from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.admission.second_group import Differs, SecondGroup
@@ -247,7 +248,9 @@ def _too_few(observations: Observations) -> list[Objection]:
 
 def _impossible_temperatures(observations: Observations) -> list[Objection]:
     """Sensors whose values no arm can have had, or not both: another unit, another arm."""
-    celsius, sensors = observations.states.temperature_c, observations.arm.sensors
+    columns = [i for i, name in enumerate(observations.arm.sensors) if not is_indicator(name)]
+    celsius = observations.states.temperature_c[:, columns]
+    sensors = [observations.arm.sensors[i] for i in columns]
     if not np.isfinite(celsius).any():
         return []
     faults = []

@@ -10,11 +10,11 @@ from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import Weighting
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.orientations import observe
 from armd.compensation.estimate.poses import Poses, fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.model.basis import parameter_rows
-from armd.compensation.model.kinematics import forward
 from armd.compensation.model.terms import Term
 
 MOST_STEPS = 40
@@ -142,9 +142,8 @@ class Descent:
     def _held_cost(self, here: _Place, trial: _Trial) -> float:
         """What a trial costs with the weights and adjusted angles held of where it came from."""
         rows = parameter_rows(*self.unknowns.put(trial.x, self.constants, self.terms), self.basis)
-        tip = forward(here.at.q, rows)[0] - here.at.there_mm
-        placed = trial.poses.placed(self.observations) - here.at.poses.placed(self.observations)
-        residual = here.at.residual_mm + tip - placed
+        tip = observe(here.at.q, rows, self.observations.turned) - here.at.there_mm
+        residual = trial.poses.residual(self.observations, here.at.position_mm + tip)
         return here.alone.clear_cost_of(residual, trial.poses)
 
     def linearise(
@@ -155,7 +154,7 @@ class Descent:
         if self._poses_anew(held):
             # Far off, poses are not linear: about a beam's own axis they turn by any angle.
             rows = parameter_rows(constants, terms, self.basis)
-            position = forward(self.observations.states.q, rows)[0]
+            position = observe(self.observations.states.q, rows, self.observations.turned)
             poses = fit_poses(self.observations, position, self.weighting.weight, poses)
         at = linearise(self.observations, constants, terms, poses, self.reference_c, self.basis)
         return at, self._alone(at, floor_mm)

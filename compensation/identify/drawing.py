@@ -7,6 +7,7 @@ fitted: to find them is what a calibration is for.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit, gauge_of, rms_um
 from armd.compensation.model import parameters
 from armd.compensation.model.parameters import TIP_PARAMETERS
+from armd.compensation.model.terms import Term
 
 #: A parameter farther off the drawing than this is remarked on, in the unit that people read. Parts
 #: are made to tenths of a millimetre and of a degree, printed ones to a few: this is a typing
@@ -78,13 +80,16 @@ class OffDrawing:
         return "compare it with the drawing"
 
 
-def drawn_rms_um(observations: Observations) -> float:
-    """3-D RMS of readings under the drawing's links, with the one tip that suits them best."""
+def drawn_rms_um(
+    observations: Observations, terms: Sequence[Term] = (), free: Sequence[int] = ()
+) -> float:
+    """3-D RMS of readings under the drawing's links, with the one tip that suits them best, and
+    with the *free* ones of the reflectors' *terms*."""
     arm = observations.arm
     reference_c = arm.reference_temperature_c
-    as_drawn = evaluate_model(observations, arm.nominal(), [], reference_c)
-    tip = fit(observations, arm.nominal(), [], Unknowns(TIP_PARAMETERS), reference_c)
-    fitted = evaluate_model(observations, tip.constants, [], reference_c)
+    as_drawn = evaluate_model(observations, arm.nominal(), terms, reference_c)
+    tip = fit(observations, arm.nominal(), terms, Unknowns(TIP_PARAMETERS, free), reference_c)
+    fitted = evaluate_model(observations, tip.constants, tip.terms, reference_c)
     return min(rms_um(as_drawn.residual_mm), rms_um(fitted.residual_mm))
 
 

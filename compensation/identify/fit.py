@@ -11,7 +11,7 @@ what the readings do not know (docs/decisions/0014).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,25 +20,33 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.gauge import gauge
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
-from armd.compensation.estimate.noise import ReadingNoise, Weighting, estimate, whitening
+from armd.compensation.estimate.noise import (
+    ReadingNoise,
+    Weighting,
+    estimate,
+    estimate_turns,
+    whitening,
+)
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.orientations import observe
 from armd.compensation.estimate.poses import steady_poses
 from armd.compensation.estimate.postures import counts_as, find_postures, shared_part
 from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.robust import (
     LEAST_MM,
-    MEDIAN_D2,
     OUTLIER_D2,
     mahalanobis2,
     monstrous,
+    of_three_components,
     outlying,
     redescending_weights,
+    usual_square,
 )
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.descent import Descent
 from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
@@ -94,6 +102,35 @@ class Identification:
         """3-D RMS of all readings' residuals."""
         return rms_um(self.at.residual_mm)
 
+    def of_points(self) -> Identification:
+        """The same with the rows alone that say where the tip is."""
+        points = ~self.observations.turned
+        if points.all():
+            return self
+        at = self.at.rows(points)
+        return replace(
+            self,
+            observations=at.observations,
+            at=at,
+            distance2=self.distance2[points],
+            counts=self.counts[points],
+            region=self.region[points],
+        )
+
+    def without_terms(self, count: int) -> Identification:
+        """The same without the first *count* terms, as if they were no unknowns."""
+        n = len(self.unknowns.constants)
+        later = [place for place, i in enumerate(self.unknowns.terms) if i >= count]
+        kept = [*range(n), *(n + place for place in later)]
+        return replace(
+            self,
+            terms=self.terms[count:],
+            unknowns=Unknowns(
+                self.unknowns.constants, [self.unknowns.terms[place] - count for place in later]
+            ),
+            covariance=self.covariance[np.ix_(kept, kept)],
+        )
+
 
 def rms_um(residual_mm: F64) -> float:
     """3-D RMS in µm of residuals (n, 3) mm; rows with NaN are left out."""
@@ -125,10 +162,13 @@ def fit(
     x = unknowns.values(constants, terms)
     states = observations.states
     basis = basis_values(terms, states, observations.arm, reference_c, constants)
-    position = forward(states.q, parameter_rows(constants, terms, basis))[0]
+    rows = parameter_rows(constants, terms, basis)
+    position = observe(states.q, rows, observations.turned)
     poses = steady_poses(observations, position)
     residual_mm = poses.residual(observations, position)
-    alike = _alike(residual_mm)
+    freedom = observations.freedom
+    turned, points = observations.turned, ~observations.turned
+    alike = _alike(residual_mm[points], freedom[points])
     weighing = noise or alike
     # A monstrous reading has no voice from the beginning: it would make its neighbours a region.
     squared = np.sum(residual_mm**2, axis=1) / alike.reading_mm**2
@@ -142,8 +182,9 @@ def fit(
         joints = begun.joints
         weight = counts * redescending_weights(distance2, region)
         if held:
-            weighing = ReadingNoise(0.0, weighing.typical_mm(joints))
-        weighting = Weighting(weighing, joints, weight)
+            typical = weighing.typical_mm(joints[points], freedom[points])
+            weighing = ReadingNoise(0.0, typical, weighing.turn_mm or typical)
+        weighting = Weighting(weighing, joints, weight, turned)
         descent = Descent(
             observations, constants, terms, unknowns, reference_c, basis, start, weighting
         )
@@ -156,12 +197,9 @@ def fit(
         fitted = end.alone.rank + end.solution.told
         joints = end.at.joints
         left, whiten = end.alone.left(end.solution.root), end.alone.whitening
-        before, weighing = (
-            weighing,
-            estimate(end.at.residual_mm, joints, whiten, left, region, counts),
-        )
-        covariance = weighing.covariance(joints)
-        distance2 = mahalanobis2(end.at.residual_mm, covariance)
+        before, weighing = weighing, _estimate(end.at, whiten, left, region, counts)
+        covariance = weighing.covariance(joints, turned)
+        distance2 = of_three_components(mahalanobis2(end.at.residual_mm, covariance), freedom)
         if not held:  # far off, everything is
             region = region | in_region(distance2 > OUTLIER_D2, states.q)
         basis = basis_values(terms, states, observations.arm, reference_c, constants)
@@ -169,9 +207,9 @@ def fit(
             progress(f"round {round_}: {rms_um(end.at.residual_mm):.2f} µm RMS, {steps} steps")
         robust = redescending_weights(distance2, region)
         white = np.einsum("nij,nj->ni", whitening(covariance, robust), end.at.residual_mm)
-        counts = counts_as(posture, shared_part(white, posture))
+        counts = counts_as(posture, shared_part(white, posture, freedom))
         weight_after = counts * robust
-        settled = _settled(before, weighing, joints) and np.allclose(
+        settled = _settled(before, weighing, joints, turned) and np.allclose(
             weight, weight_after, atol=0.05
         )
         if settled and not held:
@@ -179,14 +217,17 @@ def fit(
         # Another round from the same point with the same weights would end where this one did.
         repeats = (
             stands
-            and np.isclose(weighing.typical_mm(joints), before.reading_mm, rtol=1e-6)
+            and np.isclose(
+                weighing.typical_mm(joints[points], freedom[points]), before.reading_mm, rtol=1e-6
+            )
             and np.allclose(weight, weight_after, rtol=1e-6)
         )
         held = held and not settled and not repeats and round_ < rounds // 2
     # The last weights are those of the round before: what is left of the difference is a factor.
-    freedom = max(3 * float(weight.sum()) + end.alone.n_certified - fitted, 1.0)
+    equations = float((freedom * weight).sum())
+    spare = max(equations + end.alone.n_certified - fitted, 1.0)
     free = gauge_of(unknowns, constants, terms, basis, end.solution.scale)
-    factor = end.alone.cost / freedom
+    factor = end.alone.cost / spare
     covariance = end.solution.covariance(free)
     covariance = (covariance + _shared(end.alone, covariance)) * factor
     deviation = np.sqrt(np.diag(covariance))[len(unknowns.constants) :]
@@ -229,15 +270,30 @@ def gauge_of(
     return gauge(unknowns.columns(columns, values, terms), scale)
 
 
-def _alike(residual_mm: F64) -> ReadingNoise:
+def _alike(residual_mm: F64, freedom: I64) -> ReadingNoise:
     """The noise that makes all readings alike, as large as their median residual."""
-    typical = float(np.median(np.sum(residual_mm**2, axis=1)) / MEDIAN_D2)
+    typical = usual_square(np.sum(residual_mm**2, axis=1), freedom)
     return ReadingNoise(0.0, max(np.sqrt(typical), LEAST_MM))
 
 
-def _settled(before: ReadingNoise, after: ReadingNoise, joint_columns: F64) -> bool:
+def _estimate(at: Linearisation, whiten: F64, left: F64, region: Mask, counts: F64) -> ReadingNoise:
+    """Noise of the readings by what a round left, that of orientations by theirs alone."""
+    turned, points = at.observations.turned, ~at.observations.turned
+    noise = estimate(
+        at.residual_mm[points], at.joints[points], whiten[points], left[points], region[points],
+        counts[points], at.observations.freedom[points],
+    )  # fmt: skip
+    if not turned.any():
+        return noise
+    return estimate_turns(
+        noise, at.residual_mm[turned], at.joints[turned], left[turned], counts[turned]
+    )
+
+
+def _settled(before: ReadingNoise, after: ReadingNoise, joint_columns: F64, turned: Mask) -> bool:
     """Whether the weights would change by less than a few per cent."""
     sizes = [
-        np.trace(noise.covariance(joint_columns), axis1=1, axis2=2) for noise in (before, after)
+        np.trace(noise.covariance(joint_columns, turned), axis1=1, axis2=2)
+        for noise in (before, after)
     ]
     return bool(np.all(np.abs(sizes[1] / sizes[0] - 1.0) < 0.05))

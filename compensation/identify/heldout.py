@@ -48,11 +48,13 @@ class HeldOut:
         folds: Sequence[Mask],
     ) -> None:
         weight = fit.counts * redescending_weights(fit.distance2, fit.region)
-        whiten = whitening(fit.noise.covariance(fit.at.joints), weight)
+        turned = fit.observations.turned
+        whiten = whitening(fit.noise.covariance(fit.at.joints, turned), weight)
         self.scale, self.pull = scale, pull
         base = replace(fit.at, residual_mm=residual)
         self._whole = whole = ArmAlone(base, whiten, columns)
         self.folds = [_Fold(whole, weight, out) for out in folds if out.any()]
+        self._points = [~turned[out] for out in folds if out.any()]
         self._kept = [~np.isin(np.flatnonzero(out), fit.weighed_down) for out in folds if out.any()]
 
     def solve(self, fold: int, chosen: I64) -> Solution:
@@ -73,10 +75,13 @@ class HeldOut:
 
     def of(self, tried: Sequence[F64]) -> Errors:
         """Of residuals (m, 3) mm, fold by fold."""
-        residual, kept = np.concatenate(tried), np.concatenate(self._kept)
+        # How an orientation misses is no distance.
+        tried = [own[points] for own, points in zip(tried, self._points, strict=True)]
+        fine_rows = [k[points] for k, points in zip(self._kept, self._points, strict=True)]
+        residual, kept = np.concatenate(tried), np.concatenate(fine_rows)
         sets = tuple(
             rms_um(own[fine] if fine.any() else own)
-            for own, fine in zip(tried, self._kept, strict=True)
+            for own, fine in zip(tried, fine_rows, strict=True)
         )
         return Errors(rms_um(residual), rms_um(residual[kept]), int((~kept).sum()), sets)
 

@@ -12,7 +12,12 @@ import numpy as np
 
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.postures import count_postures
-from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, certificate_readings
+from armd.compensation.identify.admission.needed import (
+    LEAST_PLACEMENTS,
+    LEAST_TIMES,
+    readings_for,
+)
+from armd.compensation.identify.admission.requirements import unknowns_of_artefacts
 from armd.terminal.counted import counted
 
 
@@ -150,6 +155,8 @@ def _measure(
     if observations.has_truth.all():
         words = ["armd", "import", "readings.csv", "--arm", files.arm, "-o", files.another]
         return f"`{shlex.join(words)}` (readings.csv: the tracker's table)"
+    if observations.on_surface.any():
+        return "a session more with the same surfaces (docs/calibrate.md)"
     first = len(np.unique(observations.placement)) + 1
     names = ",".join(f"P{k}" for k in range(first, first + places))
     words = ["armd", "measure", "artefact", "--artefact", "artefact.toml", "-o", files.another]
@@ -166,11 +173,10 @@ def _measure(
 def _missing(observations: Observations, places: int) -> int:
     """Postures that a session in so many more places must bring: each has unknowns of its own, and
     so has each seat that is touched anew."""
-    touched = np.unique(observations.target[~observations.has_truth])
-    seats = int(observations.unknown[touched].sum())
-    seats += int(observations.unknown[_artefact_targets(observations)].sum())
-    placements = len(np.unique(observations.placement)) + places
-    needed = certificate_readings(observations.arm.n_joints, placements, seats)
+    again = int(observations.unknown[_artefact_targets(observations)].sum())
+    free = unknowns_of_artefacts(observations) + 6 * places + 3 * again
+    each = float(observations.freedom.mean())
+    needed = LEAST_TIMES * readings_for(observations.arm.n_joints, free, each)
     return needed - count_postures(observations)
 
 

@@ -14,6 +14,8 @@ from armd.compensation.identify.drawing import OffDrawing
 from armd.compensation.identify.evaluation.lengths import Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
+from armd.compensation.identify.orientation import OrientationGain
+from armd.compensation.identify.reflectors import FoundReflector
 from armd.compensation.identify.thermal.comparison import Trial
 from armd.compensation.model.calibration import Calibration
 
@@ -37,6 +39,8 @@ class Result:
     off_drawing: list[OffDrawing]  # parameters far off arm.toml's
     notes: list[str] = field(default_factory=list)
     second_group: SecondGroup | None = None  # rows of another tip or place
+    orientation: OrientationGain | None = None  # what orientations added
+    reflectors: list[FoundReflector] = field(default_factory=list)
 
     @property
     def heldout_rms_um(self) -> float:
@@ -85,6 +89,8 @@ class Result:
                 for trial in self.trials
             ],
             "second_group": self.second_group.as_json() if self.second_group else None,
+            "orientation": self.orientation.as_json() if self.orientation else None,
+            "reflectors": {one.name: one.as_json() for one in self.reflectors},
             "steps": self.fit.steps,
             "converged": self.fit.converged,
             "notes": self.notes,

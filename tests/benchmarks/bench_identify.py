@@ -78,7 +78,7 @@ def _run(repeats: int) -> dict[str, Any]:
         return forward(observations.states.q, parameter_rows(constants, filled, basis))[0]
 
     begin = fit_poses(observations, tip(np.zeros(57)))
-    centre = centres(observations, begin.placed(observations))
+    centre = centres(observations, begin.target_points(observations))
 
     def with_placements(x: np.ndarray) -> np.ndarray:
         twist = x[57:].reshape(placements, 6)

@@ -28,7 +28,7 @@ def measured(known: bool) -> tuple[Placements, np.ndarray]:
     observations = gather(sessions, ARM)
     position = forward(observations.states.q, np.tile(ARM.nominal(), (N, 1)))[0]
     poses = fit_poses(observations, position)
-    placed = poses.placed(observations)
+    placed = poses.target_points(observations)
     whitening = rng.normal(size=(N, 3, 3)) + 3.0 * np.eye(3)
     certified = None
     if known:

@@ -26,6 +26,7 @@ def observations(target: list[int], placement: list[int], *, known: tuple[int, .
         target_names=["A", "B", "C", "D"],
         unknown=unknown,
         has_truth=np.zeros(len(target), dtype=bool),
+        freedom=np.full(len(target), 3),
         distances=SimpleNamespace(
             between=between,
             length_mm=np.linalg.norm(CERTIFIED[between[:, 0]] - CERTIFIED[between[:, 1]], axis=1),

@@ -53,13 +53,17 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     bag(tmp_path / "rosbag2_2026_03_01", StoragePlugin.MCAP)
     text = PAGE.read_text(encoding="utf-8")
     said = run_as_typed("".join(shell_blocks(text)), tmp_path).splitlines()
-    (output,) = re.findall(r"```\n(armd: .*?)```", text, re.DOTALL)
-    assert [line for line in output.splitlines() if line != "…" and line not in said] == []
+    outputs = re.findall(r"```\n(armd: .*?)```", text, re.DOTALL)
+    assert len(outputs) == 2
+    lines = [line for output in outputs for line in output.splitlines() if line != "…"]
+    assert [line for line in lines if line not in said] == []
     arm = load_arm(tmp_path / "my-arm" / "arm.toml")
     assert load_session(tmp_path / "measured", arm).n == 3
     assert load_session(tmp_path / "from-excel", arm).n == 1
     assert load_session(tmp_path / "from-lerobot", arm).n == 4
     assert load_session(tmp_path / "from-ros", arm).n == 3
+    tracked = load_session(tmp_path / "tracked", arm)
+    assert tracked.n == 3 and tracked.truth_mm[1].tolist() == [794.520, 12.404, 241.337]
     drawn = load_arm(tmp_path / "drawn-arm" / "arm.toml")
     assert [joint.d_mm for joint in drawn.joint] == [292.1, 0.0, 0.0]
     assert drawn.sensors == ["foot", "elbow"]

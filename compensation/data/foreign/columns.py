@@ -22,7 +22,7 @@ from armd.compensation.data.foreign.words import (
     numbered,
     word_and_unit,
 )
-from armd.compensation.data.session_columns import number_columns
+from armd.compensation.data.session_columns import QUATERNION, ROLL_PITCH_YAW, number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.terminal.suggest import few
@@ -30,6 +30,8 @@ from armd.terminal.suggest import few
 Value = TypeVar("Value")
 
 ALL = "1"
+#: A column of names that a table may have, beside those that a session needs.
+REFLECTOR = "reflector"
 #: What LeRobot calls a joint's position: a share of its sweep, -100 to 100, unless it was asked
 #: for degrees.
 LEROBOT_POSITION = ".pos"
@@ -65,7 +67,7 @@ class Given:
 def find_columns(table: ForeignTable, arm: Arm, given: Given) -> FoundColumns:
     """Raises `BadInput` for a joint without a column, a cell that is no number, a unit not known,
     and a name that may mean two things."""
-    known = [*number_columns(arm), *TEXTS]
+    known = [*number_columns(arm), *TEXTS, REFLECTOR]
     places = find_places(table, arm, given.columns, known, given.targets)
     for k in range(1, arm.n_joints + 1):
         if f"q{k}" not in places.at:
@@ -73,7 +75,7 @@ def find_columns(table: ForeignTable, arm: Arm, given: Given) -> FoundColumns:
     found = FoundColumns(_angle_unit(table, places.at, given.angle_unit))
     for name, at in places.at.items():
         header = table.header[at]
-        if name in TEXTS:
+        if name in (*TEXTS, REFLECTOR):
             found.texts[name] = [row[at] for row in table.rows]
             _refuse_empty(table, name, at)
             unit = ""
@@ -219,7 +221,12 @@ def _in_unit(
             factor = ANGLES[unit][1]
         if factor == 1.0:
             return f", in {found.angle_unit}", values
-    elif not name.startswith("approach"):
+    elif name in ROLL_PITCH_YAW:
+        of, factor = _known(table, header, unit or "deg", ANGLES)
+        if of == "count":
+            raise BadInput(table.path, f"column {header}", "counts", "degrees or radians")
+        factor *= math.degrees(1.0) if of == "rad" else 1.0
+    elif not name.startswith("approach") and name not in QUATERNION:
         factor, shift = _known(table, header, unit or "c", TEMPERATURES)
     if (factor, shift) == (1.0, 0.0):
         return "", values

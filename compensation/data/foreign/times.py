@@ -19,6 +19,8 @@ EPOCH_S = (10**9, 4_102_444_800)
 #: Unix time in other units, by the size of its numbers.
 PARTS = {1: "s", 10**3: "ms", 10**6: "µs", 10**9: "ns"}
 DAY_S = 86400
+#: What is said of times of a day, which no date tells from those of another day.
+OF_A_DAY = ", in times of a day: seconds since the first"
 _CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2}(?:[.,]\d{1,18})?))?\s*([ap]m)?", re.IGNORECASE)
 _DAY_FIRST = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})")
 _SLASHES = re.compile(r"(\d{1,2})/(\d{1,2})/(\d{4})")
@@ -151,7 +153,7 @@ def _of_clock(cells: Sequence[str]) -> Times:
         last = now
         first = now if first is None else first
         seconds.append(float(now + days * DAY_S - first))
-    return Times(seconds, None, ", in times of a day: seconds since the first")
+    return Times(seconds, None, OF_A_DAY)
 
 
 def _since(instants: Sequence[Fraction | None], since: datetime.datetime | None, how: str) -> Times:

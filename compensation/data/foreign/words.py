@@ -107,7 +107,7 @@ WORDS = {
         ("ball", "sphere", "point", "seat", "hole", "kugel", "punkt", "name", "target", "nest",
          "kugelname", "punktname", "pointname", "targetname"), "target",
     ),
-    "x": "x_mm", "y": "y_mm", "z": "z_mm",
+    "x": "x_mm", "y": "y_mm", "z": "z_mm", "reflector": "reflector",
     **dict.fromkeys(
         (f"{thing}{word}" for thing in ("artefact", "artifact", "part")
          for word in ("", "temp", "temperature") if thing + word != "part"), "artefact_c",

@@ -101,7 +101,7 @@ class Linear:
     @cached_property
     def _placed_mm(self) -> F64:
         """(n, 3) where the tip should stand, in the base frame."""
-        return self.poses.placed(self.rests.observations)
+        return self.poses.target_points(self.rests.observations)
 
     def artefact_column(self, change: ArtefactChange) -> F64:
         """Column (N,) of a change of the artefact: the residual is tip minus target."""

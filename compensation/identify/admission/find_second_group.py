@@ -200,10 +200,11 @@ def _explains(found: Identification, one: GroupFit, most: float, grown_mm: float
             part, part.arm.nominal(), found.terms, unknowns_of(part.arm, found.terms),
             found.reference_c,
         )  # fmt: skip
-        freedom = 3 * part.n - alone.alone.rank - alone.solution.told
+        equations = int(part.freedom.sum())
+        freedom = equations - alone.alone.rank - alone.solution.told
         kept = one.kept[group]
         kept[alone.outliers] = False
-        noise_um = rms_um(alone.at.residual_mm[kept]) * np.sqrt(3 * part.n / max(freedom, 1))
+        noise_um = rms_um(alone.at.residual_mm[kept]) * np.sqrt(equations / max(freedom, 1))
         limit_um = np.hypot(MOST_NOISE * noise_um, 1e3 * grown_mm)
         if rms_um(one.found.at.residual_mm[group][kept]) > limit_um:
             return False

@@ -15,6 +15,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import fit_poses, robust_poses
+from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.identify.admission.other_ends import other_ends
 from armd.compensation.identify.evaluation.lengths import certified_lengths
 from armd.compensation.identify.fit import Identification
@@ -221,7 +222,9 @@ def _other_targets(observations: Observations, model: AssumedModel) -> Iterator[
         renamed = _largest(_renamed(observations, names, placements), position)
         return np.flatnonzero(renamed < EXPLAINED * as_it_is)
 
+    points = observations.kind == POINT
     touched = np.unique(observations.target[~observations.has_truth])
+    touched = touched[points[touched]]
     pairs = list(combinations(touched, 2))
     seats = bool(observations.unknown[touched].any())
     for a, b in [] if seats and len(pairs) * len(placements) > MOST_EXCHANGES else pairs:
@@ -236,7 +239,7 @@ def _other_targets(observations: Observations, model: AssumedModel) -> Iterator[
             observations, names, where, f"its targets {one} and {other} are exchanged"
         )
     session = np.isin(observations.target_session, observations.session)
-    certified = np.flatnonzero(session & ~observations.unknown)
+    certified = np.flatnonzero(session & points & ~observations.unknown)
     for onto in other_ends(observations.position_mm[certified]):
         names = own_names.copy()
         names[certified] = certified[onto]

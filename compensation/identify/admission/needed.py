@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 #: One placement left out must leave two to tell where the arm is wrong and where the artefact lay.
 LEAST_PLACEMENTS = 3
 #: Readings, as a multiple of those without which the unknowns have no answer at all.
@@ -13,8 +15,12 @@ def least_readings(n_joints: int, placements: int, seats: int) -> int:
 
     *seats*: targets whose position nobody has certified.
     """
-    unknown = 4 * n_joints - 3 + 6 * placements + 3 * seats
-    return -(-unknown // 3) + 1
+    return readings_for(n_joints, 6 * placements + 3 * seats)
+
+
+def readings_for(n_joints: int, free: int, each: float = 3.0) -> int:
+    """The same of an artefact with so many *free* unknowns; a reading gives *each* equations."""
+    return math.ceil((4 * n_joints - 3 + free) / each) + 1
 
 
 def certificate_readings(n_joints: int, placements: int, seats: int) -> int:

@@ -20,6 +20,7 @@ from armd.compensation.identify.admission.odd_session import (
     raise_all,
     refuse_mistakes,
 )
+from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import rms_um
@@ -36,6 +37,11 @@ def remark(sessions: Sequence[Session], observations: Observations) -> str:
 
 
 def _remark(sessions: Sequence[Session], observations: Observations) -> str:
+    arm = observations.arm
+    drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
+    require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)
+    if observations.reflectors:  # nobody knows where each reading's tip is
+        return ""
     refuse_mistakes(sessions, observations)
     refuse_misnamed(sessions, observations, AssumedModel.under(observations.arm, None))
     everything = np.ones(observations.n, dtype=bool)
@@ -47,8 +53,6 @@ def _remark(sessions: Sequence[Session], observations: Observations) -> str:
         raise_all(second.faults() if second else [])
         words = [second.in_words()] if second else []
         return "\n".join([*_far_off(sessions, observations), *words])
-    arm = observations.arm
-    drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
     refuse_misnamed(sessions, observations, AssumedModel.of(found))
     odd = odd_session(sessions, found, rms_um(drawn.residual_mm))
     second = None if odd and odd.tip else find_second_group(sessions, found)

@@ -10,7 +10,8 @@ from armd.arrays import Mask
 from armd.compensation.estimate.gauge import unidentifiable
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.postures import count_postures
-from armd.compensation.identify.admission.needed import least_readings
+from armd.compensation.estimate.surface_kinds import FREEDOM, POINT
+from armd.compensation.identify.admission.needed import readings_for
 from armd.compensation.identify.fit import Identification, rms_um
 from armd.compensation.identify.thermal.temperatures import temperature_groups
 from armd.errors import BadInput
@@ -64,8 +65,8 @@ def require_some(observations: Observations, files: str) -> None:
     """Refuse readings of which placements and seats leave nothing that tells of the arm."""
     placements, seats = _placements(observations), _seats(observations)
     # An artefact of seats may stand anywhere in its own frame.
-    free = 6 * placements + 3 * seats - 6 * (seats > 0)
-    least = free // 3 + 1
+    free = unknowns_of_artefacts(observations) - 6 * (seats > 0)
+    least = int(free // float(observations.freedom.mean())) + 1 if observations.n else 1
     if observations.n < least:
         expected = f"at least {least} for {placements} placements and {seats} unknown points"
         raise BadInput(files, "readings", f"{observations.n} poses", expected)
@@ -128,8 +129,18 @@ def _of_postures(observations: Observations) -> str:
 
 def readings_needed(observations: Observations) -> int:
     """Readings below which the unknowns have no one answer, whatever their poses."""
-    n_joints = observations.arm.n_joints
-    return least_readings(n_joints, _placements(observations), _seats(observations))
+    free, each = unknowns_of_artefacts(observations), float(observations.freedom.mean())
+    return readings_for(observations.arm.n_joints, free, each)
+
+
+def unknowns_of_artefacts(observations: Observations) -> int:
+    """How many numbers say where the artefacts were, and what nobody certified of them."""
+    touched = np.unique(observations.placement, return_index=True)[1]
+    kinds = np.where(observations.on_surface, observations.kind[observations.target], POINT)
+    free = sum(FREEDOM[int(kind)] for kind in kinds[touched])
+    targets = np.unique(observations.target[~observations.has_truth])
+    unknown = targets[observations.unknown[targets]]
+    return free + int(np.where(observations.kind[unknown] == POINT, 3, 1).sum())
 
 
 def _placements(observations: Observations) -> int:
@@ -138,7 +149,7 @@ def _placements(observations: Observations) -> int:
 
 def _seats(observations: Observations) -> int:
     touched = np.unique(observations.target[~observations.has_truth])
-    return int(observations.unknown[touched].sum())
+    return int((observations.unknown & (observations.kind == POINT))[touched].sum())
 
 
 def is_plausible(found: Identification) -> bool:

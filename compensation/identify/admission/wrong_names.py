@@ -20,6 +20,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.data.session_files import readings_path
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import robust_poses
+from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.identify.admission.mistakes import (
     LEAST_MM,
     LEAST_READINGS,
@@ -48,10 +49,12 @@ class WrongNames:
 def wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
     """The readings of one session that, under *model*, lie at another target than they name.
 
-    Readings whose own truth counts, and those without a temperature that *model* needs, name none.
+    Readings whose own truth counts, those on surfaces, and those without a temperature that *model*
+    needs, name none.
     """
     position = model.tip_mm(observations)
-    told = np.flatnonzero(np.isfinite(position[:, 0]) & ~observations.has_truth)
+    pointed = ~observations.has_truth & ~observations.on_surface
+    told = np.flatnonzero(np.isfinite(position[:, 0]) & pointed)
     if not len(told):
         return WrongNames(told, told, np.empty(0), np.empty(0))
     observations, position = observations.rows(told), position[told]
@@ -64,7 +67,8 @@ def wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
     far = np.flatnonzero((own_mm > FAR * level) & (near[observations.placement] >= LEAST_READINGS))
     touched = np.isin(np.arange(len(observations.unknown)), observations.target)
     session = np.isin(observations.target_session, observations.session)
-    others = np.flatnonzero(session & (touched | ~observations.unknown))
+    known = touched | ~observations.unknown
+    others = np.flatnonzero(session & known & (observations.kind == POINT))
     there = poses.placed_at(observations.rows(far), others)
     distance = np.linalg.norm(position[far, None] - there, axis=2)
     nearest = distance.argmin(axis=1)

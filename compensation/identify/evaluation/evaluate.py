@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
 from armd.compensation.data.overflow import overflowed, refuse_overflow
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
+from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.evaluation import tally
 from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
+from armd.compensation.identify.fit import Identification, fit
+from armd.compensation.identify.reflectors import (
+    FoundReflector,
+    ReflectorTerms,
+    found_reflectors,
+    reflector_terms,
+)
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration, sensors_of
@@ -37,6 +46,7 @@ class Evaluation:
     position_mm: F64  # (n, 3) base frame
     residual_mm: F64  # (n, 3) tip minus target, base frame
     n_unused: int  # readings that lack a temperature the model needs
+    reflectors: list[FoundReflector] = field(default_factory=list)  # where they sit, fitted along
 
     @property
     def distance_um(self) -> F64:
@@ -61,6 +71,7 @@ class Evaluation:
                 for i, name in enumerate(names)
             },
             "distances": [length.as_json() for length in self.lengths],
+            "reflectors": {one.name: one.as_json() for one in self.reflectors},
         }
 
     @property
@@ -87,15 +98,31 @@ def _evaluate(
     progress: TellStep | None,
 ) -> Evaluation:
     observations = gather(sessions, arm, calibration.artefact if calibration else None)
-    if calibration is None:
-        return evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
-    return evaluate_model(
-        observations,
-        calibration.vector(arm.n_joints),
-        calibration.terms,
-        calibration.reference_temperature_c,
-        progress,
-    )
+    constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
+    terms = calibration.terms if calibration else []
+    reference_c = (calibration or arm).reference_temperature_c
+    tips = reflector_terms(observations, constants[arm.layout.tip])
+    reflectors: list[FoundReflector] = []
+    if tips.terms:
+        observations = tips.observations
+        fitted = _fit_reflectors(tips, constants, terms, reference_c)
+        terms, names = fitted.terms, fitted.unknowns.names
+        reflectors = found_reflectors(observations, constants, terms, names, fitted.covariance)
+    found = evaluate_model(observations, constants, terms, reference_c, progress)
+    require_surfaces(sessions, found.observations, found.poses, found.position_mm)
+    return replace(found, reflectors=reflectors)
+
+
+def _fit_reflectors(
+    tips: ReflectorTerms, constants: F64, terms: Sequence[Term], reference_c: float
+) -> Identification:
+    """Fit where unknown reflectors sit, constants (P,) and *terms* being as they are; readings
+    without a temperature that a term needs have no part."""
+    every, arm = [*tips.terms, *terms], tips.observations.arm
+    basis = basis_values(every, tips.observations.states, arm, reference_c, constants)
+    usable: Mask = np.all(np.isfinite(basis), axis=1)
+    observations = tips.observations.rows(usable) if usable.any() else tips.observations
+    return fit(observations, constants, every, Unknowns((), tips.free), reference_c)
 
 
 def evaluate_model(

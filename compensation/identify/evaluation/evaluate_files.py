@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
 from armd.compensation.data.in_order import in_order
+from armd.compensation.data.points_only import require_points
 from armd.compensation.data.session import Session, check_once, load_sessions, session_pieces
 from armd.compensation.data.session_files import READINGS
 from armd.compensation.data.turns import AngleRange, report_open_turns
@@ -42,6 +43,7 @@ from armd.compensation.progress import TellStep
 #: Bytes of readings that are read at once: some 100 000 of them, which take no more memory than
 #: what goes by in pieces does.
 MOST_AT_ONCE = 16 << 20
+LONG = f"`armd evaluate` of more than {MOST_AT_ONCE >> 20} MiB of readings"
 
 
 class _BackInTime(Exception):
@@ -142,6 +144,7 @@ class _Passes:
             "n_unused": self._n - together.n,
             "by_session": {n: t.as_json() for n, t in zip(names, by_session, strict=True)},
             "distances": [length.as_json() for length in lengths],
+            "reflectors": {},
             "remarks": [*self._remarks, *self._open_turns(), *self._outside.in_words()],
         }
         return result, lengths
@@ -153,6 +156,7 @@ class _Passes:
         for i, path in enumerate(self._paths):
             lags = _Lags()
             for session in session_pieces(path, self._arm):
+                require_points([session], LONG)
                 observations = gather([session], self._arm, self._artefact)
                 basis = basis_values(
                     self._terms, session.states, self._arm, self._reference_c, self._constants,
@@ -249,5 +253,8 @@ def _condensed(
         target=np.array(target),
         truth_mm=np.array(truth),
         stretch=np.array(stretch),
+        reflector=np.full(len(session), -1),
+        measured_turn=np.full((len(session), 3, 3), np.nan),
+        turned=np.zeros(len(session), dtype=bool),
     )
     return few, np.array(weight), np.array(tip)

@@ -7,6 +7,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from armd.compensation.data.points_only import require_points
 from armd.compensation.data.session import Session
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
@@ -41,13 +42,16 @@ def _evaluate_sessions(
         outside.add(i, session.name, session.states.temperature_c)
     remarks = [remark for session in sessions for remark in session.remarks]
     remarks += outside.in_words()
+    if any(session.turn is not None for session in sessions):
+        remarks.append("orientations take no part in these figures: `armd calibrate` uses them")
     extra: dict[str, Any] = {}
     if refit_tip:
+        require_points(sessions, "`armd evaluate --fit-tip`")
         tip = fit_tip(sessions, arm, calibration)
         extra["tip"] = tip.as_json()
         remarks.append(f"tip fitted anew: {tip.in_words()}")
         arm, calibration = with_tip(arm, calibration, tip)
     found = evaluate(sessions, arm, calibration, progress)
-    if not refit_tip:
+    if not refit_tip and not found.reflectors:
         remarks += hint_of_tip(arm, calibration, found)
     return {**found.as_json(), **extra, "remarks": remarks}, found

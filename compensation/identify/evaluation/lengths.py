@@ -96,7 +96,8 @@ def _scatter_mm(
         count[i] = np.bincount(at, readings, count.shape[1])
         freedom = max(readings.sum() - int((count[i] > 0).sum()), 1.0)
         if observations.unknown[end]:
-            variance[i] = np.sum(readings[:, None] * residual_mm[rows] ** 2) / (3 * freedom)
+            axes = int(observations.freedom[rows].min(initial=3))
+            variance[i] = np.sum(readings[:, None] * residual_mm[rows] ** 2) / (axes * freedom)
     with np.errstate(divide="ignore", invalid="ignore"):
         each = np.where(variance[:, None] > 0, variance[:, None] / count, 0.0).sum(axis=0)
     if not variance.any():

@@ -15,7 +15,11 @@ from armd.arrays import F64
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise import estimate, whitening
-from armd.compensation.estimate.robust import mahalanobis2, redescending_weights
+from armd.compensation.estimate.robust import (
+    mahalanobis2,
+    of_three_components,
+    redescending_weights,
+)
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
@@ -88,10 +92,16 @@ def _standing(around: Identification, constants: F64, terms: list[Term]) -> Iden
     joints = at.joints
     left = around.alone.left(around.solution.root)
     noise = estimate(
-        at.residual_mm, joints, around.alone.whitening, left, around.region, around.counts
+        at.residual_mm,
+        joints,
+        around.alone.whitening,
+        left,
+        around.region,
+        around.counts,
+        observations.freedom,
     )
     covariance = noise.covariance(joints)
-    distance2 = mahalanobis2(at.residual_mm, covariance)
+    distance2 = of_three_components(mahalanobis2(at.residual_mm, covariance), observations.freedom)
     unknowns = Unknowns(around.unknowns.constants, range(len(terms)))
     scale = unknowns.plausible(terms, at.basis)
     alone = ArmAlone(

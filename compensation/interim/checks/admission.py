@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.data.points_only import require_points
 from armd.compensation.data.session import Session
 from armd.compensation.data.soundness import still_and_far
 from armd.compensation.estimate.observations import Observations, gather
@@ -29,6 +30,7 @@ def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration
 
     Returns what a person should know of those that are.
     """
+    require_points(sessions, "`armd interim`")
     model = AssumedModel.under(arm, calibration)
     told: list[str] = []
     for session in sessions:

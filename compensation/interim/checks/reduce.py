@@ -45,7 +45,7 @@ def reduce(
     seen = Signals(states, arm, calibration)
     position = seen.position_mm
     poses = fit_poses(observations, position)
-    placed = poses.placed(observations)
+    placed = poses.target_points(observations)
     share = _rest_share(observations)
     whitener = seen.whitener() * share[:, None, None]
 

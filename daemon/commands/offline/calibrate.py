@@ -92,6 +92,8 @@ def _print(result: Result, written: str) -> None:
     )
     for length in result.lengths:
         console.print(f"certified length {length.in_words()}")
+    for reflector in result.reflectors:
+        console.print(reflector.in_words())
     if result.trials:
         table = Table("thermal model", "on readings left out")
         for trial in result.trials:

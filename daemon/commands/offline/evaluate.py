@@ -62,6 +62,9 @@ def run(args: argparse.Namespace) -> int:
     console.print(table)
     for length in evaluation.lengths:
         console.print(f"certified length {length.in_words()}")
+    for name, reflector in result["reflectors"].items():
+        offset = ", ".join(f"{x:.4f}" for x in reflector["offset_mm"])
+        console.print(f"reflector {name}: ({offset}) mm in the last frame")
     for remark in result["remarks"]:
         console.print(remark)
     if result["rms_um"] > 1e3 * ABSURD_RMS_MM:

@@ -198,7 +198,9 @@ def _artefact(path: Path, _: Arms) -> str:
     found = load_toml(path, ArtefactFile).artefact
     unknown = sum(target.position_mm is None for target in found.targets)
     lengths = counted(len(found.distances), "certified length")
-    return f" ({counted(len(found.targets), 'target')}, {unknown} without position; {lengths})"
+    surfaces = f", {counted(len(found.surfaces), 'surface')}" if found.surfaces else ""
+    targets = f"{counted(len(found.targets), 'target')}, {unknown} without position"
+    return f" ({targets}{surfaces}; {lengths})"
 
 
 def _mpe(path: Path, _: Arms) -> str:

@@ -8,7 +8,14 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from armd.compensation.data.foreign.columns import NORMALISED, FoundColumns, Given, find_columns
+from armd.compensation.data.foreign.columns import (
+    NORMALISED,
+    REFLECTOR,
+    FoundColumns,
+    Given,
+    find_columns,
+)
+from armd.compensation.data.foreign.join_tables import WITHIN_S, join_tables
 from armd.compensation.data.foreign.lerobot_dataset import is_dataset, read_dataset
 from armd.compensation.data.foreign.rosbag import is_bag, read_bag
 from armd.compensation.data.foreign.table import TABLES, ForeignTable, read_table
@@ -28,6 +35,7 @@ from armd.files.outputs import (
     check_same,
 )
 from armd.files.writing import write_whole
+from armd.terminal.arguments import positive
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 from armd.terminal.printable import printable
@@ -67,6 +75,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="its [artefact], a .toml, or its certificate's table (unknown fixed points)",
     )
+    table.add_argument(
+        "--points", type=Path, metavar="TABLE",
+        help="x, y, z as a tracker wrote them, in a table of its own beside that of the joints",
+    )  # fmt: skip
+    table.add_argument(
+        "--join", choices=["row", "time"],
+        help="how both tables go together (by time where both have times, else by row)",
+    )  # fmt: skip
+    table.add_argument(
+        "--within", type=positive, metavar="SECONDS",
+        help=f"most that a point and its joints are apart in time ({WITHIN_S:g})",
+    )  # fmt: skip
     table.add_argument("--operator", metavar="NAME", help="who measured; reports name him or her")
     urdf = parser.add_argument_group("a URDF")
     urdf.add_argument("--tip-link", metavar="LINK", help="the link that touches (the last one)")
@@ -105,10 +125,16 @@ def run(args: argparse.Namespace) -> int:
         return _urdf(args)
     if args.arm is None:
         raise BadInput("the command line", "--arm", "nothing", "the arm.toml measured with")
+    for option in ("join", "within"):
+        if args.points is None and getattr(args, option) is not None:
+            raise BadInput("the command line", f"--{option}", "no --points", "both tables")
     arm = load_arm(args.arm)
     artefact = None if args.artefact is None else _artefact(args)
     with aside(args).status("reading the table …"):
         table = _read(args)
+        if args.points is not None:
+            points = read_table(args.points)
+            table = join_tables(table, points, arm, args.join, args.within or WITHIN_S)
     given = Given(
         dict(args.column),
         NORMALISED if args.lerobot else args.angle_unit,
@@ -122,7 +148,8 @@ def run(args: argparse.Namespace) -> int:
         said.append(_from_lerobot(args.lerobot, arm, found, args.prefix))
     n = len(table.rows)
     content = _content(args, arm, found, artefact, said)
-    names = ["time_s", "placement", "target", *arm_columns(found.numbers)]
+    reflector = [REFLECTOR] if REFLECTOR in found.texts else []
+    names = ["time_s", "placement", "target", *reflector, *arm_columns(found.numbers)]
     columns = {name: (found.numbers | found.texts)[name] for name in names}
     with aside(args).status("writing the session …"):
         _write(args, arm, content, columns)
@@ -204,7 +231,7 @@ def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns:
     if args.output.exists() and any(args.output.iterdir()) and not args.force:
         raise BadInput(args.output, "-o", "a folder that is not empty", "a new one (or --force)")
     for name in SESSION_FILES if args.output.is_dir() else ():
-        inputs = [args.table, args.arm, args.artefact, args.lerobot]
+        inputs = [args.table, args.points, args.arm, args.artefact, args.lerobot]
         check_outputs({"-o": (args.output / name, SESSION)}, inputs, args.force)
     with tempfile.TemporaryDirectory() as scratch:
         trial = Path(scratch) / args.output.name

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
+from armd.compensation.data.points_only import refuse_surfaces
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, certificate_readings
 from armd.compensation.model.arm import Arm
@@ -57,6 +58,8 @@ def plan_of(kind: PlanKind, arm: Arm, artefact: Artefact | None, wishes: Wishes)
     Raises `BadInput` for wishes that cannot be met.
     """
     _refuse_what_is_not_asked(kind, artefact, wishes)
+    if artefact is not None:
+        refuse_surfaces(artefact, "the artefact", "`armd measure`")
     artefact, stations = _MAKERS[kind](arm, artefact, wishes)
     known = artefact.target_names
     for name in wishes.targets or ():

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from armd.arrays import F64
 from armd.compensation.data.session import load_sessions
 from armd.compensation.data.session_format import Artefact
-from armd.compensation.estimate.poses import kabsch
+from armd.compensation.estimate.rigid_motions import kabsch
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.tip import TipFit, fit_in_seat, fit_on_sphere
 from armd.compensation.model.arm import Arm

@@ -9,7 +9,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.data.session_format import Artefact
-from armd.compensation.estimate.poses import kabsch
+from armd.compensation.estimate.rigid_motions import kabsch
 
 #: Points nearer to one line (or plane) than this do not tell how the artefact is turned about it.
 LEAST_SPAN_MM = 20.0

@@ -12,7 +12,7 @@ import pytest
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.design.reaching import solve_postures
-from armd.compensation.estimate.poses import kabsch
+from armd.compensation.estimate.rigid_motions import kabsch
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon import cli

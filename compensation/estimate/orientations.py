@@ -1,0 +1,88 @@
+"""Readings of how the last frame is turned: rows beside those of where its tip is.
+
+A row that is *turned* measures the orientation of a body on the last link, which is turned against
+the last frame by an unknown rotation. Its residual is a rotation vector in the base frame, at a
+lever that makes mm of it; so all else in the estimate takes it for a row like any other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from armd.arrays import F64, I64, Mask
+from armd.compensation.estimate.observations import TURN_MM, Observations
+from armd.compensation.estimate.surface_kinds import TURN
+from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.parameters import ParameterLayout
+
+
+def with_orientations(observations: Observations) -> Observations:
+    """The same with a row more for each reading that has an orientation, behind all others."""
+    measured = _measured(observations)
+    if not len(measured):
+        return observations
+    n, sessions = observations.n, np.unique(observations.session[measured])
+    own = np.searchsorted(sessions, observations.session[measured])
+    all_rows = observations.rows(np.concatenate([np.arange(n), measured]))
+    behind = np.arange(n, n + len(measured))
+    target, truth = all_rows.target.copy(), all_rows.truth_mm.copy()
+    target[behind], truth[behind] = len(observations.target_names) + own, np.nan
+    names = [f"{observations.session_names[s]}/orientation" for s in sessions.tolist()]
+    turned = np.arange(all_rows.n) >= n
+    k = len(sessions)
+    return replace(
+        all_rows,
+        target=target,
+        truth_mm=truth,
+        turned=turned,
+        target_names=[*observations.target_names, *names],
+        kind=np.append(observations.kind, np.full(k, TURN)),
+        position_mm=np.vstack([observations.position_mm, np.full((k, 3), np.nan)]),
+        uncertainty_mm=np.append(observations.uncertainty_mm, np.zeros(k)),
+        certificate=np.append(
+            observations.certificate, observations.certificate.max(initial=0) + 1 + np.arange(k)
+        ),
+        target_session=np.append(observations.target_session, sessions),
+    )
+
+
+def with_orientation_rows(observations: Observations, rows: Mask) -> Mask:
+    """The chosen *rows* (n,) of the observations, and their orientations behind all others."""
+    return np.append(rows, rows[_measured(observations)])
+
+
+def _measured(observations: Observations) -> I64:
+    """Rows that have an orientation."""
+    return np.flatnonzero(np.isfinite(observations.measured_turn[:, 0, 0]))
+
+
+def observe(q: F64, rows: F64, turned: Mask) -> F64:
+    """What readings measure (n, 3) mm, base frame, by angles (n, N) and parameters (n, P): the tip,
+    or of *turned* (n,) the last frame's rotation vector at its lever."""
+    position, rotation = forward(q, rows)
+    if turned.any():
+        position = position.copy()
+        position[turned] = TURN_MM * Rotation.from_matrix(rotation[turned]).as_rotvec()
+    return position
+
+
+def turn_columns(q: F64, rows: F64) -> F64:
+    """d rotation vector / d parameter (n, 3, P) of the last frame, base frame, at the lever.
+
+    By how the tips of the frame's three unit vectors move.
+    """
+    at = ParameterLayout.of(rows.shape[1]).tip
+    without = rows.copy()
+    without[:, at] = 0.0
+    origin, columns = jacobian(q, without)
+    turned = np.zeros_like(columns)
+    for axis in np.eye(3):
+        without[:, at] = axis
+        end, moved = jacobian(q, without)
+        turned += 0.5 * np.cross((end - origin)[:, :, None], moved - columns, axis=1)
+    turned[:, :, at] = 0.0
+    scaled: F64 = TURN_MM * turned
+    return scaled

@@ -1,0 +1,56 @@
+"""Surfaces among an artefact's targets, each in a placement of its own.
+
+Where a surface stands is unknown in each placement of the artefact, apart from all else there. So
+its readings have a placement of their own, in whose frame the surface stands still: a plane at a
+height, a sphere about the origin, a cylinder about z. What a placement may do without moving the
+surface (a turn about a sphere's centre) no reading tells, and the fit takes nothing for it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import I64
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_format import Artefact, SurfaceKind
+
+#: What stands at a target's number; a turn is how a body on the last link is turned.
+POINT, PLANE, SPHERE, CYLINDER, TURN = range(5)
+_KINDS: dict[SurfaceKind, int] = {"plane": PLANE, "sphere": SPHERE, "cylinder": CYLINDER}
+#: How many directions of a placement move what stands there.
+FREEDOM = {POINT: 6, PLANE: 3, SPHERE: 3, CYLINDER: 4}
+
+
+def kinds_of(artefact: Artefact) -> I64:
+    """Return what each target of *artefact* (K,) is."""
+    kinds = [_KINDS[surface.kind] for surface in artefact.surfaces]
+    return np.array([POINT] * len(artefact.targets) + kinds, dtype=np.int64)
+
+
+def own_placements(session: Session) -> tuple[list[str], I64]:
+    """Return the names of a session's placements, and each reading's placement (n,).
+
+    Each surface has one of its own beside those of the session, wherever it was touched; parallel
+    planes that certified lengths tie share it. It bears the name of the session's placement.
+    """
+    if not session.artefact.surfaces:
+        return session.placement_names, session.placement
+    body = _bodies(session.artefact)[session.target]
+    body = np.where(np.isfinite(session.truth_mm[:, 0]), -1, body)
+    pairs, own = np.unique(np.stack([session.placement, body], axis=1), axis=0, return_inverse=True)
+    number = np.empty(len(pairs), dtype=np.int64)
+    surfaces = pairs[:, 1] >= 0
+    names = session.placement_names
+    number[~surfaces] = pairs[~surfaces, 0]
+    number[surfaces] = len(names) + np.arange(int(surfaces.sum()))
+    return [*names, *(names[p] for p in pairs[surfaces, 0])], number[own.reshape(-1)]
+
+
+def _bodies(artefact: Artefact) -> I64:
+    """(K,) of each surface the first one that it hangs together with; -1 of a point."""
+    names = artefact.target_names
+    body = np.where(kinds_of(artefact) == POINT, -1, np.arange(len(names)))
+    for distance in artefact.distances:
+        one, other = body[[names.index(name) for name in distance.between]]
+        body[(body == max(one, other)) & (body >= 0)] = min(one, other)
+    return body

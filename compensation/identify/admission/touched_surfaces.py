@@ -1,0 +1,124 @@
+"""Refuse surfaces that were touched at too few or too near places to say where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.data.session import Session
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.surface_kinds import CYLINDER, FREEDOM, PLANE
+from armd.compensation.estimate.surfaces import LEAST_COSINE, mean_cosines
+from armd.errors import BadInput
+from armd.terminal.counted import counted
+
+#: Places on a plane, and along a cylinder, spread by at least this (RMS, mm) in their narrower
+#: direction: under a drawing, one spot touched from many sides seems to spread by half of it.
+LEAST_SPREAD_MM = 2.0
+#: Places that spread by less than this (mm) are one spot, too, if they lie in a cloud and not in a
+#: plane: off it by half as much. A bad drawing makes such a cloud of a spot.
+SPOT_MM = 5.0
+#: Normals of a sphere spread by at least this (RMS) in each of two directions: those of a cap of
+#: 25° about its pole do. Around a cylinder those of an arc of 50° do.
+LEAST_TURN = 0.2
+#: No more than this of the shaft along the normals leaves open which side it comes from.
+LEAST_SHAFT = 0.05
+
+
+def require_surfaces(
+    sessions: Sequence[Session], observations: Observations, poses: Poses, position_mm: F64
+) -> None:
+    """Raise `BadInput` for a surface that its readings do not place.
+
+    *poses* and *position_mm* (n, 3), base frame: of any model that is near enough.
+    """
+    if not observations.on_surface.any():
+        return
+    normal = poses.normals(observations, position_mm)
+    every = np.flatnonzero(observations.on_surface)
+    of_placement = observations.placement[every]
+    for p in np.unique(of_placement):
+        rows = every[of_placement == p]
+        kind = int(observations.kind[observations.target[rows[0]]])
+        if fault := _fault(observations, rows, kind, position_mm[rows], normal[rows]):
+            raise _refusal(sessions, observations, rows, *fault)
+    for k in np.unique(observations.target[every]):
+        rows = every[observations.target[every] == k]
+        if _needs_side(observations, int(k)) and (
+            fault := _no_side(observations, rows, normal[rows])
+        ):
+            raise _refusal(sessions, observations, rows, *fault)
+
+
+def _fault(
+    observations: Observations, rows: I64, kind: int, position: F64, normal: F64
+) -> tuple[str, str] | None:
+    """What was found and expected, if the readings *rows* (m,) do not place their surface."""
+    target = observations.target[rows]
+    parts = [target == k for k in np.unique(target)]
+    least = FREEDOM[kind] + int(kind == CYLINDER) + len(parts) - 1
+    least += int(kind != PLANE and observations.unknown[target[0]])
+    if len(rows) < least:
+        return counted(len(rows), "reading"), f"at least {least} on this surface"
+    if kind == PLANE:
+        off = np.concatenate([position[own] - position[own].mean(axis=0) for own in parts])
+        wide, narrow, thin = _spread(off)
+        if narrow < LEAST_SPREAD_MM or (narrow < SPOT_MM and thin > 0.5 * narrow):
+            where = "at one spot" if wide < SPOT_MM else "along one line"
+            found = f"a plane touched {where} ({wide:.2g} mm × {narrow:.2g} mm RMS)"
+            return found, f"places that spread by {LEAST_SPREAD_MM:g} mm RMS in both directions"
+        return None
+    turned = _spread(normal - normal.mean(axis=0))
+    if kind == CYLINDER:
+        axis = np.linalg.svd(normal)[2][2]
+        off = position - position.mean(axis=0)
+        thin, across = float(_spread(off)[2]), np.linalg.svd(off)[2][2]
+        # A circle lies on a cylinder that leans either way, too.
+        along = thin if abs(axis @ across) > np.sqrt(0.5) else float(np.std(position @ axis))
+        if along < LEAST_SPREAD_MM:
+            found = f"a cylinder touched around one circle ({along:.2g} mm RMS along it)"
+            return found, f"places that spread by {LEAST_SPREAD_MM:g} mm RMS along it"
+        if turned[0] < LEAST_TURN:
+            return "a cylinder touched along one line", "places around it"
+        return None
+    if turned[1] < LEAST_TURN:
+        widest = np.degrees(np.arccos(np.clip(normal @ normal.T, -1.0, 1.0))).max()
+        found = f"a sphere touched on one cap or arc (normals within {widest:.0f}°)"
+        return found, "places all over the half that is within reach"
+    return None
+
+
+def _needs_side(observations: Observations, target: int) -> bool:
+    """Whether it counts on which side of a surface the tip's radius lies."""
+    tied = bool(np.isin(target, observations.distances.between))
+    return tied or (observations.kind[target] != PLANE and not observations.unknown[target])
+
+
+def _no_side(observations: Observations, rows: I64, normal: F64) -> tuple[str, str] | None:
+    approach, shaft = mean_cosines(observations, rows, normal)
+    if abs(approach) >= LEAST_COSINE or abs(shaft) >= LEAST_SHAFT:
+        return None
+    return (
+        "a shaft along the surface, on neither side of it",
+        "approach_x, approach_y, approach_z, which say from which side it was touched",
+    )
+
+
+def _spread(points: F64) -> F64:
+    """RMS (3,) of centred points (n, 3) along their principal directions, the largest first."""
+    spread: F64 = np.linalg.svd(points, compute_uv=False) / np.sqrt(len(points))
+    return np.append(spread, np.zeros(3))[:3]
+
+
+def _refusal(
+    sessions: Sequence[Session], observations: Observations, rows: I64, found: str, expected: str
+) -> BadInput:
+    i = int(rows[0])
+    placement = observations.placement_names[observations.placement[i]].rpartition("/")[2]
+    names = [observations.target_names[k] for k in np.unique(observations.target[rows])]
+    own = " and ".join(name.rpartition("/")[2] for name in names)
+    session = sessions[int(observations.session[i])]
+    return BadInput(session.path, f"surface {own}, placement {placement}", found, expected)

@@ -1,0 +1,66 @@
+"""What orientations of a measured body add to readings of its place."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from armd.compensation.estimate.gauge import unidentifiable
+from armd.compensation.estimate.observations import TURN_MM
+from armd.compensation.identify.fit import Identification
+from armd.terminal.counted import counted
+
+
+@dataclass(frozen=True)
+class OrientationGain:
+    """Of a fit with orientations, beside the same without them."""
+
+    readings: int
+    standard_deviation_rad: float  # of one orientation, per axis
+    rank: int
+    rank_without: int
+    added: tuple[str, ...]  # combinations that only the orientations determine
+    uncertainty_ratio: float  # with to without, the geometric mean over all known directions
+
+    def as_json(self) -> dict[str, Any]:
+        """As `armd calibrate --json` has it."""
+        return {**asdict(self), "added": list(self.added)}
+
+    def in_words(self) -> str:
+        noise = f"{np.degrees(self.standard_deviation_rad):.2g}° per axis"
+        words = (
+            f"{counted(self.readings, 'orientation')} ({noise}) raise the rank from"
+            f" {self.rank_without} to {self.rank}"
+            if self.rank > self.rank_without
+            else f"{counted(self.readings, 'orientation')} ({noise}) leave the rank at {self.rank}"
+        )
+        return f"{words}; uncertainties are {self.uncertainty_ratio:.2f} times those without them"
+
+
+def orientation_gain(found: Identification) -> OrientationGain | None:
+    """Return what the orientations of a fit add; None without any."""
+    observations = found.observations
+    turned = observations.turned
+    if not turned.any():
+        return None
+    scale, pull = found.solution.scale, -found.departure
+    whitening = np.where(turned[:, None, None], 0.0, found.alone.whitening)
+    without = replace(found.alone, whitening=whitening, whole=None).solve(scale, pull)
+    names, arm = found.unknowns.words(found.terms), observations.arm
+    open_with = set(unidentifiable(found.solution.null, names, arm))
+    known = without.directions[:, without.known]
+    variances = []
+    for solution in (found.solution, without):
+        scaled = solution.covariance(known[:, :0]) / np.outer(scale, scale)
+        variances.append(np.einsum("ck,ck->k", known, scaled @ known))
+    ratio = np.exp(0.5 * np.mean(np.log(variances[0] / variances[1]))) if known.size else np.nan
+    return OrientationGain(
+        readings=int(turned.sum()),
+        standard_deviation_rad=found.noise.turn_mm / TURN_MM,
+        rank=found.solution.rank,
+        rank_without=without.rank,
+        added=tuple(w for w in unidentifiable(without.null, names, arm) if w not in open_with),
+        uncertainty_ratio=float(ratio),
+    )
