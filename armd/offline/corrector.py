@@ -54,8 +54,8 @@ class Corrector(Displayed):
     approach_x …, time_s. It returns the same kind, of pyarrow, with `x_mm, y_mm, z_mm, u_x_mm,
     u_y_mm, u_z_mm, flags` appended: mm, standard uncertainties (k = 1), flags of `armd.Flag`.
     Rows must be in the order of time where temperatures are missing or lag. Nothing is kept from
-    call to call: put the rows that `lead_in` tells before a part of a longer table, and drop them
-    afterwards. It pickles with all it needs, and reads no file after it was made.
+    call to call: put the rows that `lead_in` returns before a part of a longer table, and drop
+    them afterwards. It pickles with all it needs, and reads no file after it was made.
 
     Raises `armd.BadInput` for files that do not fit together, and for a table that `armd correct`
     would refuse.

@@ -1,7 +1,7 @@
 """Tables of points that an arm published, as `armd record --lake` writes them.
 
-They hold joints and temperatures, so that they can be corrected again, and what was published: its
-columns give place to those of the new correction, its flags on the sample itself remain.
+They hold joints and temperatures, so that they can be corrected again, and the published points.
+A new correction replaces these; the flags that describe the sample itself are kept.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ FLAGS = "flags"
 STAMP = "stamp_ns"
 #: What is read of a recorded table besides the columns of readings.
 RECORDED_TYPES: dict[str, pa.DataType] = {STAMP: pa.int64(), FLAGS: pa.uint32()}
-#: What a new correction takes away: it appends its own.
+#: Columns that a new correction replaces.
 REPLACED = frozenset([*POSITION, *COVARIANCE, "u_x_mm", "u_y_mm", "u_z_mm", FLAGS])
-#: Flags that tell something of the sample, whatever it is corrected by.
+#: Flags that describe the sample, whatever corrects it.
 OF_SAMPLE = (
     Flag.INVALID
     | Flag.TEMPERATURE_STALE
@@ -60,6 +60,6 @@ def instants_s(readings: Readings) -> F64:
 
 
 def published_flags(readings: Readings) -> npt.NDArray[np.uint32]:
-    """Return those of the published flags (n,) that tell of the sample; none where missing."""
+    """Return the published flags (n,) that describe the sample; none where missing."""
     flags = readings.number(FLAGS)
     return np.where(np.isnan(flags), 0.0, flags).astype(np.uint32) & np.uint32(OF_SAMPLE)

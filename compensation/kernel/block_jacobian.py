@@ -81,7 +81,7 @@ def take_parameters(parameters: F64, n_joints: int, work: F64) -> None:
 
 @jit
 def block_jacobian(q: F64, start: int, m: int, parameters: F64, work: F64) -> None:
-    """Derivatives (3, W) of samples *start* … *start* + m − 1, in the rows that `row_of` tells."""
+    """Derivatives (3, W) of samples *start* … *start* + m − 1, in the rows of `row_of`."""
     n_joints = q.shape[1]
     flat = work.reshape(work.size)
     for k in range(n_joints):
@@ -113,27 +113,15 @@ def _step(work: F64) -> None:
     for i in range(W):
         st, ct, sa, ca = work[24 * W + i], work[25 * W + i], work[26 * W + i], work[27 * W + i]
         sb, cb = work[28 * W + i], work[29 * W + i]
-        x, y, z = work[15 * W + i], work[18 * W + i], work[3 * W + i]
-        x, y = ct * x + st * y, ct * y - st * x  # Rz
-        y, z = ca * y + sa * z, ca * z - sa * y  # Rx
-        work[6 * W + i], work[12 * W + i] = x, y
-        work[(ROWS + 15) * W + i] = cb * x - sb * z  # Ry
-        work[(ROWS + 18) * W + i] = y
-        work[(ROWS + 3) * W + i] = sb * x + cb * z
-        x, y, z = work[16 * W + i], work[19 * W + i], work[4 * W + i]
-        x, y = ct * x + st * y, ct * y - st * x  # Rz
-        y, z = ca * y + sa * z, ca * z - sa * y  # Rx
-        work[7 * W + i], work[13 * W + i] = x, y
-        work[(ROWS + 16) * W + i] = cb * x - sb * z  # Ry
-        work[(ROWS + 19) * W + i] = y
-        work[(ROWS + 4) * W + i] = sb * x + cb * z
-        x, y, z = work[17 * W + i], work[20 * W + i], work[5 * W + i]
-        x, y = ct * x + st * y, ct * y - st * x  # Rz
-        y, z = ca * y + sa * z, ca * z - sa * y  # Rx
-        work[8 * W + i], work[14 * W + i] = x, y
-        work[(ROWS + 17) * W + i] = cb * x - sb * z  # Ry
-        work[(ROWS + 20) * W + i] = y
-        work[(ROWS + 5) * W + i] = sb * x + cb * z
+        for axis in range(3):  # which LLVM writes out
+            r = axis * W + i
+            x, y, z = work[15 * W + r], work[18 * W + r], work[3 * W + r]
+            x, y = ct * x + st * y, ct * y - st * x  # Rz
+            y, z = ca * y + sa * z, ca * z - sa * y  # Rx
+            work[6 * W + r], work[12 * W + r] = x, y
+            work[(ROWS + 15) * W + r] = cb * x - sb * z  # Ry
+            work[(ROWS + 18) * W + r] = y
+            work[(ROWS + 3) * W + r] = sb * x + cb * z
 
 
 @inlined

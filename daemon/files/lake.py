@@ -30,7 +30,7 @@ from armd.files.writing import sync_folder, told, whole_file
 FILE_S = 30.0
 #: A point whose joints have not come so long after it has none: they were lost on the way.
 JOINTS_NS = 1_000_000_000
-#: `seq` and `stamp_ns`, with which points and joints begin: they tell which belong together.
+#: Points and joints begin with `seq` and `stamp_ns`, which match those that belong together.
 KEY_BYTES = 16
 LOCK = ".armd-lake.lock"
 

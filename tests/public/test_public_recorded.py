@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 import armd
-from armd.compensation.model.calibration import Calibration, save_calibration
 from armd.daemon.cli import main
-from support import synthetic
 from support.measured_arm import measured_arm
-from support.published import make_lake
+from support.published import make_lake, save_lagged
 
-NAMES = synthetic.arm().layout.names
-LAGGED = {"kind": "temperature", "weights": {"t2": 1.0}, "lag_s": 0.5}
 EPOCH = "1970-01-01T00:00:00Z"
 DAYS = ("2026-03-01", "2026-03-02")
 Files = tuple[Path, Path, Path]
@@ -28,17 +23,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
     """An arm, a calibration with a lag, and a lake of two days."""
     folder = tmp_path_factory.mktemp("recorded")
     measured = measured_arm(folder, readings=12)
-    truth = synthetic.disturbed(measured.arm, np.random.default_rng(4))
-    content = {
-        "arm": "SYN-1",
-        "created": "2026-01-01T00:00:00+00:00",
-        "reference_temperature_c": 20.0,
-        "temperature_range_c": {},
-        "constants": dict(zip(NAMES, truth.tolist(), strict=True)),
-        "terms": [{"parameter": "a_2", "coefficient": 1e-2, "basis": [LAGGED]}],
-        "noise": {"encoder_rad": [1e-6] * 6, "reading_mm": 2e-3, "temperature_c": 0.0},
-    }
-    save_calibration(folder / "cal.json", Calibration.model_validate(content))
+    save_lagged(folder / "cal.json", "SYN-1", 0.5, seed=4)
     make_lake(folder / "lake", "SYN-1", DAYS, 3000)
     return measured.arm_file, folder / "cal.json", folder / "lake"
 
@@ -75,7 +60,7 @@ def test_it_is_bit_for_bit_what_the_command_writes(files: Files, tmp_path: Path)
     assert corrector(written).equals(written)  # corrected again, it stays
 
 
-def test_what_the_flags_tell_of_a_sample_remains(files: Files) -> None:
+def test_flags_that_describe_the_sample_are_kept(files: Files) -> None:
     table = day(files).slice(0, 4)
     place = table.column_names.index("flags")
     flag = armd.Flag

@@ -11,21 +11,16 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 import armd
-from armd.compensation.model.calibration import Calibration, save_calibration
 from armd.daemon.cli import main
-from support import synthetic
 from support.measured_arm import measured_arm
-from support.published import make_lake
+from support.published import make_lake, save_lagged
 
 DOCS = Path(__file__).parents[2] / "docs"
-NAMES = synthetic.arm().layout.names
-LAGGED = {"kind": "temperature", "weights": {"t2": 1.0}, "lag_s": 0.01}
 SERIALS, DAYS = ("SYN-1", "SYN-2"), ("2026-03-01", "2026-03-02")
 
 
@@ -46,17 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         arm.mkdir(parents=True)
         measured = measured_arm(arm, readings=12)
         measured.arm_file.write_text(measured.arm_file.read_text().replace("SYN-1", serial))
-        truth = synthetic.disturbed(measured.arm, np.random.default_rng(number))
-        content = {
-            "arm": serial,
-            "created": "2026-01-01T00:00:00+00:00",
-            "reference_temperature_c": 20.0,
-            "temperature_range_c": {},
-            "constants": dict(zip(NAMES, truth.tolist(), strict=True)),
-            "terms": [{"parameter": "a_2", "coefficient": 1e-2, "basis": [LAGGED]}],
-            "noise": {"encoder_rad": [1e-6] * 6, "reading_mm": 2e-3, "temperature_c": 0.0},
-        }
-        save_calibration(arm / "calibration.json", Calibration.model_validate(content))
+        save_lagged(arm / "calibration.json", serial, 0.01, seed=number)
         make_lake(folder / "lake", serial, DAYS, 3000)
     for block in re.findall(r"```python\n(# (\w+\.py)\n.*?)```", page(), re.DOTALL):
         (folder / block[1]).write_text(block[0])

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from armd import POINT, joints_dtype
+from armd.compensation.model.calibration import Calibration, save_calibration
 from armd.daemon.files.lake import Lake
+from support import synthetic
 
 SECOND_NS = 1_000_000_000
 
@@ -35,6 +37,23 @@ def published(
     joints["angle_rad"] = np.cumsum(rng.normal(scale=1e-3, size=(n, n_joints)), axis=0)
     joints["rate_rad_s"] = rng.normal(size=(n, n_joints))
     return points, joints
+
+
+def save_lagged(path: Path, serial: str, lag_s: float, seed: int) -> None:
+    """A calibration of `synthetic.arm`, but for its serial number, in which a length lags."""
+    arm = synthetic.arm()
+    truth = synthetic.disturbed(arm, np.random.default_rng(seed)).tolist()
+    lagged = {"kind": "temperature", "weights": {"t2": 1.0}, "lag_s": lag_s}
+    content = {
+        "arm": serial,
+        "created": "2026-01-01T00:00:00+00:00",
+        "reference_temperature_c": 20.0,
+        "temperature_range_c": {},
+        "constants": dict(zip(arm.layout.names, truth, strict=True)),
+        "terms": [{"parameter": "a_2", "coefficient": 1e-2, "basis": [lagged]}],
+        "noise": {"encoder_rad": [1e-6] * 6, "reading_mm": 2e-3, "temperature_c": 0.0},
+    }
+    save_calibration(path, Calibration.model_validate(content))
 
 
 def payloads(rows: np.ndarray) -> list[bytes]:
