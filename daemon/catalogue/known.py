@@ -32,6 +32,7 @@ class Bus:
 #: name → its bus; None where armd has no driver
 KNOWN: dict[str, Bus | None] = {
     "so101": Bus("feetech", 1_000_000, (1, 2, 3, 4, 5), (2, 3, 4, 5, 6)),
+    "so100": Bus("feetech", 1_000_000, (1, 2, 3, 4, 5), (2, 3, 4, 5, 6)),
     "koch": Bus("dynamixel", 1_000_000, (1, 2, 3, 4, 5), (2, 3, 4, 5, 6)),
     "vx300s": Bus("dynamixel", 1_000_000, (1, 2, 4, 6, 7, 8), (2, 4, 6, 7, 8, 9)),
     "wx250s": Bus("dynamixel", 1_000_000, (1, 2, 4, 6, 7, 8), (2, 4, 6, 7, 8, 9)),

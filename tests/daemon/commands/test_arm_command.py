@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from urdf_numbers import DESCRIPTIONS, Description
+from urdf_numbers import DESCRIPTIONS, SO100, Description
 
 from armd.arrays import F64
 from armd.compensation.model.arm import load_arm
@@ -139,6 +139,29 @@ def test_the_geometry_is_the_descriptions(name: str, tmp_path: Path) -> None:
             assert found_deg == pytest.approx(expected, abs=0.006)
 
 
+def test_the_so100_is_its_description_from_another_zero(tmp_path: Path) -> None:
+    """Its joints turn as the description's from the pose where upper arm and forearm are square,
+    which is that of the SO-101 within what the two drawings differ by."""
+    arm = load_arm(_written("so100", tmp_path))
+    q = np.random.default_rng(3).uniform(-np.pi, np.pi, (100, 5))
+    origins, _ = frames(q, arm.nominal())
+    quarter = np.pi / 2
+    zero = np.array([0.0, 1.8, -quarter, 1 - quarter, 0.0])
+    for pose, tip_mm in zip(q, origins[:, -1], strict=True):
+        truth = _chain(SO100, pose + zero, False)[-1][:3, 3]
+        here = _turn(2, -quarter)[:3, :3] @ tip_mm + [0.0, -45.2, 0.0]
+        assert np.linalg.norm(truth - here) < 2e-9
+    for k, (joint, said) in enumerate(zip(arm.joint, SO100.joints, strict=True)):
+        assert said.limits is not None
+        low, high = np.degrees(np.array(said.limits) - zero[k])
+        assert (joint.min_deg, joint.max_deg) == pytest.approx((low, high), abs=0.001)
+    other = load_arm(_written("so101", tmp_path / ".."))
+    # Wrists at both zeros: the SO-101's drawing is 2.4 mm lower.
+    wrists = [frames(np.zeros((1, 5)), one.nominal())[0][0, 4] for one in (arm, other)]
+    assert np.linalg.norm(wrists[0] - wrists[1]) < 3.0
+    assert [one.direction for one in arm.joint] == [one.direction for one in other.joint]
+
+
 @pytest.mark.parametrize("name", KNOWN)
 def test_a_known_arm_is_valid_and_says_where_it_comes_from(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -164,7 +187,7 @@ def test_the_list_names_every_arm(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["arm", "list"]) == 0
     said = capsys.readouterr().out
     assert all(f"{name} " in said for name in [*KNOWN, "microscribe"])
-    assert set(DESCRIPTIONS) == set(KNOWN)
+    assert {*DESCRIPTIONS, "so100"} == set(KNOWN)  # which has a test of its own
 
 
 def test_a_port_makes_an_armd_toml_and_none_is_written_over(
@@ -194,8 +217,8 @@ def test_a_wrong_name_or_serial_number_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "arm.toml"
-    assert cli.main(["arm", "so100", "-o", str(path)]) == 2
-    assert "found 'so100', expected one of so101," in capsys.readouterr().err
+    assert cli.main(["arm", "so102", "-o", str(path)]) == 2
+    assert "found 'so102', expected one of so101," in capsys.readouterr().err
     assert cli.main(["arm", "so101", "-o", str(path), "--serial-number", "two words"]) == 2
     assert "--serial-number: serial_number: found 'two words'" in capsys.readouterr().err
     assert not path.exists()

@@ -56,6 +56,19 @@ def one(mass: float, *centre: float) -> Link:
     return Link(((mass, (x, y, z)),))
 
 
+#: TheRobotStudio/SO-ARM100, Simulation/SO100/so100.urdf
+SO100 = Description(
+    joints=(
+        Joint((0.0, -0.0452, 0.0165), (1.57079, 0.0, 0.0), Y, (-2.0, 2.0)),
+        Joint((0.0, 0.1025, 0.0306), (-1.8, 0.0, 0.0), X, (0.0, 3.5)),
+        Joint((0.0, 0.11257, 0.028), (1.57079, 0.0, 0.0), X, (-3.14158, 0.0)),
+        Joint((0.0, 0.0052, 0.1349), (-1.0, 0.0, 0.0), X, (-2.5, 1.2)),
+        Joint((0.0, -0.0601, 0.0), (0.0, 1.57079, 0.0), Y, (-3.14158, 3.14158)),
+    ),
+    tip=NONE,
+    base_mm=NONE,
+)
+
 #: TheRobotStudio/SO-ARM100, Simulation/SO101/so101_new_calib.urdf; the tip is its gripper frame
 SO101 = Description(
     joints=(
