@@ -30,10 +30,6 @@ class FoundNoise:
     repeat_mm: float = 0.0  # of a point, each axis
     drift_mm: float = 0.0  # of the base, each axis, from knot to knot
 
-    @property
-    def is_none(self) -> bool:
-        return not (self.encoder_rad or self.repeat_mm or self.drift_mm)
-
 
 def read_noise(path: Path) -> FoundNoise:
     """The noise in what `armd diagnose --json` wrote; raises `BadInput`.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import zlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,7 +23,13 @@ from armd.simulator.twin.files import read_twin
 from armd.simulator.twin.model import TwinModel, whole_turns
 from armd.simulator.twin.noise import FoundNoise, drift, read_noise, rests_of
 from armd.simulator.twin.placing import Touched, goals
-from armd.simulator.twin.session_files import SourceSession, read_session, touched_of
+from armd.simulator.twin.session_files import (
+    SourceSession,
+    certified_exactly,
+    draw_certificate_errors,
+    read_session,
+    touched_of,
+)
 from armd.terminal.counted import counted
 
 #: The joints turn until the tip is so close, in so many steps; terms change a step by a thousandth.
@@ -65,15 +72,20 @@ class Rows:
 
 
 def copy_session(
-    twin: TwinModel, session: SourceSession, noise: FoundNoise, rng: np.random.Generator
+    twin: TwinModel, session: SourceSession, noise: FoundNoise | None, seed: int
 ) -> Copied:
     """The session as the twin would have been measured in it; raises `BadInput` where a target is
-    out of its reach."""
+    out of its reach.
+
+    With *noise*, certified positions and lengths err by their standard uncertainties, too: they
+    are part of what a diagnosis expects of the noise.
+    """
     measured = session.angles(twin.arm)
     turns = whole_turns(measured, twin.arm.limits_rad)
     q = measured - 2 * np.pi * turns
     rows = Rows(twin, session)
-    touched, position_mm, lengths = touched_of(session, twin.calibration.artefact)
+    errors = certified_exactly if noise is None else draw_certificate_errors(seed)
+    touched, position_mm, lengths = touched_of(session, twin.calibration.artefact, errors)
     tip_mm = rows.stand(q).tip
     used = np.isfinite(tip_mm[:, 0])
     if not used.any():
@@ -81,7 +93,8 @@ def copy_session(
         raise BadInput(session.folder, session.table, found, "at least one")
     goal_mm = goals(touched, position_mm, lengths, tip_mm)
     shift_mm, encoder_rad = np.zeros_like(goal_mm), np.zeros_like(q)
-    if not noise.is_none:
+    if noise is not None:
+        rng = np.random.default_rng([seed, 0x7417, zlib.crc32(session.folder.name.encode())])
         freedom = _freedom(touched, np.isnan(position_mm[:, 0]), int(used.sum()))
         shift_mm, encoder_rad = _drawn(noise, freedom, session, (q, touched), rng)
     turned = _turn_to(rows, session, q, np.where(used[:, None], goal_mm + shift_mm, tip_mm))
@@ -150,10 +163,10 @@ def write_copy(options: argparse.Namespace, seed: int) -> int:
     """
     arm_path, source, output = options.arm, options.session_like, options.output
     check_output_folder(output)
-    noise = FoundNoise() if options.noise_from is None else read_noise(options.noise_from)
+    noise = None if options.noise_from is None else read_noise(options.noise_from)
     twin = TwinModel(*read_twin(arm_path, options.twin, source))
     session = read_session(source, twin.arm)
-    copied = copy_session(twin, session, noise, np.random.default_rng([seed, 0x7417]))
+    copied = copy_session(twin, session, noise, seed)
     head = NOTE + read_input(source / "session.toml").removeprefix(b"\xef\xbb\xbf")
     files = {output / session.table: copied.table, output / "session.toml": head}
     if output.is_dir():

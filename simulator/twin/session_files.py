@@ -9,7 +9,8 @@ import csv
 import io
 import math
 import tomllib
-from collections.abc import Mapping
+import zlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -106,14 +107,34 @@ def read_session(folder: Path, arm: ArmData) -> SourceSession:
     return SourceSession(folder, table, header, columns, file)
 
 
+#: (what is certified, its standard uncertainty in mm, how many numbers) → by how much it errs (n,)
+CertificateErrors = Callable[[str, float, int], F64]
+
+
+def certified_exactly(_: str, __: float, count: int) -> F64:
+    """A certificate without errors."""
+    return np.zeros(count)
+
+
+def draw_certificate_errors(seed: int) -> CertificateErrors:
+    """Errors by each standard uncertainty: the same for one certificate in all sessions."""
+
+    def draw(what: str, uncertainty_mm: float, count: int) -> F64:
+        rng = np.random.default_rng([seed, zlib.crc32(what.encode())])
+        return uncertainty_mm * rng.normal(size=count)
+
+    return draw
+
+
 def touched_of(
-    session: SourceSession, correction: Mapping[str, Any]
+    session: SourceSession, correction: Mapping[str, Any], errors: CertificateErrors
 ) -> tuple[Touched, F64, list[Length]]:
-    """What its rows were put to: certified positions (K, 3) mm (NaN: unknown) and lengths.
+    """What its rows were put to: true positions (K, 3) mm (NaN: unknown) and lengths.
 
     *correction*: a calibration's `artefact`, which holds where its name is among `artefacts`.
     """
     artefact = session.file["artefact"]
+    own, unsure = artefact["name"], "standard_uncertainty_mm"
     named = correction.get("artefacts") or [artefact["name"]]
     if artefact["name"] not in named:
         correction = {}
@@ -124,11 +145,17 @@ def touched_of(
     names = list(every)
     nowhere = [math.nan] * 3
     position_mm = np.array([certified.get(name) or nowhere for name in names], dtype=float)
+    for one_target in artefact.get("target", []):
+        error_mm = errors(f"{own}/{one_target['name']}", one_target.get(unsure, 0.0), 3)
+        position_mm[names.index(one_target["name"])] += error_mm
     for name, offset in correction.get("target_offset_mm", {}).items():
         if name in every:
             position_mm[names.index(name)] += offset
     lengths = [
-        Length((names.index(one), names.index(other)), float(d["length_mm"]))
+        Length(
+            (names.index(one), names.index(other)),
+            float(d["length_mm"] + errors(f"{own}/{one} to {other}", d.get(unsure, 0.0), 1)[0]),
+        )
         for d, (one, other) in zip(artefact.get("distance", []), ends, strict=True)
         if one in touched_names and other in touched_names
     ]

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import armd
 from armd.compensation.data.session import load_session
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.identify.evaluation.evaluate import evaluate
@@ -34,7 +35,6 @@ from support.synthetic import STARTED
 
 COUNTS = 1 << 20
 ROUNDS = 4
-NO_NOISE = FoundNoise()
 TERMS: list[dict[str, Any]] = [
     {"parameter": "theta_3", "basis": [{"kind": "sin", "joint": 3}], "coefficient": 4e-5},
     {"parameter": "theta_2", "basis": [{"kind": "side", "joint": 2}], "coefficient": 2e-5},
@@ -157,13 +157,13 @@ class Measured:
         }
         write_session(self.session, file, columns)
 
-    def copy(self, noise: FoundNoise = NO_NOISE, seed: int = 1) -> Path:
+    def copy(self, noise: FoundNoise | None = None, seed: int = 1) -> Path:
         """As the command does it, in this process."""
         calibration = load_calibration(self.cal_path).content.content()
         arm = arm_data(self.arm.model_dump(mode="json", by_alias=True, exclude_none=True))
         twin = TwinModel(arm, calibration_data(calibration, 6))
         source = read_session(self.session, arm)
-        copied = copy_session(twin, source, noise, np.random.default_rng(seed))
+        copied = copy_session(twin, source, noise, seed)
         out = self.folder / "copy"
         out.mkdir(exist_ok=True)
         (out / "readings.csv").write_bytes(copied.table)
@@ -351,3 +351,50 @@ def test_a_measured_session_is_not_written_over(
     assert main(command) == 2
     assert (measured.session / "readings.csv").read_bytes() == before
     assert "session" in capsys.readouterr().err
+
+
+#: Causes of four kinds: in an encoder, in a joint, by weight, by temperature.
+PLANTS = (
+    ("encoder_eccentricity@joint 3=1.5", "encoder_eccentricity", "joint 3"),
+    ("joint_backlash@joint 2=4", "joint_backlash", "joint 2"),
+    ("joint_compliance@joint 2=8", "joint_compliance", "joint 2"),
+    ("joint_thermal@joint 4=3", "joint_thermal", "joint 4"),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(("plant", "cause", "location"), PLANTS)
+def test_the_twin_of_an_extended_calibration_gives_the_same_findings(
+    plant: str, cause: str, location: str, tmp_path: Path
+) -> None:
+    healthy, sick, twin = tmp_path / "healthy", tmp_path / "sick", tmp_path / "twin"
+    assert main(["--session", "diagnosis", "-o", str(healthy), "--seed", "7"]) == 0
+    assert main(["--session", "diagnosis", "-o", str(sick), "--seed", "7", "--plant", plant]) == 0
+    arm = str(sick / "arm.toml")
+    old = armd.calibrate([str(f) for f in sorted(healthy.glob("session-*"))], arm)
+    old.save(str(tmp_path / "old.json"))
+    sessions = sorted(sick.glob("session-*"))
+    real = armd.diagnose([str(f) for f in sessions], arm, str(tmp_path / "old.json"))
+    found = [(f.cause, f.location) for f in real.findings]
+    assert (cause, location) in found
+    assert real.extended is not None
+    real.extended.save(str(tmp_path / "extended.json"))
+
+    (tmp_path / "d.json").write_text(json.dumps(real.to_dict()))
+    for session in sessions:
+        options = ["--twin", str(tmp_path / "extended.json"), "--arm", arm]
+        options += ["--noise-from", str(tmp_path / "d.json"), "--seed", "2"]
+        options += ["--session-like", str(session), "-o", str(twin / session.name)]
+        assert main(options) == 0
+    copies = [str(twin / session.name) for session in sessions]
+    exact = armd.evaluate(copies, arm, str(tmp_path / "extended.json"))
+    assert exact.rms_um == pytest.approx(real.baseline.noise_floor_um, rel=0.1)
+    again = armd.diagnose(copies, arm, str(tmp_path / "old.json"))
+    assert [(f.cause, f.location) for f in again.findings] == found
+    sizes = [{p.name: p for p in d.findings[found.index((cause, location))].parameters}
+             for d in (real, again)]  # fmt: skip
+    for name, size in sizes[0].items():
+        other = sizes[1][name]
+        off = abs(size.value - other.value)
+        assert off <= 5.0 * max(size.standard_uncertainty, other.standard_uncertainty), name
