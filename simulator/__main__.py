@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 
@@ -21,22 +21,28 @@ from armd.files.writing import write_whole
 from armd.simulator.canbus.device import CanArm
 from armd.simulator.canbus.timeline import GRID_HZ
 from armd.simulator.canbus.wires import BusEnd
+from armd.simulator.life import Life, begin_life
 from armd.simulator.live.device_clock import precise_timers
 from armd.simulator.live.led import OPERATOR, load_plan
-from armd.simulator.live.operator import Hand, Operator
-from armd.simulator.live.physics import Block, WarmUp, blocks
 from armd.simulator.live.prefetch import Prefetch
 from armd.simulator.live.pty_port import PtyPort
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.live.truth_log import FaultLog, TruthFile
 from armd.simulator.microscribe.arm import arm_toml as microscribe_arm_toml
 from armd.simulator.microscribe.device import MicroScribeDevice
-from armd.simulator.options import CAN_WIRES, PROGRAM, USAGE, check_places, parser, read_scenario
+from armd.simulator.options import (
+    CAN_WIRES,
+    PROGRAM,
+    USAGE,
+    check_places,
+    check_twin,
+    parser,
+    read_scenario,
+)
 from armd.simulator.serial.device import SerialDevice
 from armd.simulator.servobus.arm import N as SERVO_JOINTS
 from armd.simulator.servobus.arm import arm_toml as servo_arm_toml
 from armd.simulator.servobus.device import ServoBus
-from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import JOINTS, arm_toml
 from armd.terminal.loudness import heard, own_fault
 from armd.terminal.parser import Parser
@@ -80,7 +86,12 @@ def wired(options: argparse.Namespace) -> int:
     if options.check is not None:
         _check(options.check)
         return 0
+    check_twin(options)
     scenario = read_scenario(options)
+    if options.session_like is not None:
+        from armd.simulator.twin.session import write_copy  # the wire must not wait for it
+
+        return write_copy(options, scenario.seed)
     check_places(options)
     if options.operator and options.microscribe:
         wires = "--serial, --can or --servo"
@@ -107,6 +118,10 @@ def wired(options: argparse.Namespace) -> int:
 
 def run(scenario: Scenario, options: argparse.Namespace) -> int:
     """The arm on its wire, until its time is over or a signal ends it."""
+    lived: Life | None = None
+    if options.serial or options.can:
+        lived = begin_life(scenario, GRID_HZ if options.can else scenario.rate_hz, options)
+        scenario = scenario.model_copy(update={"serial_number": lived.serial_number})
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     precise_timers()
     with ExitStack() as cleanup:
@@ -131,20 +146,22 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
             print(port.path, flush=True)
             bus.run()
         elif options.serial:
-            physics = cleanup.enter_context(
-                closing(Prefetch(life(scenario, scenario.rate_hz, options)))
-            )
+            assert lived is not None
+            physics = cleanup.enter_context(closing(Prefetch(lived.blocks)))
             port = cleanup.enter_context(closing(PtyPort(options.link)))
             device = cleanup.enter_context(
-                closing(SerialDevice(scenario, physics, port, truth, log))
+                closing(SerialDevice(scenario, physics, port, truth, log, lived.electronics))
             )
             print(port.path, flush=True)
             device.run()
             port.drain(0.5)  # a port closed at once takes the last samples with it
         else:
-            physics = cleanup.enter_context(closing(Prefetch(life(scenario, GRID_HZ, options))))
+            assert lived is not None
+            physics = cleanup.enter_context(closing(Prefetch(lived.blocks)))
             wire = cleanup.enter_context(closing(can_wire(options)))
-            arm = cleanup.enter_context(closing(CanArm(scenario, physics, wire, truth, log)))
+            arm = cleanup.enter_context(
+                closing(CanArm(scenario, physics, wire, truth, log, lived.electronics))
+            )
             print(wire.address, flush=True)
             arm.run()
     return 0
@@ -164,25 +181,6 @@ def can_wire(options: argparse.Namespace) -> BusEnd:
     from armd.simulator.canbus.python_can import PythonCanWire
 
     return PythonCanWire(options.can, options.channel or CAN_WIRES[options.can])
-
-
-def life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) -> Iterator[Block]:
-    """The physics of a scenario, *rate_hz* times a second; raises `BadInput` for a plan or a plant
-    that cannot be."""
-    warm_up = None
-    if scenario.warm_up_k is not None:
-        warm_up = WarmUp(scenario.warm_up_k, scenario.warm_up_s or scenario.seconds or 20.0)
-    arm = TrueArm.default(scenario.seed, joints=scenario.joints or len(JOINTS))
-    if options.plant:
-        from armd.simulator.plants.live import planted  # the wire must not wait for it
-
-        arm = planted(arm, options.plant, scenario.seed)
-    hand: Hand = Operator(arm, scenario.seed)
-    if options.operator is not None:
-        from armd.simulator.live.led import LedOperator, load_plan
-
-        hand = LedOperator(arm, load_plan(options.operator), scenario.seed)
-    return blocks(arm, hand, rate_hz, scenario.ambient_c, warm_up)
 
 
 def sessions_parser() -> Parser:

@@ -32,7 +32,8 @@ FAULT_HELP = "faults, their usual duration in seconds and what they do:\n" + "\n
 
 USAGE = Usage(
     ("armd simulate --serial --seconds 60 --arm-out arm.toml",
-     "armd simulate --session calibration -o measured"),
+     "armd simulate --session calibration -o measured",
+     "armd simulate --twin cal.json --arm arm.toml --session-like measured/T20 -o rehearsal"),
     "simulator.md", "mm, °C, seconds; angles on the wire in counts, in sessions in rad",
 )  # fmt: skip
 
@@ -66,7 +67,30 @@ def parser() -> Parser:
         "--session", metavar="KIND", help="measured sessions instead: see --session KIND --help"
     )
     mode.add_argument(
+        "--session-like",
+        metavar="SESSION",
+        type=Path,
+        help="with --twin: the readings that it would have had in this session, written to -o",
+    )
+    mode.add_argument(
         "--check", metavar="FILE", type=Path, help="say what is wrong with a scenario"
+    )
+    twin = command.add_argument_group("a twin of a measured arm (docs/twin.md)")
+    twin.add_argument(
+        "--twin",
+        metavar="CAL.json",
+        type=Path,
+        help="the arm errs as this calibration says, all terms included; no noise unless asked for",
+    )
+    twin.add_argument("--arm", metavar="ARM.toml", type=Path, help="the arm of that calibration")
+    twin.add_argument(
+        "--noise-from",
+        metavar="DIAGNOSIS.json",
+        type=Path,
+        help="add the noise that armd diagnose --json found",
+    )
+    twin.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, help="folder of the session (--session-like)"
     )
     command.add_argument("--scenario", metavar="FILE", type=Path, help="TOML; options override it")
     # Options that are keys of a scenario, under the same name.
@@ -130,7 +154,10 @@ def parser() -> Parser:
         "--link", metavar="PATH", type=Path, help="a symbolic link to the port, kept at a replug"
     )
     command.add_argument(
-        "--truth", metavar="FILE", type=Path, help="true tip of every sample: <u8 seq, <f8 x, y, z"
+        "--truth",
+        metavar="FILE",
+        type=Path,
+        help="true tip of every sample: <u8 seq, <f8 x, y, z; to a .jsonl as lines of JSON",
     )
     command.add_argument(
         "--fault-log", metavar="FILE", type=Path, help="what was injected, JSON lines (stderr)"
@@ -176,9 +203,38 @@ def check_places(options: argparse.Namespace) -> None:
         "--truth": (options.truth, TRUTH),
         "--fault-log": (options.fault_log, FAULT_LOG),
     }
-    check_outputs(outputs, [options.scenario], options.force)
+    inputs = [options.scenario, options.twin, options.arm, options.noise_from]
+    check_outputs(outputs, inputs, options.force)
     if options.link is not None:
         check_folder(options.link.parent)
         if os.path.lexists(options.link) and not options.link.is_symlink():
             found = "no symbolic link"
             raise BadInput(options.link, "--link", found, "nothing, or a link that may be replaced")
+
+
+def check_twin(options: argparse.Namespace) -> None:
+    """Raise `BadInput` for options that a twin lacks, or that are for another arm."""
+    line = "command line"
+    if options.twin is None:
+        needed = {"--arm": options.arm, "--noise-from": options.noise_from}
+        needed["--session-like"] = options.session_like
+        for name, value in needed.items():
+            if value is not None:
+                raise BadInput(line, "--twin", "nothing", f"a calibration: {name} is for a twin")
+    elif options.arm is None:
+        raise BadInput(line, "--arm", "nothing", "the arm.toml of --twin")
+    if options.twin is not None:
+        others = {
+            "--microscribe": options.microscribe,
+            "--servo": options.servo,
+            "--plant": options.plant,
+            "--joints": options.joints,
+            "--serial-number": options.serial_number,
+            "--arm-out": options.arm_out,
+        }
+        for name, value in others.items():
+            if value:
+                raise BadInput(line, name, "it", "none with --twin: its arm.toml says what it is")
+    if (options.output is None) != (options.session_like is None):
+        name = "-o" if options.output is None else "--session-like"
+        raise BadInput(line, name, "nothing", "both: --session-like SESSION -o DIR")

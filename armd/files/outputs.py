@@ -69,6 +69,8 @@ def _is_settings(head: bytes) -> bool:
 
 
 def _is_truth(head: bytes) -> bool:
+    if re.match(rb'\{"seq": \d+, "position_mm": \[[^\]]*\]\}\n', head):
+        return True
     return b"\0" in head and not head.startswith((b"\x89MCAP", b"%PDF-"))
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from armd.compensation.data.points_only import require_points
 from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
 from armd.compensation.diagnose.diagnosis import Diagnosis as Details
+from armd.compensation.diagnose.predictive.curves import Comparison, compare
 from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
@@ -63,6 +64,11 @@ class Diagnosis(Displayed):
         return as_json(self.details, None)
 
     @cached_property
+    def comparisons(self) -> list[Comparison]:
+        """What the models leave beside what noise makes; drawn once. Not public."""
+        return compare(self.details)
+
+    @cached_property
     def findings(self) -> list[DiagnosisFinding]:
         """The findings in the order in which they were added; none if nothing is significant."""
         return [DiagnosisFinding(make_records(finding)) for finding in self._result["findings"]]
@@ -84,27 +90,35 @@ class Diagnosis(Displayed):
         return str(self._result["next_experiment"])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what `armd diagnose --json` writes, `extended_calibration` being None."""
-        return dict(self._result)
+        """Return what `armd diagnose --json` writes, `extended_calibration` being None.
+
+        `predictive` takes some seconds the first time: data sets are drawn and refitted.
+        """
+        return self._result | {"predictive": [one.as_json() for one in self.comparisons]}
 
     def plot(self, finding: int | None = None, *, ax: Axes | None = None) -> Figure:
         """Draw the diagnosis; return the matplotlib figure.
 
-        Without *finding*: the held-out 3-D RMS as one finding after another is added. With it, the
-        number of a finding (from 0): what the readings show of it, and the fitted effect; raises
-        `ValueError` for one that has no curve (moved artefacts, outliers). *ax*: axes to draw on.
+        Without *finding*: measured against simulated residuals, under the model under test and with
+        the findings. With it, the number of a finding (from 0): what the readings show of it, and
+        the fitted effect; raises `ValueError` for one that has no curve (moved artefacts,
+        outliers). *ax*: axes to draw on; without *finding* the residuals that leave their band
+        most under the model under test.
         """
+        from armd.compensation.report import predictive_plot
         from armd.compensation.report.drawing import one_drawing
-        from armd.compensation.report.gains import draw_gains
         from armd.compensation.report.signature_plot import draw_signature
 
         index = None if finding is None else self._place(finding)
+        if index is None and ax is None:
+            return predictive_plot.draw_overview(self.comparisons)
         figure, panel = one_drawing() if ax is None else (ax.get_figure(root=True), ax)
         assert figure is not None
-        if index is None:
-            draw_gains(panel, self._result)
-        else:
+        if index is not None:
             draw_signature(panel, self.details, index)
+        elif self.comparisons:
+            most = predictive_plot.most_outside(self.comparisons)
+            predictive_plot.draw_curve(panel, most, most.before, "model under test")
         return figure
 
     def report(self, path: PathText) -> None:
@@ -121,7 +135,8 @@ class Diagnosis(Displayed):
         from armd.compensation.report.diagnosis import diagnosis_report
         from armd.offline.pages import list_inputs
 
-        return diagnosis_report(self.details, result, list_inputs(self._arm, self._calibration))
+        files = list_inputs(self._arm, self._calibration)
+        return diagnosis_report(self.details, result, files, self.comparisons)
 
     def _place(self, finding: int) -> int:
         index = finding - len(self.details.touched)  # they are listed first

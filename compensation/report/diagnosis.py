@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.predictive.curves import Comparison
 from armd.compensation.diagnose.told.verdict import um
 from armd.compensation.report.drawing import one_drawing
 from armd.compensation.report.gains import draw_gains, name_finding
 from armd.compensation.report.page import Page
+from armd.compensation.report.predictive_plot import draw_overview, draw_rows, of_finding
 from armd.compensation.report.sessions import NOT_STATED, InputFile, origin
 from armd.compensation.report.signature_plot import signature_plot
 from armd.compensation.wording import ARC_SECOND, clock
@@ -33,19 +35,27 @@ RULE = (
 
 
 def diagnosis_report(
-    diagnosis: Diagnosis, result: dict[str, Any], files: Mapping[str, InputFile | None]
+    diagnosis: Diagnosis,
+    result: dict[str, Any],
+    files: Mapping[str, InputFile | None],
+    comparisons: Sequence[Comparison],
 ) -> str:
-    """The page; *result* is the diagnosis as its JSON has it, *files* arm and calibration."""
+    """The page; *result* is the diagnosis as its JSON has it, *files* arm and calibration;
+    *comparisons* as `predictive.curves.compare` makes them."""
     page = Page(f"Diagnosis of {diagnosis.arm.serial_number}")
     page.verdict(*headline(result), None)  # a cause is no limit that was kept or not
     page.text(RULE)
     _at_a_glance(page, diagnosis, result)
+    _measured_against_simulated(page, comparisons)
     touched = len(diagnosis.touched)  # they stand first among the findings
     for number, finding in enumerate(result["findings"][:touched], 1):
         page.heading(f"{number}. {name_finding(finding)}")
         page.text(finding["reading"])
     for index, finding in enumerate(result["findings"][touched:][: len(diagnosis.found)]):
         _finding(page, diagnosis, index, touched + index + 1, finding)
+        if shown := of_finding(comparisons, finding):
+            caption = f"What the simulation gets wrong over {shown.bins.variable}, before and after"
+            page.figure(draw_rows([shown]), caption)
     if diagnosis.outliers:
         page.heading("Readings that belong to no effect")
         page.table(
@@ -128,6 +138,24 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
             "Each bar has one finding more than the one before; whiskers: 95 % of its gain over "
             "that one."
         )
+
+
+def _measured_against_simulated(page: Page, comparisons: Sequence[Comparison]) -> None:
+    """What the simulation gets wrong stands out of the band; afterwards it lies inside."""
+    if not comparisons:
+        return
+    page.heading("Measured against simulated")
+    page.figure(
+        draw_overview(comparisons),
+        "Mean residual along a joint's motion, seconds of arc at that joint: of joint angles, "
+        "temperatures, time and placements what leaves its band most",
+    )
+    draws = min(comparisons[0].before.draws, comparisons[0].after.draws)
+    page.text(
+        f"Band: 95 % of {draws} data sets that the model gives by the noise found, each refitted "
+        "as the readings were; grey: some of them. A point outside of it is what the simulation "
+        "gets wrong; 5 % lie there by chance. p: share of the sets with as much outside."
+    )
 
 
 def _finding(

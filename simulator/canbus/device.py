@@ -13,7 +13,7 @@ from armd.simulator.canbus.parts import Encoder, Thermometer
 from armd.simulator.canbus.timeline import Instant, Timeline
 from armd.simulator.canbus.wires import BusEnd, Frame
 from armd.simulator.live.device_clock import DeviceClock
-from armd.simulator.live.electronics import COUNTS_PER_TURN, Electronics
+from armd.simulator.live.electronics import Electronics
 from armd.simulator.live.faults import Fault, Schedule
 from armd.simulator.live.physics import Block
 from armd.simulator.live.scenario import Scenario
@@ -40,6 +40,7 @@ class CanArm:
         wire: BusEnd,
         truth: TruthFile,
         log: FaultLog,
+        electronics: Electronics,
     ) -> None:
         self._scenario = scenario
         self._wire = wire
@@ -47,10 +48,10 @@ class CanArm:
         self._log = log
         self._timeline = Timeline(blocks)
         self._schedule = Schedule(scenario.fault, scenario.rate_hz)
-        self._electronics = Electronics(scenario.seed)
-        n_joints = len(self._timeline.at(0.0).encoder_rad)
-        self._encoders = [Encoder(k) for k in range(1, n_joints + 1)]
-        modules = -(-n_joints // can.CHANNELS_PER_MODULE)  # a sensor in each link
+        self._electronics = electronics
+        self._turns = electronics.parts.counts_per_turn
+        self._encoders = [Encoder(k, turn) for k, turn in enumerate(self._turns, 1)]
+        modules = -(-len(self._timeline.at(0.0).sensor_c) // can.CHANNELS_PER_MODULE)
         self._thermometers = [Thermometer(node) for node in can.TEMPERATURE_NODES[:modules]]
         self._nodes: list[SimulatedNode] = [*self._encoders, *self._thermometers]
         self._clock = DeviceClock(scenario.rate_hz, scenario.clock_ppm)
@@ -147,7 +148,7 @@ class CanArm:
         for fault in self._schedule.active:
             if fault.name == "count_jump":
                 encoder = self._encoders[fault.joint - 1]
-                encoder.count = int(encoder.count + fault.size) % COUNTS_PER_TURN
+                encoder.count = int(encoder.count + fault.size) % self._turns[fault.joint - 1]
         if now_ns >= self._next_temperature_ns:
             self._next_temperature_ns = now_ns + TEMPERATURE_NS
             self._measure_temperatures(instant)

@@ -9,6 +9,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.drivers.can import objects as can
 from armd.simulator.canbus.node import SimulatedNode
+from armd.simulator.live.electronics import COUNTS_PER_TURN
 
 EDS = files("armd.drivers.can") / "eds"
 
@@ -16,8 +17,9 @@ EDS = files("armd.drivers.can") / "eds"
 class Encoder(SimulatedNode):
     """Node k is the absolute encoder of joint k."""
 
-    def __init__(self, node_id: int) -> None:
+    def __init__(self, node_id: int, counts_per_turn: int = COUNTS_PER_TURN) -> None:
         self.count = 0
+        self._turn = counts_per_turn
         self.alarms = 0
         self.warnings = 0
         super().__init__(node_id, EDS / "encoder.eds", tpdos=1)
@@ -30,6 +32,8 @@ class Encoder(SimulatedNode):
                 return self.alarms
             case can.WARNINGS:
                 return self.warnings
+            case can.UNITS_PER_TURN | can.TOTAL_RANGE | can.PHYSICAL_RESOLUTION:
+                return None if self._turn == COUNTS_PER_TURN else self._turn  # the EDS has that
         return super().measured(index, sub_index)
 
 

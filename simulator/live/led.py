@@ -23,7 +23,7 @@ from armd.simulator.live.operator import Hand, Stretch
 from armd.simulator.measured import plan as visits
 from armd.simulator.measured.placement import Placement, place
 from armd.simulator.measured.poses import Reach, Unreachable, settle_on
-from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.arm import Movable
 from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.rotations import about
 
@@ -138,7 +138,7 @@ class LedOperator(Hand):
     """Follows a plan; the same way for the same *seed*."""
 
     def __init__(
-        self, arm: TrueArm, led: Led, seed: int, limits_rad: tuple[F64, F64] | None = None
+        self, arm: Movable, led: Led, seed: int, limits_rad: tuple[F64, F64] | None = None
     ) -> None:
         """*limits_rad* (N,) each: the demo arm's without. Raises `BadInput` for a target out of
         reach."""

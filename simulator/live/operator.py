@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from armd.arrays import F64
 from armd.simulator.truth import nominal
-from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.arm import Movable
 from armd.simulator.truth.effects.effect import Conditions
 
 SEATS = 8
@@ -28,6 +28,7 @@ MARGIN_RAD = np.radians(8.0)  # kept from every end stop
 COMFORTABLE_RAD = np.radians([0.0, 65.0, -95.0, 0.0, 50.0, 0.0])
 SPREAD_RAD = np.radians([45.0, 18.0, 20.0, 45.0, 25.0, 60.0])
 SEAT_TOLERANCE_MM = 1e-6
+MOST_TRIES = 500
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Stretch:
 class Hand:
     """Motion without end; ask for it in order of time."""
 
-    def __init__(self, arm: TrueArm, posture: F64) -> None:
+    def __init__(self, arm: Movable, posture: F64) -> None:
         """It begins with a rest in *posture* (N,) rad."""
         self._arm = arm
         self.first = Stretch(0.0, 1e-9, 1.5, posture, np.zeros_like(posture), np.inf)
@@ -99,15 +100,30 @@ class Hand:
         return peak_mm / tip_mm_s, peak_rad / joint_rad_s
 
 
+@dataclass(frozen=True)
+class Comfort:
+    """The postures (N,) rad that a hand likes, and the end stops that it keeps away from."""
+
+    middle: F64
+    spread: F64
+    low: F64
+    high: F64
+
+    @classmethod
+    def of_the_demo_arm(cls, joints: int) -> Comfort:
+        parts = nominal.parts(joints)
+        return cls(COMFORTABLE_RAD[parts], SPREAD_RAD[parts], *nominal.limits_rad(joints))
+
+
 class Operator(Hand):
     """From seat to seat, the same way for the same *seed*."""
 
-    def __init__(self, arm: TrueArm, seed: int) -> None:
+    def __init__(self, arm: Movable, seed: int, comfort: Comfort | None = None) -> None:
+        """*comfort*: the demo arm's without."""
         self._rng = np.random.default_rng([seed, 0x09E])
-        low, high = nominal.limits_rad(arm.n_joints)
-        parts = nominal.parts(arm.n_joints)
-        self._comfortable_rad, self._spread_rad = COMFORTABLE_RAD[parts], SPREAD_RAD[parts]
-        self._low, self._high = low + MARGIN_RAD, high - MARGIN_RAD
+        comfort = comfort or Comfort.of_the_demo_arm(arm.n_joints)
+        self._comfortable_rad, self._spread_rad = comfort.middle, comfort.spread
+        self._low, self._high = comfort.low + MARGIN_RAD, comfort.high - MARGIN_RAD
         self._arm = arm
         self._postures = [self._some_posture() for _ in range(SEATS)]
         cold = Conditions.at_rest(SEATS, arm.n_joints)
@@ -131,8 +147,9 @@ class Operator(Hand):
         return posture
 
     def _posture_at(self, seat: int, link_c: F64) -> F64:
-        """A new posture (N,) whose tip stands in the seat: Gauss–Newton from near the known one."""
-        while True:
+        """A new posture (N,) whose tip stands in the seat: Gauss–Newton from near the known one,
+        which it is where none is found."""
+        for _ in range(MOST_TRIES):
             away = 0.3 * self._rng.uniform(-1, 1, len(link_c)) * self._spread_rad
             guess = self._postures[seat] + away
             for _ in range(12):
@@ -144,6 +161,7 @@ class Operator(Hand):
             close = float(np.linalg.norm(self.seats_mm[seat] - tip)) < SEAT_TOLERANCE_MM
             if close and bool(np.all((guess > self._low) & (guess < self._high))):
                 return guess
+        return self._postures[seat]
 
     def _tip_and_jacobian(self, posture: F64, link_c: F64) -> tuple[F64, F64]:
         step = 1e-6

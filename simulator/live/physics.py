@@ -114,6 +114,18 @@ def blocks(
         )
 
 
+def in_blocks(life: Iterator[tuple[Step, F64]]) -> Iterator[Block]:
+    """Blocks of steps and the true tips (n, 3) mm in them, of an arm that shows its angles."""
+    while True:
+        some, tips = zip(*itertools.islice(life, STEPS), strict=True)
+        yield Block(
+            np.concatenate([step.phi for step in some]),
+            np.concatenate(tips),
+            np.concatenate([step.buttons for step in some]),
+            np.concatenate([step.sensor_c for step in some]),
+        )
+
+
 def steps(hand: Hand, heat: Heat, rate_hz: int) -> Iterator[Step]:
     """What hand and room do from time 0 on, `STEP_S` at a time; never ends."""
     n = max(1, round(STEP_S * rate_hz))

@@ -18,22 +18,37 @@ TRUTH = np.dtype([("seq", "<u8"), ("position_mm", "<f8", (3,))])
 
 
 class TruthFile:
-    """The true tip of every latch, sent or not, as records of `TRUTH`; None: not kept."""
+    """The true tip of every latch, sent or not; None: not kept.
+
+    Records of `TRUTH`, or, where the file's suffix is .jsonl, a line of JSON each.
+    """
 
     def __init__(self, path: Path | None) -> None:
         self._file: BinaryIO | None = None if path is None else path.open("wb")
+        self._lines = path is not None and path.suffix == ".jsonl"
 
     def append(self, seq: npt.NDArray[np.uint64], position_mm: F64) -> None:
         if self._file is None:
             return
-        rows = np.empty(len(seq), TRUTH)
-        rows["seq"], rows["position_mm"] = seq, position_mm
-        self._file.write(rows.tobytes())
+        self._file.write(_lines(seq, position_mm) if self._lines else _records(seq, position_mm))
         self._file.flush()
 
     def close(self) -> None:
         if self._file is not None:
             self._file.close()
+
+
+def _records(seq: npt.NDArray[np.uint64], position_mm: F64) -> bytes:
+    rows = np.empty(len(seq), TRUTH)
+    rows["seq"], rows["position_mm"] = seq, position_mm
+    return rows.tobytes()
+
+
+def _lines(seq: npt.NDArray[np.uint64], position_mm: F64) -> bytes:
+    rows = zip(seq.tolist(), position_mm.tolist(), strict=True)
+    return "".join(
+        json.dumps({"seq": number, "position_mm": tip}) + "\n" for number, tip in rows
+    ).encode()
 
 
 class FaultLog:

@@ -6,7 +6,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.simulator.truth import nominal
-from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.arm import Movable
 from armd.simulator.truth.effects.effect import Conditions, Posture
 
 #: Distance kept from every end stop, rad.
@@ -29,7 +29,7 @@ def tip_jacobian(posture: Posture) -> F64:
     return np.stack(columns, axis=2)
 
 
-def settle_on(arm: TrueArm, phi: F64, goal_mm: F64, conditions: Conditions) -> F64:
+def settle_on(arm: Movable, phi: F64, goal_mm: F64, conditions: Conditions) -> F64:
     """Angles (n, N) near *phi* with which the arm's true tip is at *goal_mm* (n, 3).
 
     Shortest steps of the rigid arm towards the goal; imperfections change the tip by so little
@@ -38,7 +38,7 @@ def settle_on(arm: TrueArm, phi: F64, goal_mm: F64, conditions: Conditions) -> F
     phi = phi.copy()
     for _ in range(12):
         rigid = arm.posture(phi, conditions)
-        way = goal_mm - (arm.tip(phi, conditions) if arm.effects else rigid.tip)
+        way = goal_mm - (rigid.tip if arm.is_rigid else arm.tip(phi, conditions))
         if np.abs(way).max() < CLOSE_MM:
             break
         jacobian = tip_jacobian(rigid)
@@ -53,12 +53,12 @@ class Reach:
 
     def __init__(
         self,
-        arm: TrueArm,
+        arm: Movable,
         rng: np.random.Generator,
         limits_rad: tuple[F64, F64] | None = None,
         size: int = 12000,
     ) -> None:
-        self._arm = arm.with_effects()
+        self._arm = arm.as_rigid()
         self._rng = rng
         low, high = nominal.limits_rad(arm.n_joints) if limits_rad is None else limits_rad
         self._low, self._high = low + MARGIN_RAD, high - MARGIN_RAD

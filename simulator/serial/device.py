@@ -11,7 +11,7 @@ from cobs import cobs
 
 from armd.drivers.serial import wire
 from armd.simulator.live.device_clock import DeviceClock
-from armd.simulator.live.electronics import BITS, Electronics
+from armd.simulator.live.electronics import Electronics
 from armd.simulator.live.faults import Schedule
 from armd.simulator.live.physics import Block
 from armd.simulator.live.pty_port import PtyPort
@@ -47,6 +47,7 @@ class SerialDevice:
         port: PtyPort,
         truth: TruthFile,
         log: FaultLog,
+        electronics: Electronics,
     ) -> None:
         self._scenario = scenario
         self._schedule = Schedule(scenario.fault, scenario.rate_hz)
@@ -54,12 +55,12 @@ class SerialDevice:
         self._truth = truth
         self._log = log
         self._rng = np.random.default_rng([scenario.seed, 0x5E1])
-        self._electronics = Electronics(scenario.seed)
+        self._electronics = electronics
         self._clock = DeviceClock(scenario.rate_hz, scenario.clock_ppm)
         self._early_ns = EARLY_NS if scenario.rate_hz <= SPIN_HZ else 0
         self._most = max(1, round(AT_ONCE_S * scenario.rate_hz))
         self._commands = wire.CobsSplitter()
-        self._line = SpoiltLine(self._schedule, self._rng)
+        self._line = SpoiltLine(self._schedule, self._rng, electronics.parts.counts_per_turn)
         self._mute = ""  # the fault that keeps the arm silent
         self._k = 0
         self._boot_k = 0
@@ -281,6 +282,6 @@ class SerialDevice:
             rate_hz=self._clock.rate_hz,
             boot_id=self._boot_id,
             serial_number=self._scenario.serial_number,
-            bits=(BITS,) * self._block.encoder_rad.shape[1],
+            bits=self._electronics.parts.bits,
         )
         self._port.write(self._line.whole(wire.encode_hello(hello)))

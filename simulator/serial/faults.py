@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from armd.arrays import F64
 from armd.drivers.serial import wire
-from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.live.faults import Fault, Schedule
 
 
@@ -14,8 +15,11 @@ class SpoiltLine:
     """The line as the faults of the moment leave it; *torn* while the last packet lacks its
     delimiter, with which the next one is lost."""
 
-    def __init__(self, schedule: Schedule, rng: np.random.Generator) -> None:
+    def __init__(
+        self, schedule: Schedule, rng: np.random.Generator, counts_per_turn: Sequence[int]
+    ) -> None:
         self.torn = False
+        self._turns = counts_per_turn
         self._schedule = schedule
         self._rng = rng
 
@@ -29,7 +33,7 @@ class SpoiltLine:
         arrives)."""
         row = row.copy()
         for fault in self._schedule.active:
-            at_latch(fault, row)
+            at_latch(fault, row, self._turns)
         whole = packet = wire.pack(row.tobytes())
         lost_by = "truncated_packet" if self.torn else ""
         for fault in self._schedule.active:
@@ -54,14 +58,16 @@ class SpoiltLine:
         return packet
 
 
-def at_latch(fault: Fault, sample: np.void) -> None:
-    """Spoil a SAMPLE's body, in place."""
+def at_latch(fault: Fault, sample: np.void, counts_per_turn: Sequence[int]) -> None:
+    """Spoil a SAMPLE's body, in place; *counts_per_turn* (N,)."""
     joint = fault.joint - 1
     match fault.name:
         case "joint_invalid":
             sample["joint_status"] |= 1 << joint
         case "count_jump":
-            sample["count"][joint] = (int(sample["count"][joint]) + fault.size) % COUNTS_PER_TURN
+            sample["count"][joint] = (int(sample["count"][joint]) + fault.size) % counts_per_turn[
+                joint
+            ]
 
 
 def in_sensors(fault: Fault, celsius: F64) -> None:

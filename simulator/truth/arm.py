@@ -7,6 +7,7 @@ that expand, bend and ride on imperfect bearings.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -14,6 +15,34 @@ from armd.arrays import F64
 from armd.simulator.truth import nominal
 from armd.simulator.truth.effects.effect import Conditions, Effect, Masses, Posture, SmallMotion
 from armd.simulator.truth.rotations import about, tilt_x_y, turn_z
+
+
+class Movable(Protocol):
+    """An arm that a hand can move: angles in, its true tip out."""
+
+    @property
+    def n_joints(self) -> int: ...
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether `posture` already has the true tip."""
+        ...
+
+    def encoder_angles(self, phi: F64, conditions: Conditions) -> F64:
+        """What ideal encoders show (n, N) rad for angles *phi* (n, N) rad."""
+        ...
+
+    def tip(self, phi: F64, conditions: Conditions) -> F64:
+        """The true tip (n, 3) mm, base frame."""
+        ...
+
+    def posture(self, phi: F64, conditions: Conditions) -> Posture:
+        """Frames that the tip moves with, to a thousandth."""
+        ...
+
+    def as_rigid(self) -> Movable:
+        """One that is quick to ask and reaches about the same places."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -83,6 +112,14 @@ class TrueArm:
     @property
     def n_joints(self) -> int:
         return len(self.rows)
+
+    @property
+    def is_rigid(self) -> bool:
+        return not self.effects
+
+    def as_rigid(self) -> TrueArm:
+        """The same arm without its imperfections."""
+        return self.with_effects()
 
     def with_effects(self, *effects: Effect) -> TrueArm:
         """The same arm with these imperfections and no others."""

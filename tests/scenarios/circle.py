@@ -4,8 +4,10 @@
 
 A calibrated arm; then a fault that nobody is told of. A simulated operator touches seats and balls
 as `armd measure` asks for them: the verification fails, the artefact's diagnosis names the cause,
-its extended calibration is reloaded into the running daemon, and the verification passes. Exit
-code 1 where one of these is not so.
+its extended calibration is reloaded into the running daemon, and the verification passes. At last
+the arm's twin, which errs as the extended calibration says, stands in its place under the old one:
+it fails the verification as the arm did, and errs on the artefact by as much. Exit code 1 where one
+of these is not so.
 """
 
 from __future__ import annotations
@@ -121,6 +123,7 @@ class Circle:
             self._endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
         self._began_s = time.monotonic()
         self._boots = 0
+        self._errs_by = ["--plant", FAULT]  # the arm; later its twin
 
     def run(self) -> dict[str, Any]:
         """Figures of the circle; printed as they come."""
@@ -143,6 +146,9 @@ class Circle:
             shutil.copyfile(folder / "beam" / "extended.json", folder / "calibration.json")
             self._say(_armd("reload", "--endpoint", self._endpoint).strip())
             figures["after"] = self._verified("after", mpe)
+            self._be_the_twin()
+            figures["twin"] = self._verified("twin", mpe)
+        figures["beam"] = self._beam_errors()
         figures["seconds"] = time.monotonic() - self._began_s
         self._say("the circle is closed" if closed(figures) else "THE CIRCLE IS NOT CLOSED")
         return figures
@@ -154,6 +160,7 @@ class Circle:
         sessions = sorted(str(path.parent) for path in measured.glob("*/session.toml"))
         arm, out = str(measured / "arm.toml"), str(self._folder / "calibration.json")
         _armd("calibrate", *sessions, "--arm", arm, "-o", out, "--thermal", "1")
+        shutil.copyfile(out, self._folder / "healthy.json")
         shutil.copyfile(arm, self._folder / "arm.toml")
         self._say(f"calibrated when it was healthy, from {len(sessions)} sessions; then: {FAULT}")
 
@@ -170,9 +177,9 @@ class Circle:
 
     @contextmanager
     def _arm(self, plan: str, seconds: float = 600.0) -> Iterator[subprocess.Popen[str]]:
-        """The arm with its fault, in the hands of an operator who follows *plan*."""
+        """The arm with its fault, or its twin, in the hands of an operator who follows *plan*."""
         options = ["--serial", "--link", str(self._folder / "port"), "--seed", self._seed]
-        options += ["--rate", "250", "--seconds", str(seconds), "--plant", FAULT]
+        options += ["--rate", "250", "--seconds", str(seconds), *self._errs_by]
         options += ["--operator", str(self._folder / plan)]
         # A simulator of one seed boots as the same device each time: were its samples numbered
         # from 0 again, the daemon would take them for repeated ones.
@@ -216,6 +223,32 @@ class Circle:
         self._say(f"verification {name}: {verdict['verdict']} ({shown}; limit 30 µm)")
         return {"code": code, **worst}
 
+    def _be_the_twin(self) -> None:
+        """From here on the twin is at the port, and the daemon has the old calibration again."""
+        folder = self._folder
+        self._twin = ["--twin", str(folder / "beam" / "extended.json")]
+        self._twin += ["--arm", str(folder / "arm.toml")]
+        self._twin += ["--noise-from", str(folder / "beam" / "diagnose.json")]
+        self._errs_by = self._twin
+        shutil.copyfile(folder / "healthy.json", folder / "calibration.json")
+        self._say(_armd("reload", "--endpoint", self._endpoint).strip())
+        self._say("the arm's twin in its place, under the old calibration")
+
+    def _beam_errors(self) -> dict[str, float]:
+        """3-D RMS in µm on the beam, under the old calibration: of the arm, and of its twin."""
+        folder = self._folder
+        like, twin = str(folder / "beam"), str(folder / "beam-twin")
+        _simulated(*self._twin, "--session-like", like, "-o", twin, "--seed", self._seed)
+        errors = {}
+        for name, session in (("arm", like), ("twin", twin)):
+            result = folder / f"evaluate-{name}.json"
+            options = ["--calibration", str(folder / "healthy.json"), "--json", str(result)]
+            _armd("evaluate", session, "--arm", str(folder / "arm.toml"), *options)
+            errors[name] = float(json.loads(result.read_text())["rms_um"])
+        shown = ", ".join(f"{name} {error:.1f} µm" for name, error in errors.items())
+        self._say(f"beam under the old calibration, 3-D RMS: {shown}")
+        return errors
+
     def _diagnosed(self) -> dict[str, Any]:
         result = json.loads((self._folder / "beam" / "diagnose.json").read_text())
         for finding in result["findings"]:
@@ -233,10 +266,13 @@ class Circle:
 
 
 def closed(figures: dict[str, Any]) -> bool:
-    """Whether it failed before, the cause was named, and it passed afterwards."""
-    diagnosis = figures["diagnosis"]
+    """Whether it failed before, the cause was named, and it passed afterwards; and whether the twin
+    failed, and errs on the beam as the arm does, to 5 %."""
+    diagnosis, beam = figures["diagnosis"], figures["beam"]
     named = (diagnosis["cause"], diagnosis["location"]) == (CAUSE, LOCATION)
-    return figures["before"]["code"] == 1 and named and figures["after"]["code"] == 0
+    codes = [figures[name]["code"] for name in ("before", "after", "twin")]
+    alike = abs(beam["twin"] / beam["arm"] - 1.0) < 0.05
+    return named and codes == [1, 0, 1] and alike
 
 
 def _armd(*arguments: str) -> str:

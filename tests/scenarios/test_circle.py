@@ -13,3 +13,5 @@ def test_the_circle_closes(tmp_path, monkeypatch):
     assert figures["diagnosis"]["probability"] > 0.9
     # What was wrong is mended, not merely below the limit.
     assert figures["after"]["SPAT max δ"] < figures["before"]["SPAT max δ"] / 3
+    # The twin errs by as much as the arm does, in other postures.
+    assert 0.5 < figures["twin"]["SPAT max δ"] / figures["before"]["SPAT max δ"] < 2.0

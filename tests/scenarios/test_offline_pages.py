@@ -18,6 +18,7 @@ PAGES = {
     "verify": ("calibration.json", "verify.html"),
     "offline": ("points.csv",),
     "model": ("corrected.urdf", "corrections.csv", "corrections.json", "commands.csv"),
+    "twin": ("extended.json", "twin/session-8/readings.csv", "again.json", "truth.jsonl"),
     "diagnosis": ("diagnosis.html", "extended.json", "poses.csv", "poses.html"),
 }
 

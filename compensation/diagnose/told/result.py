@@ -56,6 +56,10 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             else [],
             "by_target": [asdict(one) for one in _few(target_steps(diagnosis.search.last))],
         },
+        "noise": {
+            name: float(getattr(diagnosis.search.last.noise, name))
+            for name in ("encoder_rad", "repeat_mm", "drift_mm")
+        },
         "readings": {"told": list(diagnosis.told)},
         "skipped": list(diagnosis.skipped),
         "verdict": verdict(diagnosis),

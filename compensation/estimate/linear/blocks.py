@@ -140,11 +140,13 @@ class Blocks:
         return found
 
     def times(self, amplitudes: F64) -> F64:
-        """(N,) the columns times amplitudes (m,)."""
-        at_rests = np.zeros((self.n, 3))
+        """(N, …) the columns times amplitudes (m, …)."""
+        sets = amplitudes.shape[1:]
+        at_rests = np.zeros((self.n, 3, *sets))
         for piece in self.pieces:
             at_rests[piece.rests] = piece.values @ amplitudes[piece.columns]
-        return np.concatenate([at_rests.ravel(), self.distances @ amplitudes])
+        by_row = at_rests.reshape(3 * self.n, *sets)
+        return np.concatenate([by_row, self.distances @ amplitudes])
 
     def across(self, others: F64) -> F64:
         """Products (m, …) with other columns (N, …)."""

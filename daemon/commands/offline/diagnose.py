@@ -11,6 +11,7 @@ from typing import Any
 from rich.table import Table
 
 from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.model.calibration import save_calibration
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
@@ -52,7 +53,9 @@ def run(args: argparse.Namespace) -> int:
         diagnosis = diagnose(
             args.session, arm, calibration, args.holdout or None, progress=told, command=command
         )
-    result = diagnosis.to_dict() | {"extended_calibration": args.extended}
+    result = as_json(diagnosis.details, args.extended)
+    if args.json:  # data sets are drawn for it, which takes seconds
+        result = diagnosis.to_dict() | {"extended_calibration": args.extended}
     if args.extended:
         save_calibration(args.extended, diagnosis.details.extended)
     write_pages(args, lambda: diagnosis.page(result))

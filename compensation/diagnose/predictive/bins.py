@@ -1,0 +1,112 @@
+"""What residuals are laid out over: a variable's bins, each with rests of like values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.diagnose.problem.linear import Rests
+
+#: No bin of an angle is wider.
+WIDEST_DEG = 10.0
+#: Bins of equal count: so many at most, with so many rests at least.
+MOST_BINS, LEAST_RESTS = 36, 8
+#: Nothing is told by fewer bins.
+LEAST_BINS = 2
+
+
+@dataclass(frozen=True)
+class Bins:
+    """The rests of each bin, and where it stands."""
+
+    variable: str  # a column's name
+    title: str  # of an axis
+    order: I64  # (k,) rests, bin by bin; those whose value is missing are in none
+    starts: I64  # (B,) where each bin begins in `order`
+    middle: F64  # (B,) mean value, in the axis' unit
+    labels: tuple[str, ...] = ()  # (B,) of what has names instead of values
+
+    def sums(self, values: F64) -> F64:
+        """(B, …) sums over each bin of values (n, …)."""
+        sums: F64 = np.add.reduceat(values[self.order], self.starts, axis=0)
+        return sums
+
+
+def all_bins(rests: Rests) -> list[Bins]:
+    """Bins of every variable that was recorded and varies."""
+    return [bins for bins in _bins(rests) if len(bins.starts) >= LEAST_BINS]
+
+
+def _bins(rests: Rests) -> Iterator[Bins]:
+    observations = rests.observations
+    states, arm = observations.states, observations.arm
+    for k in range(arm.n_joints):
+        yield _ordered(f"q{k + 1}", f"joint {k + 1}, °", np.degrees(states.q[:, k]), WIDEST_DEG)
+    for k in range(arm.n_joints):
+        yield _ordered(f"w{k + 1}", f"rate of joint {k + 1}, rad/s", states.rate[:, k])
+    for s, name in enumerate(arm.sensors):
+        yield _ordered(name, f"{name}, °C", states.temperature_c[:, s])
+    reference = [s.artefact.reference_temperature_c for s in rests.sessions]
+    artefact_c = rests.artefact_rise_c + np.array(reference)[observations.session]
+    read = np.array([np.isfinite(s.artefact_c).any() for s in rests.sessions])
+    yield _ordered(
+        "artefact_c", "artefact, °C", np.where(read[observations.session], artefact_c, np.nan)
+    )
+    hours = (states.time_s - np.nanmin(states.time_s, initial=np.inf)) / 3600.0
+    yield _ordered("time_s", "time since the first reading, h", hours)
+    yield _named("placement", observations.placement, observations.placement_names)
+    labels = list(dict.fromkeys(rests.target_label))
+    place = np.array([labels.index(label) for label in rests.target_label])
+    yield _named("target", place[observations.target], labels)
+    yield _approach(states.approach)
+
+
+def _ordered(variable: str, title: str, values: F64, widest: float = np.inf) -> Bins:
+    """Bins of equal count, or nearly where values tie or a bin would be wider than *widest*."""
+    order = np.flatnonzero(np.isfinite(values))
+    order = order[np.argsort(values[order], kind="stable")]
+    ascending = values[order]
+    count = max(LEAST_RESTS, -(-len(order) // MOST_BINS))
+    starts: list[int] = []
+    for i, value in enumerate(ascending):
+        full = not starts or i - starts[-1] >= count
+        wide = bool(starts) and value - ascending[starts[-1]] > widest
+        tied = bool(starts) and value == ascending[i - 1]
+        if (full and not tied) or wide:
+            starts.append(i)
+    if len(starts) > 1 and np.isinf(widest) and len(order) - starts[-1] < count // 2:
+        starts.pop()  # the last one takes the rest
+    return _made(variable, title, order, starts, ascending)
+
+
+def _named(variable: str, number: I64, names: list[str]) -> Bins:
+    order = np.argsort(number, kind="stable")
+    sorted_ = number[order]
+    starts = np.flatnonzero(np.diff(sorted_, prepend=-1))
+    labels = tuple(str(names[i]) for i in sorted_[starts])
+    middle = np.arange(len(starts), dtype=float)
+    return Bins(variable, variable, order, starts, middle, labels)
+
+
+def _approach(approach: F64) -> Bins:
+    """By the axis of the base frame that the tip mostly came along, and its sign."""
+    known = np.flatnonzero(np.isfinite(approach).all(axis=1))
+    axis = np.abs(approach[known]).argmax(axis=1) if len(known) else np.zeros(0, dtype=np.int64)
+    side = 2 * axis + (approach[known, axis] > 0)
+    order = known[np.argsort(side, kind="stable")]
+    sides = np.sort(side)
+    starts = np.flatnonzero(np.diff(sides, prepend=-1))
+    labels = tuple("−+"[int(i) % 2] + "xyz"[int(i) // 2] for i in sides[starts])
+    middle = np.arange(len(starts), dtype=float)
+    return Bins("approach", "direction of approach", order, starts, middle, labels)
+
+
+def _made(variable: str, title: str, order: I64, starts: list[int], values: F64) -> Bins:
+    at = np.array(starts, dtype=np.int64)
+    if not len(at):
+        return Bins(variable, title, order, at, np.zeros(0))
+    counts = np.diff(np.append(at, len(order)))
+    return Bins(variable, title, order, at, np.add.reduceat(values, at) / counts)

@@ -1,0 +1,89 @@
+"""Data sets that a fitted model would give, drawn by the noise that was found and refitted.
+
+A posterior predictive check (Gelman, Meng and Stern, Statistica Sinica 6, 1996), with the residuals
+along each joint's motion as what is looked at. The refit is the linear one of the data: placements,
+seats, constants and findings take of a drawn set what they took of the measured one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.fitting.fit import normal_equations
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
+
+#: Sets drawn: the smallest p-value among a hundred curves must be below 0.05 divided by their
+#: number; where readings and columns are many, fewer, but so many at least.
+MOST_DRAWS, LEAST_DRAWS = 4000, 400
+#: Products of rows, columns and sets: some ten seconds of one processor.
+MOST_WORK = 2e10
+AT_ONCE = 200
+SEED = 0x9E9
+
+
+@dataclass(frozen=True)
+class Refitted:
+    """A model's fit under one noise: what it leaves of the data, and of whatever is drawn."""
+
+    fit: Fit
+    left_mm: F64  # (n, 3) of the data
+
+    @property
+    def draws(self) -> int:
+        rows, columns = len(self.fit.residual), self.fit.nuisance.columns.size
+        fitting = int(MOST_WORK / (rows * max(columns, 1)))
+        return AT_ONCE * (min(max(fitting, LEAST_DRAWS), MOST_DRAWS) // AT_ONCE)
+
+    def replicates(self) -> Iterator[F64]:
+        """(n, 3, r) mm left of drawn sets, some at a time; the same at each call."""
+        rng = np.random.default_rng(SEED)
+        for _ in range(self.draws // AT_ONCE):
+            drawn = self._drawn(rng, AT_ONCE)
+            taken = self.fit.problem.amplitudes(self.fit.across(drawn))
+            left = drawn - self.fit.nuisance.columns.times(taken)
+            n = self.fit.linear.rests.n
+            yield left[: 3 * n].reshape(n, 3, AT_ONCE)
+
+    def _drawn(self, rng: np.random.Generator, count: int) -> F64:
+        """(N, count) mm: each rest's own noise, what copies of a posture share, certified lengths,
+        targets, the base's drift, and a given calibration within its covariance."""
+        fit, noise = self.fit, self.fit.noise
+        n, posture = fit.linear.rests.n, fit.linear.rests.posture
+        own = rng.normal(size=(n, 3, count))
+        common = rng.normal(size=(int(posture.max()) + 1, 3, count))[posture]
+        part = noise.shared_part
+        unit = np.sqrt(part) * common + np.sqrt(1.0 - part) * own
+        deviation = np.linalg.inv(noise.whitener) * np.sqrt(noise.counts)[:, None, None]
+        lengths = noise.distance_mm[:, None] * rng.normal(size=(len(noise.distance_mm), count))
+        drawn = np.concatenate([(deviation @ unit).reshape(3 * n, count), lengths])
+        amplitudes = np.zeros((fit.nuisance.columns.size, count))
+        at = [slice(fit.layout.shared, None)]
+        if fit.baseline.held:
+            at.append(fit.layout.identified)
+        for some in at:
+            sigma = np.sqrt(fit.nuisance.variance[some])
+            amplitudes[some] = sigma[:, None] * rng.normal(size=(len(sigma), count))
+        shaken: F64 = drawn + fit.nuisance.columns.times(amplitudes)
+        return shaken
+
+
+def refit(fit: Fit, noise: RestNoise) -> Refitted:
+    """The same model solved again by *noise*: that of the model that explains the data best, so
+    that what a model lacks does not pass for noise."""
+    variance = fit.nuisance.variance.copy()
+    variance[fit.layout.drift] = max(noise.drift_mm**2, 1e-14)
+    nuisance = Nuisance(fit.nuisance.columns, variance)
+    # Winsorised as it was: one gross error would bend the whole curve.
+    problem, side = normal_equations(nuisance.columns, nuisance, fit.layout, noise, fit.residual)
+    solution = problem.amplitudes(side)
+    fitted = nuisance.columns.times(solution)
+    again = replace(
+        fit, noise=noise, nuisance=nuisance, problem=problem, solution=solution, fitted=fitted
+    )
+    n = fit.linear.rests.n
+    return Refitted(again, (fit.residual - fitted)[: 3 * n].reshape(n, 3))

@@ -1,0 +1,114 @@
+"""Measured against simulated residuals: what a model leaves, beside what noise alone would leave.
+
+Each panel shows the mean residual (tip minus target) along one joint's motion, in ″ at that joint,
+over one variable; the band in which 95 % of the data sets lie that the model gives by the noise
+found; and a few of these sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from armd.compensation.diagnose.predictive.curves import Comparison, Curve
+from armd.compensation.report.drawing import COLOURS, drawing
+from armd.compensation.wording import ARC_SECOND
+
+#: More names than these have no room below an axis.
+MOST_LABELS = 24
+ROW_IN = 2.3
+GREY = "#8c959f"
+
+
+def draw_overview(comparisons: Sequence[Comparison]) -> Figure:
+    """Draw of joint angles, temperatures, time and placements what leaves its band most, each under
+    the model under test (left) and with the findings (right)."""
+    return draw_rows([*overview(comparisons)])
+
+
+def overview(comparisons: Sequence[Comparison]) -> Sequence[Comparison]:
+    """The one of each group that leaves its band most under the model under test."""
+    groups: dict[str, list[Comparison]] = {}
+    for one in comparisons:
+        groups.setdefault(_group(one.bins.variable), []).append(one)
+    order = ("joint angle", "temperature", "time", "placement")
+    return [most_outside(groups[group]) for group in order if group in groups]
+
+
+def most_outside(comparisons: Sequence[Comparison]) -> Comparison:
+    """The one that is farthest outside of its band under the model under test."""
+    return max(comparisons, key=lambda one: one.before.departure)
+
+
+def of_finding(comparisons: Sequence[Comparison], finding: Mapping[str, Any]) -> Comparison | None:
+    """What shows a *finding* (of `diagnose --json`) best: of the variables that it depends on, in
+    its own joint where it has one; None where none of them was recorded."""
+    names = {"approach" if name.startswith("approach") else name for name in finding["depends_on"]}
+    own = [one for one in comparisons if one.bins.variable in names]
+    at_joint = [one for one in own if f"joint {one.joint}" == finding["location"]]
+    found = at_joint or own
+    return most_outside(found) if found else None
+
+
+def draw_rows(shown: Sequence[Comparison]) -> Figure:
+    """Draw comparisons below each other: before, and after."""
+    figure, axes = drawing(max(len(shown), 1), 2, ROW_IN * max(len(shown), 1))
+    for row, one in enumerate(shown):
+        pair = axes[2 * row : 2 * row + 2]
+        reach = max(_reach(one.before), _reach(one.after))
+        draw_curve(pair[0], one, one.before, "model under test")
+        draw_curve(pair[1], one, one.after, "with the findings")
+        for panel in pair:
+            panel.set_ylim(-reach, reach)
+    if shown:
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
+    return figure
+
+
+def draw_curve(panel: Axes, comparison: Comparison, curve: Curve, name: str) -> None:
+    """Draw one comparison under one model on *panel*."""
+    bins, x = comparison.bins, comparison.bins.middle
+    low, high, mean = (values / ARC_SECOND for values in (curve.low, curve.high, curve.mean))
+    panel.fill_between(x, low, high, color=COLOURS[5], alpha=0.35, linewidth=0, label="noise, 95 %")
+    for values in curve.sets / ARC_SECOND:
+        panel.plot(x, values, color=GREY, linewidth=0.5, alpha=0.6)
+    line = "none" if bins.labels else "-"
+    panel.plot(x, mean, color=COLOURS[0], linestyle=line, marker=".", label="measured")
+    outside = (mean < low) | (mean > high)
+    panel.plot(x[outside], mean[outside], "o", color=COLOURS[1], markersize=4, label="outside")
+    panel.axhline(0.0, color="black", linewidth=0.5)
+    share, p = 100 * curve.outside, _p(curve)
+    panel.set_title(f"{name}: {share:.0f} % outside, {p}", fontsize=9.0)
+    panel.set(xlabel=bins.title, ylabel=f"residual, joint {comparison.joint}, ″")
+    if bins.labels:
+        few = len(bins.labels) <= MOST_LABELS
+        shown = [_short(label) for label in bins.labels] if few else []
+        panel.set_xticks(x if few else [], shown, rotation=90, fontsize=7.0)
+
+
+def _p(curve: Curve) -> str:
+    """A p-value of 0 is one below what the drawn sets resolve."""
+    least = 1.0 / curve.draws
+    return f"p = {curve.p_value:.2g}" if curve.p_value >= least else f"p < {least:.1g}"
+
+
+def _reach(curve: Curve) -> float:
+    largest = np.max(np.abs([curve.low, curve.high, curve.mean]))
+    return 1.1 * float(largest) / ARC_SECOND + 1e-9
+
+
+def _short(label: str) -> str:
+    return label if len(label) <= 18 else f"…{label[-17:]}"
+
+
+def _group(variable: str) -> str:
+    if variable in ("time_s", "placement", "target", "approach"):
+        return variable.removesuffix("_s")
+    number = variable[1:].isdigit()
+    if number and variable[0] == "q":
+        return "joint angle"
+    return "rate" if number and variable[0] == "w" else "temperature"

@@ -1,0 +1,78 @@
+"""What an arm on a wire will live through: the arm, the hand that moves it, the heat about it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from armd.simulator.live.electronics import Electronics, Parts
+from armd.simulator.live.operator import Hand, Operator
+from armd.simulator.live.physics import Block, WarmUp, blocks
+from armd.simulator.live.scenario import Scenario
+from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.nominal import JOINTS
+
+
+@dataclass(frozen=True)
+class Life:
+    """An arm's life to come, and what it shows of it."""
+
+    serial_number: str
+    blocks: Iterator[Block]
+    electronics: Electronics
+
+
+def begin_life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) -> Life:
+    """The physics of a scenario, *rate_hz* times a second; raises `ArmdError` for a plan, a plant
+    or a twin that cannot be."""
+    warm_up = None
+    if scenario.warm_up_k is not None:
+        warm_up = WarmUp(scenario.warm_up_k, scenario.warm_up_s or scenario.seconds or 20.0)
+    if options.twin is not None:
+        return _begin_twin(scenario, rate_hz, options, warm_up)
+    arm = TrueArm.default(scenario.seed, joints=scenario.joints or len(JOINTS))
+    if options.plant:
+        from armd.simulator.plants.live import planted  # the wire must not wait for it
+
+        arm = planted(arm, options.plant, scenario.seed)
+    hand: Hand = Operator(arm, scenario.seed)
+    if options.operator is not None:
+        from armd.simulator.live.led import LedOperator, load_plan
+
+        hand = LedOperator(arm, load_plan(options.operator), scenario.seed)
+    parts = Parts.of_the_demo_arm(arm.n_joints)
+    physics = blocks(arm, hand, rate_hz, scenario.ambient_c, warm_up)
+    return Life(scenario.serial_number, physics, Electronics(scenario.seed, parts))
+
+
+def _begin_twin(
+    scenario: Scenario, rate_hz: int, options: argparse.Namespace, warm_up: WarmUp | None
+) -> Life:
+    """The life of a twin in a hand; raises `ArmdError` for files that are wrong."""
+    from armd.simulator.twin import arm as twins  # the wire must not wait for it
+    from armd.simulator.twin.files import read_twin
+    from armd.simulator.twin.model import TwinModel
+    from armd.simulator.twin.noise import FoundNoise, read_noise
+
+    noise = FoundNoise() if options.noise_from is None else read_noise(options.noise_from)
+    model = TwinModel(*read_twin(options.arm, options.twin))
+    parts = twins.parts_of(model.arm, noise, "can" if options.can else "serial")
+    twin = twins.TwinArm(model, noise, scenario.seed)
+    comfort = twins.comfort_of(model.arm)
+    hand: Hand
+    if options.operator is None:
+        hand = Operator(twin, scenario.seed, comfort)
+    else:
+        from armd.simulator.live.led import LedOperator, load_plan
+
+        led = load_plan(options.operator)
+        if noise.repeat_mm:
+            plan = led.plan.model_copy(update={"miss_um": 1e3 * noise.repeat_mm})
+            led = replace(led, plan=plan)
+        hand = LedOperator(twin, led, scenario.seed, (comfort.low, comfort.high))
+    physics = twins.twin_blocks(
+        twin, hand, rate_hz, twins.TwinHeat(twin, scenario.ambient_c, warm_up)
+    )
+    electronics = Electronics(scenario.seed, parts)
+    return Life(model.arm.serial_number, physics, electronics)

@@ -1,0 +1,144 @@
+"""The factors of a term's basis, each by its kind as docs/formats.md defines it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.simulator.twin.chain import Frames, Weights
+
+#: One factor, as the calibration file has it.
+Factor = Mapping[str, Any]
+DAY_S = 86400.0
+AXES = "xyz"
+
+
+class Means(Protocol):
+    """Gives the mean temperatures of sensors, which may lag."""
+
+    def mean_c(self, weights: Mapping[str, float], lag_s: float) -> F64:
+        """Σ weight·T (n,) °C, delayed by a first-order lag."""
+        ...
+
+
+@dataclass(frozen=True)
+class Slow:
+    """What factors of temperature and time are functions of."""
+
+    means: Means
+    unix_s: F64  # (n,)
+    reference_c: float
+    created_unix_s: float  # of the calibration: where a period has no end
+
+
+@dataclass(frozen=True)
+class Pose:
+    """What factors of the pose are functions of."""
+
+    q: F64  # (n, N) rad
+    rate: F64  # (n, N) rad/s, 0 where missing
+    approach: F64  # (n, 3) unit vector, base frame, 0 where missing
+    frames: Frames  # by the calibration's constants alone
+    weights: Weights
+
+    @cached_property
+    def torque(self) -> F64:
+        """(N, n) Nm about each joint's axis, of all that it carries."""
+        axes = self.frames.rotation[:-1, :, :, 2]
+        moments = [
+            self.weights.moment(self.frames, self.frames.origin[k], k + 1) for k in range(len(axes))
+        ]
+        torque: F64 = np.einsum("kni,kni->kn", np.array(moments), axes)
+        return torque
+
+    @cached_property
+    def moment(self) -> F64:
+        """(N, n, 3) Nm of all beyond each link, about its end, in its outgoing frame."""
+        ends, rotations = self.frames.origin[1:], self.frames.rotation[1:]
+        moments = [self.weights.moment(self.frames, end, k + 2) for k, end in enumerate(ends)]
+        moment: F64 = np.einsum("kni,knij->knj", np.array(moments), rotations)
+        return moment
+
+    @cached_property
+    def down(self) -> F64:
+        """(N, n, 3) the unit vector of gravity in each link's outgoing frame."""
+        down: F64 = np.einsum("i,knij->knj", self.weights.down, self.frames.rotation[1:])
+        return down
+
+
+def _temperature(of: Factor, slow: Slow) -> F64:
+    mean_c = slow.means.mean_c(of["weights"], of.get("lag_s", 0.0))
+    order = int(of.get("order", 1))
+    zone = of.get("zone_c")
+    if zone is not None:
+        power: F64 = (np.clip(mean_c, *zone) - zone[0]) ** order
+        return power
+    reference_c = of.get("reference_c")
+    rise: F64 = mean_c - (slow.reference_c if reference_c is None else reference_c)
+    return rise**order
+
+
+def _temperature_rate(of: Factor, slow: Slow) -> F64:
+    smoothing_s = of.get("smoothing_s", 60.0)
+    now = slow.means.mean_c(of["weights"], 0.0)
+    rate: F64 = (now - slow.means.mean_c(of["weights"], smoothing_s)) / smoothing_s
+    return rate
+
+
+def _since_s(of: Factor, slow: Slow) -> F64:
+    """Seconds since a period began; outside it as at the nearer end."""
+    since, until = of["since_unix_s"], of.get("until_unix_s")
+    until = max(slow.created_unix_s, since) if until is None else until
+    within: F64 = np.clip(slow.unix_s, since, until) - since
+    return within
+
+
+def _after(of: Factor, slow: Slow) -> F64:
+    later = (slow.unix_s >= of["instant_unix_s"]).astype(float)
+    return np.where(np.isfinite(slow.unix_s), later, np.nan)
+
+
+def _curve(of: Factor, pose: Pose) -> F64:
+    from scipy.interpolate import CubicSpline  # an arm on a controller's wire may do without
+
+    values = np.asarray(of["values"], dtype=float)
+    knots = np.linspace(0.0, math.tau, len(values) + 1)
+    spline = CubicSpline(knots, np.append(values, values[0]), bc_type="periodic")
+    return np.asarray(spline(np.mod(pose.q[:, of["joint"] - 1], math.tau)), dtype=float)
+
+
+def _approach(of: Factor, pose: Pose) -> F64:
+    axis = AXES.index(of["axis"])
+    if of.get("frame", "base") == "base":
+        return pose.approach[:, axis]
+    own: F64 = (pose.approach * pose.frames.rotation[-1, :, :, axis]).sum(axis=1)
+    return own
+
+
+SLOW: dict[str, Callable[[Factor, Slow], F64]] = {
+    "temperature": _temperature,
+    "temperature_rate": _temperature_rate,
+    "time": lambda of, slow: (_since_s(of, slow) / 3600.0) ** int(of.get("power", 1)),
+    "relaxation": lambda of, slow: 1.0 - np.exp(-_since_s(of, slow) / of["time_constant_s"]),
+    "daily_sin": lambda of, slow: np.sin(math.tau * _since_s(of, slow) / DAY_S),
+    "daily_cos": lambda of, slow: np.cos(math.tau * _since_s(of, slow) / DAY_S),
+    "after": _after,
+}
+POSE: dict[str, Callable[[Factor, Pose], F64]] = {
+    "sin": lambda of, pose: np.sin(of.get("order", 1) * pose.q[:, of["joint"] - 1]),
+    "cos": lambda of, pose: np.cos(of.get("order", 1) * pose.q[:, of["joint"] - 1]),
+    "angle": lambda of, pose: pose.q[:, of["joint"] - 1] ** int(of.get("power", 1)),
+    "curve": _curve,
+    "gravity_torque": lambda of, pose: pose.torque[of["joint"] - 1],
+    "gravity_direction": lambda of, pose: pose.down[of["link"] - 1, :, AXES.index(of["axis"])],
+    "gravity_moment": lambda of, pose: pose.moment[of["link"] - 1, :, AXES.index(of["axis"])],
+    "side": lambda of, pose: np.sign(pose.rate[:, of["joint"] - 1]),
+    "rate": lambda of, pose: pose.rate[:, of["joint"] - 1],
+    "approach": _approach,
+}

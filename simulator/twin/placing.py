@@ -1,0 +1,139 @@
+"""Where a session's artefact stands: rigid poses and unknown points, fitted to the twin's tips.
+
+How closely hardly matters: the twin's readings are made to lie there exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64, Mask
+
+SWEEPS = 60
+#: Newton steps in which unknown points come to their certified lengths.
+STEPS = 20
+
+
+@dataclass(frozen=True)
+class Touched:
+    """What n rows say: the tip stood at `target` of `placement`, or at `truth_mm` there."""
+
+    placement: I64  # (n,)
+    target: I64  # (n,)
+    truth_mm: F64  # (n, 3) NaN where the target counts
+    stretch: F64  # (n,) the artefact's size relative to its certificate
+
+    def local_mm(self, target_mm: F64) -> F64:
+        """(n, 3) in the placement's frame, of targets (K, 3); NaN where not known."""
+        points = self.stretch[:, None] * target_mm[self.target]
+        return np.where(np.isfinite(self.truth_mm[:, :1]), self.truth_mm, points)
+
+
+@dataclass(frozen=True)
+class Length:
+    """A certified length between two targets."""
+
+    between: tuple[int, int]
+    length_mm: float
+
+
+def goals(touched: Touched, target_mm: F64, lengths: Sequence[Length], tip_mm: F64) -> F64:
+    """Where the tip should stand (n, 3), base frame, nearest to *tip_mm* (n, 3).
+
+    *target_mm* (K, 3) are certified positions, NaN for an unknown point. Rows whose tip is not
+    known (NaN) take no part; theirs is NaN.
+    """
+    used = np.isfinite(tip_mm[:, 0])
+    unknown = np.isnan(target_mm[:, 0])
+    rotation, origin, target_mm = _begin(touched, target_mm.copy(), tip_mm, used)
+    for _ in range(SWEEPS if unknown.any() else 1):
+        _move_points(touched, target_mm, unknown, (rotation, origin), tip_mm, used)
+        _place_all(touched, target_mm, (rotation, origin), tip_mm, used)
+    if lengths and unknown.any():
+        _keep_lengths(target_mm, unknown, lengths)
+        _place_all(touched, target_mm, (rotation, origin), tip_mm, used)
+    local = touched.local_mm(target_mm)
+    placed = np.einsum("nij,nj->ni", rotation[touched.placement], local)
+    return np.where(used[:, None], placed + origin[touched.placement], np.nan)
+
+
+def rigid(local_mm: F64, base_mm: F64) -> tuple[F64, F64]:
+    """Rotation (3, 3) and origin (3,) that bring points (n, 3) nearest to others (Kabsch)."""
+    middle, there = local_mm.mean(axis=0), base_mm.mean(axis=0)
+    u, _, vt = np.linalg.svd((base_mm - there).T @ (local_mm - middle))
+    mirrored = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation: F64 = u @ mirrored @ vt
+    return rotation, there - rotation @ middle
+
+
+def _begin(touched: Touched, target_mm: F64, tip_mm: F64, used: Mask) -> tuple[F64, F64, F64]:
+    """First poses, those with most known points first; then the unknown points that they tell."""
+    count = int(touched.placement.max()) + 1
+    rotation, origin = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+    left = set(np.unique(touched.placement[used]).tolist())
+    while left:
+        known = used & np.isfinite(touched.local_mm(target_mm)[:, 0])
+        rows = {p: np.flatnonzero(known & (touched.placement == p)) for p in left}
+        distinct = {
+            p: len(np.unique(touched.local_mm(target_mm)[own].round(6), axis=0))
+            for p, own in rows.items()
+        }
+        chosen = max(sorted(left), key=distinct.__getitem__)
+        own = rows[chosen]
+        if len(own):
+            local = touched.local_mm(target_mm)[own]
+            rotation[chosen], origin[chosen] = rigid(local, tip_mm[own])
+        left.remove(chosen)
+        for k in np.unique(touched.target[used & (touched.placement == chosen)]):
+            if np.isnan(target_mm[k, 0]):
+                seen = used & (touched.placement == chosen) & (touched.target == k)
+                target_mm[k] = ((tip_mm[seen] - origin[chosen]) @ rotation[chosen]).mean(axis=0)
+    target_mm[np.isnan(target_mm)] = 0.0  # never touched
+    return rotation, origin, target_mm
+
+
+def _move_points(
+    touched: Touched,
+    target_mm: F64,
+    unknown: Mask,
+    poses: tuple[F64, F64],
+    tip_mm: F64,
+    used: Mask,
+) -> None:
+    """Bring unknown points to the mean of where the tips say that they are."""
+    rotation, origin = poses
+    away = tip_mm - origin[touched.placement]
+    local = np.einsum("nji,nj->ni", rotation[touched.placement], away) / touched.stretch[:, None]
+    by_target = used & np.isnan(touched.truth_mm[:, 0]) & unknown[touched.target]
+    for k in np.unique(touched.target[by_target]):
+        target_mm[k] = local[by_target & (touched.target == k)].mean(axis=0)
+
+
+def _place_all(
+    touched: Touched, target_mm: F64, poses: tuple[F64, F64], tip_mm: F64, used: Mask
+) -> None:
+    rotation, origin = poses
+    local = touched.local_mm(target_mm)
+    for p in np.unique(touched.placement[used]):
+        own = used & (touched.placement == p)
+        rotation[p], origin[p] = rigid(local[own], tip_mm[own])
+
+
+def _keep_lengths(target_mm: F64, unknown: Mask, lengths: Sequence[Length]) -> None:
+    """Move unknown points, as little as it takes, until certified lengths are kept."""
+    ends = np.array([length.between for length in lengths])
+    certified_mm = np.array([length.length_mm for length in lengths])
+    for _ in range(STEPS):
+        way = target_mm[ends[:, 0]] - target_mm[ends[:, 1]]
+        apart_mm = np.linalg.norm(way, axis=1)
+        unit = way / np.maximum(apart_mm, 1e-9)[:, None]
+        slope = np.zeros((len(lengths), *target_mm.shape))
+        for i, (one, other) in enumerate(ends):
+            slope[i, one] += unit[i]
+            slope[i, other] -= unit[i]
+        slope[:, ~unknown] = 0.0
+        step = np.linalg.pinv(slope.reshape(len(lengths), -1)) @ (certified_mm - apart_mm)
+        target_mm += step.reshape(target_mm.shape)

@@ -1,0 +1,182 @@
+"""`--session-like SESSION`: the readings that the twin would have had where a session was measured.
+
+The artefact is placed where the session's own angles have it under the twin. Then each row's joints
+turn, as little as it takes, until the twin's tip stands at the row's target.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.errors import BadInput
+from armd.files.inputs import read_input
+from armd.files.outputs import SESSION, check_output_folder, check_same
+from armd.files.writing import write_whole
+from armd.simulator.twin.chain import Frames
+from armd.simulator.twin.files import read_twin
+from armd.simulator.twin.model import TwinModel, whole_turns
+from armd.simulator.twin.noise import FoundNoise, drift, read_noise, rests_of
+from armd.simulator.twin.placing import Touched, goals
+from armd.simulator.twin.session_files import (
+    SourceSession,
+    certified_exactly,
+    draw_certificate_errors,
+    read_session,
+    touched_of,
+)
+from armd.terminal.counted import counted
+
+#: The joints turn until the tip is so close, in so many steps; terms change a step by a thousandth.
+CLOSE_MM, STEPS = 1e-10, 40
+#: Farther off, a row's target is out of reach from its posture.
+MISSED_MM = 1e-7
+NOTE = b"# Simulated by armd simulate --session-like: no arm was measured.\n"
+
+
+@dataclass(frozen=True)
+class Copied:
+    """What was made of a session."""
+
+    table: bytes
+    n: int
+    kept: int  # rows as measured, because they lack a temperature or time that the twin needs
+
+
+class Rows:
+    """A session's rows under a twin: angles in, tips out."""
+
+    def __init__(self, twin: TwinModel, session: SourceSession) -> None:
+        arm = twin.arm
+        self._twin = twin
+        self.rate = session.side_by_side(*(f"w{k}" for k in range(1, arm.n_joints + 1)))
+        given = session.side_by_side("approach_x", "approach_y", "approach_z")
+        self._approach = given / np.linalg.norm(given, axis=1, keepdims=True)
+        self._moving = np.isfinite(self.rate).all(axis=1) & (self.rate != 0).any(axis=1)
+        celsius = session.side_by_side(*arm.sensors) if arm.sensors else np.zeros((session.n, 0))
+        self._amounts = twin.row_slow(celsius, session.unix_s())
+
+    def stand(self, q: F64) -> Frames:
+        """At angles (n, N) rad; where no approach is given, the tip came as its joints move it."""
+        own = self._approach
+        open_rows = self._moving & np.isnan(own[:, 0])
+        if open_rows.any():
+            moved = self._twin.direction_of_motion(q, self.rate)
+            own = np.where(open_rows[:, None], moved, own)
+        return self._twin.stand(q, self.rate, own, self._amounts)
+
+
+def copy_session(
+    twin: TwinModel, session: SourceSession, noise: FoundNoise | None, seed: int
+) -> Copied:
+    """The session as the twin would have been measured in it; raises `BadInput` where a target is
+    out of its reach.
+
+    With *noise*, certified positions and lengths err by their standard uncertainties, too: they
+    are part of what a diagnosis expects of the noise.
+    """
+    measured = session.angles(twin.arm)
+    turns = whole_turns(measured, twin.arm.limits_rad)
+    q = measured - 2 * np.pi * turns
+    rows = Rows(twin, session)
+    errors = certified_exactly if noise is None else draw_certificate_errors(seed)
+    touched, position_mm, lengths = touched_of(session, twin.calibration.artefact, errors)
+    tip_mm = rows.stand(q).tip
+    used = np.isfinite(tip_mm[:, 0])
+    if not used.any():
+        found = "no row with every temperature and time that the calibration needs"
+        raise BadInput(session.folder, session.table, found, "at least one")
+    goal_mm = goals(touched, position_mm, lengths, tip_mm)
+    shift_mm, encoder_rad = np.zeros_like(goal_mm), np.zeros_like(q)
+    if noise is not None:
+        rng = np.random.default_rng([seed, 0x7417, zlib.crc32(session.folder.name.encode())])
+        freedom = _freedom(touched, np.isnan(position_mm[:, 0]), int(used.sum()))
+        shift_mm, encoder_rad = _drawn(noise, freedom, session, (q, touched), rng)
+    turned = _turn_to(rows, session, q, np.where(used[:, None], goal_mm + shift_mm, tip_mm))
+    turned += np.where(used[:, None], encoder_rad, 0.0)
+    table = session.with_angles(turned + 2 * np.pi * turns, twin.arm)
+    return Copied(table, session.n, int((~used).sum()))
+
+
+def _turn_to(rows: Rows, session: SourceSession, q: F64, goal_mm: F64) -> F64:
+    """Angles (n, N) near *q* at which the tip is at *goal_mm* (n, 3); NaN: where it is."""
+    q = q.copy()
+    for _ in range(STEPS):
+        frames = rows.stand(q)
+        way = np.nan_to_num(goal_mm - frames.tip)
+        if np.abs(way).max() < CLOSE_MM:
+            break
+        jacobian = np.nan_to_num(frames.jacobian)
+        squared = jacobian @ jacobian.transpose(0, 2, 1)
+        size = np.trace(squared, axis1=1, axis2=2)[:, None, None]
+        squared = squared + (1e-9 * size + 1e-12) * np.eye(3)
+        step = jacobian.transpose(0, 2, 1) @ np.linalg.solve(squared, way[:, :, None])
+        q += np.clip(step[:, :, 0], -0.3, 0.3)
+    missed = np.linalg.norm(way, axis=1)
+    worst = int(np.argmax(missed))
+    if missed[worst] > MISSED_MM:
+        where = f"{session.table} row {worst + 1}"
+        found = f"a target {missed[worst]:.3g} mm beyond what the twin reaches near that posture"
+        raise BadInput(session.folder, where, found, "one within reach")
+    return q
+
+
+def _drawn(
+    noise: FoundNoise,
+    freedom: float,
+    session: SourceSession,
+    where: tuple[F64, Touched],
+    rng: np.random.Generator,
+) -> tuple[F64, F64]:
+    """Displacements of the tip (n, 3) mm and errors of the encoders (n, N) rad: one rest's are
+    shared by its readings.
+
+    Larger by the share that fitting placements takes up, so that what is left of them is what the
+    diagnosis found.
+    """
+    q, touched = where
+    rest = rests_of(q, touched.placement, touched.target)
+    count = int(rest[-1]) + 1
+    scale = 1.0 / np.sqrt(freedom)
+    repeat = scale * noise.repeat_mm * rng.normal(size=(count, 3))
+    encoders = scale * noise.encoder_rad * rng.normal(size=(count, q.shape[1]))
+    return repeat[rest] + drift(noise, session.unix_s(), rng), encoders[rest]
+
+
+def _freedom(touched: Touched, unknown: F64, n: int) -> float:
+    """The share of 3 n coordinates that poses and unknown points leave, 0.2 at least."""
+    rows = np.bincount(touched.placement)
+    taken = float(np.minimum(6, 3 * rows[rows > 0]).sum())
+    taken += 3.0 * float(unknown[np.unique(touched.target)].sum())
+    return max(1.0 - taken / (3.0 * n), 0.2)
+
+
+def write_copy(options: argparse.Namespace, seed: int) -> int:
+    """Write the twin's session as the command line says; 0.
+
+    Raises `ArmdError`, with nothing written, where an input is wrong or a session is there.
+    """
+    arm_path, source, output = options.arm, options.session_like, options.output
+    check_output_folder(output)
+    noise = None if options.noise_from is None else read_noise(options.noise_from)
+    twin = TwinModel(*read_twin(arm_path, options.twin, source))
+    session = read_session(source, twin.arm)
+    copied = copy_session(twin, session, noise, seed)
+    head = NOTE + read_input(source / "session.toml").removeprefix(b"\xef\xbb\xbf")
+    files = {output / session.table: copied.table, output / "session.toml": head}
+    if output.is_dir():
+        for path, content in files.items():
+            check_same(path, content, SESSION, options.force, [arm_path, options.twin, source])
+    output.mkdir(parents=True, exist_ok=True)
+    for path, content in files.items():
+        write_whole(path, content)
+    print(f"{counted(copied.n, 'reading')} in {output}")
+    if copied.kept:
+        lack = f"{counted(copied.kept, 'reading')} without a temperature or time that is needed"
+        print(f"{lack}: angles as measured", file=sys.stderr)
+    return 0

@@ -1,0 +1,221 @@
+"""A session's folder as the twin takes it: its columns as arrays, its table's other cells as read.
+
+`armd check` has looked at the files before: what is read here is right.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import tomllib
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.errors import BadInput
+from armd.files.inputs import read_input
+from armd.simulator.twin.files import ArmData
+from armd.simulator.twin.placing import Length, Touched
+
+MISSING = ("", "nan", "NaN", "NAN")
+TABLES = ("readings.csv", "readings.parquet")
+KNOWN_OF_ARTEFACT = {
+    "name", "certificate", "expansion_per_k", "reference_temperature_c", "target", "distance"
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SourceSession:
+    """A session folder, read."""
+
+    folder: Path
+    table: str  # name of its file
+    header: list[str]
+    columns: dict[str, list[Any]]  # every cell as it stands
+    file: Mapping[str, Any]  # session.toml
+
+    @property
+    def n(self) -> int:
+        return len(self.columns["placement"])
+
+    def numbers(self, name: str) -> F64:
+        """A column (n,), NaN where a cell or the whole column is missing."""
+        cells = self.columns.get(name)
+        if cells is None:
+            return np.full(self.n, np.nan)
+        return np.array([_number(cell) for cell in cells])
+
+    def side_by_side(self, *names: str) -> F64:
+        """Columns (n, names)."""
+        return np.stack([self.numbers(name) for name in names], axis=1)
+
+    def numbered(self, name: str) -> tuple[I64, list[str]]:
+        """A column of names as numbers (n,) into the list of distinct ones."""
+        names = list(dict.fromkeys(map(str, self.columns[name])))
+        place = {text: i for i, text in enumerate(names)}
+        return np.array([place[str(text)] for text in self.columns[name]]), names
+
+    def radians_per_unit(self, arm: ArmData) -> F64:
+        """(N,) rad per unit of the angles' columns, signed."""
+        unit = self.file.get("angle_unit", "rad")
+        if unit == "count":
+            turns = np.array([float(counts or math.nan) for counts in arm.counts_per_turn])
+            units: F64 = arm.direction * math.tau / turns
+            return units
+        return np.full(arm.n_joints, 1.0 if unit == "rad" else math.radians(1.0))
+
+    def angles(self, arm: ArmData) -> F64:
+        """(n, N) rad, on the turn that the table has."""
+        names = [f"q{k}" for k in range(1, arm.n_joints + 1)]
+        angles: F64 = self.side_by_side(*names) * self.radians_per_unit(arm)
+        return angles
+
+    def unix_s(self) -> F64:
+        """(n,) NaN where no time is known."""
+        unix_s: F64 = self.file["started"].timestamp() + self.numbers("time_s")
+        return unix_s
+
+    def with_angles(self, q: F64, arm: ArmData) -> bytes:
+        """The table with angles *q* (n, N) rad and every other cell as it stands."""
+        values = q / self.radians_per_unit(arm)
+        if self.file.get("angle_unit") == "count":
+            values = np.rint(values)
+        columns = dict(self.columns)
+        whole = self.file.get("angle_unit") == "count"
+        for k in range(arm.n_joints):
+            own = values[:, k].tolist()
+            columns[f"q{k + 1}"] = [int(value) for value in own] if whole else own
+        return _csv(columns) if self.table.endswith(".csv") else _parquet(columns)
+
+
+def read_session(folder: Path, arm: ArmData) -> SourceSession:
+    """Read a session of *arm*; raises `BadInput` for another's, and for what no twin measures."""
+    path = folder / "session.toml"
+    file = tomllib.loads(read_input(path).decode("utf-8-sig"))
+    if file["arm"] != arm.serial_number:
+        raise BadInput(path, "arm", repr(file["arm"]), f"{arm.serial_number!r}, as in arm.toml")
+    for key in file["artefact"].keys() - KNOWN_OF_ARTEFACT:
+        raise BadInput(path, f"artefact.{key}", "it", "points and lengths: a twin knows no others")
+    table = next(name for name in TABLES if (folder / name).exists())
+    header, columns = _read_table(folder / table)
+    return SourceSession(folder, table, header, columns, file)
+
+
+#: (what is certified, its standard uncertainty in mm, how many numbers) → by how much it errs (n,)
+CertificateErrors = Callable[[str, float, int], F64]
+
+
+def certified_exactly(_: str, __: float, count: int) -> F64:
+    """A certificate without errors."""
+    return np.zeros(count)
+
+
+def draw_certificate_errors(seed: int) -> CertificateErrors:
+    """Errors by each standard uncertainty: the same for one certificate in all sessions."""
+
+    def draw(what: str, uncertainty_mm: float, count: int) -> F64:
+        rng = np.random.default_rng([seed, zlib.crc32(what.encode())])
+        return uncertainty_mm * rng.normal(size=count)
+
+    return draw
+
+
+def touched_of(
+    session: SourceSession, correction: Mapping[str, Any], errors: CertificateErrors
+) -> tuple[Touched, F64, list[Length]]:
+    """What its rows were put to: true positions (K, 3) mm (NaN: unknown) and lengths.
+
+    *correction*: a calibration's `artefact`, which holds where its name is among `artefacts`.
+    """
+    artefact = session.file["artefact"]
+    own, unsure = artefact["name"], "standard_uncertainty_mm"
+    named = correction.get("artefacts") or [artefact["name"]]
+    if artefact["name"] not in named:
+        correction = {}
+    certified = {t["name"]: t.get("position_mm") for t in artefact.get("target", [])}
+    ends = [d["between"] for d in artefact.get("distance", [])]
+    target, touched_names = session.numbered("target")
+    every = dict.fromkeys([*certified, *(name for pair in ends for name in pair), *touched_names])
+    names = list(every)
+    nowhere = [math.nan] * 3
+    position_mm = np.array([certified.get(name) or nowhere for name in names], dtype=float)
+    for one_target in artefact.get("target", []):
+        error_mm = errors(f"{own}/{one_target['name']}", one_target.get(unsure, 0.0), 3)
+        position_mm[names.index(one_target["name"])] += error_mm
+    for name, offset in correction.get("target_offset_mm", {}).items():
+        if name in every:
+            position_mm[names.index(name)] += offset
+    lengths = [
+        Length(
+            (names.index(one), names.index(other)),
+            float(d["length_mm"] + errors(f"{own}/{one} to {other}", d.get(unsure, 0.0), 1)[0]),
+        )
+        for d, (one, other) in zip(artefact.get("distance", []), ends, strict=True)
+        if one in touched_names and other in touched_names
+    ]
+    touched = Touched(
+        placement=session.numbered("placement")[0],
+        target=np.array([names.index(name) for name in touched_names])[target],
+        truth_mm=session.side_by_side("x_mm", "y_mm", "z_mm"),
+        stretch=_stretch(session, artefact, correction),
+    )
+    return touched, position_mm, lengths
+
+
+def _stretch(
+    session: SourceSession, artefact: Mapping[str, Any], correction: Mapping[str, Any]
+) -> F64:
+    """(n,) a row without the artefact's temperature has the last one before it, the first rows
+    the first; without any it is at its reference."""
+    celsius = session.numbers("artefact_c")
+    known = np.flatnonzero(np.isfinite(celsius))
+    rise = np.zeros(session.n)
+    if len(known):
+        last = np.searchsorted(known, np.arange(session.n), side="right") - 1
+        rise = celsius[known[np.maximum(last, 0)]] - artefact.get("reference_temperature_c", 20.0)
+    expansion = correction.get("expansion_per_k")
+    expansion = artefact.get("expansion_per_k", 0.0) if expansion is None else expansion
+    stretch: F64 = correction.get("scale", 1.0) * (1.0 + expansion * rise)
+    return stretch
+
+
+def _number(cell: Any) -> float:
+    if cell is None or (isinstance(cell, str) and cell.strip() in MISSING):
+        return math.nan
+    return float(cell)
+
+
+def _read_table(path: Path) -> tuple[list[str], dict[str, list[Any]]]:
+    if path.suffix == ".parquet":
+        import pyarrow.parquet as parquet  # most sessions are text
+
+        table = parquet.read_table(path)
+        return list(table.column_names), table.to_pydict()
+    text = read_input(path, 1 << 31).decode("utf-8-sig")
+    rows = [row for row in csv.reader(io.StringIO(text)) if row]
+    header = [name.strip() for name in rows[0]]
+    cells = [list(column) for column in zip(*rows[1:], strict=True)]
+    return header, dict(zip(header, cells, strict=True))
+
+
+def _csv(columns: Mapping[str, list[Any]]) -> bytes:
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(columns)
+    table.writerows(zip(*columns.values(), strict=True))
+    return text.getvalue().encode()
+
+
+def _parquet(columns: Mapping[str, list[Any]]) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as parquet
+
+    content = io.BytesIO()
+    parquet.write_table(pa.table({name: pa.array(own) for name, own in columns.items()}), content)
+    return content.getvalue()

@@ -1,0 +1,184 @@
+"""Drawn and refitted data sets: what noise leaves of a model, and what stands out of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armd.compensation.diagnose.predictive import curves, replicates
+from armd.compensation.diagnose.predictive.bins import (
+    LEAST_RESTS,
+    WIDEST_DEG,
+    Bins,
+    _ordered,
+    all_bins,
+)
+from armd.compensation.diagnose.predictive.curves import Comparison, Curve, _curves
+from armd.compensation.diagnose.predictive.replicates import AT_ONCE, Refitted, refit
+from armd.compensation.report.predictive_plot import draw_rows, of_finding, overview
+from support.small_fit import small_fit, unit_noise
+from support.whole_scene import whole_scene
+
+N, JOINTS = 120, 2
+
+
+def a_fit(rng: np.random.Generator, error: np.ndarray | None = None) -> Any:
+    """120 rests on six free columns, noise of one unit; *error* (n, 3) beside it."""
+    placements = rng.normal(size=(3 * N, 6))
+    residual = rng.normal(size=3 * N) + (0.0 if error is None else error.ravel())
+    fit = small_fit(residual, placements)
+    linear: Any = SimpleNamespace(
+        rests=fit.linear.rests, residual=residual, joints=rng.normal(size=(N, 3, JOINTS))
+    )
+    held: Any = SimpleNamespace(held=False)
+    return replace(fit, linear=linear, baseline=held)
+
+
+def ten_bins(rng: np.random.Generator) -> Bins:
+    return Bins("q1", "joint 1, °", rng.permutation(N), 12 * np.arange(10), np.arange(10.0))
+
+
+def test_bins_are_of_equal_count_and_an_angles_are_not_wide() -> None:
+    rng = np.random.default_rng(1)
+    values = np.concatenate([rng.uniform(0, 40, 600), rng.uniform(0, 360, 40), [np.nan] * 5])
+    plain = _ordered("q1", "", values)
+    counts = np.diff(np.append(plain.starts, len(plain.order)))
+    assert len(plain.order) == 640 and counts.min() >= counts.max() // 2 >= LEAST_RESTS // 2
+    narrow = _ordered("q1", "", values, WIDEST_DEG)
+    groups = np.split(values[narrow.order], narrow.starts[1:])
+    assert max(np.ptp(group) for group in groups) <= WIDEST_DEG
+    assert max(map(len, groups)) == counts.max()  # where they lie close, as many as before
+    assert np.allclose(narrow.middle, [group.mean() for group in groups])
+    tied = _ordered("t1", "", np.repeat([20.0, 21.0, 22.0], 100))
+    assert [len(g) for g in np.split(tied.order, tied.starts[1:])] == [100, 100, 100]
+
+
+def test_every_recorded_variable_has_bins_and_no_other() -> None:
+    scene = whole_scene()
+    rests = scene.linear.rests
+    found = {bins.variable: bins for bins in all_bins(rests)}
+    joints = [f"{letter}{k}" for letter in "qw" for k in range(1, 7)]
+    sensors = rests.observations.arm.sensors
+    expected = {*joints, *sensors, "artefact_c", "time_s", "placement", "target", "approach"}
+    assert set(found) == expected
+    for bins in found.values():
+        assert len(np.unique(bins.order)) == len(bins.order) <= rests.n
+        assert bins.sums(np.ones(rests.n)).sum() == len(bins.order)
+    still: Any = replace(
+        rests.observations,
+        states=replace(
+            rests.observations.states,
+            rate=np.full_like(rests.observations.states.rate, np.nan),
+            approach=np.full_like(rests.observations.states.approach, np.nan),
+        ),
+    )
+    without = {bins.variable for bins in all_bins(replace(rests, observations=still))}
+    assert without == expected - {f"w{k}" for k in range(1, 7)} - {"approach"}
+
+
+def test_a_refit_takes_of_data_what_least_squares_takes() -> None:
+    rng = np.random.default_rng(2)
+    fit = a_fit(rng)
+    columns = fit.nuisance.columns.dense()[:, :6]
+    left = fit.residual - columns @ np.linalg.lstsq(columns, fit.residual, rcond=None)[0]
+    found = refit(fit, replace(unit_noise(N), scale_mm=1.0))
+    assert np.abs(found.left_mm.ravel() - left).max() < 1e-9
+
+
+def test_drawn_sets_scatter_as_the_algebra_of_the_refit_says(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Covariance (I − H) of the rests, H the projection on the free columns."""
+    monkeypatch.setattr(replicates, "MOST_DRAWS", 4 * AT_ONCE)
+    rng = np.random.default_rng(3)
+    fit = a_fit(rng)
+    columns = fit.nuisance.columns.dense()[:, :6]
+    basis = np.linalg.qr(columns)[0]
+    left = np.eye(3 * N) - basis @ basis.T
+    drawn = np.concatenate([*Refitted(fit, fit.left_mm).replicates()], axis=2).reshape(3 * N, -1)
+    assert drawn.shape[1] == 4 * AT_ONCE
+    assert np.abs(basis.T @ drawn).max() < 1e-9
+    ratio = (drawn**2).mean(axis=1) / np.diag(left)
+    assert np.abs(ratio.mean() - 1.0) < 0.01 and np.abs(ratio - 1.0).max() < 0.25
+
+
+def test_copies_of_a_posture_share_their_error_by_the_part_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(replicates, "MOST_DRAWS", 4 * AT_ONCE)
+    fit = a_fit(np.random.default_rng(4))
+    fit.linear.rests.posture = np.arange(N) // 2
+    shared = replace(fit, noise=replace(fit.noise, shared_part=0.6, counts=np.ones(N)))
+    drawn = np.concatenate([*Refitted(shared, shared.left_mm).replicates()], axis=2)
+    pairs = (drawn[::2] * drawn[1::2]).mean() / (drawn**2).mean()
+    assert pairs == pytest.approx(0.6, abs=0.03)
+
+
+def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(replicates, "MOST_DRAWS", 2 * AT_ONCE)
+    low, high = [], []
+    for seed in range(60):
+        rng = np.random.default_rng([seed, 5])
+        fit = a_fit(rng)
+        bins = ten_bins(rng)
+        for curve in _curves(refit(fit, fit.noise), [bins]):
+            low.append(curve.p_value <= 0.1)
+            high.append(curve.p_value > 0.3)
+    # Of few bins the share is coarse: p-values stand on few steps, none too small too often.
+    assert np.mean(low) < 0.16 and np.mean(high) > 0.5
+    rng = np.random.default_rng(6)
+    bins = ten_bins(rng)
+    fit = a_fit(rng)
+    step = np.zeros((N, 3))
+    step[bins.order[:48]] = 3.0 * fit.linear.joints[bins.order[:48], :, 1]
+    planted = replace(fit, residual=fit.residual + step.ravel())
+    first, second = _curves(refit(planted, fit.noise), [bins])
+    assert second.outside >= 0.4 and second.p_value <= 0.01
+    assert (np.abs(second.mean[:4] - 3.0) < 1.0).all() and second.draws == 2 * AT_ONCE
+    assert second.outside > first.outside and second.departure > 2 * first.departure
+
+
+def test_the_report_picks_what_leaves_most_of_each_group_and_of_a_finding() -> None:
+    def curve(outside: float, p: float) -> Curve:
+        line = np.zeros(3)
+        return Curve(line + outside, line - 0.1, line + 0.1, outside, p, np.zeros((2, 3)), 400)
+
+    def one(variable: str, joint: int, outside: float, p: float) -> Comparison:
+        labels = ("a", "b", "c") if variable == "placement" else ()
+        bins = Bins(variable, variable, np.arange(3), np.arange(3), np.arange(3.0), labels)
+        return Comparison(bins, joint, curve(outside, p), curve(0.0, 1.0))
+
+    every = [one("q1", 1, 0.3, 0.0), one("q3", 3, 0.6, 0.0), one("q3", 5, 0.9, 0.0),
+             one("t1", 2, 0.1, 0.4), one("artefact_c", 1, 0.2, 0.2), one("time_s", 4, 0.5, 0.0),
+             one("placement", 2, 0.4, 0.1), one("approach", 1, 0.7, 0.0)]  # fmt: skip
+    assert [(c.bins.variable, c.joint) for c in overview(every)] == [
+        ("q3", 5), ("artefact_c", 1), ("time_s", 4), ("placement", 2)]  # fmt: skip
+    at_joint = of_finding(every, {"depends_on": ["q3"], "location": "joint 3"})
+    assert at_joint is every[1]
+    assert of_finding(every, {"depends_on": ["approach_z"], "location": "tip"}) is every[7]
+    assert of_finding(every, {"depends_on": [], "location": "rows"}) is None
+    figure = draw_rows(overview(every))
+    assert [panel.get_title() for panel in figure.axes[:2]] == [
+        "model under test: 90 % outside, p < 0.003",
+        "with the findings: 0 % outside, p = 1",
+    ]
+    assert every[1].as_json() == {
+        "variable": "q3", "component": "angle joint 3", "outside_before": 0.6,
+        "outside_after": 0.0, "p_before": 0.0, "p_after": 1.0,
+        "departure_before": pytest.approx(6.0), "departure_after": 0.0}  # fmt: skip
+
+
+def test_a_model_without_findings_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit = a_fit(np.random.default_rng(7))
+    monkeypatch.setattr(replicates, "MOST_DRAWS", AT_ONCE)
+    monkeypatch.setattr(curves, "all_bins", lambda _: [ten_bins(np.random.default_rng(1))])
+    search = SimpleNamespace(first=fit, last=fit)
+    diagnosis: Any = SimpleNamespace(search=search, arm=SimpleNamespace(n_joints=JOINTS))
+    for comparison in curves.compare(diagnosis):
+        assert comparison.before is comparison.after
