@@ -8,7 +8,7 @@ BIN    := $(VENV)/bin
 # Hundreds of tests start a process each; without these files each would compile all of armd
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-default test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep outsider interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-default test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
 .PHONY: develop
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # A command, and after it what it did and the seconds it took: $(call timed,WHAT,COMMAND)
@@ -72,7 +72,8 @@ lint: develop
 	$(BIN)/lint-imports
 
 # Five workers for two processors, because many tests wait; then those marked serial, which wait most
-# of the time, two at once. A choice of tests (TEST_ARGS="-k wire") may leave one of the two parts empty: pytest's code 5.
+# of the time, two at once. A choice of tests (TEST_ARGS="-k wire") may leave one of the two parts
+# empty: pytest's code 5.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --durations=20
 WORKERS := $(PYTEST) -n 5 --dist loadfile
 SERIAL  := $(PYTEST) -n 2 --dist loadfile
@@ -95,7 +96,7 @@ test-all:
 	@echo "armd: everything else has 75 minutes on two cores"
 	@$(MAKE) --no-print-directory develop
 	@began=$$(date +%s); \
-	    for part in paper real browser test-slow "soak MINUTES=2" \
+	    for part in paper real browser test-slow scale "soak MINUTES=2" \
 	        "fuzz MINUTES=10" system-test; do \
 	        $(MAKE) --no-print-directory $$part || exit; \
 	    done; \
@@ -164,6 +165,11 @@ soak: develop
 # out/fuzz: make fuzz MINUTES=60 SEED=3
 fuzz: develop
 	PYTHONPATH=tests $(BIN)/python tests/fuzz/run.py --minutes $(MINUTES) --seed $(SEED) $(FUZZ_ARGS)
+
+# The programs of docs/scale.md on local clusters, Ray among them, which 240 MB come with
+scale: develop
+	$(PIP) install -r requirements.txt -r requirements-dev.txt -r requirements-scale.txt
+	$(BIN)/python -m pytest --durations=20 --timeout 900 tests/public/test_public_scale.py
 
 # A Debian package for controllers with this Python or another: make deb FOR=3.13
 FOR ?= $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
