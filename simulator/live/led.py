@@ -34,14 +34,14 @@ SHORTEST_MOVE_S = 0.25
 
 #: mm; beyond it no sum of squares is a number.
 _Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
-_Place = tuple[_Coordinate, _Coordinate, _Coordinate]
+_PlanPoint = tuple[_Coordinate, _Coordinate, _Coordinate]
 
 
 class LedTarget(Strict):
     """A point of the artefact."""
 
     name: str
-    position_mm: _Place = (0.0, 0.0, 0.0)
+    position_mm: _PlanPoint = (0.0, 0.0, 0.0)
 
 
 class LedVisit(Strict):
@@ -51,7 +51,7 @@ class LedVisit(Strict):
     targets: list[str] = []  # none: all
     rounds: Annotated[int, Field(ge=1, le=100)] = 1
     #: Of the artefact's origin, base frame. None: wherever the arm reaches all targets.
-    position_mm: _Place | None = None
+    position_mm: _PlanPoint | None = None
     rotation_deg: Vector = (0.0, 0.0, 0.0)  # about the base's x, then y, then z
     #: Without a position: how far from the column's axis the targets may be.
     radius_mm: tuple[float, float] = (200.0, 1000.0)
@@ -92,7 +92,7 @@ class _Position(BaseModel):
     """Of an artefact's file only what a hand needs."""
 
     name: str
-    position_mm: _Place
+    position_mm: _PlanPoint
 
 
 class _Table(BaseModel):

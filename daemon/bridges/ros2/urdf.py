@@ -11,10 +11,10 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import parse_calibration
+from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import frames
 from armd.daemon.catalogue.roll_pitch_yaw import rpy_of_matrix
-from armd.files.schema import validate
+from armd.files.schema import json_data, validate
 from armd.terminal.counted import counted
 from armd.terminal.suggest import few
 
@@ -30,9 +30,14 @@ def write(info: Mapping[str, Any], calibration: str | None, namespace: str, fram
     arm = validate("the daemon's info", info["arm"], Arm)
     parameters = arm.nominal()
     if calibration is not None:
-        content = parse_calibration("the daemon's calibration", calibration.encode())
-        parameters = content.vector(arm.n_joints)
+        parameters = _content(calibration).vector(arm.n_joints)
     return write_geometry(arm, parameters, namespace.replace("/", "_"), frame)
+
+
+def _content(calibration: str) -> Calibration:
+    """Of a file that the daemon has in use; raises `BadInput` for an answer that is none."""
+    where = "the daemon's calibration"
+    return validate(where, json_data(where, calibration.encode()), Calibration)
 
 
 def write_geometry(arm: Arm, parameters: F64, prefix: str, frame: str) -> str:
@@ -74,7 +79,7 @@ def left_out(calibration: str | None) -> str:
     """
     if calibration is None:
         return ""
-    terms = parse_calibration("the daemon's calibration", calibration.encode()).terms
+    terms = _content(calibration).terms
     if not terms:
         return ""
     names = dict.fromkeys(term.effect or f"of {term.parameter}" for term in terms)
