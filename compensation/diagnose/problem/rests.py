@@ -61,6 +61,9 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
         target=raw.target[first],
         truth_mm=mean(raw.truth_mm),
         stretch=mean(raw.stretch),
+        reflector=raw.reflector[first],
+        measured_turn=raw.measured_turn[first],
+        turned=raw.turned[first],
     )
     labels = tuple(name for s in sessions for name in s.artefact.target_names)
     return Rests(
