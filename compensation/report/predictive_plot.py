@@ -40,8 +40,10 @@ def overview(comparisons: Sequence[Comparison]) -> Sequence[Comparison]:
 
 
 def most_outside(comparisons: Sequence[Comparison]) -> Comparison:
-    """The one that is farthest outside of its band under the model under test."""
-    return max(comparisons, key=lambda one: one.before.departure)
+    """The one that explains most of the residuals, of those that are least likely noise."""
+    least = min(one.before.p_value for one in comparisons)
+    unlikely = [one for one in comparisons if one.before.p_value == least]
+    return max(unlikely, key=lambda one: one.before.rms_um)
 
 
 def of_finding(comparisons: Sequence[Comparison], finding: Mapping[str, Any]) -> Comparison | None:

@@ -141,13 +141,14 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     first, second = _curves(refit(planted, fit.noise), [bins])
     assert second.outside >= 0.4 and second.p_value <= 0.01
     assert (np.abs(second.mean[:4] - 3.0) < 1.0).all() and second.draws == 2 * AT_ONCE
-    assert second.outside > first.outside and second.departure > 2 * first.departure
+    assert second.outside > first.outside and second.rms_um > 2 * first.rms_um
 
 
 def test_the_report_picks_what_leaves_most_of_each_group_and_of_a_finding() -> None:
     def curve(outside: float, p: float) -> Curve:
         line = np.zeros(3)
-        return Curve(line + outside, line - 0.1, line + 0.1, outside, p, np.zeros((2, 3)), 400)
+        sets = np.zeros((2, 3))
+        return Curve(line + outside, line - 0.1, line + 0.1, outside, p, sets, 400, line + 1.0, 3)
 
     def one(variable: str, joint: int, outside: float, p: float) -> Comparison:
         labels = ("a", "b", "c") if variable == "placement" else ()
@@ -171,7 +172,8 @@ def test_the_report_picks_what_leaves_most_of_each_group_and_of_a_finding() -> N
     assert every[1].as_json() == {
         "variable": "q3", "component": "angle joint 3", "outside_before": 0.6,
         "outside_after": 0.0, "p_before": 0.0, "p_after": 1.0,
-        "departure_before": pytest.approx(6.0), "departure_after": 0.0}  # fmt: skip
+        "curve_um_before": pytest.approx(1e3 * np.sqrt(0.6**2 - (0.1 / 1.96) ** 2)),
+        "curve_um_after": 0.0}  # fmt: skip
 
 
 def test_a_model_without_findings_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
