@@ -19,7 +19,7 @@ SHOWN = 12
 
 
 @dataclass(frozen=True)
-class Curve:
+class ResidualCurve:
     """What a model leaves along one joint's motion over one variable, rad, and drawn sets' band."""
 
     mean: F64  # (B,) of each bin
@@ -42,13 +42,13 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ResidualComparison:
     """One variable and component, under the model under test and with the findings."""
 
     bins: Bins
     joint: int  # from 1
-    before: Curve
-    after: Curve
+    before: ResidualCurve
+    after: ResidualCurve
 
     @property
     def component(self) -> str:
@@ -68,7 +68,7 @@ class Comparison:
         }
 
 
-def compare(diagnosis: Diagnosis) -> list[Comparison]:
+def compare(diagnosis: Diagnosis) -> list[ResidualComparison]:
     """Every variable with every joint's motion, by the noise that the last fit found; what
     explains most of the residuals under the model under test stands first."""
     search = diagnosis.search
@@ -80,13 +80,13 @@ def compare(diagnosis: Diagnosis) -> list[Comparison]:
     joints = range(1, diagnosis.arm.n_joints + 1)
     places = [(one, joint) for one in bins for joint in joints]
     made = [
-        Comparison(one, joint, first, second)
+        ResidualComparison(one, joint, first, second)
         for (one, joint), first, second in zip(places, before, after, strict=True)
     ]
     return sorted(made, key=lambda one: -one.before.rms_um)
 
 
-def _curves(model: Refitted, bins: list[Bins]) -> list[Curve]:
+def _curves(model: Refitted, bins: list[Bins]) -> list[ResidualCurve]:
     """Bins by bins, joint by joint."""
     joints = model.fit.linear.joints  # (n, 3, N) mm/rad
     square = (joints**2).sum(axis=1)
@@ -107,7 +107,7 @@ def _curves(model: Refitted, bins: list[Bins]) -> list[Curve]:
         p_value = (share >= outside[:, None] - 1e-9).mean(axis=1)
         for k in range(own.shape[1]):
             found.append(
-                Curve(
+                ResidualCurve(
                     own[:, k],
                     low[:, k],
                     high[:, k],
