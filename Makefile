@@ -5,6 +5,8 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+# Hundreds of tests start a process each; without these files each would compile all of armd
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: install demo test test-default test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep outsider interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
 .PHONY: develop
@@ -69,10 +71,11 @@ lint: develop
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Four workers for two processors, because many tests wait; then, alone, those marked serial.
-# A choice of tests (TEST_ARGS="-k wire") may leave one of the two parts empty: pytest's code 5.
+# Five workers for two processors, because many tests wait; then those marked serial, which wait most
+# of the time, two at once. A choice of tests (TEST_ARGS="-k wire") may leave one of the two parts empty: pytest's code 5.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --durations=20
-WORKERS := $(PYTEST) -n 4 --dist loadfile
+WORKERS := $(PYTEST) -n 5 --dist loadfile
+SERIAL  := $(PYTEST) -n 2 --dist loadfile
 EMPTY_IS_FINE := $(if $(TEST_ARGS),|| [ $$? = 5 ])
 # Where serial tests are: to collect all others takes longer than to run some of these
 SERIAL_IN := $(if $(TEST_ARGS),,$$(grep -rl --include='test_*.py' 'mark\.serial' tests))
@@ -85,7 +88,7 @@ test:
 
 test-default: develop
 	$(WORKERS) -m "not slow and not serial" $(TEST_ARGS) $(EMPTY_IS_FINE)
-	$(PYTEST) -m "serial and not slow" $(SERIAL_IN) $(TEST_ARGS) $(EMPTY_IS_FINE)
+	$(SERIAL) -m "serial and not slow" $(SERIAL_IN) $(TEST_ARGS) $(EMPTY_IS_FINE)
 
 # What make test leaves out, save make test-long
 test-all:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from armd.errors import ArmdError, BadInput, NoAnswer
+from armd.errors import ArmdError, BadInput, Closed, NoAnswer
 
 if TYPE_CHECKING:
     from armd import client, joints, keys, point
@@ -39,6 +39,7 @@ __all__ = [
     "ArmdError",
     "BadInput",
     "Calibration",
+    "Closed",
     "Corrector",
     "DesignResult",
     "Diagnosis",

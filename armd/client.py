@@ -10,6 +10,8 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
+import math
+import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -17,24 +19,27 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import zenoh
-from zenoh import ext
 
 from armd import keys
 from armd.closing import Closing
-from armd.errors import ArmdError, NoAnswer
+from armd.errors import ArmdError, Closed, NoAnswer
 from armd.point import POINT, Lost, Point
 from armd.received import FORMS, Gate, Refused, json_object
-from armd.stream import POLL_S, Closed, Handle, Stream
-from armd.zenoh_session import ENDPOINT, find_arm, open_session
+from armd.stream import POLL_S, Handle, Stream, subscribe
+from armd.zenoh_session import ENDPOINT, find_arm, open_session, translated
 
 
 class Arm(Closing):
     """A connection to one arm's streams; close it, or use it in a `with`.
 
-    Three kinds of calls: `points`, `batches`, `measurements`, `events` and `health` iterate over
-    what comes, for ever or for *seconds*, and end when the arm is closed, by any thread; `latest`,
-    `state`, `info` and `past` answer at once; `on_measurement` and `on_event` call a function.
-    Iterate from one thread.
+    - Iterators: `points`, `batches`, `points_async`, `measurements`, `events` and `health` give
+      what comes, for ever or for *seconds*, and end when the arm is closed, by any thread.
+    - Snapshots: `latest`, `state`, `info` and `calibration_file` answer at once.
+    - History: `past` gives what the daemon still has.
+    - Callbacks: `on_measurement` and `on_event` call a function.
+
+    Iterate from one thread. Every error is an `ArmdError`: `NoAnswer` where nothing comes in time,
+    `Closed` where this arm was closed before.
     """
 
     def __init__(self, session: zenoh.Session, serial: str) -> None:
@@ -42,6 +47,9 @@ class Arm(Closing):
         self.serial = serial
         self.lost = Lost()
         self._gate = Gate()
+
+    def __repr__(self) -> str:
+        return f"<armd.Arm {self.serial}{', closed' * self._session.is_closed()}>"
 
     @property
     def refused(self) -> Refused:
@@ -70,17 +78,21 @@ class Arm(Closing):
         """The next point that comes; raises `NoAnswer` if none does within *timeout_s*."""
         for point in self.points(timeout_s):
             return point
+        if self._session.is_closed():
+            raise Closed("the connection to the arm is closed")
         raise NoAnswer(f"{self.serial}: no point within {timeout_s:g} s")
 
     def state(self) -> dict[str, Any]:
         """The last health message: state, reason, rates, temperatures. Raises `NoAnswer`."""
         return self._ask(keys.HEALTH)
 
-    async def points_async(self) -> AsyncIterator[Point]:
-        """Every point from now on, for `async for`; ends when the arm is closed."""
+    async def points_async(self, seconds: float | None = None) -> AsyncIterator[Point]:
+        """`points` for `async for`: other tasks run while nothing comes."""
+        end_s = math.inf if seconds is None else time.monotonic() + seconds
         self.lost.begin()
-        with self.stream(keys.POINT) as stream, suppress(Closed):
-            while True:
+        opened = await asyncio.to_thread(self.stream, keys.POINT)  # which asks the daemon something
+        with opened as stream, suppress(Closed):
+            while time.monotonic() < end_s:
                 for point in Point.from_array(self.decode(stream.take())):
                     yield point
                 await asyncio.sleep(POLL_S)
@@ -89,7 +101,10 @@ class Arm(Closing):
         self, call: Callable[[dict[str, Any]], object], past: bool = False
     ) -> Handle:
         """Call *call* with each measurement as it comes, in a thread of Zenoh's; with *past* first
-        with those that the daemon still has. Close the handle that is returned to end it."""
+        with those that the daemon still has. Close the handle that is returned to end it.
+
+        An exception that *call* raises is logged, and the next measurement comes all the same.
+        """
         return self._on(keys.MEASUREMENT, call, past)
 
     def on_event(self, call: Callable[[dict[str, Any]], object], past: bool = False) -> Handle:
@@ -102,28 +117,23 @@ class Arm(Closing):
             if payload is not None:
                 call(json.loads(payload))
 
-        key = keys.key(self.serial, what)
-        subscriber: zenoh.Subscriber[Any] | ext.AdvancedSubscriber[Any]
-        if past:
-            history = ext.HistoryConfig(detect_late_publishers=True)
-            subscriber = ext.declare_advanced_subscriber(
-                self._session, key, pass_on, history=history
-            )
-        else:
-            subscriber = self._session.declare_subscriber(key, pass_on)
+        subscriber = subscribe(self._session, keys.key(self.serial, what), pass_on, past)
         return Handle(subscriber.undeclare)
 
     def health(self, seconds: float | None = None) -> Iterator[dict[str, Any]]:
         """Once a second: state, reason, rates, drops, temperatures, latency."""
         return self._messages(keys.HEALTH, seconds)
 
-    def events(self, seconds: float | None = None) -> Iterator[dict[str, Any]]:
-        """Faults, recoveries, buttons, changes; those of the past first."""
-        return self._messages(keys.EVENT, seconds)
+    def events(self, seconds: float | None = None, past: bool = True) -> Iterator[dict[str, Any]]:
+        """Faults, recoveries, buttons, changes; those of the past first, unless not *past*."""
+        return self._messages(keys.EVENT, seconds, past)
 
-    def measurements(self, seconds: float | None = None) -> Iterator[dict[str, Any]]:
-        """Averaged points, one per button press or rest; those of the past first."""
-        return self._messages(keys.MEASUREMENT, seconds)
+    def measurements(
+        self, seconds: float | None = None, past: bool = True
+    ) -> Iterator[dict[str, Any]]:
+        """Averaged points, one per button press or rest; those of the past first, unless not
+        *past*."""
+        return self._messages(keys.MEASUREMENT, seconds, past)
 
     def health_now(self) -> dict[str, Any]:
         """The older name of `state`."""
@@ -139,11 +149,14 @@ class Arm(Closing):
         return None if data == b"null" else data.decode()
 
     def past(self, what: str) -> list[dict[str, Any]]:
-        """What the daemon still has of its measurements or events (`armd.keys`), the oldest
-        first: the last thousand."""
-        replies = self._session.get(
-            keys.key(self.serial, what), consolidation=zenoh.ConsolidationMode.NONE
-        )
+        """What the daemon still has, the oldest first: the last thousand; *what* is "measurement"
+        or "event"."""
+        if what not in (keys.MEASUREMENT, keys.EVENT):
+            expected = f"{keys.MEASUREMENT!r} or {keys.EVENT!r}"
+            raise ArmdError(f"past: found {what!r}, expected {expected}")
+        key = keys.key(self.serial, what)
+        with translated(self._session, key):
+            replies = list(self._session.get(key, consolidation=zenoh.ConsolidationMode.NONE))
         payloads = [reply.ok.payload.to_bytes() for reply in replies if reply.ok]
         messages = [json_object(what, payload) for payload in payloads]
         self._gate.refused.malformed += messages.count(None)
@@ -187,11 +200,10 @@ class Arm(Closing):
             if payload is not None:
                 callback(payload)
 
-        subscriber = self._session.declare_subscriber(keys.key(self.serial, what), pass_on)
-        try:
+        with Handle(
+            subscribe(self._session, keys.key(self.serial, what), pass_on, False).undeclare
+        ):
             yield
-        finally:
-            subscriber.undeclare()  # type: ignore[no-untyped-call]
 
     def decode(self, payloads: list[bytes]) -> npt.NDArray[np.void]:
         """The next points of the stream, (n,) of `armd.POINT`; counts those lost before them."""
@@ -199,8 +211,10 @@ class Arm(Closing):
         self.lost.count(points)
         return points
 
-    def _messages(self, what: str, seconds: float | None) -> Iterator[dict[str, Any]]:
-        with self.stream(what) as stream:
+    def _messages(
+        self, what: str, seconds: float | None, past: bool = True
+    ) -> Iterator[dict[str, Any]]:
+        with Stream(self._session, self.serial, what, self._gate, past=past) as stream:
             for payloads in stream.follow(seconds):
                 yield from map(json.loads, payloads)
 
@@ -214,15 +228,12 @@ class Arm(Closing):
 
     def _ask_bytes(self, what: str, parameters: str = "") -> bytes:
         key = keys.key(self.serial, what)
-        try:
-            replies = self._session.get(f"{key}?{parameters}" if parameters else key)
-        except zenoh.ZError:
-            raise Closed("the connection to the arm is closed") from None
-        for reply in replies:
-            if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
-            if reply.err is not None:
-                raise ArmdError(f"{key}: {reply.err.payload.to_string()}")
+        with translated(self._session, key):
+            for reply in self._session.get(f"{key}?{parameters}" if parameters else key):
+                if reply.ok is not None:
+                    return reply.ok.payload.to_bytes()
+                if reply.err is not None:
+                    raise ArmdError(f"{key}: {reply.err.payload.to_string()}")
         raise NoAnswer(f"{key}: no answer; is the daemon running?")
 
 

@@ -38,3 +38,7 @@ class BadInput(ArmdError):
 
 class NoAnswer(ArmdError, TimeoutError):
     """Nothing came of an arm within the time that was given."""
+
+
+class Closed(ArmdError):
+    """This program closed the connection to the arm and then used it."""

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import logging
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import zenoh
 
 from armd import keys
-from armd.errors import ArmdError, BadInput, NoAnswer
+from armd.errors import ArmdError, BadInput, Closed, NoAnswer
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 MOST_RECEIVED_BYTES = 32 << 20  # the answer that holds a calibration file of the largest kind
@@ -37,6 +39,24 @@ def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Ses
         ) from None
     _log.info("connected to %s", endpoint)
     return session
+
+
+@contextmanager
+def translated(session: zenoh.Session, key: str) -> Iterator[None]:
+    """Within this `with`, an error of Zenoh's becomes `Closed`, or an `ArmdError` that names *key*.
+
+    Zenoh's own text ends with a file of its sources, which is cut off.
+    """
+    closed = "the connection to the arm is closed"
+    if session.is_closed():
+        raise Closed(closed)
+    try:
+        yield
+    except zenoh.ZError as error:
+        if session.is_closed():
+            raise Closed(closed) from None
+        reason = str(error).splitlines()[0].partition(" at /")[0][:200]
+        raise ArmdError(f"{key}: Zenoh refuses it: {reason}") from None
 
 
 def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
@@ -75,8 +95,7 @@ def find_arm(session: zenoh.Session, serial: str | None, endpoint: str, timeout_
     """The serial number of the arm, the only one or the one named; raises `ArmdError`."""
     end_s = time.monotonic() + timeout_s
     while True:
-        replies = session.liveliness().get(keys.key(serial or "*", keys.ALIVE))
-        found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
+        found = _serials(session, serial or "*")
         if len(found) == 1:
             _log.info("arm %s is there", *found)
             return found.pop()
@@ -85,8 +104,15 @@ def find_arm(session: zenoh.Session, serial: str | None, endpoint: str, timeout_
         if time.monotonic() > end_s:
             if serial is None:
                 raise NoAnswer(f"{endpoint}: no arm within {timeout_s:g} s")
-            replies = session.liveliness().get(keys.key("*", keys.ALIVE))
-            there = sorted(str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok)
+            there = sorted(_serials(session, "*"))
             said = f"there is {', '.join(there)}" if there else "nor any other"
             raise NoAnswer(f"{endpoint}: no arm {serial} within {timeout_s:g} s; {said}")
         time.sleep(0.1)
+
+
+def _serials(session: zenoh.Session, serial: str) -> set[str]:
+    """Serial numbers of the arms that are there; "*" asks for all."""
+    key = keys.key(serial, keys.ALIVE)
+    with translated(session, key):
+        replies = list(session.liveliness().get(key))
+    return {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}

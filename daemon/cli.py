@@ -9,8 +9,9 @@ import io
 import keyword
 import signal
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import nullcontext
+from typing import TYPE_CHECKING
 
 from armd import __version__
 from armd.compensation.freed import seldom_collected
@@ -21,6 +22,9 @@ from armd.terminal.loudness import add_loudness, heard, own_fault
 from armd.terminal.parser import Parser
 from armd.terminal.printable import printable
 from armd.terminal.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from armd.daemon.commands.added import AddedCommand
 
 #: room of `armd.daemon.commands` → name of a command (and its module) → its line in `armd --help`
 ROOMS = {
@@ -157,16 +161,32 @@ def _run(arguments: list[str]) -> int:
         signal, "SIGHUP"
     ):  # before anything is read, a reload has nothing to do
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    if chosen is not None and chosen not in COMMANDS:
-        guess = did_you_mean(chosen, COMMANDS) or " (armd --help lists them)"
+    added = _added(chosen, arguments)
+    if chosen is not None and chosen not in COMMANDS and chosen not in added:
+        guess = did_you_mean(chosen, [*COMMANDS, *added]) or " (armd --help lists them)"
         raise BadInput("command line", "COMMAND", repr(chosen), f"a command of armd{guess}")
     with seldom_collected() if chosen in ROOMS["offline"] else nullcontext():
-        return _chosen(chosen, arguments)
+        return _chosen(chosen, arguments, added)
 
 
-def _chosen(chosen: str | None, arguments: list[str]) -> int:
+def _added(chosen: str | None, arguments: Collection[str]) -> Mapping[str, AddedCommand]:
+    """Commands of other packages: the one that is chosen, or all that `armd --help` lists.
+
+    armd's own commands do not pay for the search.
+    """
+    if chosen in COMMANDS or {*arguments} & {"-V", "--version"}:
+        return {}
+    from armd.daemon.commands.added import added_command, added_commands
+
+    if chosen is None:
+        return added_commands(COMMANDS)
+    command = added_command(chosen, COMMANDS)
+    return {} if command is None else {chosen: command}
+
+
+def _chosen(chosen: str | None, arguments: list[str], added: Mapping[str, AddedCommand]) -> int:
     # Only the chosen command's module is imported: `armd check` should not pay for Zenoh.
-    parser, commands = parsers([chosen] if chosen else [])
+    parser, commands = parsers([chosen] if chosen else [], added)
     if chosen is None and not {*arguments} & {"-h", "--help", "-V", "--version"}:
         if arguments:
             parser.refuse(arguments)
@@ -178,14 +198,16 @@ def _chosen(chosen: str | None, arguments: list[str]) -> int:
     if unknown:
         commands[chosen].refuse(unknown)
     with heard(namespace):
-        return _work(chosen, namespace)
+        return _work(chosen, namespace, added)
 
 
-def _work(chosen: str, namespace: argparse.Namespace) -> int:
+def _work(chosen: str, namespace: argparse.Namespace, added: Mapping[str, AddedCommand]) -> int:
     if not namespace.quiet and sys.stderr is not None and sys.stderr.isatty():
         from armd.terminal.aside import tell_of_compiling  # rich takes long to load
 
         tell_of_compiling()
+    if chosen in added:
+        return added[chosen].run(namespace)
     return int(importlib.import_module(module_of(chosen)).run(namespace))
 
 
@@ -204,9 +226,12 @@ def installed() -> set[str]:
     return found
 
 
-def parsers(whole: Collection[str]) -> tuple[Parser, dict[str, Parser]]:
-    """The parser of `armd`, and those of its commands by name; the ones in *whole* have all their
-    options, the others only their line in `armd --help`."""
+def parsers(
+    whole: Collection[str], added: Mapping[str, AddedCommand] | None = None
+) -> tuple[Parser, dict[str, Parser]]:
+    """The parser of `armd`, and those of its commands and the *added* by name; the ones in *whole*
+    have all their options, the others only their line in `armd --help`."""
+    added = added or {}
     parser = Parser(
         prog="armd",
         description="The open driver for articulated measuring arms.",
@@ -215,11 +240,15 @@ def parsers(whole: Collection[str]) -> tuple[Parser, dict[str, Parser]]:
     parser.add_argument("-V", "--version", action="version", version=f"armd {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     each = {}
-    for name, help_line in COMMANDS.items():
+    lines = COMMANDS | {name: command.help_line for name, command in added.items()}
+    for name, help_line in lines.items():
         description = help_line[:1].upper() + help_line[1:] + "."
         each[name] = command = commands.add_parser(name, help=help_line, description=description)
         if name in whole:
-            importlib.import_module(module_of(name)).add_arguments(command)
+            if name in added:
+                added[name].add_arguments(command)
+            else:
+                importlib.import_module(module_of(name)).add_arguments(command)
             if name != "simulate":  # a program of its own
                 add_loudness(command)
             if name in USAGE:

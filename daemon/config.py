@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from armd import keys
 from armd.compensation.model.arm import Arm, Offset, load_arm
@@ -23,8 +23,13 @@ from armd.drivers.identity import Expectation
 from armd.drivers.microscribe.wire import N_JOINTS
 from armd.drivers.poll.protocol.family import COUNTS_PER_TURN
 from armd.drivers.serial.wire import SERIAL_NUMBER_BYTES
-from armd.errors import BadInput
-from armd.files.schema import Strict, load_toml
+from armd.drivers.table import DRIVERS
+from armd.errors import ArmdError, BadInput
+from armd.files.inputs import MOST_TOML_BYTES, read_input
+from armd.files.schema import Strict, toml_data, validate
+
+if TYPE_CHECKING:
+    from armd.drivers.plugin import DriverPlugin
 
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 Endpoint = Annotated[str, Field(pattern=r"^[a-z0-9-]+/.+$", description="e.g. tcp/127.0.0.1:7447")]
@@ -130,7 +135,7 @@ class Config:
         return self.path.parent / name
 
     @property
-    def driver(self) -> DriverConfig:
+    def driver(self) -> DriverConfig | DriverPlugin:
         driver = self.file.driver
         if isinstance(driver, ReplayConfig):
             return driver.model_copy(update={"file": str(self.beside(driver.file))})
@@ -153,7 +158,15 @@ class Config:
 
 def load_config(path: str | Path) -> Config:
     """Read armd.toml and its arm.toml; raises `BadInput` naming file, key, found and expected."""
-    file = load_toml(path, DaemonFile)
+    data = toml_data(path, read_input(path, MOST_TOML_BYTES))
+    model = _model_of(path, data)
+    try:
+        file = validate(path, data, model)
+    except Exception as error:
+        if model is DaemonFile or isinstance(error, ArmdError):
+            raise
+        found = f"{type(error).__name__}: {error}"
+        raise BadInput(path, "driver", found, "keys that its package can check") from error
     config_path = Path(path).absolute()
     arm_path = config_path.parent / file.arm
     arm = load_arm(arm_path)
@@ -179,6 +192,23 @@ def load_config(path: str | Path) -> Config:
         other = min(file.zenoh.model_fields_set - {"config"})
         raise BadInput(path, f"zenoh.{other}", "this key", "it inside zenoh.config, or no config")
     return Config(config_path, file, arm)
+
+
+def _model_of(path: str | Path, data: dict[str, Any]) -> type[DaemonFile]:
+    """The model of armd.toml; for a `kind` of another package, with that package's keys."""
+    driver = data.get("driver")
+    kind = driver.get("kind") if isinstance(driver, dict) else None
+    if not isinstance(kind, str) or kind in DRIVERS:
+        return DaemonFile
+    from armd.drivers.plugin import plugin_driver, plugin_kinds
+
+    plugin = plugin_driver(kind, DRIVERS)
+    if plugin is not None:
+        return create_model("DaemonFile", __base__=DaemonFile, driver=(plugin, ...))
+    if others := plugin_kinds(DRIVERS):
+        known = ", ".join(map(repr, [*DRIVERS, *others]))
+        raise BadInput(path, "driver.kind", repr(kind), f"one of {known}")
+    return DaemonFile
 
 
 def _check_nodes(path: str | Path, driver: CanConfig, arm_path: Path, arm: Arm) -> None:

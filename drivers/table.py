@@ -1,13 +1,18 @@
-"""The drivers, by the `kind` that armd.toml names. A module is imported when it is chosen."""
+"""The drivers, by the `kind` that armd.toml names. A module is imported when it is chosen; other
+kinds are those of other packages (docs/plugins.md)."""
 
 from __future__ import annotations
 
 import logging
 from importlib import import_module
+from typing import TYPE_CHECKING
 
 from armd.drivers.config import DriverConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Driver
+
+if TYPE_CHECKING:
+    from armd.drivers.plugin import DriverPlugin
 
 _log = logging.getLogger(__name__)
 
@@ -21,10 +26,10 @@ DRIVERS = {
 }
 
 
-def open_driver(config: DriverConfig, expectation: Expectation) -> Driver:
+def open_driver(config: DriverConfig | DriverPlugin, expectation: Expectation) -> Driver:
     """The driver that *config* names, open. Missing hardware is waited for, in `Driver.read`."""
-    module, name = DRIVERS[config.kind].split(":")
     _log.info("opening the driver %s", config.kind)
+    module, name = DRIVERS.get(config.kind, "armd.drivers.plugin:GuardedDriver").split(":")
     driver: Driver = getattr(import_module(module), name)(config, expectation)
     driver.open()
     return driver

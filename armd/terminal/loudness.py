@@ -90,12 +90,14 @@ def _once() -> Callable[[logging.LogRecord], bool]:
     return new
 
 
-def own_fault(error: Exception) -> int:
-    """For what nobody foresaw: its traceback, without -v too, for it may not come again."""
+def own_fault(error: Exception, of: str = "armd") -> int:
+    """For what nobody foresaw: its traceback, without -v too, for it may not come again.
+
+    *of*: whose code it was."""
     traceback.print_exception(error)
     name = type(error).__name__
     print(
-        f"armd: {name}: this is a fault of armd, not of your files; please report the lines above",
+        f"armd: {name}: this is a fault of {of}, not of your files; please report the lines above",
         file=sys.stderr,
     )
     return OWN_FAULT

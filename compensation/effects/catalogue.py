@@ -1,6 +1,7 @@
 """All causes armd can name: whatever stands in the rooms beside this file.
 
-A module there has an `EFFECT`, or several `EFFECTS`: adding a cause is adding its file.
+A module there has an `EFFECT`, or several `EFFECTS`: adding a cause is adding its file. Other
+packages bring theirs (`added.py`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import replace
 from importlib import import_module
 
 from armd.compensation.effects import encoder, mechanical, setup, thermal, unknown
+from armd.compensation.effects.added import added_effects
 from armd.compensation.effects.effect import Acting, Candidate, Effect, SessionFacts
 from armd.compensation.effects.older import beyond_calibration
 from armd.compensation.model.arm import Arm
@@ -32,11 +34,14 @@ WELL_MADE_RAD = 10 * FINE_RAD
 
 
 def _found() -> Iterator[Effect]:
-    """Room by room, then by name; what has no name comes last."""
+    """Room by room, then by name; then those of other packages; what has no name comes last."""
+    own: list[Effect] = []
     for room in ROOMS:
         for name in sorted(module.name for module in pkgutil.iter_modules(room.__path__)):
             module = import_module(f"{room.__name__}.{name}")
-            yield from getattr(module, "EFFECTS", None) or (module.EFFECT,)
+            own += getattr(module, "EFFECTS", None) or (module.EFFECT,)
+    yield from own
+    yield from added_effects([*(effect.cause for effect in own), unknown.EFFECT.cause])
     yield unknown.EFFECT
 
 

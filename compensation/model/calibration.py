@@ -317,7 +317,14 @@ def check_belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
         if name not in known | numbered:
             expected = 'a parameter of the arm or "term I", I counting `terms` from 0'
             raise BadInput(path, "covariance_of", repr(name), expected)
-    for i, term in enumerate(calibration.terms, 1):
+    check_terms(path, calibration.terms, arm)
+
+
+def check_terms(path: str | Path, terms: Sequence[Term], arm: Arm) -> None:
+    """Raise `BadInput`, which names *path*, unless all *terms* are of parameters, joints and
+    sensors of *arm*."""
+    known = set(arm.layout.names)
+    for i, term in enumerate(terms, 1):
         if term.parameter not in known:
             raise BadInput(
                 path, f"terms[{i}].parameter", repr(term.parameter), "a parameter of the arm"

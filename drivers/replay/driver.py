@@ -20,6 +20,7 @@ from armd.drivers.replay.recording import Recording
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.serial.decoder import SerialDecoder
 from armd.drivers.shell import Decoder
+from armd.drivers.table import DRIVERS
 from armd.errors import BadInput
 from armd.files.schema import validate
 
@@ -44,6 +45,14 @@ def decoder_of(recording: Recording, expectation: Expectation) -> Decoder:
         case "microscribe":
             scribe = validate(where, driver, MicroScribeConfig)
             return MicroScribeDecoder(expectation, scribe.max_joint_rate_deg_s, scribe.stream)
+        case str(kind) if kind not in DRIVERS:
+            from armd.drivers.plugin import plugin_driver
+
+            model = plugin_driver(kind, DRIVERS)
+            plugin = None if model is None else validate(where, driver, model)
+            decoder = None if plugin is None else plugin.make_decoder(expectation)
+            if decoder is not None:
+                return decoder
     found = repr(driver["kind"])[:80]
     raise BadInput(where, "driver.kind", found, "a kind whose recordings can be replayed")
 

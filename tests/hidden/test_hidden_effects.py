@@ -162,6 +162,7 @@ def test_two_causes_are_told_apart() -> None:
     assert judged.false_causes == 0
 
 
+@pytest.mark.slow
 def test_what_no_catalogue_has_is_unknown_and_names_its_variables() -> None:
     detail = {"kind": "hysteresis", "joint": 3, "other": 4}
     judged = run_case(505, [Plant("unknown", "-", 12.0, detail)], design=SMALL)

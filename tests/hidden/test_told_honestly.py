@@ -94,6 +94,7 @@ def test_silence_says_what_would_have_shown(measured: Measured) -> None:
     assert all(cause in verdict(clean) for cause in hidden)
 
 
+@pytest.mark.slow
 def test_no_p_value_is_nothing(found: Diagnosis) -> None:
     assert all(finding["p_value"] > 0.0 for finding in as_json(found, None)["findings"])
 

@@ -19,6 +19,7 @@ from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import Arm
 from armd.daemon.cli import main as armd
 from support import synthetic
+from support.selection import parametrize_default
 
 ARCSEC = np.pi / 180 / 3600
 OPTIONS = Options(thermal_order=0)
@@ -158,11 +159,11 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
+@parametrize_default(
     ("drawn", "typed", "parameter", "off_mm"),
     [
-        ("520.000000", "460.000000", "a_2", 60.0),
         ("110.000000]", "10.000000]", "tip_z", 100.0),
+        ("520.000000", "460.000000", "a_2", 60.0),
     ],
 )
 def test_calibrate_remarks_on_a_wrong_arm_toml(

@@ -107,6 +107,7 @@ def test_so_many_that_no_arm_fits_are_refused(
     assert not (measured / "calibration.json").exists()
 
 
+@pytest.mark.slow
 def test_check_tells_of_them(measured: Path, capsys: pytest.CaptureFixture[str]) -> None:
     told = renamed(measured)
     assert armd(["check", str(measured / "arm.toml"), str(measured / "T20")]) == 1
@@ -130,6 +131,7 @@ def test_a_diagnosis_names_them(measured: Path, capsys: pytest.CaptureFixture[st
     assert result["baseline"]["noise_floor_um"] == pytest.approx(2.6, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_reading_in_the_air_is_named_as_why_there_is_no_certificate(
     measured: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

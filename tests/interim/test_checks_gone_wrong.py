@@ -113,6 +113,7 @@ def test_new_play_in_a_joint_is_a_change_and_no_reading_gone_wrong(
     assert result["changes"][0]["cause"] == "joint_backlash" and result["far_off"] == []
 
 
+@pytest.mark.slow
 def test_the_first_check_of_all_names_its_reading_too(checks: Path, tmp_path: Path) -> None:
     session = edited(checks, tmp_path, in_the_air(checks, {7: 4.0}))
     history = tmp_path / "history"

@@ -139,6 +139,7 @@ def test_how_to_correct_what_was_measured_since_is_said(
     assert f"armd recorrect MEASUREMENTS --arm ARM.toml {said}" in told
 
 
+@pytest.mark.slow
 def test_the_order_of_adding_does_not_matter(checks: Path, kept: Path, tmp_path: Path) -> None:
     history = tmp_path / "backwards"
     add(checks, history, 8, 3)
@@ -212,6 +213,7 @@ def test_a_clock_set_back_is_told(checks: Path, copy: Path, tmp_path: Path) -> N
     refused(copy, "clock set back", lambda: run("add", again, *files, "--history", copy))
 
 
+@pytest.mark.slow
 def test_a_check_dated_after_now_is_refused_unless_it_is_wanted(
     checks: Path, copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -312,6 +314,7 @@ def test_damage_is_told_and_nothing_lost(copy: Path, what: str) -> None:
     refused(copy, "found", lambda: run("report", "--history", copy))
 
 
+@pytest.mark.slow
 def test_a_check_that_a_power_cut_left_unfinished_is_begun_anew(
     checks: Path, kept: Path, tmp_path: Path
 ) -> None:
@@ -331,6 +334,7 @@ def test_a_check_that_a_power_cut_left_unfinished_is_begun_anew(
     assert reported(history) == complete
 
 
+@pytest.mark.slow
 def test_a_history_kept_with_another_catalogue_is_judged_by_todays(
     checks: Path, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -391,6 +395,7 @@ def test_a_file_is_no_history(checks: Path, tmp_path: Path) -> None:
 
 
 @parametrize_default("place", ["", "checks"])
+@pytest.mark.slow
 def test_a_folder_without_the_right_to_write_is_named(checks: Path, kept: Path, tmp_path: Path,
                                                       place: str) -> None:  # fmt: skip
     history = Path(shutil.copytree(kept, tmp_path / "history"))

@@ -256,6 +256,7 @@ def weighings(monkeypatch: pytest.MonkeyPatch, search: Callable[[], ChangesFound
 
 
 @parametrize_default("grows", [False, True])
+@pytest.mark.slow
 def test_after_a_change_a_check_more_is_searched_on_from_what_was_looked_at(
     grows: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

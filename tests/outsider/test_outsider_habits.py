@@ -169,6 +169,7 @@ def test_few_rows_are_off_by_far(kind: str) -> None:
     assert off.max() > 10 * case.machine.encoder_rad
 
 
+@pytest.mark.slow
 def test_a_hand_and_a_disc_at_once() -> None:
     case = draw("hand", 2)
     assert case.truth.cause == "encoder_eccentricity"

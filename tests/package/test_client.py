@@ -147,5 +147,101 @@ def test_a_missing_configuration_names_its_file(tmp_path):
         armd.connect(endpoint=str(path))
 
 
+def used(arm, name, *arguments):
+    """What a call leaves when all that it gives is taken."""
+    found = getattr(arm, name)(*arguments)
+    if name == "points_async":
+
+        async def read():
+            return [point async for point in found]
+
+        return asyncio.run(read())
+    return list(found) if hasattr(found, "__next__") else found
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("points", ()), ("points", (1.0,)), ("batches", ()), ("points_async", ()),
+        ("measurements", ()), ("events", ()), ("health", ()), ("latest", (0.1,)), ("state", ()),
+        ("health_now", ()), ("info", ()), ("calibration_file", ()), ("past", ("event",)),
+        ("on_measurement", (print,)), ("on_event", (print, True)), ("command", ("reload",)),
+        ("preamble", ()), ("stream", ("point",)),
+    ],
+)  # fmt: skip
+def test_whatever_is_called_on_a_closed_arm_says_so(closed_arm, name, arguments):
+    with pytest.raises(armd.Closed, match=r"^the connection to the arm is closed$"):
+        used(closed_arm, name, *arguments)
+    assert repr(closed_arm) == "<armd.Arm SIM-0001, closed>"
+
+
+@pytest.fixture(scope="module")
+def closed_arm():
+    with careless_network() as (_, _, arm):
+        arm.close()
+        arm.close()  # a second time is no fault
+        yield arm
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "said"),
+    [
+        ("command", ("re#load",), "SIM-0001/command/re#load: Zenoh refuses it: Invalid Key Expr"),
+        ("past", ("points",), "past: found 'points', expected 'measurement' or 'event'"),
+    ],
+)
+def test_what_zenoh_refuses_is_an_error_of_armds(name, arguments, said):
+    with careless_network() as (_, _, arm), pytest.raises(armd.ArmdError, match=said) as raised:
+        used(arm, name, *arguments)
+    assert ".rs" not in str(raised.value) and raised.value.__suppress_context__ == (name != "past")
+
+
+def test_async_points_leave_others_their_turn_and_end_after_their_seconds():
+    async def both(arm):
+        turns = 0
+
+        async def other():
+            nonlocal turns
+            while True:
+                turns += 1
+                await asyncio.sleep(0.01)
+
+        task = asyncio.create_task(other())
+        seen = [point async for point in arm.points_async(0.2)]
+        task.cancel()
+        return seen, turns
+
+    with careless_network() as (_, _, arm):
+        seen, turns = asyncio.run(both(arm))
+    assert seen == [] and turns > 2
+
+
+def test_async_points_end_when_another_thread_closes_the_arm():
+    async def read(arm):
+        asyncio.get_running_loop().call_later(0.3, arm.close)
+        return [point async for point in arm.points_async()]
+
+    with careless_network() as (_, _, arm):
+        assert asyncio.run(asyncio.wait_for(read(arm), 60.0)) == []
+
+
+def test_a_callback_that_raises_or_asks_gets_the_next_one_too():
+    heard = []
+
+    def call(message):
+        heard.append(message)
+        with pytest.raises(armd.NoAnswer):
+            arm.state()  # a question within a callback
+        raise ValueError("the caller's own")
+
+    with careless_network() as (publisher, _, arm):
+        arm.on_measurement(call)
+        with repeated(publisher, measurement=json.dumps(MEASUREMENT).encode()):
+            end_s = time.monotonic() + 60
+            while len(heard) < 2 and time.monotonic() < end_s:
+                time.sleep(0.01)
+    assert len(heard) >= 2
+
+
 def test_every_public_name_is_listed():
     assert {*armd.__all__} <= {*dir(armd)}

@@ -85,6 +85,7 @@ def test_calibrate_and_verify(measured: Path) -> None:
     assert verified.returncode == 0 and "decision rule" in verified.stdout, verified.stderr
 
 
+@pytest.mark.slow
 def test_diagnose(measured: Path) -> None:
     arm = measured / "demo/arm.toml"
     diagnosed = run(COMMAND, "diagnose", *demo_sessions(measured)[:2], "--arm", arm)

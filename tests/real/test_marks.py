@@ -33,6 +33,7 @@ def test_ur10_reaches_its_mark(converted: Path, series: str) -> None:
 
 
 @parametrize_default("series", list(marks.UR10_MM))
+@pytest.mark.slow
 def test_a_reflector_that_no_drawing_has_changes_no_verdict(converted: Path, series: str) -> None:
     """The tracker's reflector is 93 mm beyond the flange, as the other two series find, too."""
     arm = load_arm(converted / "ur10" / "arm.toml")

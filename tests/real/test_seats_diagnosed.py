@@ -51,6 +51,7 @@ def seats(folder: Path) -> tuple[Arm, Session, Rests]:
     return arm, session, gather_rests([session], arm)
 
 
+@pytest.mark.slow
 def test_backlash_is_not_named_without_its_evidence(folder: Path) -> None:
     console = Console(width=300, record=True)
     assert diagnosis_marks.kinova(folder, console) == []

@@ -7,10 +7,9 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-import pytest
-
 from armd import Flag
 from support.running_daemon import running_daemon
+from support.selection import parametrize_default
 
 FIELD = Path(__file__).parents[1] / "field"
 
@@ -46,7 +45,7 @@ def reason(heard):
     return f"{told[-1]['state']}: {told[-1]['reason']}" if told else ""
 
 
-@pytest.mark.parametrize("family", ["dynamixel", "feetech"])
+@parametrize_default("family", ["dynamixel", "feetech"])
 def test_of_servos_that_all_say_zero_no_point_leaves(family, tmp_path):
     now = tmp_path / "now"
     with (
@@ -64,7 +63,7 @@ def test_of_servos_that_all_say_zero_no_point_leaves(family, tmp_path):
     assert int(valid["monotonic_ns"][-1]) < event["monotonic_ns"]
 
 
-@pytest.mark.parametrize("family", ["feetech", "dynamixel"])
+@parametrize_default("family", ["feetech", "dynamixel"])
 def test_servos_that_know_no_sync_read_are_read_one_by_one(family, tmp_path):
     """The doctor and the event blame neither cable nor supply, and tell the rate that results."""
     with quirky_servos("servo-no-sync-read", tmp_path, family) as port:

@@ -163,9 +163,10 @@ def _calibration(path: Path, arms: Arms) -> str:
 
 def _daemon(path: Path, _: Arms) -> str:
     from armd.daemon.config import load_config
+    from armd.drivers.config import ReplayConfig
 
     config = load_config(path)
-    if config.driver.kind == "replay" and not Path(config.driver.file).exists():
+    if isinstance(config.driver, ReplayConfig) and not Path(config.driver.file).exists():
         file = config.driver.file
         raise BadInput(file, "the file", "nothing", f"an existing file{near(Path(file))}")
     if config.calibration is not None:

@@ -43,6 +43,7 @@ def _kinds(patient: dict[str, Any]) -> set[str]:
     return {finding["kind"] for finding in patient["findings"]}
 
 
+@pytest.mark.serial
 def test_six_good_servos_are_well(capsys: pytest.CaptureFixture[str]) -> None:
     with FakeServos("feetech", {i: sts3215() for i in range(1, 7)}) as bus:
         code, patient = _doctor(bus.port, capsys)
@@ -64,6 +65,7 @@ def test_six_good_servos_are_well(capsys: pytest.CaptureFixture[str]) -> None:
     assert bus.writes == []  # it changes nothing
 
 
+@pytest.mark.serial
 def test_what_is_wrong_with_servos_is_told_and_how_to_mend_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -111,6 +113,7 @@ def test_servos_are_held_against_armd_toml(
     assert bus.writes == []
 
 
+@pytest.mark.serial
 def test_dynamixel_as_from_the_factory(capsys: pytest.CaptureFixture[str]) -> None:
     with FakeServos("dynamixel", {i: xl330() for i in range(11, 17)}) as bus:
         code, patient = _doctor(bus.port, capsys)

@@ -5,7 +5,6 @@ import time
 from contextlib import closing
 
 import numpy as np
-import pytest
 from test_servo_driver import Taken, config, expected, state
 
 from armd.drivers.poll.doubles import Doubles
@@ -16,9 +15,10 @@ from support.selection import parametrize_default
 __all__ = ["state"]  # the fixture: what is remembered of servos is each test's own
 BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 #: Which second answers are too late for their own cycle.
-WHEN = pytest.mark.parametrize(
+WHEN = parametrize_default(
     "is_late",
     [lambda cycle: False, lambda cycle: True, lambda cycle: cycle % 10 == 9],
+    default=(1,),
     ids=["in-time", "late", "now-and-then-late"],
 )
 MS = 1_000_000

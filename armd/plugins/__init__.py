@@ -1,0 +1,1 @@
+"""Drivers, commands and causes that other packages bring, found by their entry points."""

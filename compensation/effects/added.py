@@ -1,0 +1,102 @@
+"""Causes of other packages: entry points in the group `armd.causes` (docs/plugins.md).
+
+What a package's code raises is reported once; its cause then has no candidate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import replace
+from typing import Any
+
+from armd.compensation.effects.effect import Candidate, Effect, SessionFacts
+from armd.compensation.model.calibration import check_terms
+from armd.errors import BadInput
+from armd.plugins.entry_points import Group, Plugin, load_all, report
+
+GROUP: Group = "armd.causes"
+
+
+def added_effects(built_in: Collection[str]) -> list[Effect]:
+    """The causes that packages bring, in the order of their names."""
+    return list(load_all(GROUP, built_in, _checked).values())
+
+
+def _checked(plugin: Plugin, loaded: Any) -> Effect:
+    if not isinstance(loaded, Effect):
+        expected = "an armd.compensation.effects.effect.Effect"
+        raise plugin.fault(repr(loaded), expected)
+    if loaded.cause != plugin.name:
+        raise plugin.fault(f"the cause {loaded.cause!r}", "the entry point's own name")
+    return _Guard(plugin, loaded).guarded()
+
+
+class _Guard:
+    """One cause, its code called with care."""
+
+    def __init__(self, plugin: Plugin, effect: Effect) -> None:
+        self._plugin = plugin
+        self._effect = effect
+
+    def guarded(self) -> Effect:
+        """The same cause; none of its functions raises."""
+        effect = self._effect
+        through, curve = effect.through_terms, effect.curve_reading
+        return replace(
+            effect,
+            candidates=lambda facts: self._sound(lambda: effect.candidates(facts), facts),
+            reading=lambda candidate, amplitudes: self._text(
+                candidate, lambda: effect.reading(candidate, amplitudes)
+            ),
+            through_terms=through
+            and (lambda facts, terms: self._sound(lambda: through(facts, terms), facts)),
+            curve_reading=curve
+            and (lambda candidate, rms, order: self._text(
+                candidate, lambda: curve(candidate, rms, order)
+            )),
+        )  # fmt: skip
+
+    def _sound(
+        self, make: Callable[[], Iterable[Candidate]], facts: SessionFacts
+    ) -> Iterator[Candidate]:
+        """The candidates, all or none."""
+        try:
+            found = list(make())
+            for candidate in found:
+                self._check(candidate, facts)
+        except BadInput as error:
+            report(str(error))
+            return
+        except Exception as error:
+            report(str(self._plugin.fault_of(error, "candidates for these sessions")))
+            return
+        for candidate in found:
+            yield self._guarded_again(candidate, facts)
+
+    def _guarded_again(self, candidate: Candidate, facts: SessionFacts) -> Candidate:
+        """The same; what it makes later is as sound, or is not made."""
+        refine, elsewhere = candidate.refine, candidate.elsewhere
+        return replace(
+            candidate,
+            refine=refine and (lambda: list(self._sound(refine, facts))),
+            elsewhere=elsewhere
+            and (lambda value: next(self._sound(lambda: [elsewhere(value)], facts), candidate)),
+        )
+
+    def _check(self, candidate: object, facts: SessionFacts) -> None:
+        """Raise `BadInput` for what the search could not use."""
+        if not isinstance(candidate, Candidate) or candidate.cause != self._effect.cause:
+            raise self._plugin.fault(repr(candidate), f"a Candidate of {self._effect.cause!r}")
+        for column in candidate.columns:
+            if not (math.isfinite(column.typical) and column.typical > 0.0):
+                found = f"the typical size {column.typical!r} of {column.name}"
+                raise self._plugin.fault(found, "a number above 0")
+            check_terms(str(self._plugin.package), column.terms, facts.arm)
+
+    def _text(self, candidate: Candidate, make: Callable[[], str]) -> str:
+        try:
+            return str(make())
+        except Exception as error:
+            report(str(self._plugin.fault_of(error, "a text")))
+            return f"{candidate.location}: {self._effect.reason}"

@@ -1,0 +1,1 @@
+"""A driver, a command and a cause for armd."""
