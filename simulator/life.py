@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from armd.simulator.live.electronics import Electronics, Parts
+from armd.simulator.live.electronics import ArmParts, Electronics
 from armd.simulator.live.operator import Hand, Operator
 from armd.simulator.live.physics import Block, WarmUp, blocks
 from armd.simulator.live.scenario import Scenario
@@ -41,7 +41,7 @@ def begin_life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) ->
         from armd.simulator.live.led import LedOperator, load_plan
 
         hand = LedOperator(arm, load_plan(options.operator), scenario.seed)
-    parts = Parts.of_the_demo_arm(arm.n_joints)
+    parts = ArmParts.of_the_demo_arm(arm.n_joints)
     physics = blocks(arm, hand, rate_hz, scenario.ambient_c, warm_up)
     return Life(scenario.serial_number, physics, Electronics(scenario.seed, parts))
 

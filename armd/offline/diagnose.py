@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from armd.compensation.data.points_only import require_points
 from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
 from armd.compensation.diagnose.diagnosis import Diagnosis as Details
-from armd.compensation.diagnose.predictive.curves import Comparison, compare
+from armd.compensation.diagnose.predictive.curves import ResidualComparison, compare
 from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
@@ -64,7 +64,7 @@ class Diagnosis(Displayed):
         return as_json(self.details, None)
 
     @cached_property
-    def comparisons(self) -> list[Comparison]:
+    def comparisons(self) -> list[ResidualComparison]:
         """What the models leave beside what noise makes; drawn once. Not public."""
         return compare(self.details)
 

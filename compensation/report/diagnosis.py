@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.predictive.curves import Comparison
+from armd.compensation.diagnose.predictive.curves import ResidualComparison
 from armd.compensation.diagnose.told.verdict import um
 from armd.compensation.report.drawing import one_drawing
 from armd.compensation.report.gains import draw_gains, name_finding
@@ -38,7 +38,7 @@ def diagnosis_report(
     diagnosis: Diagnosis,
     result: dict[str, Any],
     files: Mapping[str, InputFile | None],
-    comparisons: Sequence[Comparison],
+    comparisons: Sequence[ResidualComparison],
 ) -> str:
     """The page; *result* is the diagnosis as its JSON has it, *files* arm and calibration;
     *comparisons* as `predictive.curves.compare` makes them."""
@@ -140,7 +140,7 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
         )
 
 
-def _measured_against_simulated(page: Page, comparisons: Sequence[Comparison]) -> None:
+def _measured_against_simulated(page: Page, comparisons: Sequence[ResidualComparison]) -> None:
     """What the simulation gets wrong stands out of the band; afterwards it lies inside."""
     if not comparisons:
         return

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from armd.compensation.diagnose.predictive.curves import Comparison, Curve
+from armd.compensation.diagnose.predictive.curves import ResidualComparison, ResidualCurve
 from armd.compensation.report.drawing import COLOURS, drawing
 from armd.compensation.wording import ARC_SECOND
 
@@ -24,27 +24,31 @@ ROW_IN = 2.3
 GREY = "#8c959f"
 
 
-def draw_overview(comparisons: Sequence[Comparison]) -> Figure:
+def draw_overview(comparisons: Sequence[ResidualComparison]) -> Figure:
     """Draw of joint angles, temperatures, time and placements what leaves its band most, each under
     the model under test (left) and with the findings (right)."""
     return draw_rows([*overview(comparisons)])
 
 
-def overview(comparisons: Sequence[Comparison]) -> Sequence[Comparison]:
+def overview(comparisons: Sequence[ResidualComparison]) -> Sequence[ResidualComparison]:
     """The one of each group that leaves its band most under the model under test."""
-    groups: dict[str, list[Comparison]] = {}
+    groups: dict[str, list[ResidualComparison]] = {}
     for one in comparisons:
         groups.setdefault(_group(one.bins.variable), []).append(one)
     order = ("joint angle", "temperature", "time", "placement")
     return [most_outside(groups[group]) for group in order if group in groups]
 
 
-def most_outside(comparisons: Sequence[Comparison]) -> Comparison:
-    """The one that is farthest outside of its band under the model under test."""
-    return max(comparisons, key=lambda one: one.before.departure)
+def most_outside(comparisons: Sequence[ResidualComparison]) -> ResidualComparison:
+    """The one that explains most of the residuals, of those that are least likely noise."""
+    least = min(one.before.p_value for one in comparisons)
+    unlikely = [one for one in comparisons if one.before.p_value == least]
+    return max(unlikely, key=lambda one: one.before.rms_um)
 
 
-def of_finding(comparisons: Sequence[Comparison], finding: Mapping[str, Any]) -> Comparison | None:
+def of_finding(
+    comparisons: Sequence[ResidualComparison], finding: Mapping[str, Any]
+) -> ResidualComparison | None:
     """What shows a *finding* (of `diagnose --json`) best: of the variables that it depends on, in
     its own joint where it has one; None where none of them was recorded."""
     names = {"approach" if name.startswith("approach") else name for name in finding["depends_on"]}
@@ -54,7 +58,7 @@ def of_finding(comparisons: Sequence[Comparison], finding: Mapping[str, Any]) ->
     return most_outside(found) if found else None
 
 
-def draw_rows(shown: Sequence[Comparison]) -> Figure:
+def draw_rows(shown: Sequence[ResidualComparison]) -> Figure:
     """Draw comparisons below each other: before, and after."""
     figure, axes = drawing(max(len(shown), 1), 2, ROW_IN * max(len(shown), 1))
     for row, one in enumerate(shown):
@@ -69,7 +73,9 @@ def draw_rows(shown: Sequence[Comparison]) -> Figure:
     return figure
 
 
-def draw_curve(panel: Axes, comparison: Comparison, curve: Curve, name: str) -> None:
+def draw_curve(
+    panel: Axes, comparison: ResidualComparison, curve: ResidualCurve, name: str
+) -> None:
     """Draw one comparison under one model on *panel*."""
     bins, x = comparison.bins, comparison.bins.middle
     low, high, mean = (values / ARC_SECOND for values in (curve.low, curve.high, curve.mean))
@@ -90,13 +96,13 @@ def draw_curve(panel: Axes, comparison: Comparison, curve: Curve, name: str) -> 
         panel.set_xticks(x if few else [], shown, rotation=90, fontsize=7.0)
 
 
-def _p(curve: Curve) -> str:
+def _p(curve: ResidualCurve) -> str:
     """A p-value of 0 is one below what the drawn sets resolve."""
     least = 1.0 / curve.draws
     return f"p = {curve.p_value:.2g}" if curve.p_value >= least else f"p < {least:.1g}"
 
 
-def _reach(curve: Curve) -> float:
+def _reach(curve: ResidualCurve) -> float:
     largest = np.max(np.abs([curve.low, curve.high, curve.mean]))
     return 1.1 * float(largest) / ARC_SECOND + 1e-9
 

@@ -17,7 +17,7 @@ COUNTS_PER_TURN = nominal.COUNTS_PER_TURN
 
 
 @dataclass(frozen=True)
-class Parts:
+class ArmParts:
     """The encoders and sensors that an arm is made of."""
 
     counts_per_turn: tuple[int, ...]  # (N,)
@@ -26,7 +26,7 @@ class Parts:
     sensor_c: float = SENSOR_NOISE_C
 
     @classmethod
-    def of_the_demo_arm(cls, joints: int) -> Parts:
+    def of_the_demo_arm(cls, joints: int) -> ArmParts:
         return cls((COUNTS_PER_TURN,) * joints, np.ones(joints))
 
     @property
@@ -38,7 +38,7 @@ class Parts:
 class Electronics:
     """Adds noise and quantises; the same noise for the same *seed*."""
 
-    def __init__(self, seed: int, parts: Parts) -> None:
+    def __init__(self, seed: int, parts: ArmParts) -> None:
         self.parts = parts
         self._rng = np.random.default_rng([seed, 0xE1EC])
         self._turn = np.array(parts.counts_per_turn, dtype=np.int64)

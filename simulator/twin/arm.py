@@ -10,14 +10,14 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.errors import BadInput
-from armd.simulator.live.electronics import Parts
+from armd.simulator.live.electronics import ArmParts
 from armd.simulator.live.operator import Comfort, Hand
 from armd.simulator.live.physics import Block, Heat, WarmUp, in_blocks, steps
 from armd.simulator.truth.effects.effect import Conditions, Masses, Posture
 from armd.simulator.twin.chain import Frames
 from armd.simulator.twin.factors import Slow
 from armd.simulator.twin.files import ArmData
-from armd.simulator.twin.model import Lag, TwinModel
+from armd.simulator.twin.model import FirstOrderLag, TwinModel
 from armd.simulator.twin.noise import KNOT_S, FoundNoise
 
 #: Carries a joint's side of approach while it rests.
@@ -29,7 +29,7 @@ class LiveMeans:
 
     def __init__(self, sensors: tuple[str, ...]) -> None:
         self._sensors = sensors
-        self._lags: dict[str, Lag] = {}
+        self._lags: dict[str, FirstOrderLag] = {}
         self._unix_s = 0.0
         self._celsius: F64 = np.zeros(len(sensors))
 
@@ -40,12 +40,12 @@ class LiveMeans:
     def mean_c(self, weights: Mapping[str, float], lag_s: float) -> F64:
         mean = sum(w * float(self._celsius[self._sensors.index(s)]) for s, w in weights.items())
         if lag_s:
-            lag = self._lags.setdefault(f"{sorted(weights.items())} {lag_s}", Lag(lag_s))
+            lag = self._lags.setdefault(f"{sorted(weights.items())} {lag_s}", FirstOrderLag(lag_s))
             mean = lag.at(self._unix_s, mean)
         return np.array([mean])
 
 
-class Drift:
+class BaseDrift:
     """A base that wanders: a random walk from knot to knot, without end; ask in order of time."""
 
     def __init__(self, step_mm: float, seed: int) -> None:
@@ -75,7 +75,7 @@ class TwinArm:
         self.model = model
         self._noise, self._seed = noise, seed
         self._means = LiveMeans(model.arm.sensors)
-        self._drift = Drift(noise.drift_mm, seed)
+        self._drift = BaseDrift(noise.drift_mm, seed)
         self._rate = np.zeros(self.n_joints)  # of the last motion
         self._approach = np.full(3, np.nan)
         self.feel(time.time(), np.full(len(model.arm.sensors), model.calibration.reference_c))
@@ -169,7 +169,7 @@ def comfort_of(arm: ArmData) -> Comfort:
     return Comfort((low + high) / 2, np.minimum((high - low) / 5, np.pi / 4), low, high)
 
 
-def parts_of(arm: ArmData, noise: FoundNoise, wire: str) -> Parts:
+def parts_of(arm: ArmData, noise: FoundNoise, wire: str) -> ArmParts:
     """Its encoders on a *wire*, "serial" or "can"; raises `BadInput` for what that cannot carry."""
     turns = []
     for k, turn in enumerate(arm.counts_per_turn, 1):
@@ -179,4 +179,4 @@ def parts_of(arm: ArmData, noise: FoundNoise, wire: str) -> Parts:
         if wire == "serial" and turn & (turn - 1):
             raise BadInput("arm.toml", where, str(turn), "a power of two: counts wrap at 2^bits")
         turns.append(turn)
-    return Parts(tuple(turns), arm.direction, noise.encoder_rad, 0.0)
+    return ArmParts(tuple(turns), arm.direction, noise.encoder_rad, 0.0)

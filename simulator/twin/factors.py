@@ -38,7 +38,7 @@ class Slow:
 
 
 @dataclass(frozen=True)
-class Pose:
+class PoseState:
     """What factors of the pose are functions of."""
 
     q: F64  # (n, N) rad
@@ -104,7 +104,7 @@ def _after(of: Factor, slow: Slow) -> F64:
     return np.where(np.isfinite(slow.unix_s), later, np.nan)
 
 
-def _curve(of: Factor, pose: Pose) -> F64:
+def _curve(of: Factor, pose: PoseState) -> F64:
     from scipy.interpolate import CubicSpline  # an arm on a controller's wire may do without
 
     values = np.asarray(of["values"], dtype=float)
@@ -113,7 +113,7 @@ def _curve(of: Factor, pose: Pose) -> F64:
     return np.asarray(spline(np.mod(pose.q[:, of["joint"] - 1], math.tau)), dtype=float)
 
 
-def _approach(of: Factor, pose: Pose) -> F64:
+def _approach(of: Factor, pose: PoseState) -> F64:
     axis = AXES.index(of["axis"])
     if of.get("frame", "base") == "base":
         return pose.approach[:, axis]
@@ -130,7 +130,7 @@ SLOW: dict[str, Callable[[Factor, Slow], F64]] = {
     "daily_cos": lambda of, slow: np.cos(math.tau * _since_s(of, slow) / DAY_S),
     "after": _after,
 }
-POSE: dict[str, Callable[[Factor, Pose], F64]] = {
+POSE: dict[str, Callable[[Factor, PoseState], F64]] = {
     "sin": lambda of, pose: np.sin(of.get("order", 1) * pose.q[:, of["joint"] - 1]),
     "cos": lambda of, pose: np.cos(of.get("order", 1) * pose.q[:, of["joint"] - 1]),
     "angle": lambda of, pose: pose.q[:, of["joint"] - 1] ** int(of.get("power", 1)),

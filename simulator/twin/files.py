@@ -35,7 +35,7 @@ class CheckFailed(ArmdError):
 
 
 @dataclass(frozen=True)
-class Term:
+class FileTerm:
     """parameter += coefficient · Π factors."""
 
     place: int  # of its parameter in `parameter_names`
@@ -68,7 +68,7 @@ class CalibrationData:
     """What a calibration says."""
 
     constants: F64  # (P,)
-    terms: tuple[Term, ...]
+    terms: tuple[FileTerm, ...]
     reference_c: float
     created_unix_s: float
     artefact: Mapping[str, Any] = field(default_factory=dict)  # found on the artefact
@@ -167,7 +167,7 @@ def calibration_data(content: Mapping[str, Any], n_joints: int) -> CalibrationDa
     for term in content.get("terms", []):
         basis = term.get("basis", [])
         terms.append(
-            Term(
+            FileTerm(
                 names.index(term["parameter"]),
                 float(term.get("coefficient", 0.0)),
                 tuple(factor for factor in basis if factor["kind"] in SLOW),

@@ -14,11 +14,11 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.simulator.twin.chain import Frames, stand
-from armd.simulator.twin.factors import POSE, SLOW, Pose, Slow
+from armd.simulator.twin.factors import POSE, SLOW, PoseState, Slow
 from armd.simulator.twin.files import ArmData, CalibrationData, as_parameters
 
 
-class Lag:
+class FirstOrderLag:
     """A value delayed by τ·dy/dt = x − y, exact for one that runs straight between its instants.
 
     It starts settled. A missing value (NaN) gives NaN and is bridged by a straight line.
@@ -61,7 +61,7 @@ class RowMeans:
                 mean += weight * self.celsius[:, self.sensors.index(name)]
         if not lag_s:
             return mean
-        lag, delayed = Lag(lag_s), np.empty_like(mean)
+        lag, delayed = FirstOrderLag(lag_s), np.empty_like(mean)
         for i in np.argsort(self.unix_s, kind="stable"):
             delayed[i] = lag.at(float(self.unix_s[i]), float(mean[i]))
         return delayed
@@ -97,7 +97,7 @@ class TwinModel:
         """The arm at angles *q* (n, N) rad; *rate* (n, N) rad/s and *approach* (n, 3) may be NaN;
         *amounts* (n, T) as `slow_amounts`, or (T,) for all rows."""
         rigid = stand(q, self._constants)
-        pose = Pose(q, np.nan_to_num(rate), np.nan_to_num(approach), rigid, self.arm.weights)
+        pose = PoseState(q, np.nan_to_num(rate), np.nan_to_num(approach), rigid, self.arm.weights)
         values = np.tile(self.calibration.constants, (len(q), 1))
         for term, amount in zip(self.calibration.terms, np.moveaxis(amounts, -1, 0), strict=True):
             value = np.broadcast_to(amount, len(q))

@@ -18,7 +18,7 @@ STEPS = 20
 
 
 @dataclass(frozen=True)
-class Touched:
+class TouchedRows:
     """What n rows say: the tip stood at `target` of `placement`, or at `truth_mm` there."""
 
     placement: I64  # (n,)
@@ -33,14 +33,16 @@ class Touched:
 
 
 @dataclass(frozen=True)
-class Length:
+class CertifiedDistance:
     """A certified length between two targets."""
 
     between: tuple[int, int]
     length_mm: float
 
 
-def goals(touched: Touched, target_mm: F64, lengths: Sequence[Length], tip_mm: F64) -> F64:
+def goals(
+    touched: TouchedRows, target_mm: F64, lengths: Sequence[CertifiedDistance], tip_mm: F64
+) -> F64:
     """Where the tip should stand (n, 3), base frame, nearest to *tip_mm* (n, 3).
 
     *target_mm* (K, 3) are certified positions, NaN for an unknown point. Rows whose tip is not
@@ -69,7 +71,7 @@ def rigid(local_mm: F64, base_mm: F64) -> tuple[F64, F64]:
     return rotation, there - rotation @ middle
 
 
-def _begin(touched: Touched, target_mm: F64, tip_mm: F64, used: Mask) -> tuple[F64, F64, F64]:
+def _begin(touched: TouchedRows, target_mm: F64, tip_mm: F64, used: Mask) -> tuple[F64, F64, F64]:
     """First poses, those with most known points first; then the unknown points that they tell."""
     count = int(touched.placement.max()) + 1
     rotation, origin = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
@@ -96,7 +98,7 @@ def _begin(touched: Touched, target_mm: F64, tip_mm: F64, used: Mask) -> tuple[F
 
 
 def _move_points(
-    touched: Touched,
+    touched: TouchedRows,
     target_mm: F64,
     unknown: Mask,
     poses: tuple[F64, F64],
@@ -113,7 +115,7 @@ def _move_points(
 
 
 def _place_all(
-    touched: Touched, target_mm: F64, poses: tuple[F64, F64], tip_mm: F64, used: Mask
+    touched: TouchedRows, target_mm: F64, poses: tuple[F64, F64], tip_mm: F64, used: Mask
 ) -> None:
     rotation, origin = poses
     local = touched.local_mm(target_mm)
@@ -122,7 +124,7 @@ def _place_all(
         rotation[p], origin[p] = rigid(local[own], tip_mm[own])
 
 
-def _keep_lengths(target_mm: F64, unknown: Mask, lengths: Sequence[Length]) -> None:
+def _keep_lengths(target_mm: F64, unknown: Mask, lengths: Sequence[CertifiedDistance]) -> None:
     """Move unknown points, as little as it takes, until certified lengths are kept."""
     ends = np.array([length.between for length in lengths])
     certified_mm = np.array([length.length_mm for length in lengths])

@@ -22,7 +22,7 @@ from armd.simulator.twin.chain import Frames
 from armd.simulator.twin.files import read_twin
 from armd.simulator.twin.model import TwinModel, whole_turns
 from armd.simulator.twin.noise import FoundNoise, drift, read_noise, rests_of
-from armd.simulator.twin.placing import Touched, goals
+from armd.simulator.twin.placing import TouchedRows, goals
 from armd.simulator.twin.session_files import (
     SourceSession,
     certified_exactly,
@@ -48,7 +48,7 @@ class Copied:
     kept: int  # rows as measured, because they lack a temperature or time that the twin needs
 
 
-class Rows:
+class TwinRows:
     """A session's rows under a twin: angles in, tips out."""
 
     def __init__(self, twin: TwinModel, session: SourceSession) -> None:
@@ -83,7 +83,7 @@ def copy_session(
     measured = session.angles(twin.arm)
     turns = whole_turns(measured, twin.arm.limits_rad)
     q = measured - 2 * np.pi * turns
-    rows = Rows(twin, session)
+    rows = TwinRows(twin, session)
     errors = certified_exactly if noise is None else draw_certificate_errors(seed)
     touched, position_mm, lengths = touched_of(session, twin.calibration.artefact, errors)
     tip_mm = rows.stand(q).tip
@@ -103,7 +103,7 @@ def copy_session(
     return Copied(table, session.n, int((~used).sum()))
 
 
-def _turn_to(rows: Rows, session: SourceSession, q: F64, goal_mm: F64) -> F64:
+def _turn_to(rows: TwinRows, session: SourceSession, q: F64, goal_mm: F64) -> F64:
     """Angles (n, N) near *q* at which the tip is at *goal_mm* (n, 3); NaN: where it is."""
     q = q.copy()
     for _ in range(STEPS):
@@ -130,7 +130,7 @@ def _drawn(
     noise: FoundNoise,
     freedom: float,
     session: SourceSession,
-    where: tuple[F64, Touched],
+    where: tuple[F64, TouchedRows],
     rng: np.random.Generator,
 ) -> tuple[F64, F64]:
     """Displacements of the tip (n, 3) mm and errors of the encoders (n, N) rad: one rest's are
@@ -148,7 +148,7 @@ def _drawn(
     return repeat[rest] + drift(noise, session.unix_s(), rng), encoders[rest]
 
 
-def _freedom(touched: Touched, unknown: F64, n: int) -> float:
+def _freedom(touched: TouchedRows, unknown: F64, n: int) -> float:
     """The share of 3 n coordinates that poses and unknown points leave, 0.2 at least."""
     rows = np.bincount(touched.placement)
     taken = float(np.minimum(6, 3 * rows[rows > 0]).sum())

@@ -21,7 +21,7 @@ from armd.arrays import F64, I64
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.simulator.twin.files import ArmData
-from armd.simulator.twin.placing import Length, Touched
+from armd.simulator.twin.placing import CertifiedDistance, TouchedRows
 
 MISSING = ("", "nan", "NaN", "NAN")
 TABLES = ("readings.csv", "readings.parquet")
@@ -128,7 +128,7 @@ def draw_certificate_errors(seed: int) -> CertificateErrors:
 
 def touched_of(
     session: SourceSession, correction: Mapping[str, Any], errors: CertificateErrors
-) -> tuple[Touched, F64, list[Length]]:
+) -> tuple[TouchedRows, F64, list[CertifiedDistance]]:
     """What its rows were put to: true positions (K, 3) mm (NaN: unknown) and lengths.
 
     *correction*: a calibration's `artefact`, which holds where its name is among `artefacts`.
@@ -152,14 +152,14 @@ def touched_of(
         if name in every:
             position_mm[names.index(name)] += offset
     lengths = [
-        Length(
+        CertifiedDistance(
             (names.index(one), names.index(other)),
             float(d["length_mm"] + errors(f"{own}/{one} to {other}", d.get(unsure, 0.0), 1)[0]),
         )
         for d, (one, other) in zip(artefact.get("distance", []), ends, strict=True)
         if one in touched_names and other in touched_names
     ]
-    touched = Touched(
+    touched = TouchedRows(
         placement=session.numbered("placement")[0],
         target=np.array([names.index(name) for name in touched_names])[target],
         truth_mm=session.side_by_side("x_mm", "y_mm", "z_mm"),

@@ -17,7 +17,7 @@ from armd.compensation.diagnose.predictive.bins import (
     _ordered,
     all_bins,
 )
-from armd.compensation.diagnose.predictive.curves import Comparison, Curve, _curves
+from armd.compensation.diagnose.predictive.curves import ResidualComparison, ResidualCurve, _curves
 from armd.compensation.diagnose.predictive.replicates import AT_ONCE, Refitted, refit
 from armd.compensation.report.predictive_plot import draw_rows, of_finding, overview
 from support.small_fit import small_fit, unit_noise
@@ -141,18 +141,21 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     first, second = _curves(refit(planted, fit.noise), [bins])
     assert second.outside >= 0.4 and second.p_value <= 0.01
     assert (np.abs(second.mean[:4] - 3.0) < 1.0).all() and second.draws == 2 * AT_ONCE
-    assert second.outside > first.outside and second.departure > 2 * first.departure
+    assert second.outside > first.outside and second.rms_um > 2 * first.rms_um
 
 
 def test_the_report_picks_what_leaves_most_of_each_group_and_of_a_finding() -> None:
-    def curve(outside: float, p: float) -> Curve:
+    def curve(outside: float, p: float) -> ResidualCurve:
         line = np.zeros(3)
-        return Curve(line + outside, line - 0.1, line + 0.1, outside, p, np.zeros((2, 3)), 400)
+        sets = np.zeros((2, 3))
+        return ResidualCurve(
+            line + outside, line - 0.1, line + 0.1, outside, p, sets, 400, line + 1.0, 3
+        )
 
-    def one(variable: str, joint: int, outside: float, p: float) -> Comparison:
+    def one(variable: str, joint: int, outside: float, p: float) -> ResidualComparison:
         labels = ("a", "b", "c") if variable == "placement" else ()
         bins = Bins(variable, variable, np.arange(3), np.arange(3), np.arange(3.0), labels)
-        return Comparison(bins, joint, curve(outside, p), curve(0.0, 1.0))
+        return ResidualComparison(bins, joint, curve(outside, p), curve(0.0, 1.0))
 
     every = [one("q1", 1, 0.3, 0.0), one("q3", 3, 0.6, 0.0), one("q3", 5, 0.9, 0.0),
              one("t1", 2, 0.1, 0.4), one("artefact_c", 1, 0.2, 0.2), one("time_s", 4, 0.5, 0.0),
@@ -171,7 +174,8 @@ def test_the_report_picks_what_leaves_most_of_each_group_and_of_a_finding() -> N
     assert every[1].as_json() == {
         "variable": "q3", "component": "angle joint 3", "outside_before": 0.6,
         "outside_after": 0.0, "p_before": 0.0, "p_after": 1.0,
-        "departure_before": pytest.approx(6.0), "departure_after": 0.0}  # fmt: skip
+        "curve_um_before": pytest.approx(1e3 * np.sqrt(0.6**2 - (0.1 / 1.96) ** 2)),
+        "curve_um_after": 0.0}  # fmt: skip
 
 
 def test_a_model_without_findings_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:

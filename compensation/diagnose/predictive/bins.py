@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +17,10 @@ WIDEST_DEG = 10.0
 MOST_BINS, LEAST_RESTS = 36, 8
 #: Nothing is told by fewer bins.
 LEAST_BINS = 2
+_SIGNS = np.array([*itertools.product((1.0, 0.0, -1.0), repeat=3)])
+_FULL = np.isin(np.abs(_SIGNS).sum(axis=1), (1.0, 3.0))
+#: (14, 3) unit vectors along the axes and into the octants.
+DIRECTIONS: F64 = _SIGNS[_FULL] / np.linalg.norm(_SIGNS[_FULL], axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -92,16 +97,17 @@ def _named(variable: str, number: I64, names: list[str]) -> Bins:
 
 
 def _approach(approach: F64) -> Bins:
-    """By the axis of the base frame that the tip mostly came along, and its sign."""
+    """By the nearest of fourteen directions of the base frame: its axes and its octants."""
     known = np.flatnonzero(np.isfinite(approach).all(axis=1))
-    axis = np.abs(approach[known]).argmax(axis=1) if len(known) else np.zeros(0, dtype=np.int64)
-    side = 2 * axis + (approach[known, axis] > 0)
-    order = known[np.argsort(side, kind="stable")]
-    sides = np.sort(side)
-    starts = np.flatnonzero(np.diff(sides, prepend=-1))
-    labels = tuple("−+"[int(i) % 2] + "xyz"[int(i) // 2] for i in sides[starts])
-    middle = np.arange(len(starts), dtype=float)
-    return Bins("approach", "direction of approach", order, starts, middle, labels)
+    nearest = np.argmax(approach[known] @ DIRECTIONS.T, axis=1)
+    bins = _named("approach", nearest, [_direction_in_words(one) for one in DIRECTIONS])
+    return replace(bins, title="direction of approach", order=known[bins.order])
+
+
+def _direction_in_words(direction: F64) -> str:
+    """As "+x −z"."""
+    parts = zip(direction, "xyz", strict=True)
+    return " ".join(f"{'+' if part > 0 else '−'}{axis}" for part, axis in parts if part)
 
 
 def _made(variable: str, title: str, order: I64, starts: list[int], values: F64) -> Bins:

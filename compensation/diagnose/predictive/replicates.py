@@ -20,8 +20,8 @@ from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 #: Sets drawn: the smallest p-value among a hundred curves must be below 0.05 divided by their
 #: number; where readings and columns are many, fewer, but so many at least.
 MOST_DRAWS, LEAST_DRAWS = 4000, 400
-#: Products of rows, columns and sets: some ten seconds of one processor.
-MOST_WORK = 2e10
+#: Products of rows and columns, and rests, in all sets: some ten seconds of one processor.
+MOST_PRODUCTS, MOST_RESTS = 5e9, 5e6
 AT_ONCE = 200
 SEED = 0x9E9
 
@@ -36,8 +36,8 @@ class Refitted:
     @property
     def draws(self) -> int:
         rows, columns = len(self.fit.residual), self.fit.nuisance.columns.size
-        fitting = int(MOST_WORK / (rows * max(columns, 1)))
-        return AT_ONCE * (min(max(fitting, LEAST_DRAWS), MOST_DRAWS) // AT_ONCE)
+        fitting = min(MOST_PRODUCTS / (rows * max(columns, 1)), MOST_RESTS / (rows / 3))
+        return AT_ONCE * (int(min(max(fitting, LEAST_DRAWS), MOST_DRAWS)) // AT_ONCE)
 
     def replicates(self) -> Iterator[F64]:
         """(n, 3, r) mm left of drawn sets, some at a time; the same at each call."""
