@@ -75,6 +75,11 @@ ELSEWHERE = {
     "armd import readings.xlsx --sheet Data --column q1='Base axis' --angle-unit deg"
     " --arm my-arm/arm.toml -o from-excel": "test_import_page.py",
     "armd import robot.urdf -o arm.toml": "test_import_page.py",
+    "armd import joints.csv --points tracker.csv --arm my-arm/arm.toml"
+    " -o tracked": "test_import_page.py",
+    "armd import my-dataset --arm my-arm/arm.toml --lerobot follower.json"
+    " -o from-lerobot": "test_import_page.py",
+    "armd import rosbag2_2026_03_01 --arm my-arm/arm.toml -o from-ros": "test_import_page.py",
     "armd fleet --router plant-router.json5": "test_fleet.py: it needs certificates",
     "armd view --listen 192.0.2.10:8470 --name controller.example --certificate controller.pem"
     " --key controller.key --token token": "test_view.py: likewise",

@@ -133,11 +133,21 @@ def test_install_rejects_what_it_does_not_know() -> None:
     assert "--purgee" in run.stderr
 
 
+def shipped_files() -> list[Path]:
+    """Without what Python, and pip beside deploy/client/pyproject.toml, leave there."""
+    built = {"build", "armd_client.egg-info", "__pycache__"}
+    return [
+        path
+        for path in DEPLOY.rglob("*")
+        if path.is_file() and not built & set(path.relative_to(DEPLOY).parts)
+    ]
+
+
 def test_install_takes_every_file_there_is() -> None:
     """A unit or rule that the installer forgets would lie here unused."""
     script = (DEPLOY / "install.sh").read_text()
-    files = {path.relative_to(DEPLOY).as_posix() for path in DEPLOY.rglob("*") if path.is_file()}
-    other = ("zenoh/", "debian/", "client/", "packaging/")
+    files = {path.relative_to(DEPLOY).as_posix() for path in shipped_files()}
+    other = ("zenoh/", "debian/", "client/", "packaging/", "monitoring/")
     shipped = {name for name in files if not name.startswith(other) and not name.endswith(".sh")}
     assert shipped == set(re.findall(r'"\$here/([^"$.][^"$]*)"', script))
 
@@ -155,7 +165,5 @@ def test_every_installed_file_is_removed() -> None:
 
 def test_no_host_is_named() -> None:
     assert os.access(DEPLOY / "install.sh", os.X_OK)
-    for path in DEPLOY.rglob("*"):
-        built = {"build", "armd_client.egg-info"} & set(path.relative_to(DEPLOY).parts)
-        if path.is_file() and not built:  # what pip leaves beside deploy/client/pyproject.toml
-            assert "://" not in path.read_text(), path
+    for path in shipped_files():
+        assert "://" not in path.read_text(), path

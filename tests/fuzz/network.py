@@ -76,6 +76,9 @@ class Answering:
             ok=None if refuses else answer, err=answer if refuses else None
         )
 
+    def is_closed(self) -> bool:
+        return False
+
     def get(self, key: str, **options: object) -> list[SimpleNamespace]:
         return [self._reply]
 
