@@ -42,7 +42,7 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class Weights:
+class LinkWeights:
     """What the links weigh, where, and which way is down."""
 
     kg: F64  # (N,)

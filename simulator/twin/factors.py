@@ -11,10 +11,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from armd.arrays import F64
-from armd.simulator.twin.chain import Frames, Weights
+from armd.simulator.twin.chain import Frames, LinkWeights
 
 #: One factor, as the calibration file has it.
-Factor = Mapping[str, Any]
+FactorData = Mapping[str, Any]
 DAY_S = 86400.0
 AXES = "xyz"
 
@@ -45,7 +45,7 @@ class PoseState:
     rate: F64  # (n, N) rad/s, 0 where missing
     approach: F64  # (n, 3) unit vector, base frame, 0 where missing
     frames: Frames  # by the calibration's constants alone
-    weights: Weights
+    weights: LinkWeights
 
     @cached_property
     def torque(self) -> F64:
@@ -72,7 +72,7 @@ class PoseState:
         return down
 
 
-def _temperature(of: Factor, slow: Slow) -> F64:
+def _temperature(of: FactorData, slow: Slow) -> F64:
     mean_c = slow.means.mean_c(of["weights"], of.get("lag_s", 0.0))
     order = int(of.get("order", 1))
     zone = of.get("zone_c")
@@ -84,14 +84,14 @@ def _temperature(of: Factor, slow: Slow) -> F64:
     return rise**order
 
 
-def _temperature_rate(of: Factor, slow: Slow) -> F64:
+def _temperature_rate(of: FactorData, slow: Slow) -> F64:
     smoothing_s = of.get("smoothing_s", 60.0)
     now = slow.means.mean_c(of["weights"], 0.0)
     rate: F64 = (now - slow.means.mean_c(of["weights"], smoothing_s)) / smoothing_s
     return rate
 
 
-def _since_s(of: Factor, slow: Slow) -> F64:
+def _since_s(of: FactorData, slow: Slow) -> F64:
     """Seconds since a period began; outside it as at the nearer end."""
     since, until = of["since_unix_s"], of.get("until_unix_s")
     until = max(slow.created_unix_s, since) if until is None else until
@@ -99,12 +99,12 @@ def _since_s(of: Factor, slow: Slow) -> F64:
     return within
 
 
-def _after(of: Factor, slow: Slow) -> F64:
+def _after(of: FactorData, slow: Slow) -> F64:
     later = (slow.unix_s >= of["instant_unix_s"]).astype(float)
     return np.where(np.isfinite(slow.unix_s), later, np.nan)
 
 
-def _curve(of: Factor, pose: PoseState) -> F64:
+def _curve(of: FactorData, pose: PoseState) -> F64:
     from scipy.interpolate import CubicSpline  # an arm on a controller's wire may do without
 
     values = np.asarray(of["values"], dtype=float)
@@ -113,7 +113,7 @@ def _curve(of: Factor, pose: PoseState) -> F64:
     return np.asarray(spline(np.mod(pose.q[:, of["joint"] - 1], math.tau)), dtype=float)
 
 
-def _approach(of: Factor, pose: PoseState) -> F64:
+def _approach(of: FactorData, pose: PoseState) -> F64:
     axis = AXES.index(of["axis"])
     if of.get("frame", "base") == "base":
         return pose.approach[:, axis]
@@ -121,7 +121,7 @@ def _approach(of: Factor, pose: PoseState) -> F64:
     return own
 
 
-SLOW: dict[str, Callable[[Factor, Slow], F64]] = {
+SLOW: dict[str, Callable[[FactorData, Slow], F64]] = {
     "temperature": _temperature,
     "temperature_rate": _temperature_rate,
     "time": lambda of, slow: (_since_s(of, slow) / 3600.0) ** int(of.get("power", 1)),
@@ -130,7 +130,7 @@ SLOW: dict[str, Callable[[Factor, Slow], F64]] = {
     "daily_cos": lambda of, slow: np.cos(math.tau * _since_s(of, slow) / DAY_S),
     "after": _after,
 }
-POSE: dict[str, Callable[[Factor, PoseState], F64]] = {
+POSE: dict[str, Callable[[FactorData, PoseState], F64]] = {
     "sin": lambda of, pose: np.sin(of.get("order", 1) * pose.q[:, of["joint"] - 1]),
     "cos": lambda of, pose: np.cos(of.get("order", 1) * pose.q[:, of["joint"] - 1]),
     "angle": lambda of, pose: pose.q[:, of["joint"] - 1] ** int(of.get("power", 1)),

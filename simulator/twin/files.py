@@ -18,8 +18,8 @@ import numpy as np
 from armd.arrays import F64
 from armd.errors import ArmdError, BadInput
 from armd.files.inputs import read_input
-from armd.simulator.twin.chain import Parameters, Weights, default_weights
-from armd.simulator.twin.factors import POSE, SLOW, Factor
+from armd.simulator.twin.chain import LinkWeights, Parameters, default_weights
+from armd.simulator.twin.factors import POSE, SLOW, FactorData
 
 OF_A_JOINT = ("theta", "d", "a", "alpha", "beta")
 OF_THE_TIP = ("tip_x", "tip_y", "tip_z")
@@ -40,8 +40,8 @@ class FileTerm:
 
     place: int  # of its parameter in `parameter_names`
     coefficient: float
-    slow: tuple[Factor, ...]
-    pose: tuple[Factor, ...]
+    slow: tuple[FactorData, ...]
+    pose: tuple[FactorData, ...]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class ArmData:
     serial_number: str
     sensors: tuple[str, ...]
     drawn: F64  # (P,) in the order of `parameter_names`
-    weights: Weights
+    weights: LinkWeights
     counts_per_turn: tuple[int | None, ...]  # (N,)
     direction: F64  # (N,) ±1
     limits_rad: tuple[F64, F64]  # (N,) each, ∓inf where there is none
@@ -128,7 +128,7 @@ def arm_data(content: Mapping[str, Any]) -> ArmData:
         serial_number=content["serial_number"],
         sensors=sensors,
         drawn=np.concatenate([rows.ravel(), tip_mm, np.zeros(len(OF_THE_BASE))]),
-        weights=Weights(kg, centre_mm, down),
+        weights=LinkWeights(kg, centre_mm, down),
         counts_per_turn=tuple(joint.get("counts_per_turn") for joint in joints),
         direction=np.array([float(joint.get("direction", 1)) for joint in joints]),
         limits_rad=(
