@@ -15,13 +15,13 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.adjustment import adjusted
+from armd.compensation.estimate.fit_poses import steady_poses
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.orientations import observe, turn_columns
 from armd.compensation.estimate.poses import (
     Poses,
     centres,
     pose_columns,
-    steady_poses,
     target_columns,
 )
 from armd.compensation.estimate.surfaces import project_on_normals

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.estimate.fit_poses import steady_poses
 from armd.compensation.estimate.gauge import gauge
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
@@ -29,7 +30,6 @@ from armd.compensation.estimate.noise import (
 )
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.orientations import observe
-from armd.compensation.estimate.poses import steady_poses
 from armd.compensation.estimate.postures import counts_as, find_postures, shared_part
 from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.robust import (

@@ -16,9 +16,10 @@ import numpy as np
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
+from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.noise import ReadingNoise
 from armd.compensation.estimate.observations import gather
-from armd.compensation.estimate.poses import centres, fit_poses
+from armd.compensation.estimate.poses import centres
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import fit
 from armd.compensation.identify.thermal.terms import length_terms

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.placements import Placements
-from armd.compensation.estimate.poses import centres, fit_poses, pose_columns, target_columns
+from armd.compensation.estimate.poses import centres, pose_columns, target_columns
 from armd.compensation.model.kinematics import forward
 from support import synthetic
 

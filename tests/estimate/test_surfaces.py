@@ -13,9 +13,10 @@ from scipy.spatial.transform import Rotation
 from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Artefact
+from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.poses import Poses, fit_poses
+from armd.compensation.estimate.poses import Poses
 from armd.compensation.estimate.surface_kinds import (
     CYLINDER,
     PLANE,

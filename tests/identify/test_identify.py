@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.gauge import free_constants, unidentifiable
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit

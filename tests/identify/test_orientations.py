@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from armd.compensation.data.session import load_session, load_sessions
+from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise import ReadingNoise, estimate_turns
 from armd.compensation.estimate.observations import TURN_MM, Observations, gather
@@ -20,7 +21,6 @@ from armd.compensation.estimate.orientations import (
     with_orientation_rows,
     with_orientations,
 )
-from armd.compensation.estimate.poses import fit_poses
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.orientation import orientation_gain
 from armd.compensation.identify.result import Result

@@ -13,8 +13,8 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
+from armd.compensation.estimate.fit_poses import robust_poses
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.poses import robust_poses
 from armd.compensation.estimate.robust import LEAST_MM, SUSPECT, monstrous
 from armd.terminal.counted import counted
 

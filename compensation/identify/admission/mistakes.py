@@ -13,8 +13,8 @@ from itertools import combinations
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.estimate.fit_poses import fit_poses, robust_poses
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.poses import fit_poses, robust_poses
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.identify.admission.other_ends import other_ends
 from armd.compensation.identify.evaluation.lengths import certified_lengths

@@ -18,8 +18,8 @@ from armd.arrays import F64, I64
 from armd.compensation.data.readings import row_in_words
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_files import readings_path
+from armd.compensation.estimate.fit_poses import robust_poses
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.poses import robust_poses
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.identify.admission.mistakes import (
     LEAST_MM,

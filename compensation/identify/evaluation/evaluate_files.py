@@ -21,8 +21,9 @@ from armd.compensation.data.points_only import require_points
 from armd.compensation.data.session import Session, check_once, load_sessions, session_pieces
 from armd.compensation.data.session_files import READINGS
 from armd.compensation.data.turns import AngleRange, report_open_turns
+from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.poses import Poses, fit_poses
+from armd.compensation.estimate.poses import Poses
 from armd.compensation.identify.evaluation.condensed import PointMoments, moments_by
 from armd.compensation.identify.evaluation.evaluate import (
     refuse_overflows,
