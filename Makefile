@@ -82,7 +82,7 @@ EMPTY_IS_FINE := $(if $(TEST_ARGS),|| [ $$? = 5 ])
 SERIAL_IN := $(if $(TEST_ARGS),,$$(grep -rl --include='test_*.py' 'mark\.serial' tests))
 
 test:
-	@echo "armd: lint and tests take about seven minutes on two cores (the aim is five), once armd is installed"
+	@echo "armd: lint and tests take about six minutes on two cores (the aim is five), once armd is installed"
 	@$(MAKE) --no-print-directory develop
 	@began=$$(date +%s); $(MAKE) --no-print-directory lint test-default; code=$$?; \
 	    echo "armd: make test took $$(($$(date +%s) - began)) s"; exit $$code
