@@ -103,12 +103,14 @@ def of_measurement(measurement: Mapping[str, Any], tips: Tips, serial: str) -> F
 
 
 def of_point(point: np.void, tips: Tips, tip: str | None, serial: str) -> Fields | None:
-    """Fields of one of `POINT`; None if it is invalid."""
+    """Fields of one of `POINT`; None if it is invalid, or has no position or orientation."""
     flags = int(point["flags"])
     if flags & Flag.INVALID:
         return None
     position, orientation = point["position_mm"].tolist(), point["orientation"].tolist()
-    covariance = point["covariance_mm2"]
+    if not np.isfinite([*position, *orientation]).all():  # no daemon's
+        return None
+    covariance, correction = point["covariance_mm2"], point["correction_mm"]
     known = covariance.tolist() if np.isfinite(covariance).all() else None
     calibration = int(point["calibration"])
     stamp_ns = int(point["stamp_ns"])
@@ -136,7 +138,7 @@ def of_point(point: np.void, tips: Tips, tip: str | None, serial: str) -> Fields
             "position_mm": position,
             "orientation": orientation,
             "covariance_mm2": known,
-            "correction_mm": point["correction_mm"].tolist(),
+            "correction_mm": correction.tolist() if np.isfinite(correction).all() else None,
             "flag_names": names,
             "tip": tip,
         },

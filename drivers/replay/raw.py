@@ -32,6 +32,8 @@ def unpack(payload: bytes) -> tuple[int, RawFrame]:
     data_at = _HEADER.size + length
     if direction >= len(_DIRECTIONS) or data_at > len(payload):
         raise ValueError(f"direction {direction}, {length} bytes of channel")
+    if unix_ns < 0:
+        raise ValueError(f"a time of {unix_ns} ns")
     return number, RawFrame(
         monotonic_ns,
         unix_ns,

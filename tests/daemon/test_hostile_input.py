@@ -16,6 +16,7 @@ from rich.console import Console
 
 from armd import POINT, keys
 from armd.daemon.bridges import lines
+from armd.daemon.bridges.export.source import MeasurementLine
 from armd.daemon.bridges.fleet import Fleet
 from armd.daemon.bridges.ros2 import urdf
 from armd.daemon.bridges.tips import Tips
@@ -23,6 +24,8 @@ from armd.daemon.cli import main
 from armd.daemon.commands.live.fleet import table_of
 from armd.daemon.commands.screen import Screen
 from armd.daemon.host.metrics import render
+from armd.drivers.replay import raw
+from armd.drivers.sample import RawFrame
 from armd.errors import ArmdError
 from armd.files.toml_text import toml_text
 from armd.received import is_sound
@@ -172,3 +175,30 @@ def test_a_urdfs_joint_may_have_any_name_and_arm_toml_carries_none_of_it(
     assert "\u202e" not in "".join(capsys.readouterr()) + out.read_text()
     assert main(["check", str(out)]) in (0, 2)  # the tip's radius is still to be written
     assert "\u202e" not in "".join(capsys.readouterr())
+
+
+def test_a_point_whose_numbers_are_none_becomes_no_line() -> None:
+    point = np.zeros(1, POINT)
+    point["orientation"][0, 3] = 1.0
+    tip = {"offset_mm": [0, 0, 0], "radius_mm": 1.0}
+    tips = Tips({"arm": {"tip": tip}, "configuration": {"tips": {}}})
+    for name in ("position_mm", "orientation"):
+        bad = point.copy()
+        bad[name][0, 1] = np.inf
+        assert lines.of_point(bad[0], tips, None, "S") is None
+    point["correction_mm"][0, 2] = np.inf
+    fields = lines.of_point(point[0], tips, None, "S")
+    assert fields is not None and json.loads(lines.jsonl(fields))["correction_mm"] is None
+
+
+def test_a_raw_frame_of_before_1970_is_none() -> None:
+    with pytest.raises(ValueError, match="a time of -1 ns"):
+        raw.unpack(raw.pack(3, RawFrame(1, -1, "rx", b"xyz", "tty")))
+
+
+@pytest.mark.parametrize("key", ["trigger", "tip", "calibration", "serial"])
+def test_half_a_character_in_a_measurement_is_refused(key: str) -> None:
+    content = {"seq": 1, "stamp_ns": 1, "position_mm": None, "flags": 0}
+    MeasurementLine.model_validate({**content, key: "a"})
+    with pytest.raises(ValueError, match=key):
+        MeasurementLine.model_validate({**content, key: "\ud800"})

@@ -51,6 +51,14 @@ Covariance = Annotated[
 Bits = Annotated[int, Field(ge=0, lt=1 << 32)]
 
 
+def _is_whole(text: str) -> str:
+    text.encode()  # half a character, which JSON may have, raises a `ValueError`
+    return text
+
+
+Text = Annotated[str, AfterValidator(_is_whole)]
+
+
 class MeasurementLine(BaseModel):
     """One line as `armd/<serial>/measurement` has it; what later versions add is kept."""
 
@@ -65,19 +73,19 @@ class MeasurementLine(BaseModel):
     approach: Vector | None = None
     angles_rad: list[float] | None = None
     rates_rad_s: list[float] | None = None
-    temperatures_c: dict[str, float | None] = {}
+    temperatures_c: dict[Text, float | None] = {}
     count: int = 1
     duration_s: float = 0.0
     flags: Bits
-    flag_names: list[str] = []
+    flag_names: list[Text] = []
     buttons: Bits = 0
-    trigger: str = ""
-    tip: str | None = None
+    trigger: Text = ""
+    tip: Text | None = None
     #: In the last frame, and of the ball, as they were then; lines of before do not tell.
     tip_offset_mm: Vector | None = None
     tip_radius_mm: float | None = None
-    calibration: str | None = None
-    serial: str | None = None  # of the arm; lines of before do not tell
+    calibration: Text | None = None
+    serial: Text | None = None  # of the arm; lines of before do not tell
 
 
 @dataclass
