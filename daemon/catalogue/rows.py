@@ -52,6 +52,8 @@ SHORTEST_MM = 20.0
 #: Angles of a drawing in rad, which in degrees nobody would write with decimals.
 RIGHT_ANGLES_RAD = (math.pi / 2, math.pi)
 IN_DEGREES = {"deg": 1.0, "rad": 180.0 / math.pi}
+#: No length, angle or encoder of an arm has a larger number, in whatever unit.
+LARGEST = 1e12
 
 
 @dataclass(frozen=True)
@@ -244,6 +246,8 @@ def _value(table: ForeignTable, row: int, at: int, name: str, factor: float) -> 
         raise table.fault(row, at, "a number, in numerals")
     if not math.isfinite(value):
         return 0.0
+    if abs(value) > LARGEST:
+        raise table.fault(row, at, f"a number of {LARGEST:g} at most")
     if name == "counts_per_turn":
         return int(value)
     return float(np.round(factor * value, 9))  # 17.5 in are 444.5 mm, no digits of 2⁻⁵³ after

@@ -202,3 +202,11 @@ def test_half_a_character_in_a_measurement_is_refused(key: str) -> None:
     MeasurementLine.model_validate({**content, key: "a"})
     with pytest.raises(ValueError, match=key):
         MeasurementLine.model_validate({**content, key: "\ud800"})
+
+
+def test_a_length_that_no_arm_has_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "dh.csv").write_text("theta,d,a,alpha\n0,200," + "1" * 308 + ",90\n0,0,300,0\n")
+    assert main(["init", str(tmp_path / "arm"), "--from", str(tmp_path / "dh.csv")]) == 2
+    assert "a number of 1e+12 at most" in capsys.readouterr().err
