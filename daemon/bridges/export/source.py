@@ -56,7 +56,7 @@ def _is_whole(text: str) -> str:
     return text
 
 
-Text = Annotated[str, AfterValidator(_is_whole)]
+WholeText = Annotated[str, AfterValidator(_is_whole)]
 
 
 class MeasurementLine(BaseModel):
@@ -73,19 +73,19 @@ class MeasurementLine(BaseModel):
     approach: Vector | None = None
     angles_rad: list[float] | None = None
     rates_rad_s: list[float] | None = None
-    temperatures_c: dict[Text, float | None] = {}
+    temperatures_c: dict[WholeText, float | None] = {}
     count: int = 1
     duration_s: float = 0.0
     flags: Bits
-    flag_names: list[Text] = []
+    flag_names: list[WholeText] = []
     buttons: Bits = 0
-    trigger: Text = ""
-    tip: Text | None = None
+    trigger: WholeText = ""
+    tip: WholeText | None = None
     #: In the last frame, and of the ball, as they were then; lines of before do not tell.
     tip_offset_mm: Vector | None = None
     tip_radius_mm: float | None = None
-    calibration: Text | None = None
-    serial: Text | None = None  # of the arm; lines of before do not tell
+    calibration: WholeText | None = None
+    serial: WholeText | None = None  # of the arm; lines of before do not tell
 
 
 @dataclass
