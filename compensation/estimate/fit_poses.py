@@ -199,10 +199,8 @@ def _gauss_newton_step(
     observations: Observations, poses: Poses, position_mm: F64, centre_mm: F64, weight: F64
 ) -> tuple[F64, F64]:
     """Step of poses (P, 6) and unknown seats (K, 3), of minimum norm."""
-    placed, normal = (
-        poses.placed(observations, position_mm),
-        poses.normals(observations, position_mm),
-    )
+    placed = poses.placed(observations, position_mm)
+    normal = poses.normals(observations, position_mm)
     return Placements(
         observations,
         project_on_normals(normal, pose_columns(observations, placed, centre_mm)),

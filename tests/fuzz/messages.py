@@ -37,6 +37,14 @@ class _Publisher:
         assert isinstance(data, bytes)
 
 
+def fleet_of(health: dict[str, Any]) -> Fleet:
+    """What `armd fleet` knows of an arm that is there and said this of its health."""
+    fleet = Fleet()
+    fleet.note_token("S", True)
+    fleet.note_health("S", health)
+    return fleet
+
+
 def ros2() -> Bridge:
     """The bridge without its network."""
     settings = SimpleNamespace(
@@ -71,10 +79,7 @@ def message_doors(folder: Path) -> Iterator[Door]:
         content = json_object(keys.HEALTH, data)
         if content is None:
             return
-        fleet = Fleet()
-        fleet.note_token("S", True)
-        fleet.note_health("S", content)
-        json.dumps(fleet.rows(), allow_nan=False)
+        json.dumps(fleet_of(content).rows(), allow_nan=False)
         ros2()._tell_health(content)
 
     def event(data: bytes) -> None:

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 import zenoh
 from fuzz.doors import Door, Fault, check_message, check_printed
-from fuzz.messages import ros2
+from fuzz.files import DAEMON
+from fuzz.messages import fleet_of, ros2
 from fuzz.offline import SEALED, asked
 from rich.console import Console
 
@@ -51,17 +52,7 @@ from armd.received import is_sound, json_object
 from support.careless_network import EVENT, HEALTH
 from support.small_arm_toml import ARM
 
-DAEMON = """schema = "armd.daemon/1"
-arm = "arm.toml"
-calibration = "cal.json"
-[driver]
-kind = "serial"
-port = "/dev/null"
-[tips.ruby]
-offset_mm = [0.0, 0.0, 120.0]
-[commands]
-enabled = true
-"""
+LISTENING = DAEMON + "[commands]\nenabled = true\n"
 WHOLE_HEALTH = HEALTH | {
     "serial": "S", "points": {"published": 7, "flagged": {"CLOCK": 2}}, "latency": {"p50": 0.25},
 }  # fmt: skip
@@ -158,9 +149,7 @@ def screens() -> Iterator[Door]:
         content = json_object(keys.HEALTH, data)
         if content is None:
             return
-        fleet = Fleet()
-        fleet.note_token("S", True)
-        fleet.note_health("S", content)
+        fleet = fleet_of(content)
         shown(table_of(fleet))
         render(fleet.healths()).encode()
         screen = Screen(arm_answering(b""), Console(file=io.StringIO()))
@@ -358,7 +347,7 @@ def listeners() -> Iterator[Door]:
 def network_doors(folder: Path) -> Iterator[Door]:
     folder.mkdir(parents=True)
     for name, text in (
-        ("arm.toml", toml_text(ARM)), ("armd.toml", DAEMON), ("cal.json", SEALED.decode()),
+        ("arm.toml", toml_text(ARM)), ("armd.toml", LISTENING), ("cal.json", SEALED.decode()),
     ):  # fmt: skip
         (folder / name).write_text(text)
     config = load_config(folder / "armd.toml")

@@ -19,6 +19,7 @@ from armd.compensation.model.calibration import Calibration, LoadedCalibration, 
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
+from support.drawn_arm import draw_arm
 
 REFERENCE_C = 20.0
 CURVE = [0.0, 1.0, 0.5, -2.0, 0.25, 3.0, -1.0]
@@ -49,26 +50,7 @@ SLOW_FACTORS = [
 
 
 def an_arm(n_joints: int) -> Arm:
-    rng = np.random.default_rng(n_joints)
-    joints = [
-        {
-            "d_mm": float(rng.uniform(0, 300)),
-            "a_mm": float(rng.uniform(0, 300)),
-            "alpha_deg": float(rng.choice([-90, 0, 90])),
-            "theta_deg": float(rng.uniform(-20, 20)),
-        }
-        for _ in range(n_joints)
-    ]
-    return Arm.model_validate(
-        {
-            "schema": "armd.arm/1",
-            "serial_number": "TEST",
-            "gravity": [0.0, 0.6, -0.8],
-            "temperature_sensor": [{"name": "t1"}, {"name": "t2"}],
-            "joint": joints,
-            "tip": {"offset_mm": [10.0, 20.0, 150.0]},
-        }
-    )
+    return draw_arm(n_joints, np.random.default_rng(n_joints), "TEST")
 
 
 def calibrated(arm: Arm, terms: list[dict[str, object]], **more: object) -> LoadedCalibration:

@@ -18,6 +18,7 @@ from armd.compensation.model.state import States
 from armd.simulator.twin.factors import POSE, SLOW
 from armd.simulator.twin.files import arm_data, calibration_data
 from armd.simulator.twin.model import TwinModel, whole_turns
+from support.drawn_arm import draw_arm
 from support.whole_scene import whole_scene
 
 ROWS = 300
@@ -61,26 +62,10 @@ def test_the_twin_has_every_factor_that_a_calibration_may() -> None:
 
 
 def an_arm(n_joints: int, rng: np.random.Generator) -> Arm:
-    joints = [
-        {
-            "d_mm": float(rng.uniform(0, 300)),
-            "a_mm": float(rng.uniform(0, 300)),
-            "alpha_deg": float(rng.choice([-90, 0, 90])),
-            "theta_deg": float(rng.uniform(-20, 20)),
-            **({"mass_kg": 1.2} if k % 2 else {"centre_of_mass_mm": [3.0, -20.0, 7.0]}),
-        }
-        for k in range(n_joints)
-    ]
-    return Arm.model_validate(
-        {
-            "schema": "armd.arm/1",
-            "serial_number": "TWIN-1",
-            "gravity": [0.0, 0.6, -0.8],
-            "temperature_sensor": [{"name": "t1"}, {"name": "t2"}],
-            "joint": joints,
-            "tip": {"offset_mm": [10.0, 20.0, 150.0]},
-        }
-    )
+    def mass(k: int) -> dict[str, Any]:
+        return {"mass_kg": 1.2} if k % 2 else {"centre_of_mass_mm": [3.0, -20.0, 7.0]}
+
+    return draw_arm(n_joints, rng, "TWIN-1", mass)
 
 
 def drawn_terms(arm: Arm, rng: np.random.Generator) -> list[dict[str, Any]]:

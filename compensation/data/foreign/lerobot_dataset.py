@@ -21,7 +21,7 @@ from armd.files.schema import json_data
 from armd.terminal.counted import counted
 
 STATE, INFO, SUFFIX = "observation.state", Path("meta", "info.json"), ".parquet"
-TIME, EPISODE, INDEX = "timestamp", "episode_index", "index"
+TIME, EPISODE = "timestamp", "episode_index"
 
 
 def is_dataset(path: Path) -> bool:
@@ -103,9 +103,11 @@ def _names(folder: Path, width: int) -> Sequence[str]:
 
 def _one_after_another(time_s: np.ndarray, episode: np.ndarray) -> np.ndarray:
     """Each episode's seconds, which begin at 0, from where the one before ended."""
-    out = time_s.copy()
-    step = float(np.median(np.diff(time_s)[np.diff(time_s) > 0])) if len(time_s) > 1 else 0.0
-    for i in np.flatnonzero(np.diff(episode)) + 1:
-        own = episode == episode[i]
-        out[own] += out[i - 1] + step - time_s[i]
-    return out
+    between = np.diff(time_s)
+    begins = np.flatnonzero(np.diff(episode)) + 1
+    if not len(begins):
+        return time_s
+    shift = np.zeros(len(time_s))
+    shift[begins] = float(np.median(between[between > 0])) - between[begins - 1]
+    later: np.ndarray = time_s + np.cumsum(shift)
+    return later

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armd.arrays import F64, Mask
+from armd.compensation.model.slow_factors import DAY_S
 
 #: A false alarm in so many checks, at most.
 RUN_LENGTH = 500.0
@@ -34,7 +35,6 @@ OWN_SCATTER_CHECKS, OWN_SCATTER_FACTOR = 4.0, 1.5
 #: come, each as likely as the others of its kind.
 STEPS, RATES_PER_DAY = (3.0, 30.0), (0.01, 0.1, 1.0)
 GRADUAL_SHARE = 0.2
-DAY_S = 86400.0
 
 
 @dataclass(frozen=True)
