@@ -1,4 +1,4 @@
-"""Plain data as TOML that people read and edit: a list stands on one line (docs/decisions/0003)."""
+"""Plain data as TOML that people read and edit: a list stands on one line (docs/libraries.md)."""
 
 from __future__ import annotations
 

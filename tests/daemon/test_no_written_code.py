@@ -1,5 +1,5 @@
 """With its library of compiled functions the daemon executes nothing that was written to memory, as
-systemd's MemoryDenyWriteExecute asks (decisions 57 and 70)."""
+systemd's MemoryDenyWriteExecute asks (decision 5)."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """A link that follows its sensor late, its sessions begun on a ramp: what went before them is open.
 
-Before that was weighed (decision 158), the first two were told as a length that wanders in time,
+Before that was weighed, the first two were told as a length that wanders in time,
 with a probability of 1. In the others that wandering is found before the expansion, and a set of
-causes that had the lag only as it acts through the calibration did not replace it (decision 154).
+causes that had the lag only as it acts through the calibration did not replace it.
 """
 
 import pytest
@@ -35,7 +35,7 @@ def test_an_expansion_and_a_lag_through_it_replace_the_wandering_found_first(see
 @pytest.mark.slow
 def test_what_fades_of_a_bent_link_is_no_third_cause() -> None:
     """Beside the gradient and the lag stood two structures without a name and a shifted constant,
-    where what faded bent the link about another axis than the gradient does (decision 164)."""
+    where what faded bent the link about another axis than the gradient does."""
     case = run_strange("bent", 20261270001)
     planted = {(cause, location) for cause, location, *_ in case.truths}
     assert {(one.cause, one.location) for one in case.told} == planted

@@ -142,6 +142,6 @@ def test_the_proposed_poses_resolve_what_a_short_range_confounds(n_seeds: int, t
             print(f"{plant.cause} {seed}: {settled.doubt.words}: {settled.proposal}")
     print(f"resolved {sum(outcomes)} of {len(outcomes)} in doubt")
     assert len(outcomes) >= n_seeds
-    # The mark is 0.8. It is missed since a finding is no surer than sets without it (decision 69):
+    # The mark is 0.8. It is missed since a finding is no surer than sets without it:
     # 4 of the first 6. This holds what is left of it until that is mended.
     assert np.mean(outcomes) >= 0.4

@@ -141,7 +141,7 @@ class Linear:
 
         Where nothing of it is certified, its frame lies anywhere (rounding decides), and a target
         far from the origin would move by what one sensor's noise makes of that: there it is the
-        middle of the seats, and a single seat does not move (docs/decisions/0125).
+        middle of the seats, and a single seat does not move (docs/diagnosis-how.md).
         """
         observations = self.rests.observations
         target_mm = self.poses.target_mm.copy()

@@ -235,7 +235,7 @@ class LinearModel:
     def lean(self, side: F64, drawn: F64, damping: float = 0.0, held: bool = False) -> Solution:
         """Amplitudes from the products (b,) with a residual, and what is known of them.
 
-        Along directions known worse than a tenth of a departure (docs/decisions/0014) the drawing,
+        Along directions known worse than a tenth of a departure (docs/decisions/0026) the drawing,
         where the amplitudes are *drawn* (b,), counts as one more row, good to one; *held*: along
         all. A departure is the root of `drawing`, which has to be finite. *damping* is relative to
         the best known direction.

@@ -52,7 +52,7 @@ def fit(
     checks that tell of them.
 
     How far a cause has moved is the difference of after and before: what it was before may be as
-    large as anything that is wrong all along, whatever the others are (decision 119).
+    large as anything that is wrong all along, whatever the others are (decision 36).
     """
     own = sorted({at for c in changes if c.cause is not None for at in _columns(of, c.cause)})
     before = max(ALL_ALONG) if of.stands else 0.0
