@@ -70,7 +70,7 @@ __all__ = [
     "read_session",
     "verify",
 ]
-__version__ = "0.2.0.dev0"
+__version__ = "0.3.0"
 
 _MODULES = ("client", "joints", "keys", "point")
 #: name → the module that it comes from
