@@ -1,4 +1,4 @@
-"""The command `armd`: one visible table of commands, by rooms, each a module of its own."""
+"""The command `armd`: reads the command line and runs one command, each a module of its own."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from armd import __version__
 from armd.compensation.freed import seldom_collected
+from armd.daemon.commands.groups import COMMANDS, FOLDERS, grouped_help
 from armd.daemon.commands.terminal import hush
 from armd.daemon.commands.usage import USAGE
 from armd.errors import ArmdError, BadInput
@@ -25,56 +26,6 @@ from armd.terminal.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from armd.daemon.commands.added import AddedCommand
-
-#: room of `armd.daemon.commands` → name of a command (and its module) → its line in `armd --help`
-ROOMS = {
-    "service": {
-        "demo": "a simulated arm, live, no hardware needed",
-        "run": "the daemon: read an arm, correct, publish",
-        "accept": "take the servos' offsets found last as the arm's own",
-        "simulate": "a simulated arm on the wire, or simulated measuring sessions",
-        "replay": "play a recording back through decoder and kernel",
-    },
-    "live": {
-        "watch": "live read-out of an arm",
-        "status": "state of a running daemon, for people and scripts",
-        "tip": "tips: list, use, calibrate, history",
-        "reload": "have a daemon read its calibration again",
-        "record": "record frames, samples and points to an MCAP file",
-        "view": "the page: the arm live in a browser",
-        "ippdme": "an I++ DME server for inspection software",
-        "ros2": "native ROS 2 topics, without ROS on the controller",
-        "fleet": "all arms that can be heard: state, rate, lost, temperatures, calibration",
-        "stream": "text lines over TCP: one per measurement, or per point",
-        "export": "measurements to .csv, .xyz, .ply or .qif, a recording to Foxglove's .mcap",
-        "measure": "lead through a measurement, to its calibration, certificate or diagnosis",
-    },
-    "offline": {
-        "feature": "lines, planes, circles and their like through measurements; distances, angles",
-        "correct": "correct readings offline, same kernel",
-        "interim": "short checks over time: in control or changed, when, and why",
-        "recorrect": "measurements corrected again by a later calibration",
-        "calibrate": "identify geometry and thermal model from sessions",
-        "evaluate": "residuals of sessions under a model",
-        "verify": "ISO 10360-12 and ASME B89.4.22 results with a verdict",
-        "diagnose": "what the model gets wrong, why, and the gain of correcting it",
-        "design": "the poses to measure first or next",
-        "model": "the geometry for other software: URDF, default_kinematics.yaml, corrections",
-        "compensate": "joint angles that bring the real tip where it is wanted",
-    },
-    "setup": {
-        "init": "a folder with arm.toml and armd.toml to start from",
-        "arm": "nominal geometry of arms that people own, as an arm.toml to start from",
-        "doctor": "what is on this machine's ports, and what stands in the way",
-        "import": "a table of readings (CSV, Excel) as a session, a URDF as an arm.toml",
-        "check": "validate any armd file",
-        "schema": "JSON schemas of armd's files, for an editor",
-        "completion": "completion of commands and options, for bash, zsh or fish",
-        "man": "this help as a man page",
-    },
-}
-COMMANDS = {name: line for room in ROOMS.values() for name, line in room.items()}
-
 
 #: Packages that a controller goes without: what a daemon and its subscribers never need.
 OFFLINE = frozenset({"llvmlite", "matplotlib", "numba", "pyarrow", "scipy", "threadpoolctl"})
@@ -142,8 +93,7 @@ def _command(argv: Sequence[str] | None) -> str:
 
 def module_of(name: str) -> str:
     """Where a command is; one that is a word of Python's own has an underscore after it."""
-    room = next(room for room, names in ROOMS.items() if name in names)
-    return f"armd.daemon.commands.{room}.{name}{'_' * keyword.iskeyword(name)}"
+    return f"armd.daemon.commands.{FOLDERS[name]}.{name}{'_' * keyword.iskeyword(name)}"
 
 
 def _run(arguments: list[str]) -> int:
@@ -165,7 +115,7 @@ def _run(arguments: list[str]) -> int:
     if chosen is not None and chosen not in COMMANDS and chosen not in added:
         guess = did_you_mean(chosen, [*COMMANDS, *added]) or " (armd --help lists them)"
         raise BadInput("command line", "COMMAND", repr(chosen), f"a command of armd{guess}")
-    with seldom_collected() if chosen in ROOMS["offline"] else nullcontext():
+    with seldom_collected() if FOLDERS.get(str(chosen)) == "offline" else nullcontext():
         return _chosen(chosen, arguments, added)
 
 
@@ -191,8 +141,7 @@ def _chosen(chosen: str | None, arguments: list[str], added: Mapping[str, AddedC
         if arguments:
             parser.refuse(arguments)
         parser.print_help(sys.stderr)
-        expected = "a command: armd --help lists them, armd demo wants no hardware"
-        raise BadInput("command line", "COMMAND", "nothing", expected)
+        return 2
     namespace, unknown = parser.parse_known_args(arguments)
     assert chosen is not None  # argparse has refused everything else
     if unknown:
@@ -232,16 +181,19 @@ def parsers(
     """The parser of `armd`, and those of its commands and the *added* by name; the ones in *whole*
     have all their options, the others only their line in `armd --help`."""
     added = added or {}
-    parser = Parser(
+    parser = AllCommands(
         prog="armd",
         description="The open driver for articulated measuring arms.",
-        epilog="armd COMMAND --help: options, an example, units, exit codes, the page in docs/.",
+        epilog="armd COMMAND --help: options, an example, units, exit codes, the page in docs/.\n"
+        "Start with: armd demo",
     )
+    parser.added = {name: command.help_line for name, command in added.items()}
     parser.add_argument("-V", "--version", action="version", version=f"armd {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    each = {}
-    lines = COMMANDS | {name: command.help_line for name, command in added.items()}
-    for name, help_line in lines.items():
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="COMMAND", parser_class=Parser
+    )
+    each: dict[str, Parser] = {}
+    for name, help_line in (COMMANDS | parser.added).items():
         description = help_line[:1].upper() + help_line[1:] + "."
         each[name] = command = commands.add_parser(name, help=help_line, description=description)
         if name in whole:
@@ -257,6 +209,25 @@ def parsers(
                 command.epilog = own + USAGE[name].text()
                 _exemplify(command, USAGE[name].examples)
     return parser, each
+
+
+class AllCommands(Parser):
+    """The parser of `armd` itself, whose help lists the commands in groups."""
+
+    added: Mapping[str, str] = {}
+    """Commands of other packages, and what each does."""
+
+    def format_help(self) -> str:
+        """As argparse does, but for the commands: it knows no groups of them."""
+        options = "  -h, --help     show this help\n  -V, --version  show the version"
+        parts = [
+            "usage: armd [-h] [-V] COMMAND ...",
+            str(self.description),
+            grouped_help(self.added),
+            f"options:\n{options}",
+            str(self.epilog),
+        ]
+        return "\n\n".join(parts) + "\n"
 
 
 def _exemplify(command: Parser, examples: Sequence[str]) -> None:

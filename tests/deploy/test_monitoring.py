@@ -21,7 +21,7 @@ from debian_packages import Unavailable, unpacked
 from ruamel.yaml import YAML
 
 from armd import Flag
-from armd.daemon.cli import COMMANDS
+from armd.daemon.commands.groups import COMMANDS
 from armd.daemon.host.metrics import MetricsServer, render
 from armd.daemon.state import State
 from armd.drivers.identity import Expectation

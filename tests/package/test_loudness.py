@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from armd.daemon.cli import COMMANDS, main, parsers
+from armd.daemon.cli import main, parsers
+from armd.daemon.commands.groups import COMMANDS
 from armd.simulator import options, sessions
 from armd.terminal.loudness import OWN_FAULT
 

@@ -17,7 +17,8 @@ from pathlib import Path
 import pytest
 
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.daemon.cli import COMMANDS, parsers
+from armd.daemon.cli import parsers
+from armd.daemon.commands.groups import COMMANDS
 from armd.simulator import sessions
 from armd.simulator.__main__ import parser as simulated_arm
 

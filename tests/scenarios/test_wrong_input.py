@@ -17,7 +17,8 @@ import pytest
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
-from armd.daemon.cli import COMMANDS, main
+from armd.daemon.cli import main
+from armd.daemon.commands.groups import COMMANDS
 from armd.simulator.__main__ import main as simulate
 from support.selection import parametrize_default
 

@@ -8,7 +8,8 @@ import sys
 
 import pytest
 
-from armd.daemon.cli import COMMANDS, main, parsers
+from armd.daemon.cli import main, parsers
+from armd.daemon.commands.groups import COMMANDS
 
 
 def said(capsys: pytest.CaptureFixture[str], *words: str) -> str:

@@ -14,12 +14,20 @@ from pathlib import Path
 
 import pytest
 
-from armd.daemon.cli import COMMANDS, main, module_of
+from armd.daemon.cli import main, module_of
+from armd.daemon.commands.groups import COMMANDS, GROUPS
 from armd.daemon.commands.usage import USAGE
 from armd.simulator import options
 from armd.simulator.__main__ import sessions_parser
 
 DOCS = Path(__file__).parents[3] / "docs"
+VERBS = set(
+    re.findall(
+        r"\w+",
+        "accept check choose compute correct describe find fit guide identify judge list"
+        " make play print publish record reload run send serve show simulate watch write",
+    )
+)
 
 
 def test_every_command_has_its_usage() -> None:
@@ -100,5 +108,23 @@ def test_the_version_by_its_letter(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_nothing_said_is_answered_with_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
-    said = capsys.readouterr().err
-    assert "usage: armd" in said and "COMMAND: found nothing" in said.splitlines()[-1]
+    alone = capsys.readouterr()
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    assert alone.out == "" and alone.err == capsys.readouterr().out
+
+
+def test_the_help_lists_each_command_once_in_its_group(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    told = capsys.readouterr().out
+    headings = re.findall(r"^([a-z][a-z ]*):$", told, re.MULTILINE)
+    assert headings == [*GROUPS, "options"] and max(map(len, told.splitlines())) < 80
+    for title, names in GROUPS.items():
+        block = told.partition(f"\n{title}:\n")[2].partition("\n\n")[0]
+        assert re.findall(r"^  ([a-z0-9]+) ", block, re.MULTILINE) == list(names)
+
+
+def test_each_line_of_the_help_begins_with_a_verb() -> None:
+    first = {line.replace(",", "").split()[0] for line in COMMANDS.values()}
+    assert first <= VERBS
