@@ -24,6 +24,7 @@ from armd import keys
 from armd.closing import Closing
 from armd.errors import ArmdError, Closed, NoAnswer, cut
 from armd.point import POINT, Lost, Point
+from armd.printable import printable
 from armd.received import FORMS, Gate, Refused, json_object
 from armd.stream import POLL_S, Handle, Stream, subscribe
 from armd.zenoh_session import ENDPOINT, find_arm, open_session, translated
@@ -244,14 +245,8 @@ class Arm(Closing):
                     return reply.ok.payload.to_bytes()
                 if reply.err is not None:
                     reason = reply.err.payload.to_bytes().decode(errors="replace")
-                    raise ArmdError(f"{key}: {_shown(reason)}")
+                    raise ArmdError(f"{key}: {printable(cut(reason))}")
         raise NoAnswer(f"{key}: no answer; is the daemon running?")
-
-
-def _shown(reason: str) -> str:
-    """Text of whoever answers, fit for a terminal: no longer than a screen, nothing it obeys."""
-    reason = cut(reason)
-    return reason if reason.isprintable() else reason.encode("unicode_escape").decode()
 
 
 def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Arm:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from armd.printable import printable
+
 #: Letters of each part of a message: all together they fit a screen.
 MOST_LETTERS = 400
 
@@ -22,7 +24,8 @@ def cut(text: str) -> str:
 class BadInput(ArmdError):
     """An input file or argument is wrong (exit code 2).
 
-    Printed as ``armd: FILE: WHERE: found X, expected Y``.
+    Printed as ``armd: FILE: WHERE: found X, expected Y``: on one line and without anything that a
+    terminal obeys, whatever the file held or a library said of it.
     """
 
     def __init__(self, file: str | Path, where: str, found: str, expected: str) -> None:
@@ -33,7 +36,7 @@ class BadInput(ArmdError):
         #: further faults of the same file, for those who want to hear all of them at once
         self.more: tuple[BadInput, ...] = ()
         said = f"{cut(where)}: found {cut(found)}, expected {cut(expected)}"
-        super().__init__(f"{cut(self.file)}: {said}")
+        super().__init__(printable(f"{cut(self.file)}: {said}"))
 
 
 class NoAnswer(ArmdError, TimeoutError):

@@ -19,9 +19,9 @@ from armd.daemon.commands.groups import COMMANDS, FOLDERS, grouped_help
 from armd.daemon.commands.terminal import hush
 from armd.daemon.commands.usage import USAGE
 from armd.errors import ArmdError, BadInput
+from armd.printable import printable
 from armd.terminal.loudness import add_loudness, heard, own_fault
 from armd.terminal.parser import Parser
-from armd.terminal.printable import printable
 from armd.terminal.suggest import did_you_mean
 
 if TYPE_CHECKING:

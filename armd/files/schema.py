@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd.errors import BadInput
 from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
-from armd.terminal.printable import invisible, printable
+from armd.printable import invisible, printable
 from armd.terminal.suggest import few, hint, keys_at, nearest
 
 

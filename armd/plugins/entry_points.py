@@ -16,7 +16,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal, TypeVar
 
 from armd.errors import BadInput
-from armd.terminal.printable import printable
+from armd.printable import printable
 
 Group = Literal["armd.drivers", "armd.commands", "armd.causes"]
 T = TypeVar("T")

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from armd.errors import ArmdError
-from armd.terminal.printable import printable
+from armd.printable import printable
 
 LOG = logging.getLogger("armd")
 #: Errors that a command answers in one line; with -v their traceback stands before it.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from armd.errors import BadInput
-from armd.terminal.printable import invisible
+from armd.printable import invisible
 
 
 def check_header(path: Path, header: Sequence[str]) -> None:

@@ -24,7 +24,7 @@ from armd.compensation.data.header import check_header
 from armd.compensation.data.within import LARGEST, is_within
 from armd.errors import BadInput
 from armd.files.inputs import check_input, open_input
-from armd.terminal.printable import invisible
+from armd.printable import invisible
 from armd.terminal.suggest import did_you_mean, few
 
 MISSING = ("", "nan", "NaN", "NAN")

@@ -41,7 +41,7 @@ from armd.compensation.model.state import States
 from armd.errors import BadInput
 from armd.files.inputs import open_input
 from armd.files.schema import load_toml
-from armd.terminal.printable import printable
+from armd.printable import printable
 from armd.terminal.suggest import hint
 
 TEXTS = ["placement", "target", "reflector"]

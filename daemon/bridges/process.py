@@ -15,7 +15,7 @@ from typing import Protocol, TypeVar, cast
 
 import armd
 from armd import Arm
-from armd.terminal.printable import printable
+from armd.printable import printable
 
 #: For a daemon that starts at the same time.
 WAIT_S = 60.0

@@ -20,7 +20,7 @@ from rich.text import Text
 from armd import Arm, Flag, Point, keys
 from armd.closing import Closing
 from armd.daemon.state import State
-from armd.terminal.printable import printable
+from armd.printable import printable
 
 COLOURS = {
     State.READY: "green",

@@ -18,7 +18,7 @@ from contextlib import suppress
 from typing import TextIO
 
 from armd.drivers.sample import Event
-from armd.terminal.printable import printable
+from armd.printable import printable
 
 #: Of one kind of event this many lines are written in this time, one for each joint and sensor an
 #: arm can have; the rest is counted.

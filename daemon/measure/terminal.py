@@ -25,8 +25,8 @@ from armd.daemon.measure.so_far.estimate import identified
 from armd.daemon.measure.waiting import Waiting
 from armd.drivers.waiting import has_bytes
 from armd.errors import ArmdError
+from armd.printable import printable
 from armd.terminal.counted import counted
-from armd.terminal.printable import printable
 
 POLL_S = 0.02
 REFRESH_S = 0.1

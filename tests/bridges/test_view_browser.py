@@ -6,10 +6,12 @@ import csv
 import datetime
 import io
 import json
+import re
 import shutil
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +30,6 @@ from support.punctuality import Punctuality
 from support.running_bridge import RunningBridge, running_bridge
 from support.running_daemon import Daemon, free_endpoint, running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm
-
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 AXE = Path(__file__).parent / "axe" / "axe.min.js"
 OUT = Path(__file__).parents[2] / "out"
@@ -134,7 +134,20 @@ def live(page: Page) -> None:
     )
 
 
+def test_what_is_looked_for_is_on_the_page() -> None:
+    """Without a browser: whoever renames a part of the page learns it before `make browser`."""
+    asked = set(
+        re.findall(r"""(?:getElementById\(['"]|["' ]#)([a-z][\w-]*)""", Path(__file__).read_text())
+    )
+    page = Path(str(resources.files("armd.daemon.bridges.view") / "page"))
+    parts = "".join(file.read_text() for file in [*page.glob("*.html"), *page.glob("*.js")])
+    assert len(asked) > 20
+    assert [name for name in sorted(asked) if not re.search(rf"""["'`]{name}["'`]""", parts)] == []
+
+
 @pytest.mark.serial
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_the_figures_are_the_streams_many_times_a_second(
     browser: Browser, daemon: Daemon, view: RunningBridge, punctuality: Punctuality
 ) -> None:
@@ -158,6 +171,8 @@ def test_the_figures_are_the_streams_many_times_a_second(
         assert all(name.startswith(f"http://{view.where}/") for name in kept)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_the_arm_is_drawn_where_the_kernel_has_it(
     browser: Browser, arm: SimulatedArm, view: RunningBridge
 ) -> None:
@@ -187,6 +202,8 @@ def test_the_arm_is_drawn_where_the_kernel_has_it(
         assert canvas.screenshot() != first
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_keyboard_alone(browser: Browser, daemon: Daemon, view: RunningBridge) -> None:
     with opened(browser, view.where) as page:
         page.wait_for_selector("#rows tr")
@@ -245,6 +262,8 @@ def test_keyboard_alone(browser: Browser, daemon: Daemon, view: RunningBridge) -
         assert taken.value.suggested_filename == "SIM-0001.csv"
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_a_press_is_heard_and_listed(browser: Browser, daemon: Daemon, view: RunningBridge) -> None:
     with daemon.listen() as heard, opened(browser, view.where) as page:
         page.evaluate(
@@ -264,6 +283,8 @@ def test_a_press_is_heard_and_listed(browser: Browser, daemon: Daemon, view: Run
         )
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_interim_checks_are_shown_and_what_they_say_of_the_arm(
     browser: Browser, arm: SimulatedArm, view: RunningBridge
 ) -> None:
@@ -284,6 +305,8 @@ def test_interim_checks_are_shown_and_what_they_say_of_the_arm(
         page.get_by_text("day-04, 3.0 h ago: in control").wait_for()
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_a_tip_is_changed_and_told(browser: Browser, view: RunningBridge) -> None:
     with opened(browser, view.where) as page:
         page.select_option("#tips", "ruby")
@@ -299,6 +322,8 @@ def test_a_tip_is_changed_and_told(browser: Browser, view: RunningBridge) -> Non
         )
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_a_calibrated_tip_is_listed_and_put_in_force(browser: Browser, view: RunningBridge) -> None:
     found = {
         "measured": "2026-03-01T09:00:00+00:00",
@@ -336,6 +361,8 @@ def test_a_calibrated_tip_is_listed_and_put_in_force(browser: Browser, view: Run
 
 @pytest.mark.parametrize("scheme", ["dark", "light"])
 @pytest.mark.parametrize("width", [390, 1920])
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_nothing_stands_in_anybodys_way(
     browser: Browser, view: RunningBridge, scheme: Any, width: int
 ) -> None:
@@ -401,6 +428,8 @@ def wait_for_outcome(page: Page, event: str) -> None:
 
 @pytest.mark.crowd
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1920, "light")])
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_a_guided_measurement_by_keyboard_alone(
     browser: Browser, view: RunningBridge, width: int, scheme: Any
 ) -> None:
@@ -449,6 +478,8 @@ def test_a_guided_measurement_by_keyboard_alone(
         page.wait_for_selector("#guide", state="hidden")
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_daemon_and_view_go_and_come_without_a_reload(browser: Browser, tmp_path: Path) -> None:
     endpoint = free_endpoint()
     with (
@@ -538,6 +569,8 @@ def measured_to_the_end(page: Page) -> None:
 
 
 @pytest.mark.crowd
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) -> None:
     """Begun, led, killed, gone on with, one deleted, finished: the disk has what the page said."""
     sessions = tmp_path / "sessions"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -15,8 +16,6 @@ from armd.daemon.ahead import can_link
 from armd.daemon.cli import OFFLINE
 from support.running_daemon import Daemon, free_endpoint, write_config
 from support.simulated_arm import simulated_arm
-
-pytestmark = [pytest.mark.slow, pytest.mark.long, pytest.mark.timeout(1800)]
 
 ROOT = Path(__file__).parents[2]
 MOST_INSTALLED_MB = 300
@@ -43,6 +42,16 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+def test_the_list_of_a_controller_has_nothing_of_the_mathematics() -> None:
+    lines = (ROOT / "deploy/controller.txt").read_text().splitlines()
+    names = {re.split(r"[ ;=<>]", line)[0].lower() for line in lines if line and line[0] != "#"}
+    assert {"numpy", "eclipse-zenoh", "pyserial"} <= names
+    assert not names & OFFLINE
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_it_is_small_and_has_nothing_of_the_mathematics(environment: Path) -> None:
     kib = subprocess.run(["du", "-sk", environment], capture_output=True, text=True, check=True)
     assert int(kib.stdout.split()[0]) <= MOST_INSTALLED_MB * 1000
@@ -56,6 +65,9 @@ def test_it_is_small_and_has_nothing_of_the_mathematics(environment: Path) -> No
     assert json.loads(found.stdout) == []
 
 
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("joints", [3, 9])
 def test_an_arm_with_that_many_joints_finds_all_compiled(
     environment: Path, tmp_path: Path, joints: int
@@ -69,6 +81,9 @@ def test_an_arm_with_that_many_joints_finds_all_compiled(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_it_serves_points_from_an_empty_cache_in_little_memory(
     environment: Path, tmp_path: Path
 ) -> None:
@@ -100,6 +115,9 @@ def test_it_serves_points_from_an_empty_cache_in_little_memory(
     assert resident_kib <= MOST_RESIDENT_MB * 1000
 
 
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_every_command_of_a_controller_starts(environment: Path) -> None:
     ran = subprocess.run(
         [environment / "bin/python", "-I", "-m", "armd.daemon.start_check"],
@@ -108,6 +126,9 @@ def test_every_command_of_a_controller_starts(environment: Path) -> None:
     assert (ran.returncode, ran.stderr) == (0, "")
 
 
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_a_command_that_needs_more_says_what_to_install(environment: Path) -> None:
     ran = subprocess.run(
         [environment / "bin/armd", "diagnose", "nothing"], capture_output=True, text=True

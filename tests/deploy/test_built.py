@@ -12,8 +12,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
-
 ROOT = Path(__file__).parents[2]
 #: Fast, without an arm, a network or the pages in docs/; they reach every room. Folders are whole.
 TESTS = (
@@ -31,7 +29,21 @@ TESTS = (
     "drivers/serial/test_serial_decoder.py",
     "drivers/can/test_can_decoder.py",
     "bridges/test_ippdme_errors.py",
+    "simulator/test_fault_schedule.py",
 )
+
+
+def test_tests_of_the_wheel_reach_every_room() -> None:
+    """And are there: a renamed file would fail long after its change."""
+    files = [file for name in TESTS for file in _files_of(ROOT / "tests" / name)]
+    text = "".join(file.read_text() for file in files)
+    rooms = ("compensation", "daemon", "drivers", "simulator")
+    assert all(f"from armd.{room}." in text for room in rooms)
+
+
+def _files_of(place: Path) -> list[Path]:
+    assert place.exists(), place
+    return sorted(place.rglob("*.py")) if place.is_dir() else [place]
 
 
 def build(source: Path, into: Path) -> Path:
@@ -75,6 +87,8 @@ def packaged(wheel: Path) -> set[str]:
         return {name for name in files.namelist() if ".dist-info/" not in name}
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_wheel_has_every_file_of_every_room(wheel: Path, tree: Path) -> None:
     """But for recipes, which say how a file that is there was made."""
     rooms = {"armd": "armd"} | {
@@ -89,6 +103,8 @@ def test_the_wheel_has_every_file_of_every_room(wheel: Path, tree: Path) -> None
     assert packaged(wheel) == expected
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_sdist_builds_the_same_wheel(wheel: Path, tree: Path, tmp_path: Path) -> None:
     program = "import setuptools.build_meta as b, sys; print(b.build_sdist(sys.argv[1]))"
     environment = tmp_path / "build"
@@ -104,6 +120,8 @@ def test_the_sdist_builds_the_same_wheel(wheel: Path, tree: Path, tmp_path: Path
     assert packaged(build(sdist, again)) == packaged(wheel)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.long
 def test_tests_pass_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
     """With what the wheel asks for, and nothing of this checkout in sight."""

@@ -14,8 +14,6 @@ import throwaway_root
 from debian_packages import unpacked
 from throwaway_root import INSIDE, ThrowawayRoot
 
-pytestmark = [pytest.mark.slow, pytest.mark.long, pytest.mark.timeout(1800)]
-
 INSTALL = INSIDE / "deploy" / "install.sh"
 NEEDED_BYTES = 3 << 30
 CODE, LIBRARY = "/var/cache/armd/numba/", "/site-packages/armd/kernel_"
@@ -44,6 +42,9 @@ def install(root: ThrowawayRoot, *options: str) -> str:
     return run.stdout.splitlines()[-1]
 
 
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_from_the_index_twice_and_away(root: ThrowawayRoot) -> None:
     if root.run("sh", "-c", "command -v udevadm").returncode != 0:  # as in a container
         root.path("/usr/bin").mkdir(parents=True)
@@ -85,6 +86,9 @@ def test_from_the_index_twice_and_away(root: ThrowawayRoot) -> None:
     assert root.changes() - before - backups() == set()
 
 
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_a_python_in_somebodys_home_is_refused(root: ThrowawayRoot) -> None:
     python = root.path("/root/python")
     python.parent.mkdir(parents=True, exist_ok=True)
@@ -110,3 +114,11 @@ def backups() -> set[str]:
     """What every change of those leaves behind."""
     names = ("passwd-", "group-", "shadow-", "gshadow-", "subuid-", "subgid-", ".pwd.lock")
     return {f"/etc/{name}" for name in names}
+
+
+def test_a_folder_that_is_missing_is_named_before_anything_is_done() -> None:
+    """What runs without a root: the script of this checkout, as anybody."""
+    script = Path(__file__).parents[2] / "deploy" / "install.sh"
+    run = subprocess.run(["sh", script, "--wheelhouse"], capture_output=True, text=True)
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == "armd: --wheelhouse: found nothing, expected a folder\n"

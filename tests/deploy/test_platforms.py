@@ -9,8 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+from packaging.tags import mac_platforms
 
 ROOT = Path(__file__).parents[2]
 #: As pip names them: the oldest that the libraries still build for, newest last.
@@ -45,6 +44,15 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return [name for name in project["dependencies"] if not name.startswith(SOURCE)]
 
 
+def test_the_platforms_are_named_as_wheels_name_them() -> None:
+    """pip takes any word for a platform, and finds no wheel for a misspelt one."""
+    newest = (15, 0)
+    known = {*mac_platforms(newest, "arm64"), *mac_platforms(newest, "x86_64"), "win_amd64"}
+    assert {name for names in PLATFORMS.values() for name in names} <= known
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("system", PLATFORMS)
 def test_every_dependency_has_a_wheel(system: str, names: list[str], tmp_path: Path) -> None:
     said = download(tmp_path, PLATFORMS[system], names)

@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-
 ROOT = Path(__file__).parents[2]
 #: Imports what the examples use, and tells what came with it and how long armd itself took.
 PROBE = """
@@ -38,6 +36,8 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return own
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_it_needs_numpy_and_zenoh_alone(python: Path) -> None:
     command = [python, "-m", "pip", "list", "--format", "json", "--disable-pip-version-check"]
     told = subprocess.run(command, check=True, capture_output=True, text=True)
@@ -45,6 +45,8 @@ def test_it_needs_numpy_and_zenoh_alone(python: Path) -> None:
     assert names - {"pip", "setuptools"} == {"armd-client", "numpy", "eclipse-zenoh"}
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_importing_it_costs_little_beside_its_dependencies(python: Path, tmp_path: Path) -> None:
     def probe() -> dict[str, object]:
         command = [python, "-c", PROBE]
@@ -59,6 +61,8 @@ def test_importing_it_costs_little_beside_its_dependencies(python: Path, tmp_pat
     print(f"import armd after its dependencies: {1000 * seconds:.1f} ms")
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_it_hears_a_daemon(python: Path, tmp_path: Path) -> None:
     """The README's subscriber, unchanged."""
     from support.running_daemon import running_daemon

@@ -26,8 +26,6 @@ import stage_install
 import stage_live
 import stage_package
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(4 * 3600)]
-
 STAGES = {
     "install": stage_install.CHECKS,
     "live": stage_live.CHECKS,
@@ -101,11 +99,22 @@ def verdict(reports: Reports, check: str) -> None:
     assert reports[check]["passed"], reports[check]["detail"]
 
 
+def test_no_two_checks_have_one_name() -> None:
+    """Reports are kept by name: of two, one would never be looked at."""
+    names = [check.__name__ for stage in STAGES.values() for check in stage]
+    names += [check.__name__ for check in stage_adapter.CHECKS]
+    assert len(set(names)) == len(names) > 20
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(4 * 3600)
 @pytest.mark.parametrize("check", [check.__name__ for stage in STAGES.values() for check in stage])
 def test_on_a_controller(reports: Reports, check: str) -> None:
     verdict(reports, check)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(4 * 3600)
 @pytest.mark.parametrize("check", [check.__name__ for check in stage_adapter.CHECKS])
 def test_of_a_usb_adapter(adapter_reports: Reports, check: str) -> None:
     verdict(adapter_reports, check)

@@ -188,3 +188,35 @@ def test_what_can_be_told_apart_is_counted_by_itself_and_where_it_is() -> None:
     assert by_name["crowd: named, of those that can be told apart"] == "2 of 3"
     assert by_name["crowd, at one joint: effects named"] == "1 of 2"
     assert by_name["crowd, all over the arm: effects named"] == "1 of 2"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", (20263260000, 20263260003))
+def test_a_lag_whose_sessions_began_on_a_ramp_is_told(seed: int) -> None:
+    """A link follows its sensor late, and what went before its sessions is open: they were told as
+    a length that wanders in time, with a probability of 1."""
+    case = run_strange("ramped", seed)
+    planted = {(cause, location) for cause, location, *_ in case.truths}
+    told = {(one.cause, one.location) for one in case.told}
+    assert planted == told
+    assert all(one.probability > strangers.SURE for one in case.told)
+    assert case.after_um < 1.07 * case.oracle_um < 0.2 * case.before_um
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", (20263260006, 20263260007, 30111260004))
+def test_an_expansion_and_a_lag_through_it_replace_the_wandering_found_first(seed: int) -> None:
+    case = run_strange("ramped", seed)
+    planted = {(cause, location) for cause, location, *_ in case.truths}
+    assert {(one.cause, one.location) for one in case.told} == planted
+    assert case.after_um < 0.2 * case.before_um
+
+
+@pytest.mark.slow
+def test_what_fades_of_a_bent_link_is_no_third_cause() -> None:
+    """Beside the gradient and the lag stood two structures without a name and a shifted constant,
+    where what faded bent the link about another axis than the gradient does (decision 164)."""
+    case = run_strange("bent", 20261270001)
+    planted = {(cause, location) for cause, location, *_ in case.truths}
+    assert {(one.cause, one.location) for one in case.told} == planted
+    assert case.after_um < 0.2 * case.before_um

@@ -13,8 +13,8 @@ from rich.console import Console
 import armd
 from armd import keys
 from armd.daemon.commands.screen import Screen
+from armd.printable import printable
 from armd.received import KEPT_S, is_sound
-from armd.terminal.printable import printable
 from support.careless_network import EVENT, HEALTH, MEASUREMENT, careless_network, points
 
 PATIENCE_S = 60.0

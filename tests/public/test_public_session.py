@@ -171,3 +171,10 @@ def test_sessions_in_memory_are_numbered(measured: MeasuredArm) -> None:
     with pytest.raises(armd.BadInput, match="sessions: the list: found no session"):
         armd.evaluate([], measured.arm_file)
     assert json.loads(json.dumps(made[0].artefact))["name"] == "points"
+
+
+def test_a_message_of_a_library_obeys_no_terminal_characters(measured: MeasuredArm) -> None:
+    columns = measured.columns | {"\x9b[J\x1b]0;all is well\x07": [1.0, 2.0]}
+    with pytest.raises(armd.BadInput, match=r"\\x9b\[J\\x1b\]0;all is well\\x07") as refused:
+        armd.make_session(columns, measured.arm_file, artefact=measured.artefact)
+    assert str(refused.value).isprintable()

@@ -8,8 +8,6 @@ import pytest
 
 from support.pages import run_as_typed, shell_blocks
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-
 DOCS = Path(__file__).parents[2] / "docs"
 #: page → what it leaves behind
 PAGES = {
@@ -23,6 +21,15 @@ PAGES = {
 }
 
 
+@pytest.mark.parametrize("page", PAGES)
+def test_what_is_looked_for_is_what_the_page_writes(page: str) -> None:
+    """Without running it: what no block names would be looked for in vain, minutes later."""
+    typed = "".join(shell_blocks((DOCS / f"{page}.md").read_text(encoding="utf-8")))
+    assert typed and [name for name in PAGES[page] if Path(name).parts[0] not in typed] == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 @pytest.mark.parametrize("page", PAGES)
 def test_the_page_runs_from_an_empty_folder(page: str, tmp_path: Path) -> None:
     text = (DOCS / f"{page}.md").read_text(encoding="utf-8")

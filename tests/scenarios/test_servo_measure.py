@@ -14,6 +14,8 @@ import pytest
 from programs import program
 from so101 import ARMD
 
+from armd.daemon.cli import main
+
 SEAT_MM = (220.0, -60.0, 90.0)
 HAND = """\
 schema = "armd.operator/1"
@@ -103,3 +105,9 @@ def test_a_seat_is_visited_and_its_repeatability_follows(
     left = around - design @ np.linalg.lstsq(design, around, rcond=None)[0]
     expected = np.sqrt((left**2).sum() / (visits - len(drifts)))
     assert found["repeatability_um"] == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_hand_of_these_tests_is_a_plan_that_check_accepts(tmp_path: Path) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text(f'{HAND}\n[[target]]\nname = "S1"\nposition_mm = {list(SEAT_MM)}\n')
+    assert main(["check", str(plan)]) == 0

@@ -26,3 +26,19 @@ def test_the_same_over_the_wire(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     figures = so101_live.run(tmp_path, 1)
     assert figures["calibrated"] < figures["nominal"] / 2
     assert figures["passed"]
+
+
+@pytest.mark.parametrize(
+    ("figures", "code"),
+    [
+        ({"nominal": 9.0, "calibrated": 3.0, "diagnosed": 2.0, "passed": 1.0}, 0),
+        ({"nominal": 9.0, "calibrated": 9.5, "diagnosed": 2.0, "passed": 1.0}, 1),
+        ({"nominal": 9.0, "calibrated": 3.0, "diagnosed": 3.5, "passed": 1.0}, 1),
+        ({"nominal": 9.0, "calibrated": 3.0, "diagnosed": 2.0, "passed": 0.0}, 1),
+    ],
+)
+def test_a_step_that_does_not_help_ends_with_1(
+    monkeypatch: pytest.MonkeyPatch, figures: dict[str, float], code: int
+) -> None:
+    monkeypatch.setattr("sys.argv", ["so101"])
+    assert so101.main(lambda folder, seed: figures) == code

@@ -21,7 +21,7 @@ from armd.daemon.bridges.listening import address
 from armd.daemon.commands.screen import COLOURS, temperatures
 from armd.daemon.host.metrics import MetricsServer
 from armd.errors import BadInput
-from armd.terminal.printable import printable
+from armd.printable import printable
 from armd.zenoh_session import open_session
 
 EVERY_S = 1.0

@@ -25,10 +25,10 @@ from armd.daemon.state import State
 from armd.errors import BadInput
 from armd.files.outputs import RECORDING, add_force, check_output_folder, check_outputs
 from armd.files.writing import told
+from armd.printable import printable
 from armd.stream import Stream
 from armd.terminal.arguments import add_arm, seconds
 from armd.terminal.counted import counted
-from armd.terminal.printable import printable
 
 POLL_S = 0.01
 WAIT_S = 60.0  # for an arm to show up

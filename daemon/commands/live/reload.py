@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 import armd
+from armd.printable import printable
 from armd.terminal.arguments import add_arm
-from armd.terminal.printable import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

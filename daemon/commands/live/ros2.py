@@ -14,8 +14,8 @@ from armd.daemon.bridges.ros2.node import NAME, legal
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.printable import printable
 from armd.terminal.arguments import add_arm
-from armd.terminal.printable import printable
 
 RATE_HZ = 100.0
 MOST_DOMAINS = 232

@@ -14,8 +14,8 @@ from armd.daemon.commands.screen import in_use, temperatures
 from armd.daemon.host.root import WARNING
 from armd.daemon.state import State
 from armd.errors import BadInput
+from armd.printable import printable
 from armd.terminal.arguments import add_arm
-from armd.terminal.printable import printable
 
 GOOD = (State.READY, State.WARMING)
 

@@ -21,9 +21,9 @@ import armd
 from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.printable import printable
 from armd.terminal.arguments import add_endpoint, positive
 from armd.terminal.counted import counted
-from armd.terminal.printable import printable
 from armd.terminal.suggest import did_you_mean
 
 OWN = "-"

@@ -21,8 +21,8 @@ from armd.daemon.commands.offline import repeatability
 from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.printable import printable
 from armd.terminal.arguments import positive
-from armd.terminal.printable import printable
 
 RELATIONS = ("distance", "angle")
 REPEATABILITY = "repeatability"

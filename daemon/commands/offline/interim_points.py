@@ -21,8 +21,8 @@ from armd.daemon.files.session_folder import load_artefact
 from armd.errors import BadInput
 from armd.files.writing import write_changed, write_whole
 from armd.offline.corrector import parse_instant
+from armd.printable import printable
 from armd.terminal.aside import aside
-from armd.terminal.printable import printable
 
 
 def add_arguments(add: argparse.ArgumentParser) -> None:

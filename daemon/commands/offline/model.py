@@ -27,8 +27,8 @@ from armd.daemon.catalogue.urdf_like import correct_urdf
 from armd.errors import BadInput
 from armd.files.outputs import ARM, RESULT, OutputKind, add_force, check_outputs, has_columns
 from armd.files.writing import write_whole
+from armd.printable import printable
 from armd.terminal.counted import counted
-from armd.terminal.printable import printable
 from armd.terminal.suggest import few
 
 COLUMNS = list(Correction.__dataclass_fields__)

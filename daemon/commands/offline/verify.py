@@ -22,10 +22,10 @@ from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.offline.verify import require_judged, resolve_limits, verify
+from armd.printable import printable
 from armd.terminal.arguments import positive
 from armd.terminal.aside import aside
 from armd.terminal.plain import plain_console
-from armd.terminal.printable import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -31,7 +31,7 @@ from armd.errors import BadInput
 from armd.files.outputs import ARM, add_force, check_same
 from armd.files.schema import validate
 from armd.files.writing import check_place, write_whole
-from armd.terminal.printable import printable
+from armd.printable import printable
 
 MICROSCRIBE = "MicroScribe 3D, 3DX, 3DL, G or G2: the factory's geometry, read from the arm"
 

@@ -15,9 +15,9 @@ from armd.compensation.model.calibration import load_calibration
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.schema import json_data, load_toml, toml_data
+from armd.printable import printable
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
-from armd.terminal.printable import printable
 from armd.terminal.suggest import did_you_mean, near
 
 

@@ -35,10 +35,10 @@ from armd.files.outputs import (
     check_same,
 )
 from armd.files.writing import write_whole
+from armd.printable import printable
 from armd.terminal.arguments import positive
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
-from armd.terminal.printable import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

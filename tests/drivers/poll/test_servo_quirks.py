@@ -21,7 +21,9 @@ asking who is who, and what one answer costs, to the row, is in test_servo_drive
 
 from __future__ import annotations
 
+import re
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,6 +33,7 @@ from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event
 from armd.drivers.table import open_driver
 from armd.drivers.unwrap import warm_up
+from armd.simulator.live.faults import FAULTS as SIMULATED
 from support.simulated_arm import simulated_arm
 
 S = 1_000_000_000
@@ -97,9 +100,17 @@ def run(request, tmp_path_factory):
         yield request.param, Run(request.param, tmp_path_factory.mktemp("run"))
 
 
-pytestmark = [pytest.mark.slow, pytest.mark.crowd]  # twenty seconds of two lives
+def test_every_quirk_of_the_table_is_done_here_or_where_it_says():
+    places = [line.split("|")[3] for line in __doc__.splitlines() if line.startswith("|")]
+    faults = {name for place in places for name in re.findall("`([a-z_]+)`", place)}
+    assert faults == set(FAULTS) and faults <= set(SIMULATED)
+    files = {name for place in places for name in re.findall(r"test_\w+", place)}
+    there = {file.stem for file in Path(__file__).parents[2].rglob("test_*.py")}
+    assert len(files) >= 4 and files <= there
 
 
+@pytest.mark.slow
+@pytest.mark.crowd
 def test_a_missing_answer_takes_no_other_away(run):
     family, line = run
     near = line.during("missing_answer", -0.05, 0.3)["joint_invalid"]
@@ -111,6 +122,8 @@ def test_a_missing_answer_takes_no_other_away(run):
         assert line.counters["servo_2_missed"] >= 1
 
 
+@pytest.mark.slow
+@pytest.mark.crowd
 def test_a_changed_homing_offset_is_found_by_asking_and_its_joint_is_invalid(run):
     """Each servo is asked who it is every three seconds, of six; an answer may be lost."""
     family, line = run
@@ -126,6 +139,8 @@ def test_a_changed_homing_offset_is_found_by_asking_and_its_joint_is_invalid(run
     assert len(others) > BUSY and (others == 0).mean() > 1 - LOST
 
 
+@pytest.mark.slow
+@pytest.mark.crowd
 def test_another_firmware_and_a_torque_that_is_on_are_told_and_taken_back(run):
     family, line = run
     versions = {"feetech": ("3.10", "3.11"), "dynamixel": ("45", "46")}[family]
@@ -138,6 +153,8 @@ def test_another_firmware_and_a_torque_that_is_on_are_told_and_taken_back(run):
     assert (line.during("mixed_firmware", 0.5)["joint_invalid"] == 0).mean() > 1 - LOST
 
 
+@pytest.mark.slow
+@pytest.mark.crowd
 def test_what_an_eeprom_does_not_keep_is_told_once(run):
     """A Feetech that is locked obeys, and has forgotten it after a restart; a Dynamixel keeps it,
     but refuses while its torque is on."""

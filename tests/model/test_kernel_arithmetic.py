@@ -1,5 +1,5 @@
-"""The batch kernel compiled for any processor of this kind, with the least it may have: the same
-positions, and vectors all the same (an x86-64 without AVX has SSE2)."""
+"""The kernel's sine and cosine against numpy's in long double; and the batch kernel compiled for
+any processor of this kind: the same positions, and vectors all the same (an x86-64 has SSE2)."""
 
 from __future__ import annotations
 
@@ -11,6 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from armd.compensation.kernel.chain import sincos
+from armd.compensation.kernel.memory import BLOCK
+from armd.compiled.jit import jit
 
 PROGRAM = """
 import sys
@@ -31,6 +35,24 @@ kernel.correct(q, *nothing, Model(arm, None).flat.for_batches(), position, np.em
 (code,) = kernel.correct.inspect_asm().values()
 np.savez(sys.argv[1], position=position, ymm="ymm" in code, mulpd="mulpd\\t" in code)
 """
+
+
+@jit
+def all_of(angle: np.ndarray, found: np.ndarray) -> None:
+    sincos(angle, 0, len(angle), 1.0, found, 0)
+
+
+@pytest.mark.parametrize("reach_rad", [0.8, 3.2, 100.0])
+def test_error_is_below_its_word(reach_rad: float) -> None:
+    angle = np.linspace(-reach_rad, reach_rad, 999 * BLOCK).reshape(-1, BLOCK)
+    angle[0, :9] = np.arange(-4, 5) * (np.pi / 4)
+    found = np.empty((2 * len(angle), BLOCK))
+    all_of(angle, found)
+    exact = angle.astype(np.longdouble)
+    # Without a fused multiply-add the reduction rounds as the angle itself was rounded.
+    bound = 2e-16 + np.spacing(np.abs(angle)) / 2
+    assert (np.abs(found[0::2] - np.sin(exact)) < bound).all()
+    assert (np.abs(found[1::2] - np.cos(exact)) < bound).all()
 
 
 def run(folder: Path, name: str, **processor: str) -> dict[str, np.ndarray]:
