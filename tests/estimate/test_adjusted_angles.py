@@ -49,7 +49,7 @@ def test_a_reading_gone_wrong_turns_no_farther_than_noise_would() -> None:
 
 
 def test_columns_as_read_share_three_a_reading_with_the_residual() -> None:
-    """Σ cᵀ Σ⁻¹ r, c the column of all lengths in proportion: decision 26 derives that its
+    """Σ cᵀ Σ⁻¹ r, c the column of all lengths in proportion: `adjustment` derives that its
     expectation at the true constants is 3 a reading where c is taken at the angles as read, and
     that this is gone at adjusted ones. Each reading is compared with itself."""
     truth, sigma = postures(4000, seed=3), 1e-3

@@ -215,7 +215,7 @@ def test_an_expansion_and_a_lag_through_it_replace_the_wandering_found_first(see
 @pytest.mark.slow
 def test_what_fades_of_a_bent_link_is_no_third_cause() -> None:
     """Beside the gradient and the lag stood two structures without a name and a shifted constant,
-    where what faded bent the link about another axis than the gradient does (decision 164)."""
+    where what faded bent the link about another axis than the gradient does."""
     case = run_strange("bent", 20261270001)
     planted = {(cause, location) for cause, location, *_ in case.truths}
     assert {(one.cause, one.location) for one in case.told} == planted
