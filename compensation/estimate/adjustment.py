@@ -5,10 +5,10 @@ their noise with the residual, and least squares takes what the two share for kn
 levers scatter less, so the arm shrinks (docs/decisions/0026). Taken at adjusted angles, as Pope
 (1972) asks of every adjustment of observations, columns and residuals share nothing.
 
-The residual is r = J ε for angles q + ε, and a column as read is c(q + ε) = c(q) + ∂J ε. The normal
-equation Σ cᵀ Σ⁻¹ r = 0 then holds E[Σ (∂J ε)ᵀ Σ⁻¹ J ε], which does not vanish at the true constants:
-for all lengths in proportion ∂J = J, and it is 3 a reading. The columns taken here, at q + ε − J⁺ r,
-make it the gradient of the likelihood of the angles, Σ rᵀ (J C Jᵀ)⁻¹ r.
+The residual is r = J ε for angles q + ε, and a column as read is c(q + ε) = c(q) + ∂J ε. The
+normal equation Σ cᵀ Σ⁻¹ r = 0 then holds E[Σ (∂J ε)ᵀ Σ⁻¹ J ε], which does not vanish at the true
+constants: for all lengths in proportion ∂J = J, and it is 3 a reading. The columns taken here, at
+q + ε − J⁺ r, make it the gradient of the likelihood of the angles, Σ rᵀ (J C Jᵀ)⁻¹ r.
 """
 
 from __future__ import annotations
