@@ -55,7 +55,8 @@ class LedVisit(Strict):
     rounds: Annotated[int, Field(ge=1, le=100)] = 1
     #: Of the artefact's origin, base frame. None: wherever the arm reaches all targets.
     position_mm: _PlanPoint | None = None
-    rotation_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)  # about the base's x, then y, then z
+    #: About the base's x, then y, then z.
+    rotation_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
     #: Without a position: how far from the column's axis the targets may be.
     radius_mm: tuple[_Coordinate, _Coordinate] = (200.0, 1000.0)
 
