@@ -9,6 +9,7 @@ tests that compute longer than 10 s, and files without a test in ``make test``.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -40,3 +41,12 @@ def own_state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         os.environ.pop("STATE_DIRECTORY", None)
         yield
+
+
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Five thousand tests are there to stay: whoever looks for garbage later passes over them."""
+    gc.freeze()
+    gc.enable()

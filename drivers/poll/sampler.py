@@ -25,6 +25,10 @@ PAUSE_NS, PAUSE_CYCLES = 100_000_000, 4
 LEAP_NS, LEAP_CYCLES = 5_000_000, 2
 #: Usual is the quickest of so many spacings: one stall beside another is none (decision 14).
 USUAL_OF = 4
+#: To leap, a joint has the quickest of so many cycles at the most, or of those before them: a host
+#: that is busy for seconds makes every cycle slow, and another offset would pass for a motion.
+QUICKEST_OF = 500
+AGES_NS = 1e18  # longer than any spacing, and a number in JSON
 
 
 class Cycle(NamedTuple):
@@ -55,6 +59,8 @@ class ServoSampler:
         self._held: Cycle | None = None
         self._heard_ns = 0.0  # the last cycle
         self._spacings_ns: deque[float] = deque(maxlen=USUAL_OF)  # before it
+        self._quickest_ns = [AGES_NS, AGES_NS]  # of `QUICKEST_OF` cycles, and of those since
+        self._since = 0
         self._counts_per_ns = COUNTS_PER_TURN * max_joint_rate_deg_s / 360e9
         self._dtype = sample_dtype(n)
         self._unwrapper = Unwrapper(
@@ -100,6 +106,7 @@ class ServoSampler:
         )
         self._lateness.seen(late_ns)
         spacing_ns, self._heard_ns = at_ns[0] - self._heard_ns, at_ns[0]
+        self._note_spacing(spacing_ns)
         if self._held is not None:
             held, self._held = self._held, None
             self._spacings_ns.append(spacing_ns)
@@ -208,12 +215,18 @@ class ServoSampler:
     def _leaps(self, counts: Sequence[int | None], at_ns: Sequence[float], usual_ns: float) -> int:
         """Bits of joints that have gone as far as only a gap in the cycles lets them; not of those
         that are silent."""
-        most_ns, bits = max(LEAP_NS, LEAP_CYCLES * usual_ns), 0
+        most_ns, bits = max(LEAP_NS, LEAP_CYCLES * min(usual_ns, *self._quickest_ns)), 0
         for k, (count, last) in enumerate(zip(counts, self._last, strict=True)):
             if count is not None and last is not None and at_ns[k] - last[1] > most_ns:
                 step = (count - last[0] + HALF_TURN) % COUNTS_PER_TURN - HALF_TURN
                 bits |= (abs(step) > MARGIN_COUNTS + self._counts_per_ns * most_ns) << k
         return bits
+
+    def _note_spacing(self, spacing_ns: float) -> None:
+        if self._since == QUICKEST_OF:
+            self._quickest_ns, self._since = [self._quickest_ns[1], AGES_NS], 0
+        self._quickest_ns[1] = min(self._quickest_ns[1], spacing_ns)
+        self._since += 1
 
     def _note_past(self, row_ns: int) -> None:
         if row_ns - self._past_ns >= PAST_NS:
@@ -250,6 +263,7 @@ class ServoSampler:
             "late": list(self._lateness.seen_ns),
             "held": self._held,
             "heard": [self._heard_ns, *self._spacings_ns],
+            "quickest": [*self._quickest_ns, self._since],
             "unwrap": [memory[name].tolist() for name in memory.dtype.names or ()],
         }
 
@@ -263,6 +277,8 @@ class ServoSampler:
         self._held = None if state["held"] is None else Cycle(*state["held"])
         self._heard_ns, *spacings_ns = state["heard"]
         self._spacings_ns.extend(spacings_ns)
+        if "quickest" in state:  # not in recordings of before 0.3
+            *self._quickest_ns, self._since = state["quickest"]
         memory = self._unwrapper.memory
         for name, values in zip(memory.dtype.names or (), state["unwrap"], strict=True):
             memory[name] = values

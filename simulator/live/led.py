@@ -32,9 +32,12 @@ TIP_MM_S, JOINT_RAD_S = 400.0, 3.0
 SHORTEST_MOVE_S = 0.25
 
 
-#: mm; beyond it no sum of squares is a number.
+#: mm, degrees: beyond it no sum of squares is a number, and no sine has a digit.
 _Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 _PlanPoint = tuple[_Coordinate, _Coordinate, _Coordinate]
+_Angle = Annotated[float, Field(ge=-3600, le=3600)]
+#: Of a rest or a wait: a day.
+LONGEST_S = 86_400.0
 
 
 class LedTarget(Strict):
@@ -52,9 +55,10 @@ class LedVisit(Strict):
     rounds: Annotated[int, Field(ge=1, le=100)] = 1
     #: Of the artefact's origin, base frame. None: wherever the arm reaches all targets.
     position_mm: _PlanPoint | None = None
-    rotation_deg: Vector = (0.0, 0.0, 0.0)  # about the base's x, then y, then z
+    #: About the base's x, then y, then z.
+    rotation_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
     #: Without a position: how far from the column's axis the targets may be.
-    radius_mm: tuple[float, float] = (200.0, 1000.0)
+    radius_mm: tuple[_Coordinate, _Coordinate] = (200.0, 1000.0)
 
 
 #: What a plan says that it is.
@@ -70,12 +74,12 @@ class OperatorPlan(Strict):
     target: list[LedTarget] = []
     visit: Annotated[list[LedVisit], Field(min_length=1)]
     #: Standard deviation per axis by which the tip rests beside the target.
-    miss_um: Annotated[float, Field(ge=0)] = 0.5
+    miss_um: Annotated[float, Field(ge=0, le=1e6)] = 0.5
     #: How long the tip rests, and after how long the button goes down.
-    rest_s: Annotated[float, Field(gt=0)] = 1.2
-    press_after_s: Annotated[float, Field(gt=0)] = 0.8
+    rest_s: Annotated[float, Field(gt=0, le=LONGEST_S)] = 1.2
+    press_after_s: Annotated[float, Field(gt=0, le=LONGEST_S)] = 0.8
     haste: Annotated[float, Field(gt=0, le=5)] = 1.0
-    start_s: Annotated[float, Field(ge=0)] = 1.5  # before the first move
+    start_s: Annotated[float, Field(ge=0, le=LONGEST_S)] = 1.5  # before the first move
     #: Begin anew after the last visit; else the hand rests at the last target for ever.
     again: bool = True
 

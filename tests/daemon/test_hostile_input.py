@@ -124,12 +124,12 @@ def test_a_recording_whose_info_names_no_tip_is_refused(
     assert "info.json: arm, configuration.tips: found" in capsys.readouterr().err
 
 
-def test_a_recorded_point_that_is_nested_deeply_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize("data", [b"[" * 100_000, b'{"seq": 1e999, "monotonic_ns": 1}'])
+def test_a_recorded_point_that_is_none_is_refused(tmp_path: Path, data: bytes) -> None:
+    """Nested deeply, or with a number that no integer is."""
     from armd.daemon.commands.service.replay import _compare
 
-    message = SimpleNamespace(data=b"[" * 100_000)
+    message = SimpleNamespace(data=data)
     nested = SimpleNamespace(path=tmp_path, preamble=list, messages=lambda topics: [message])
     with pytest.raises(ArmdError, match="expected a point"):
         _compare(nested, np.zeros(0, POINT))  # type: ignore[arg-type]

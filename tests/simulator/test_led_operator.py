@@ -101,6 +101,8 @@ def test_arms_of_any_joints_are_led_and_planted_in(n, tmp_path):
     [
         ('targets = ["B2"]', 'targets = ["B9"]', "visit\\[2\\].targets: found 'B9'"),
         ("rest_s = 0.8", "rest_s = 0.5", "press_after_s below rest_s"),
+        ("0.0, 0.0, 90.0", "0.0, 0.0, 1e308", "less than or equal to 3600"),
+        ("rest_s = 0.8", "rest_s = 1e6", "less than or equal to 86400"),
         ("haste = 2.0", "hurry = 2.0", "hurry: found an unknown key"),
     ],
 )

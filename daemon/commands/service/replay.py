@@ -131,7 +131,7 @@ def _compare(recording: Recording, points: Points) -> int:
         try:
             point = json.loads(message.data)
             seq, at_ns = int(point["seq"]), int(point["monotonic_ns"])
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
+        except (ValueError, OverflowError, KeyError, TypeError, RecursionError) as error:
             raise BadInput(recording.path, "/point", repr(message.data[:40]), "a point") from error
         if seq not in replayed:
             absent += 1

@@ -237,7 +237,7 @@ def test_the_seam_and_many_turns(tmp_path, punctuality, family):
 
 @pytest.mark.parametrize("where", ["before the request is out", "before the answers are read"])
 def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
-    tmp_path, monkeypatch, where
+    tmp_path, monkeypatch, punctuality, where
 ):
     """All joints move at 260°/s; every 25th cycle the host stands still for 30 ms: unnoticed, the
     next cycle would seem to jump, and this one's instant would be wrong by 30 ms. It costs those
@@ -251,6 +251,7 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
     with (
         FakeServos(Feetech, tmp_path) as servos,
         closing(open_driver(config(servos), expected())) as driver,
+        punctuality.watch() as machine,
     ):
         taken = Taken(driver)
         taken.rows(40)  # what is usual
@@ -291,7 +292,7 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
     valid = rows[rows["joint_invalid"] == 0]
     apart = valid["count"] - true_count(valid["monotonic_ns"])
     apart = np.abs((apart + 2048) % 4096 - 2048)  # nobody can tell turns made in a long stall
-    assert len(valid) > 100
+    machine.judge_lost(max(0, 101 - len(valid)), "valid rows of joints that leap in a stall")
     assert apart.max() < 0.6 * stall_s * counts_per_s
     # 72 counts over a gap may be another offset (decision 14): only there is a joint invalid
     doubted = np.flatnonzero(rows["joint_invalid"] != 0)

@@ -162,6 +162,9 @@ def test_where_bytes_take_no_time_the_lines_own_time_bounds_nothing(family, wher
     line.byte_ns, line.gap_ns = 0.0, 50_000.0
     line.cycles(30)
     line.cycles(5, **{where: 20 * MS})
+    line.cycles(1)  # every joint has gone 100 counts since, and is asked who it is
+    assert (line.rows()["joint_invalid"][-1:] == 0b111111).all()
+    line.exchange(0, line.decoder.family.identity_bytes)
     line.cycles(10)
     assert line.decoder.counters["untimed"] == 5
     assert len(line.apart()) == 40 and line.apart().max() < 1.5
@@ -214,6 +217,21 @@ def test_a_step_in_a_second_stall_or_a_pause_is_asked_about(family, stalls_ms):
     line.cycles(3)  # the first of them waits for the second: all six were asked, for over 0.1 s
     assert line.rows()["count"][-1].tolist() == [0, 700, 0, 0, 0, 0]
     assert line.rows()["joint_invalid"][-1] == 0
+
+
+@BOTH
+def test_a_step_is_asked_about_on_a_host_that_is_busy_for_seconds(family):
+    """Where each of the last cycles was late, none of them says what is usual."""
+    line = PacedLine(family, 0.0)
+    line.cycles(10)
+    for _ in range(12):
+        line.now_ns += 80 * MS
+        line.cycles(1)
+    assert (line.rows()["joint_invalid"] == 0).all() and len(line.rows()) == 22
+    line.now_ns += 80 * MS
+    line.shift[2] = 700  # 61 degrees in 95 ms: a hand can do that
+    line.cycles(1)
+    assert line.rows()["joint_invalid"][-1] == 0b10 and 2 in line.decoder.roster.strangers
 
 
 @BOTH
