@@ -8,7 +8,7 @@ BIN    := $(VENV)/bin
 # Hundreds of tests start a process each; without these files each would compile all of armd
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-default test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
 .PHONY: develop
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # A command, and after it what it did and the seconds it took: $(call timed,WHAT,COMMAND)
@@ -81,17 +81,20 @@ EMPTY_IS_FINE := $(if $(TEST_ARGS),|| [ $$? = 5 ])
 # Where serial tests are: to collect all others takes longer than to run some of these
 SERIAL_IN := $(if $(TEST_ARGS),,$$(grep -rl --include='test_*.py' 'mark\.serial' tests))
 
-# Lint runs beside the tests, many of which wait, and is shown after them
+# Lint runs beside the serial tests, which wait most of the time, and is shown after them
 test:
 	@echo "armd: lint and tests take about five minutes on two cores, once armd is installed"
 	@$(MAKE) --no-print-directory develop
-	@began=$$(date +%s); nice $(MAKE) --no-print-directory lint > $(VENV)/lint.log 2>&1 & lint=$$!; \
-	    $(MAKE) --no-print-directory test-default; tests=$$?; \
+	@began=$$(date +%s); $(MAKE) --no-print-directory test-parallel; parallel=$$?; \
+	    nice $(MAKE) --no-print-directory lint > $(VENV)/lint.log 2>&1 & lint=$$!; \
+	    $(MAKE) --no-print-directory test-serial; serial=$$?; \
 	    wait $$lint; lint=$$?; cat $(VENV)/lint.log; \
-	    echo "armd: make test took $$(($$(date +%s) - began)) s"; exit $$((tests | lint))
+	    echo "armd: make test took $$(($$(date +%s) - began)) s"; exit $$((parallel | serial | lint))
 
-test-default: develop
+test-parallel: develop
 	$(WORKERS) -m "not slow and not serial" $(TEST_ARGS) $(EMPTY_IS_FINE)
+
+test-serial: develop
 	$(SERIAL) -m "serial and not slow" $(SERIAL_IN) $(TEST_ARGS) $(EMPTY_IS_FINE)
 
 # What make test leaves out, save make test-long

@@ -141,6 +141,7 @@ def test_two_arms_behind_a_router(tmp_path: Path) -> None:
             assert bridge.stop() == 0
 
 
+@pytest.mark.slow
 def test_two_daemons_of_one_serial_are_told(tmp_path: Path) -> None:
     plant = free_endpoint()
     with ExitStack() as stack:

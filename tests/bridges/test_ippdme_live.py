@@ -139,6 +139,7 @@ def test_tools_are_changed_from_both_sides(daemon: Daemon, bridge: RunningBridge
         assert client.event("E0000 #") == 'E0000 # ChangeTool("RefTool")'
 
 
+@pytest.mark.slow
 def test_hosts_that_misbehave_hold_up_nobody(daemon: Daemon, bridge: RunningBridge) -> None:
     with (
         armd.connect(endpoint=daemon.endpoint) as arm,
@@ -194,6 +195,7 @@ def test_a_host_that_vanished_leaves_no_session(bridge: RunningBridge) -> None:
         ]
 
 
+@pytest.mark.slow
 def test_an_arm_that_falls_silent_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
     with simulated_arm(tmp_path) as arm, running_daemon(tmp_path, arm.port) as daemon:

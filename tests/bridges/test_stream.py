@@ -221,6 +221,7 @@ def test_an_occupied_port_is_named(daemon: Daemon, tmp_path: Path) -> None:
     assert done.stderr.startswith(f"armd: the command line: --listen: found {where}: ")
 
 
+@pytest.mark.slow
 def test_ended_while_it_waits_for_its_daemon() -> None:
     command = [sys.executable, "-m", "armd.daemon.cli", "stream", "--verbose"]
     command += ["--endpoint", "tcp/127.0.0.1:9"]

@@ -33,6 +33,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward
 from armd.errors import BadInput
 from support import synthetic
+from support.selection import parametrize_default
 
 
 def first(arm: Arm, *args: object, **options: object) -> FirstExperiment:
@@ -168,7 +169,7 @@ def artefact(known: bool, targets: int, length_mm: float | None = None) -> Artef
     return Artefact.model_validate(content)
 
 
-@pytest.mark.parametrize(
+@parametrize_default(
     ("known", "targets", "length_mm", "structural"),
     [(True, 4, None, 21), (False, 1, None, 20), (False, 2, None, 20), (False, 2, 300.0, 21)],
 )
@@ -198,6 +199,7 @@ def test_an_artefact_is_touched_all_over_in_three_placements(
             assert between == pytest.approx(length_mm, abs=2.0)
 
 
+@pytest.mark.slow
 def test_limits_reach_and_height_are_kept() -> None:
     arm = synthetic.arm(6)
     limited = [
@@ -262,6 +264,7 @@ def campaign_errors(arm: Arm, q: np.ndarray, seeds: range) -> np.ndarray:
     return np.array(errors)
 
 
+@pytest.mark.slow
 def test_a_campaign_in_these_postures_calibrates_better_than_one_in_random_ones() -> None:
     arm, seeds = synthetic.arm(6), range(4)
     designed = campaign_errors(arm, first(arm, 24).q, seeds)

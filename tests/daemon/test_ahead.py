@@ -258,6 +258,7 @@ def test_every_made_up_arm_is_one_that_a_daemon_takes(monkeypatch: pytest.Monkey
     assert {config.driver.kind for config in called} == {"serial", "microscribe"}
 
 
+@pytest.mark.slow
 def test_a_bad_file_is_told_of_and_stops_nothing(tmp_path: Path, python: Path) -> None:
     bad = configured(tmp_path, 0)
     done = ahead(python, tmp_path / "cache", bad)

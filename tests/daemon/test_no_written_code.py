@@ -33,6 +33,7 @@ def test_it_is_forbidden(prot: str, allowed: bool) -> None:
     assert allowed or "Error" in run.stderr
 
 
+@pytest.mark.slow
 def test_the_daemon_streams_all_the_same(tmp_path: Path) -> None:
     if library.loaded() is None:
         pytest.skip("no library of compiled functions: there was no C++ compiler to make it")

@@ -56,6 +56,7 @@ def test_it_grows_by_the_arms_temperature_where_its_own_was_not_read() -> None:
     np.testing.assert_allclose(1e-3 * linear.artefact_column(WARMTH), -moved.ravel(), atol=1e-9)
 
 
+@pytest.mark.slow
 @parametrize_default("read", [False, True])
 def test_steel_is_told_as_the_artefacts_expansion(read: bool) -> None:
     """Unread, it was the expansion of five links, of three of them surely. The calibration knows

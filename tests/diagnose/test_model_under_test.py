@@ -31,6 +31,7 @@ def sessions(*celsius: float) -> list[Session]:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_it_is_the_linear_one_which_calibrate_makes_when_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -196,6 +196,7 @@ def looked_at(sessions: list[Session]) -> ScoredCandidates:
     return Search(gather_rests(sessions, ARM), ARM, baseline).first
 
 
+@pytest.mark.slow
 @parametrize_default("seed", range(4))
 def test_a_session_that_scatters_more_moves_no_artefact(seed: int) -> None:
     assert find_touched(looked_at(shaken(seed))) is None

@@ -109,6 +109,7 @@ def farthest_mm(rows: np.ndarray, hand: ScriptedHand, began_ns: int) -> float:
     return max(near)
 
 
+@pytest.mark.slow
 @parametrize_default("fault", ["unplug", "reboot"])
 def test_a_press_away_from_the_rest_gives_no_wrong_point(tmp_path: Path, fault: str) -> None:
     """Somebody measures on who has not seen that the plug came out, or the power."""

@@ -315,6 +315,7 @@ def spoilt(tmp_path_factory: pytest.TempPathFactory):
     return arm, items, raw, counters
 
 
+@pytest.mark.slow
 def test_no_spoilt_packet_gives_a_point(spoilt) -> None:
     arm, items, _, counters = spoilt
     rows = rows_of(items)

@@ -39,6 +39,7 @@ def _moves(candidate, joint: int) -> bool:
     return any(term.parameter.endswith(f"_{joint}") for term in terms)
 
 
+@pytest.mark.slow
 def test_scores_are_those_of_one_dense_problem(problem) -> None:
     current, arm, candidates = problem
     strong = [c for c in candidates if c.place == ("encoder_eccentricity", "joint 3")]

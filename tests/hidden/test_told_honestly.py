@@ -83,6 +83,7 @@ def test_silence_of_few_readings_is_no_comfort(measured: Measured) -> None:
     assert "hardly any cause could have shown" in verdict(few)
 
 
+@pytest.mark.slow
 def test_silence_says_what_would_have_shown(measured: Measured) -> None:
     clean = diagnose(measured.sessions, measured.arm, measured.calibration)
     assert not clean.found
@@ -99,6 +100,7 @@ def test_no_p_value_is_nothing(found: Diagnosis) -> None:
     assert all(finding["p_value"] > 0.0 for finding in as_json(found, None)["findings"])
 
 
+@pytest.mark.slow
 def test_a_size_within_its_own_uncertainty_is_told_as_such(found: Diagnosis) -> None:
     assert size_known(found, 0)
     last = found.search.last

@@ -12,6 +12,7 @@ from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.heldout import HeldOut
 from support import synthetic
+from support.selection import parametrize_default
 
 ARM = synthetic.arm()
 SEEDS = 6
@@ -28,7 +29,7 @@ def rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@pytest.mark.parametrize(("readings", "wrong"), [(24, 0), (200, 0), (200, 8)])
+@parametrize_default(("readings", "wrong"), [(24, 0), (200, 0), (200, 8)])
 def test_readings_of_a_tracker(readings: int, wrong: int) -> None:
     printed, without, elsewhere = [], [], []
     for seed in range(SEEDS):
@@ -48,6 +49,7 @@ def test_readings_of_a_tracker(readings: int, wrong: int) -> None:
     assert (rms(without) < 0.8 * rms(printed)) == (wrong > 0)
 
 
+@pytest.mark.slow
 def test_seats_at_other_places() -> None:
     """Two seats: where they lie in their plate is told by the placements that stay."""
     printed, elsewhere = [], []

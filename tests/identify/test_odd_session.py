@@ -333,6 +333,7 @@ def test_another_stylus_is_told_with_its_offset(moved_mm: tuple[float, float, fl
     assert "another stylus" in told
 
 
+@pytest.mark.slow
 def test_another_stylus_is_told_of_the_coldest_session() -> None:
     """Far from the others' temperatures, mm are no expansion; an expansion to the fourth power of
     them took up 8 mm, and the certificate was granted."""

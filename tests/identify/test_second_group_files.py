@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from armd.daemon.cli import main as armd
+from support.selection import parametrize_default
 
 EXCHANGED_UM = 8000.0
 
@@ -24,7 +25,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("names", [["T14"], ["T14", "T20"], ["T14", "T20", "T26"]])
+@parametrize_default("names", [["T14"], ["T14", "T20"], ["T14", "T20", "T26"]])
 def test_check_names_the_rows_of_another_tip(
     measured: Path, capsys: pytest.CaptureFixture[str], names: list[str]
 ) -> None:

@@ -84,6 +84,7 @@ def test_one_temperature_between_two_does_not_hide_the_expansion(placements: int
     assert by_name["no thermal model"] > 2.0 * by_name["all at once, order 1"]
 
 
+@pytest.mark.slow
 def test_expansion_that_bends_is_order_2() -> None:
     assert calibrated(with_coefficients(length_terms(ARM, [1, 2]), 5e-3, 3e-4)).thermal_order == 2
 
@@ -167,6 +168,7 @@ def test_placements_are_grouped_by_their_temperature() -> None:
     assert [mean for mean, _ in groups] == pytest.approx([20.1, 26.0], abs=0.2)
 
 
+@pytest.mark.slow
 def test_placements_close_to_the_next_are_not_all_of_one_temperature() -> None:
     """A campaign of many days: no gap anywhere, and 11 K from the coldest to the warmest."""
     rng = np.random.default_rng(2)

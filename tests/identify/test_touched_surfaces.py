@@ -162,6 +162,7 @@ def test_a_length_certified_wrong_is_contradicted(tmp_path: Path) -> None:
     assert "certified length contradicts" in found.certificate.reason
 
 
+@pytest.mark.slow
 def test_readings_in_the_air_are_named_and_count_for_nothing(tmp_path: Path) -> None:
     workshop = measured(tmp_path, KINDS["ball"], 1)
     table = tmp_path / "session" / "readings.csv"

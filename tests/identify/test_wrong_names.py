@@ -20,6 +20,7 @@ from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import wrong_names
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main as armd
+from support.selection import parametrize_default
 
 NAMES = ("T14", "T20", "T26", "T32")
 Q2, TARGET = 4, 2
@@ -145,7 +146,7 @@ def test_a_reading_in_the_air_is_named_as_why_there_is_no_certificate(
     assert "no set of constants describes this arm" not in said
 
 
-@pytest.mark.parametrize(("names", "turn"), [(["T20"], 0.35), (NAMES, 0.35), (NAMES, 0.0005)])
+@parametrize_default(("names", "turn"), [(["T20"], 0.35), (NAMES, 0.35), (NAMES, 0.0005)])
 def test_check_names_a_reading_in_the_air(
     measured: Path, capsys: pytest.CaptureFixture[str], names: list[str], turn: float
 ) -> None:
@@ -171,6 +172,7 @@ def test_an_evaluation_says_why_it_is_absurd(
     assert told in said and "is it the drawing of this arm?" not in said
 
 
+@pytest.mark.slow
 def test_a_check_with_one_is_not_kept(measured: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A history gives nothing back."""
     assert calibrated(measured) == 0

@@ -100,6 +100,7 @@ def rms_um(checks: Path, calibration: Path, day: int) -> float:
     return float(np.sqrt((found.distance_um**2).mean()))
 
 
+@pytest.mark.slow
 def test_a_wrong_artefact_right_before_a_change_hides_neither(tmp_path: Path) -> None:
     result, _ = judged(
         tmp_path, "--plant", "encoder_slip@joint 3=15@6", "--bad", "wrong-artefact@5"

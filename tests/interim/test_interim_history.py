@@ -113,6 +113,7 @@ def reported(history: Path) -> dict:
     return json.loads((history / REPORT).read_text())
 
 
+@pytest.mark.slow
 def test_a_slip_and_a_bad_check_are_told(kept: Path) -> None:
     result = reported(kept)
     assert result["schema"] == "armd.interim/1" and result["state"] == "changed"
@@ -459,6 +460,7 @@ def test_no_room_for_the_report_says_that_the_check_is_kept(
     assert run("report", "--history", history) == 0
 
 
+@pytest.mark.slow
 def test_a_history_that_cannot_be_written_is_reported(kept: Path) -> None:
     """An archive, another one's share: what is known already need not be written again."""
     words = [sys.executable, "-m", "armd.daemon.cli", "interim", "report", "--history", str(kept)]

@@ -140,6 +140,7 @@ def test_what_constants_and_placements_absorb_has_no_size() -> None:
     assert seen.noise_units(later) > 5
 
 
+@pytest.mark.slow
 @parametrize_default("kind", ["disc", "settling", "sag", "offset"])
 def test_a_case_is_as_large_as_wanted(kind: str) -> None:
     """Measured on what is planted, not on the small one by which it was sized."""

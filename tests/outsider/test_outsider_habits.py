@@ -75,6 +75,7 @@ def test_a_replaced_encoder_is_as_it_was_before() -> None:
     assert 10 < first < 30 and (shown[first:] > 0).all()
 
 
+@pytest.mark.slow
 def test_what_nobody_soaked_is_off_most_as_a_session_begins() -> None:
     case = draw("unsoaked", 2)
     (row,) = np.flatnonzero(case.readings.session == case.plan.before)[:1]
@@ -121,6 +122,7 @@ def test_a_tracker_sees_the_points_rigidly_and_metres_away(tmp_path: Path) -> No
     np.testing.assert_allclose(x, case.tracked_mm[case.readings.session == 0, 0], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_coarse_encoder_shows_whole_steps(tmp_path: Path) -> None:
     case = draw("coarse", 0)
     write(case, tmp_path)
@@ -132,6 +134,7 @@ def test_a_coarse_encoder_shows_whole_steps(tmp_path: Path) -> None:
     assert 5e-5 < case.step_rad < 1e-4
 
 
+@pytest.mark.slow
 def test_links_follow_the_air_that_one_sensor_reads(tmp_path: Path) -> None:
     case = draw("ambient", 0)
     shown = case.readings.warm + case.alter.sensor
@@ -161,6 +164,7 @@ def test_a_room_is_kept_within_a_kelvin() -> None:
     assert 0.3 < np.ptp(air) < 2.0
 
 
+@pytest.mark.slow
 @parametrize_default("kind", ["latched", "glitch"])
 def test_few_rows_are_off_by_far(kind: str) -> None:
     case = draw(kind, 2)

@@ -70,6 +70,7 @@ def demo_sessions(measured: Path) -> list[Path]:
     return sorted(path.parent for path in measured.glob("demo/*/session.toml"))
 
 
+@pytest.mark.slow
 def test_calibrate_and_verify(measured: Path) -> None:
     arm, calibration = measured / "demo/arm.toml", measured / "calibration.json"
     sessions = demo_sessions(measured)

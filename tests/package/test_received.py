@@ -96,6 +96,7 @@ def test_what_is_malformed_is_passed_over_and_counted():
         assert arm.lost.total == 0
 
 
+@pytest.mark.slow
 def test_a_stream_begins_whole_right_after_another_one_ended():
     """Fast points: of some hundred changes of subscription dozens fall between two of them."""
     ended = threading.Event()

@@ -66,6 +66,7 @@ def test_backlash_is_not_named_without_its_evidence(folder: Path) -> None:
     assert gain and float(gain[1]) < 0.0 < float(gain[2])
 
 
+@pytest.mark.slow
 @parametrize_default("place", ["left", "lower_left"])
 def test_a_step_is_judged_by_its_own_scatter(folder: Path, place: str) -> None:
     """4 mm after the eleventh reading: less than what is left at other seats, and sure."""

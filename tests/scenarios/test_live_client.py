@@ -104,6 +104,7 @@ def test_the_page_runs_beside_an_arm(live: tuple[SimulatedArm, Daemon]) -> None:
     assert re.fullmatch(r"\d+ \d+ \d+ 0", last)
 
 
+@pytest.mark.slow
 def test_no_point_in_time_is_no_answer_though_the_daemon_answers(
     live: tuple[SimulatedArm, Daemon],
 ) -> None:

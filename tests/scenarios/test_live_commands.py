@@ -113,6 +113,7 @@ def test_a_reader_that_has_seen_enough_ends_the_read_out(
         assert watch.wait(60) == 0
 
 
+@pytest.mark.slow
 def test_the_read_out_outlives_silence(live: tuple[SimulatedArm, Daemon]) -> None:
     arm, daemon = live
     arm.process.send_signal(signal.SIGSTOP)

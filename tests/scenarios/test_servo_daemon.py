@@ -121,6 +121,7 @@ def test_points_of_few_and_of_many_joints(tmp_path, family, ids):
     assert not servos.writes
 
 
+@pytest.mark.slow
 def test_changed_offsets_void_the_geometry_until_accepted(tmp_path):
     with FakeServos(Feetech, tmp_path) as servos:
         with measuring(servos, tmp_path, (1, 2, 3)) as (daemon, heard):

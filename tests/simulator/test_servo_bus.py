@@ -13,6 +13,7 @@ from armd.drivers.identity import Expectation
 from armd.drivers.poll.protocol import dynamixel, feetech
 from armd.drivers.table import open_driver
 from armd.simulator.servobus.arm import COUNTS_PER_TURN, ServoArm, servo_ids
+from support.selection import parametrize_default
 from support.simulated_arm import simulated_arm
 
 IDS = servo_ids(5)
@@ -136,7 +137,7 @@ def test_rustypot_reads_what_is_true(tmp_path, kind):
             time.sleep(0.1)
 
 
-@pytest.mark.parametrize("kind", ["feetech", "dynamixel"])
+@parametrize_default("kind", ["feetech", "dynamixel"])
 def test_armd_brings_all_joints_to_the_instant_of_the_row(tmp_path, kind):
     """On a slow line, where the last joint is read some 8 ms after the first, in motion."""
     with simulated_arm(tmp_path, wire=("--servo", kind)) as arm:

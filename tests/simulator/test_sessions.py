@@ -120,6 +120,7 @@ def test_rates_bring_the_tip_along_its_approach() -> None:
     assert np.sum(motion * measured.conditions.approach, axis=1).min() > 0.999
 
 
+@pytest.mark.slow
 def test_the_papers_uncorrected_distances_err_by_70_to_150_um() -> None:
     """Its experiment: a maximum of that size at every temperature, a few µm with the true arm."""
     campaign = paper.campaign(1, Noise())

@@ -265,6 +265,7 @@ def test_every_other_cell_stays_and_postures_are_next_to_the_measured(
     )
 
 
+@pytest.mark.slow
 def test_noise_is_what_a_diagnosis_found_and_a_seed_repeats_it(
     folder: Callable[[str], Measured], tmp_path: Path
 ) -> None:

@@ -80,6 +80,7 @@ def test_man_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--thermal-method" in done.stdout
 
 
+@pytest.mark.slow
 def test_a_controllers_commands_start_and_are_all_in_the_help() -> None:
     """A program of its own, in which the packages that a controller lacks cannot be found."""
     ask = """

@@ -92,6 +92,7 @@ def test_without_a_number_as_many_as_a_certificate_wants_and_poses_is_the_older_
     assert result["readings"] == 17 and result["below_base"] == 0
 
 
+@pytest.mark.slow
 def test_an_artefacts_table_is_the_plan_of_a_measurement(arm: Arm) -> None:
     line = "design --arm arm.toml --artefact balls.toml --lowest 0 -o poses.csv --json out.json"
     assert cli.main(line.split()) == 0
@@ -113,6 +114,7 @@ def test_an_artefacts_table_is_the_plan_of_a_measurement(arm: Arm) -> None:
         plan_of("poses", arm, None, Wishes(poses=Path("poses.csv")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("on_balls", [False, True])
 def test_a_session_in_these_poses_is_granted_a_certificate(arm: Arm, on_balls: bool) -> None:
     """Of an arm up to 1 mm and 0.5° off its drawing, with 0.02 mm of noise; on the balls its joints

@@ -37,6 +37,7 @@ def mpe(folder: Path, **limits: float) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_wide_limits_are_met(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

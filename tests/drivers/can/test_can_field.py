@@ -80,6 +80,7 @@ def test_an_encoder_of_another_maker_is_read_and_what_it_lacks_is_named(quirk, t
     assert not [event for event in events if event.severity == "error"]
 
 
+@pytest.mark.slow
 def test_an_alarm_that_is_in_no_process_data_makes_its_joint_invalid(tmp_path):
     def over(samples, events):
         return any(event.kind == "joint_valid" for event in events)

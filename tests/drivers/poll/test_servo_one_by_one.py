@@ -130,7 +130,7 @@ def test_a_servo_that_falls_silent_marks_its_own_joint(tmp_path, family):
 
 
 @EITHER
-@pytest.mark.parametrize("late_by", ["a request", "a cycle"])
+@parametrize_default("late_by", ["a request", "a cycle"])
 def test_a_late_answer_is_never_taken_for_the_next_cycles(tmp_path, family, late_by):
     """Now and then servo 2's answer comes while another servo is asked, or right before or after
     its own next answer. Its position is off by less than a jump."""
@@ -250,7 +250,7 @@ class StandingStill:
         return os.write(*arguments)
 
 
-@pytest.mark.parametrize("where", ["between two requests", "before an answer"])
+@parametrize_default("where", ["between two requests", "before an answer"])
 def test_no_point_leaves_at_a_wrong_instant_where_somebody_stands_still(
     tmp_path, monkeypatch, where
 ):
@@ -382,6 +382,7 @@ def test_after_another_connection_they_are_read_again(tmp_path, family):
     assert len(taken.told("no_sync_read")) == 1
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_replay_of_the_frames_is_bit_identical(tmp_path, family):
     with (
