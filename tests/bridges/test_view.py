@@ -600,3 +600,15 @@ def test_more_browsers_than_there_is_room_for_are_told(monkeypatch: pytest.Monke
             writer.close()
 
     asyncio.run(scenario())
+
+
+def test_an_arm_that_nothing_can_trigger_is_told() -> None:
+    """Servos have no button but one that is named; other arms have theirs."""
+    servos = {"kind": "feetech", "trigger": None}
+    by_button, by_rest = {"trigger": "button"}, {"trigger": "rest"}
+    assert told.trigger({"driver": servos, "measurement": by_button}) is None
+    assert told.trigger({"driver": servos, "measurement": by_rest}) == "rest"
+    named = servos | {"trigger": {"id": 6, "pressed_below": 1000}}
+    assert told.trigger({"driver": named, "measurement": by_button}) == "button"
+    serial = {"kind": "serial", "port": "/dev/ttyUSB0"}
+    assert told.trigger({"driver": serial, "measurement": by_button}) == "button"

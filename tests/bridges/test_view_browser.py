@@ -386,6 +386,73 @@ def test_nothing_stands_in_anybodys_way(
         assert nothing_grave(page)
 
 
+#: Whether an element and all in it is seen whole on the screen, without scrolling.
+WHOLE = """(id) => {
+  const element = document.getElementById(id), box = element.getBoundingClientRect();
+  return box.bottom <= innerHeight && element.scrollHeight <= element.clientHeight;
+}"""
+
+
+def test_a_laptop_shows_tip_calibration_and_six_measurements(
+    browser: Browser, view: RunningBridge
+) -> None:
+    """At 1280 × 800, as contract and issue have it; letters, bar and the whole arm as well."""
+    with opened(browser, view.where, viewport={"width": 1280, "height": 800}) as page:
+        page.wait_for_function("() => document.querySelectorAll('#rows tr').length >= 6")
+        page.evaluate("document.getElementById('tip-history').remove()")  # scrolled to when asked
+        page.evaluate("document.getElementById('writing').remove()")
+        assert page.evaluate(WHOLE, "force")
+        list_box = page.locator("#measured .scroll").bounding_box()
+        sixth = page.locator("#rows tr").nth(5).bounding_box()
+        assert list_box is not None and sixth is not None
+        assert sixth["y"] + sixth["height"] <= list_box["y"] + list_box["height"]
+        assert page.inner_text("#scale-words").endswith("mm")
+        mm = float(page.inner_text("#scale-words").split()[0])
+        width = page.evaluate("document.getElementById('scale-bar').getBoundingClientRect().width")
+        # Against the picture's own projection: as many millimetres at the middle, across it
+        across = page.evaluate(
+            "async (mm) => { const { scene } = await import('/main.js'); const c = scene.camera;"
+            " const d = c.position.distanceTo(scene.controls.target);"
+            " const h = scene.canvas.clientHeight;"
+            " return mm * c.projectionMatrix.elements[5] * h / (2 * d); }",
+            mm,
+        )
+        assert width == pytest.approx(across, abs=1.0)
+        page.wait_for_function(
+            "async () => { const { scene } = await import('/main.js');"
+            " return scene.outline?.every((place) => scene.sees(place)); }"
+        )
+        for letter in "xyz":
+            assert page.inner_text(f"#letters .{letter}") == letter.upper()
+
+
+def test_events_that_repeat_stand_once_and_digits_follow_the_uncertainty(
+    browser: Browser, view: RunningBridge
+) -> None:
+    with opened(browser, view.where) as page:
+        told = page.evaluate(
+            """async () => {
+              const { Events } = await import("/lists.js");
+              const { millimetres, resolution } = await import("/say.js");
+              const list = document.createElement("ol");
+              const events = new Events(list, document.createElement("p"));
+              for (const [text, ms] of [["a", 1e3], ["b", 2e3], ["b", 3e3], ["b", 4e3], ["a", 5e3]])
+                events.add({ text, ms, severity: "info" });
+              return {
+                lines: [...list.children].map((line) => line.querySelector("span").textContent),
+                digits: [0.005, 0.03, 0.3, 3, 30].map((u) => resolution(u)),
+                kept: [resolution(0.011, 3), resolution(0.5, 3), resolution(0, 2), resolution(0)],
+                words: millimetres(1.23456, 1),
+              };
+            }"""
+        )
+        assert [line.split(" ")[0] for line in told["lines"]] == ["a", "b", "a"]
+        assert "3 times since" in told["lines"][1]
+        assert told["digits"] == [3, 2, 1, 0, 0]
+        assert told["kept"] == [3, 1, 2, 3]
+        assert told["words"] == "1.2"
+
+
 def nothing_grave(page: Page) -> bool:
     """Whether axe-core finds nothing serious, and nothing is cut off at the page's side."""
     if not page.evaluate("'axe' in window"):
@@ -439,10 +506,10 @@ def test_a_guided_measurement_by_keyboard_alone(
         page.wait_for_selector("#begin-open:visible")
         page.keyboard.press("m")
         page.wait_for_selector("#begin[open]")
-        page.wait_for_selector("#kind option", state="attached")
+        page.wait_for_selector("#kinds input", state="attached")
         assert nothing_grave(page)
-        tab_to(page, "#kind")
-        page.keyboard.type("seats")
+        tab_to(page, "#kinds input")
+        assert page.is_checked("#kinds input[value=seats]")  # by default
         tab_to(page, "[name=name]")
         page.keyboard.type(f"seat {width}")
         page.keyboard.press("Enter")
@@ -586,7 +653,7 @@ def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) ->
         page = stack.enter_context(opened(browser, view.where, wait=False, viewport=WALL))
         page.wait_for_selector("#begin-open:visible")
         page.keyboard.press("m")
-        page.select_option("#kind", "artefact")
+        page.check("#kinds input[value=artefact]")
         page.fill("[name=name]", "../escape")
         page.click("#begin-form button.main")
         assert page.is_visible("#begin")  # the field itself refuses it

@@ -138,8 +138,17 @@ def arm(
             "tips": list(info["configuration"]["tips"]),
             "since_ms": since_ms,
             "commands": info["commands_enabled"],
+            "trigger": trigger(info["configuration"]),
         }
     )
+
+
+def trigger(configuration: Mapping[str, Any]) -> str | None:
+    """What takes a measurement, `button` or `rest`; None where nothing can: servos have no button
+    but a servo that is named as one."""
+    driver = configuration["driver"]
+    how: str = configuration["measurement"]["trigger"]
+    return None if how == "button" and "trigger" in driver and driver["trigger"] is None else how
 
 
 def flags() -> dict[str, dict[str, str | None]]:

@@ -3,14 +3,23 @@
 import { element, millimetres, norm, write } from "./say.js";
 
 const KINDS = {
-  seats: "A ball in one or more seats, again and again in other postures.",
-  artefact: "The balls of an artefact, in several placements: calibrates the arm.",
-  verify: "The points of ISO 10360-12 and ASME B89.4.22: a verdict at the end.",
-  poses: "The poses of a table that armd design wrote.",
-  tip: "A seat, or a sphere of known diameter: the tip’s offset.",
-  interim: "A short check.",
+  seats: ["Seats", "A ball in one or more seats, again and again in other postures."],
+  artefact: ["Artefact", "The balls of an artefact, in several placements: calibrates the arm."],
+  verify: ["Verification", "The points of ISO 10360-12 and ASME B89.4.22: a verdict at the end."],
+  poses: ["Poses", "The poses of a table that armd design wrote."],
+  tip: ["Tip", "A seat, or a sphere of known diameter: the tip’s offset."],
+  interim: ["Interim check", "A short one: whether the arm is still what it was."],
+  repeatability: ["Repeatability", "One seat, visited many times over hours: scatter and drift."],
 };
 const $ = (id) => document.getElementById(id);
+
+/** One kind of measurement to choose. */
+function card(kind) {
+  const [title, words] = KINDS[kind] ?? [kind, ""];
+  const made = element("label", undefined, { class: "card" });
+  made.append(element("input", undefined, { type: "radio", name: "kind", value: kind }), element("strong", title), element("span", words));
+  return made;
+}
 
 /** To read in a tab of their own; the page goes on. */
 const links = (files) => files.map(({ name, path }) => element("a", name, { href: path, target: "_blank", rel: "noopener" }));
@@ -26,7 +35,7 @@ export class Guide {
       button.addEventListener("click", () => this.do(button.dataset.deed));
     $("begin-open").addEventListener("click", () => this.open());
     $("begin-close").addEventListener("click", () => $("begin").close());
-    $("kind").addEventListener("change", () => this.showKind());
+    $("kinds").addEventListener("change", () => this.showKind());
     $("begin-form").addEventListener("submit", (event) => { event.preventDefault(); this.begin(); });
   }
 
@@ -43,7 +52,9 @@ export class Guide {
     if (!answer.ok) return;
     const there = await answer.json();
     const options = (names, none) => [...(none ? [element("option", none, { value: "" })] : []), ...names.map((name) => element("option", name, { value: name }))];
-    $("kind").replaceChildren(...options(there.kinds));
+    this.names = new Set(there.sessions.map(({ name }) => name));
+    $("kinds").replaceChildren(...there.kinds.map(card));
+    $("kinds").querySelector("input").checked = true;
     $("artefacts").replaceChildren(...options(there.artefacts, there.artefacts.length ? "none" : `none in ${there.folder}`));
     $("poses").replaceChildren(...options(there.poses, there.poses.length ? undefined : `none in ${there.folder}`));
     $("limits").replaceChildren(...options(there.artefacts, "none"));
@@ -61,15 +72,26 @@ export class Guide {
   }
 
   showKind() {
-    const kind = $("kind").value;
-    write($("kind-words"), KINDS[kind] ?? "");
+    const kind = $("kinds").querySelector("input:checked").value;
+    const name = $("begin-form").elements.name;
+    if (name.value === (this.proposed ?? "")) this.proposed = name.value = this.unused(kind);
     for (const label of document.querySelectorAll("#begin [data-for]"))
       label.hidden = !label.dataset.for.split(" ").includes(kind);
+  }
+
+  /** A session's name that is not taken: kind, day, and a number from the second on. */
+  unused(kind) {
+    const day = `${kind} ${new Date().toLocaleDateString("sv-SE")}`;
+    for (let number = 1; ; number += 1) {
+      const name = number === 1 ? day : `${day} ${number}`;
+      if (!this.names.has(name)) return name;
+    }
   }
 
   begin() {
     const content = {};
     for (const field of $("begin-form").elements) {
+      if (field.type === "radio" && !field.checked) continue;
       if (!field.name || field.closest("label")?.hidden || field.value === "") continue;
       content[field.name] = field.type === "number" ? Number(field.value) : field.value;
     }

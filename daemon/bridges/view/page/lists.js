@@ -1,6 +1,6 @@
 // Measurements and events, the newest on top.
 
-import { clock, element, instant, micrometres, millimetres, norm } from "./say.js";
+import { clock, element, instant, micrometres, millimetres, norm, resolution, write } from "./say.js";
 
 const MOST = 1000;
 const NO_DOUBT = 1 << 9; // at rest: says nothing against a measurement
@@ -29,7 +29,8 @@ export class Measurements {
     const deviation = m.sd ? micrometres(norm(m.sd)) : "–";
     const expanded = m.u ? micrometres(2 * norm(m.u)) : "–";
     row.append(element("td", String(this.all.length)));
-    for (const i of [0, 1, 2]) row.append(element("td", m.p ? millimetres(m.p[i]) : "–"));
+    const digits = resolution(m.u ? 2 * Math.max(...m.u) : 0);
+    for (const i of [0, 1, 2]) row.append(element("td", m.p ? millimetres(m.p[i], digits) : "–"));
     row.append(element("td", deviation), element("td", expanded), element("td", clock(m.ms), { class: "wide" }));
     if (!m.p || m.f & ~NO_DOUBT) row.classList.add("doubt");
     if (fresh) row.classList.add("fresh");
@@ -90,11 +91,22 @@ export class Measurements {
 export class Events {
   constructor(list, none) { this.list = list; this.none = none; this.clear(); }
 
-  clear() { this.list.replaceChildren(); this.none.hidden = false; }
+  clear() { this.list.replaceChildren(); this.none.hidden = false; this.top = null; }
 
+  /** One that says what the one before it said stands with that: how often, and since when. */
   add(event) {
+    if (this.top?.text === event.text && this.top.severity === event.severity) {
+      this.top.times += 1;
+      const item = this.list.firstChild;
+      write(item.querySelector("time"), instant(event.ms));
+      item.querySelector("time").dateTime = new Date(event.ms).toISOString();
+      write(item.querySelector("small"), ` ${this.top.times} times since ${instant(this.top.ms)}`);
+      return;
+    }
+    this.top = { text: event.text, severity: event.severity, ms: event.ms, times: 1 };
     const item = element("li", undefined, { "data-severity": event.severity });
     item.append(element("time", instant(event.ms), { datetime: new Date(event.ms).toISOString() }), element("span", event.text));
+    item.lastChild.append(element("small", ""));
     this.list.prepend(item);
     if (this.list.children.length > 300) this.list.lastChild.remove();
     this.none.hidden = true;

@@ -4,7 +4,7 @@ import { Curves } from "./curves.js";
 import { Features } from "./features.js";
 import { Guide } from "./guide.js";
 import { Events, Measurements } from "./lists.js";
-import { STATES, celsius, duration, element, instant, micrometres, millimetres, norm, write } from "./say.js";
+import { STATES, celsius, duration, element, instant, micrometres, millimetres, norm, resolution, write } from "./say.js";
 import { ArmScene } from "./scene.js";
 import * as sound from "./sound.js";
 import { listen } from "./stream.js";
@@ -12,7 +12,7 @@ import { Tips } from "./tips.js";
 
 const OLD_MS = 700; // a point older than this is no reading any more
 const $ = (id) => document.getElementById(id);
-const page = { arm: null, health: null, link: null, hello: null, live: null, lastMs: 0, connected: false, quiet: true };
+const page = { arm: null, health: null, link: null, hello: null, live: null, lastMs: 0, connected: false, quiet: true, digits: null };
 
 // --- colours ----------------------------------------------------------------------------------
 
@@ -52,7 +52,7 @@ const measurements = new Measurements($("rows"), () => {
   write($("picked"), measurements.words(flagWords));
   features?.offer(measurements.chosen.filter((m) => m.p));
   write($("count"), measurements.all.length ? String(measurements.all.length) : "");
-  $("none-measured").hidden = measurements.all.length > 0;
+  showNone();
   showDistance();
 });
 features = new Features();
@@ -111,9 +111,10 @@ function showState() {
 function showLive() {
   const { p, u, c, q, seq, f } = page.live;
   const figures = $("figures");
+  page.digits = resolution(u ? 2 * Math.max(...u) : 0, page.digits);
   ["x", "y", "z"].forEach((axis, i) => {
-    write($(axis), millimetres(p?.[i]));
-    write($(`u${axis}`), u ? `± ${(2 * u[i]).toFixed(3)}` : "");
+    write($(axis), millimetres(p?.[i], page.digits));
+    write($(`u${axis}`), u ? `± ${(2 * u[i]).toFixed(page.digits)}` : "");
   });
   figures.dataset.seq = seq;
   write($("correction"), c ? `${micrometres(norm(c))} µm` : "–");
@@ -156,17 +157,19 @@ setInterval(showAge, 250);
 function showDistance() {
   const from = measurements.last;
   const to = page.live?.p;
-  write($("distance"), from && to ? `${millimetres(norm(to.map((x, i) => x - from.p[i])))} mm` : "–");
+  write($("distance"), from && to ? `${millimetres(norm(to.map((x, i) => x - from.p[i])), page.digits)} mm` : "–");
 }
 
 function showHealth() {
   const { rates, drops, latency, uptime_s, stamp_ns, interim } = page.health;
   const lost = drops.lost ?? 0;
   write($("rate"), `${rates.points_hz.toFixed(0)} points/s, ${lost} lost`);
-  write($("latency"), latency.p99 === undefined ? "–" : `99 % within ${latency.p99.toFixed(1)} ms of the latch`);
+  write($("latency"), latency.p99 === undefined ? "–" : `99 % within ${latency.p99.toFixed(1)} ms`);
+  $("latency").title = "from the latch of the angles to the point's publication";
   $("interim-row").hidden = !interim;
   write($("interim"), interim ? lastCheck(interim) : "–");
-  write($("daemon"), `armd ${page.arm?.armd ?? ""}, up for ${duration(uptime_s)}, since ${instant(stamp_ns / 1e6 - 1000 * uptime_s)}`);
+  write($("daemon"), `armd ${page.arm?.armd ?? ""}, up for ${duration(uptime_s)}`);
+  $("daemon").title = `since ${instant(stamp_ns / 1e6 - 1000 * uptime_s)}`;
 }
 
 /** What health says of the history of interim checks. */
@@ -174,6 +177,12 @@ function lastCheck({ check, age_h, state, reason }) {
   if (!check) return reason || "none known";
   const age = age_h < 0 ? "dated after now" : `${duration(3600 * age_h)} ago`;
   return `${check}, ${age}: ${state === "changed" ? "the arm has changed" : "in control"}`;
+}
+
+function showNone() {
+  const none = page.arm?.trigger === null;
+  $("no-trigger").hidden = !none;
+  $("none-measured").hidden = none || measurements.all.length > 0;
 }
 
 function showMeanings() {
@@ -188,6 +197,8 @@ function showMeanings() {
 function showArm() {
   const { arm } = page;
   scene?.build(arm.geometry);
+  page.digits = null;
+  showNone();
   flagsShown = -1;
   if (page.live) showLive();
   const with_ = (node, text, small) => node.replaceChildren(text, element("small", small));

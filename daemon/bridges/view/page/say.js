@@ -5,9 +5,19 @@ export const STATES = {
   NOT_READY: "Not ready", AWAY: "No daemon", LOST: "No connection", NONE: "Connecting",
 };
 
-export const millimetres = (value) => (value === null || value === undefined ? "–" : value.toFixed(3));
+export const millimetres = (value, digits = 3) => (value === null || value === undefined ? "–" : value.toFixed(digits));
+
+/** Digits of a length in mm whose expanded uncertainty *u_mm* is known: two of its own, three at
+ *  most. *before*, what was shown until now, stays while it is nearly right: figures that change
+ *  their length cannot be read. */
+export function resolution(u_mm, before = null) {
+  if (!(u_mm > 0)) return before ?? 3;
+  const exact = 1 - Math.log10(u_mm); // 3 at 0.01 mm, 1 at 1 mm
+  if (before !== null && exact > before - 0.2 && exact < before + 1.2) return before;
+  return Math.min(Math.max(Math.floor(exact), 0), 3);
+}
 export const norm = (v) => Math.hypot(...v);
-export const micrometres = (value) => (value === null ? "–" : (1000 * value).toFixed(1));
+export const micrometres = (value) => (value === null ? "–" : (1000 * value).toFixed(1000 * Math.abs(value) < 100 ? 1 : 0));
 export const celsius = (value) => (value === null || value === undefined ? "–" : value.toFixed(2));
 
 export const clock = (ms) =>

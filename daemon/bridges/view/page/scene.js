@@ -7,6 +7,7 @@ import {
   Vector3, WebGLRenderer,
 } from "./vendor/three.js";
 import { point, frames, reach, skeleton } from "./kinematics.js";
+import { ScaleBar, fitted } from "./scale.js";
 
 const UP = new Vector3(0, 1, 0); // along which three.js makes its cylinders
 const MOST_POINTS = 2000;
@@ -48,6 +49,12 @@ export class ArmScene {
     this.extras.forEach((thing) => { thing.frustumCulled = false; thing.geometry.setDrawRange(0, 0); });
     this.scene.add(...this.extras);
     this.trail = [];
+    this.places = []; // measured
+    this.letters = [...canvas.parentElement.querySelectorAll("#letters span")];
+    this.scale = new ScaleBar(canvas.parentElement.querySelector("#scale"));
+    this.name = "iso";
+    this.turned = false; // by a person: then the picture stays as it is
+    this.controls.addEventListener("start", () => { this.turned = true; });
     this.geometry = null;
     this.pending = false;
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
@@ -87,8 +94,9 @@ export class ArmScene {
     this.arm.add(...this.shadow.flat());
     this.ghost(null);
     this.pave(size);
-    if (fresh) this.view("iso");
+    this.axis_mm = size / 5;
     this.pose(this.angles ?? geometry.rows.map(() => 0), null);
+    if (fresh) this.view("iso");
   }
 
   /** A floor to stand on, and the base frame's axes. */
@@ -129,6 +137,9 @@ export class ArmScene {
     });
     const last = frames(this.geometry, q).at(-1);
     const end = position ?? point(last, this.geometry.tip);
+    const first = this.outline === undefined;
+    this.outline = [...skeleton(this.geometry, q).flatMap(({ from, to }) => [from, to]), end];
+    if (!this.turned && (first || !this.sees(end))) this.view(this.name);
     span(this.stylus, last.o, end);
     this.flange.position.set(...last.o);
     this.ball.position.set(...end);
@@ -163,6 +174,7 @@ export class ArmScene {
   }
 
   points(all, picked) {
+    this.places = all;
     fill(this.measured, all.slice(-MOST_POINTS));
     fill(this.chosen, picked);
     this.draw();
@@ -176,13 +188,38 @@ export class ArmScene {
   }
 
   view(name) {
-    const size = reach(this.geometry ?? { rows: [], tip: [0, 0, 0] });
-    const middle = new Vector3(size * 0.18, 0, size * 0.27);
-    const away = new Vector3(...VIEWS[name]).normalize().multiplyScalar(size * 1.62);
+    if (!this.geometry) return;
+    this.name = name;
+    this.turned = false;
+    const size = reach(this.geometry);
+    const axes = [0, 1, 2].map((i) => [0, 1, 2].map((j) => (i === j ? this.axis_mm : 0)));
+    const near = this.places.filter((place) => Math.hypot(...place) < 1.5 * size);
+    const towards = new Vector3(...VIEWS[name]).normalize();
+    const { middle, away } = fitted([...(this.outline ?? []), ...axes, ...near], towards, this.camera);
     this.controls.target.copy(middle);
-    this.camera.position.copy(middle).add(away);
+    this.camera.position.copy(middle).addScaledVector(towards, Math.max(away, 0.3 * size));
     this.controls.update();
     this.draw();
+  }
+
+  /** Whether a place, mm, is in the picture. */
+  sees(place) {
+    this.camera.updateMatrixWorld();
+    const { x, y } = new Vector3(...place).project(this.camera);
+    return Math.abs(x) < 0.97 && Math.abs(y) < 0.97;
+  }
+
+  /** Letters at the ends of the base frame's axes, and how long a millimetre is. */
+  annotate() {
+    if (!this.geometry) return;
+    const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
+    this.letters.forEach((letter, i) => {
+      const end = new Vector3().setComponent(i, 1.12 * this.axis_mm).project(this.camera);
+      letter.style.transform = `translate(${((end.x + 1) * width) / 2}px, ${((1 - end.y) * height) / 2}px) translate(-50%, -50%)`;
+      letter.hidden = Math.abs(end.x) > 1 || Math.abs(end.y) > 1 || end.z > 1;
+    });
+    const away = this.camera.position.distanceTo(this.controls.target);
+    this.scale.show((2 * away * Math.tan((this.camera.fov * Math.PI) / 360)) / height);
   }
 
   key(event) {
@@ -191,6 +228,7 @@ export class ArmScene {
     if (!turn && !zoom) return;
     event.preventDefault();
     event.stopPropagation();
+    this.turned = true;
     const arm = this.camera.position.clone().sub(this.controls.target);
     if (zoom) arm.multiplyScalar(zoom);
     else {
@@ -242,6 +280,7 @@ export class ArmScene {
       this.controls.update();
       this.sun.position.copy(this.camera.position).add(new Vector3(600, -300, 1500));
       this.renderer.render(this.scene, this.camera);
+      this.annotate();
     });
   }
 }
