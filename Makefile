@@ -225,6 +225,11 @@ browser:
 picture: develop browser
 	PYTHONPATH=tests $(BIN)/python tests/bridges/picture.py out/view.png && cp out/view.png docs/view.png
 
+# docs/gallery.md and its pictures anew
+.PHONY: gallery
+gallery: develop browser
+	PYTHONPATH=tests $(BIN)/python tests/bridges/gallery.py docs
+
 # The recording of `make demo` for the README anew, on a machine that does nothing else
 .PHONY: recording
 recording: install
