@@ -34,7 +34,12 @@ from armd.compensation.diagnose.heldout.refuted import (
 from armd.compensation.diagnose.heldout.sets import better_by
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
-from armd.compensation.diagnose.search.again import counts_instead, no_surer, quieter
+from armd.compensation.diagnose.search.again import (
+    counts_instead,
+    is_likely_beside,
+    no_surer,
+    quieter,
+)
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.touched import MOST_TOUCHED, beside, find_touched
 from armd.compensation.diagnose.search.work import WorkBudget
@@ -100,6 +105,8 @@ def _diagnose(
             return replace(diagnosis, told=tuple(told), skipped=tuple(work.skipped))
         refuted += more
         without = _search(searched.given, arm, calibration, progress, work, refuted=refuted)
+        if not is_likely_beside(without.result, diagnosis.search, arm):
+            break
         why = [*told, refuted_in_words(refuted)]
         another = _concluded(without, arm, holdout, why, progress, work, command)
         if not predicts_better(another, diagnosis):

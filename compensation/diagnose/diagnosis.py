@@ -11,6 +11,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.signatures import Signatures
+from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.threshold import ALPHA
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.model.arm import Arm
@@ -95,13 +96,18 @@ class SearchResult:
     #: makes fits with none, the first, the first two … of the findings; each takes its time
     steps: Callable[[], Sequence[Fit]]
     found: tuple[Finding, ...]
-    signatures: Signatures  # of the whole catalogue
+    scores: Scores  # of the whole catalogue
     tests: int  # candidates that the data can see
     remaining_p: float  # family-wise p of the strongest candidate left out
     remaining_depends_on: tuple[str, ...]
     untold: tuple[str, ...]  # causes that these data could not show whatever their size
     would_show: dict[str, float]  # noise units of each cause at its typical size, at best
     refused: tuple[RefusedCandidate, ...]  # what the residuals would like, and cannot be
+
+    @property
+    def signatures(self) -> Signatures:
+        """Those of the whole catalogue."""
+        return self.scores.signatures
 
 
 @dataclass(frozen=True)

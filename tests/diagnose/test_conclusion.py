@@ -10,6 +10,8 @@ import pytest
 
 from armd.compensation.diagnose.conclusion import lower_odds, name_outliers
 from armd.compensation.diagnose.diagnosis import Finding, Outlier
+from armd.compensation.diagnose.problem.layout import EXPANSIONS
+from armd.compensation.diagnose.told.verdict import _nothing_found
 from support.small_fit import candidate
 
 
@@ -34,3 +36,28 @@ def test_an_outlier_is_every_reading_of_its_rest_by_session_and_row() -> None:
         Outlier("evening", 4, pytest.approx(500.0)),
     )
     assert name_outliers(np.array([], dtype=int), rests, last) == ()
+
+
+@pytest.mark.parametrize(
+    ("remain_um", "held", "said"),
+    [
+        (4.5, True, "they are explained by the calibration's uncertainty; 4.50 µm remain"),
+        (8.0, True, "a part is explained by the calibration's uncertainty; nothing in the "
+                    "catalogue, nor any smooth structure, explains the 8.00 µm that remain"),
+        (19.0, True, "makes: nothing in the catalogue, nor any smooth structure, explains them."),
+        (4.5, False, "makes: nothing in the catalogue, nor any smooth structure, explains them."),
+    ],
+)  # fmt: skip
+def test_nothing_explains_the_residuals_only_where_nothing_absorbs_them(
+    remain_um: float, held: bool, said: str
+) -> None:
+    """Residuals of 20 µm in a noise of 4, of which what is under test leaves some."""
+    left_mm = np.tile([1e-3 * remain_um, 0.0, 0.0], (4, 1))
+    of = SimpleNamespace(stop=0, start=0)
+    last = SimpleNamespace(
+        baseline=SimpleNamespace(growth=(), held=held),
+        left_mm=left_mm,
+        layout=SimpleNamespace(blocks={EXPANSIONS: of}),
+    )
+    found: Any = SimpleNamespace(rms_um=20.0, noise_floor_um=4.0, search=SimpleNamespace(last=last))
+    assert said in _nothing_found(found, ())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,13 +21,11 @@ from armd.compensation.diagnose.search.again import counts_instead, loses_a_caus
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.model.pose_factors import Harmonic
 from support import synthetic
-from support.planting import Effect, of_joint, planted, wave
+from support.planting import Effect, eccentric, of_joint, planted, wave
 
 ARM = synthetic.arm()
 DISC, KNOCK = wave(2, 60.0), of_joint(3, lambda states: np.full(states.n, 30.0))
-SINE: tuple[Literal["sin", "cos"], ...] = ("sin", "cos")
 SHIFT = Candidate(
     "geometry_shift",
     location.joint(3),
@@ -101,7 +99,7 @@ def test_the_calibration_counts_as_wrong_by_what_another_with_the_disc_has_taken
     with_disc = calibrate(planted(years.calibrated, DISC), ARM).calibration
     given = from_calibration(with_disc, ARM, held=True)
     rests = gather_rests(planted(years.later, DISC), ARM)
-    disc, knock = disc_of(2), SHIFT
+    disc, knock = eccentric(2), SHIFT
 
     def counted(findings: list[Candidate]) -> F64 | None:
         start = [np.zeros(len(c.columns)) for c in findings]
@@ -134,7 +132,7 @@ def test_a_cause_lost_to_the_doubt_that_it_made_itself_is_not_given_up(years: Ye
     a search without the disc leaves hardly more to the noise, and tells less."""
     given = from_calibration(calibrate(years.calibrated, ARM).calibration, ARM, held=True)
     rests = gather_rests(planted(years.later, wave(4, 8.0), KNOCK), ARM)
-    before = searched(rests, given, disc_of(4), SHIFT)
+    before = searched(rests, given, eccentric(4), SHIFT)
     older = beside_what_it_took_up(before.last, ARM)
     assert older is not None
     again = searched(rests, older, SHIFT)
@@ -142,7 +140,7 @@ def test_a_cause_lost_to_the_doubt_that_it_made_itself_is_not_given_up(years: Ye
     assert loses_a_cause(again, before, ARM)
     assert not counts_instead(again, before, ARM)
     assert not loses_a_cause(before, before, ARM)
-    nameless = searched(rests, given, replace(disc_of(4), cause="unknown"), SHIFT)
+    nameless = searched(rests, given, replace(eccentric(4), cause="unknown"), SHIFT)
     assert not loses_a_cause(again, nameless, ARM)
 
 
@@ -151,10 +149,10 @@ def test_a_knock_that_only_an_older_disc_made_is_given_up(years: Years) -> None:
     with_disc = calibrate(planted(years.calibrated, wave(4, 60.0)), ARM).calibration
     given = from_calibration(with_disc, ARM, held=True)
     rests = gather_rests(planted(years.later, wave(4, 60.0)), ARM)
-    before = searched(rests, given, disc_of(4), SHIFT)
+    before = searched(rests, given, eccentric(4), SHIFT)
     older = beside_what_it_took_up(before.last, ARM)
     assert older is not None
-    assert counts_instead(searched(rests, older, disc_of(4)), before, ARM)
+    assert counts_instead(searched(rests, older, eccentric(4)), before, ARM)
 
 
 def searched(rests: Rests, baseline: Baseline, *found: Candidate) -> Any:
@@ -165,13 +163,6 @@ def searched(rests: Rests, baseline: Baseline, *found: Candidate) -> Any:
     return SimpleNamespace(
         last=last, searched=last, found=[SimpleNamespace(candidate=c) for c in found], tests=3000
     )
-
-
-def disc_of(joint: int) -> Candidate:
-    """The disc of a joint off its axis."""
-    of = [tie([(f"theta_{joint}", 1.0)], Harmonic(kind=k, joint=joint, order=1)) for k in SINE]
-    columns = tuple(Column(str(i), "rad", 3e-5, terms) for i, terms in enumerate(of))
-    return Candidate("encoder_eccentricity", location.joint(joint), columns, (f"q{joint}",))
 
 
 def _sigmas(root: F64, differs: F64) -> float:

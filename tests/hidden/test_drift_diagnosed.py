@@ -88,7 +88,7 @@ def _begins_s(term: Any) -> float:
     "seed",
     [
         8100,
-        pytest.param(8403, marks=known_regression("a twist of the day is told as others: 9.1 µm")),
+        8403,
         pytest.param(7373080010, marks=known_regression("the wandering length is not named")),
         *map(long_case, [8104, 8110, 8408, 31337080002]),
     ],

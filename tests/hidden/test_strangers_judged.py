@@ -11,7 +11,6 @@ from cases import at_most
 from strangers import KINDS, RAMPED, Strange, Told, rows, run_strange
 
 from armd.simulator.plants.plant import Plant
-from support.known_regression import known_regression
 from support.long_case import long_case
 
 CABLE = ("unknown", "-", "cable 6", 30.0)
@@ -100,7 +99,7 @@ def test_a_base_that_steps_beside_others_is_no_slip_of_joint_1() -> None:
     [
         20101190002,
         777190009,
-        pytest.param(440126190000, marks=known_regression("3 of 5 named, 15.2 µm; before 4, 6.3")),
+        440126190000,
         271127190005,
         271129190005,
         281127190009,

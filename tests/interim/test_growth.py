@@ -138,27 +138,48 @@ def test_a_moved_seat_beside_the_growth_is_bad_by_itself(
     assert verdicts == ["in_control"] * 2 + ["bad_check"] + ["in_control"] * 3
 
 
+def warming(folder: Path, count: int, repeats: int, seed: int) -> list[str]:
+    """Sessions a week apart, each eight kelvin warmer at its end, two hours later."""
+    campaign = calibration(5, Noise())
+    artefact = campaign.sessions[0][1]
+    visit = Visit("P1", artefact.targets[:8], repeats)
+    plans = [
+        (SessionPlan(f"warm-{i}", 800.0 + 168 * i, Climate(19.0, 4.0, 0.0), (visit,),
+                     7200.0 / (8 * repeats)), artefact)
+        for i in range(count)
+    ]  # fmt: skip
+    for session in carry_out(replace(campaign, sessions=plans), np.random.default_rng(seed)):
+        write_session(folder / session.plan.name, session)
+    return [str(folder / plan.name) for plan, _ in plans]
+
+
 def test_a_check_that_warms_up_while_it_is_measured_is_in_control(
     measured: Path, tmp_path: Path, capsys: Any
 ) -> None:
-    """Eight kelvin in two hours, three weeks one after another."""
-    campaign, paths = calibration(5, Noise()), []
-    artefact = campaign.sessions[0][1]
-    visit = Visit("P1", artefact.targets[:8], 3)
-    plans = [
-        (SessionPlan(f"warm-{i}", 800.0 + 168 * i, Climate(19.0, 4.0, 0.0), (visit,), 300.0),
-         artefact)
-        for i in range(3)
-    ]  # fmt: skip
-    warming = replace(campaign, sessions=plans)
-    for session in carry_out(warming, np.random.default_rng(3)):
-        write_session(tmp_path / session.plan.name, session)
-        paths.append(str(tmp_path / session.plan.name))
-    result = judged(measured, tmp_path / "h", paths, capsys)
+    """Three weeks one after another."""
+    result = judged(measured, tmp_path / "h", warming(tmp_path, 3, 3, 3), capsys)
     assert [check["verdict"] for check in result["checks"]] == ["in_control"] * 3
     assert (
         result["growth"]["heldout_rms_um_after"] < 0.5 * result["growth"]["heldout_rms_um_before"]
     )
+
+
+@pytest.mark.slow
+def test_one_session_that_warms_up_is_diagnosed_as_growth(measured: Path, tmp_path: Path) -> None:
+    """And what is written of it holds for sessions at other temperatures."""
+    (warm,) = warming(tmp_path, 1, 15, 3)
+    given = ["--arm", str(measured / "arm.toml"), "--calibration"]
+    written = tmp_path / "extended.json"
+    words = ["diagnose", warm, *given, str(measured / "T20.json"), "--extended", str(written)]
+    assert main([*words, "--json", str(tmp_path / "diagnosis.json")]) == 0
+    result = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert {one["cause"] for one in result["findings"]} == {"link_expansion"}
+    assert "has no thermal model" in result["verdict"]
+    arm = load_arm(measured / "arm.toml")
+    sessions = [load_session(measured / f"T{celsius}", arm) for celsius in (14, 38)]
+    models = [load_calibration(path, arm).content for path in (measured / "T20.json", written)]
+    before, after = (evaluate(sessions, arm, model).distance_um.mean() for model in models)
+    assert after < 0.3 * before
 
 
 def test_only_what_a_calibration_could_not_know_is_open(measured: Path, tmp_path: Path) -> None:

@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import reduce
+from typing import Literal
 
 import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.data.session import Session
+from armd.compensation.effects import location
+from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.state import States
 
 ARC_SECOND = np.pi / 180 / 3600
@@ -58,3 +62,14 @@ def middle_unix_s(sessions: Sequence[Session]) -> float:
 def rms_um(sessions: Sequence[Session], arm: Arm, calibration: Calibration) -> float:
     """3-D RMS under a calibration."""
     return float(np.sqrt((evaluate(sessions, arm, calibration).distance_um ** 2).mean()))
+
+
+def eccentric(joint: int) -> Candidate:
+    """The disc of a joint off its axis."""
+    sine: tuple[Literal["sin", "cos"], ...] = ("sin", "cos")
+    harmonics = [Harmonic(kind=kind, joint=joint, order=1) for kind in sine]
+    columns = tuple(
+        Column(str(i), "rad", 3e-5, tie([(f"theta_{joint}", 1.0)], harmonic))
+        for i, harmonic in enumerate(harmonics)
+    )
+    return Candidate("encoder_eccentricity", location.joint(joint), columns, (f"q{joint}",))

@@ -1,9 +1,12 @@
-"""Two searches of the same readings beside each other: which leaves less, and what both found."""
+"""Two searches of the same readings beside each other: which leaves less, which is likelier, and
+what both found."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
 from armd.compensation.diagnose.fitting.fit import fit
@@ -11,7 +14,8 @@ from armd.compensation.diagnose.fitting.taken_up import wrong_only_by
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.diagnose.scoring.threshold import AS_WELL, significant
+from armd.compensation.diagnose.search.revisit import log_weight
 from armd.compensation.model.arm import Arm
 
 #: A search leaves no more to the noise than another if its readings' own is at most so many times
@@ -52,6 +56,26 @@ def loses_a_cause(again: SearchResult, before: SearchResult, arm: Arm) -> bool:
     )  # fmt: skip
     log_p = score_candidates(make_projection(about, arm), gone).scores.log_p
     return bool(significant(log_p, before.tests).any())
+
+
+def is_likely_beside(again: SearchResult, before: SearchResult, arm: Arm) -> bool:
+    """Whether what was found *again*, without what readings held out refute, is hardly less likely
+    than what was found *before*, all of it together, about that fit's point and in its noise.
+
+    Readings held out refute a true finding that does not go on, too: a twist of the day, which
+    stays as it is after the last reading. Of what a search may say instead, some set predicts
+    them a little better, however unlikely it is. Where placements were parted otherwise the sets
+    explain other readings, and are not compared.
+    """
+    about, other = before.searched, again.searched
+    placements = [fitted.linear.rests.observations.placement for fitted in (about, other)]
+    if not np.array_equal(placements[0], placements[1]):
+        return True
+    weights = [
+        log_weight(about, findings, arm, before.scores)
+        for findings in (other.findings, about.findings)
+    ]
+    return weights[0] >= weights[1] - AS_WELL
 
 
 def quieter(one: Fit, other: Fit) -> bool:

@@ -174,7 +174,7 @@ class Search:
             last,
             partial(self._steps, first, last),
             found,
-            scored.scores.signatures,
+            scored.scores,
             self._tests,
             float(family_wise(log_p, self._tests)),
             left.depends_on,

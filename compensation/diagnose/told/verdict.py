@@ -165,9 +165,13 @@ def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
             f"explained by {absorbing}; {um(remain)} µm remain beside that."
         )
     if left > BEYOND_NOISE * floor:
+        partly = bool(absorbing) and left > BEYOND_NOISE * remain
+        explained = f"a part is explained by {absorbing}; " if partly else ""
+        unexplained = f"the {um(remain)} µm that remain" if partly else "them"
         return (
             f"Yet the residuals, {um(left)} µm, are not what noise of {um(floor)} µm makes: "
-            f"nothing in the catalogue, nor any smooth structure, explains them.{_few(diagnosis)}"
+            f"{explained}nothing in the catalogue, nor any smooth structure, explains "
+            f"{unexplained}.{_few(diagnosis)}"
         )
     if but:
         return ""
