@@ -33,7 +33,7 @@ $(VENV)/.installed: requirements.txt pyproject.toml | $(VENV)/.made
 # Development tools, beside them
 develop: $(VENV)/.dependencies
 $(VENV)/.dependencies: requirements-dev.txt | $(VENV)/.installed
-	@echo "armd: development tools into $(VENV): 0.5 GB on disk, some 150 MB to fetch"
+	@echo "armd: development tools into $(VENV): 0.9 GB on disk, some 230 MB to fetch"
 	$(call timed,development tools,$(PIP) install -r requirements.txt -r requirements-dev.txt)
 	@touch $@
 

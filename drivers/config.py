@@ -10,7 +10,7 @@ from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_v
 from pydantic_core import PydanticCustomError
 
 from armd.drivers.microscribe import wire as microscribe
-from armd.drivers.poll.protocol import dynamixel, feetech
+from armd.drivers.poll.protocol.rates import BAUDS
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 from armd.files.schema import KEY_FAULT, Strict
 
@@ -116,7 +116,7 @@ class Trigger(Strict):
 
 
 class ServoConfig(Strict):
-    kind: Literal["feetech", "dynamixel"]
+    kind: Literal["feetech", "dynamixel", "dynamixel1"]
     port: Printable  # a stable name: /dev/serial/by-id/…
     baud: int = 1_000_000
     ids: Annotated[list[ServoId], Field(min_length=3, max_length=9)]  # joint k is ids[k-1]
@@ -140,7 +140,7 @@ class ServoConfig(Strict):
 
     @model_validator(mode="after")
     def _servos_have_such_a_rate(self) -> Self:
-        bauds = feetech.BAUDS if self.kind == "feetech" else dynamixel.BAUDS
+        bauds = BAUDS[self.kind]
         if self.baud not in bauds:
             raise _wrong("baud", str(self.baud), f"a rate of {self.kind} servos: {_listed(bauds)}")
         return self

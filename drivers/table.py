@@ -21,6 +21,7 @@ DRIVERS = {
     "can": "armd.drivers.can.driver:CanDriver",
     "feetech": "armd.drivers.poll.driver:ServoDriver",
     "dynamixel": "armd.drivers.poll.driver:ServoDriver",
+    "dynamixel1": "armd.drivers.poll.driver:ServoDriver",
     "microscribe": "armd.drivers.microscribe.driver:MicroScribeDriver",
     "replay": "armd.drivers.replay.driver:ReplayDriver",
 }

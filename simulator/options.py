@@ -60,7 +60,7 @@ def parser() -> Parser:
     )
     mode.add_argument(
         "--servo",
-        choices=["feetech", "dynamixel"],
+        choices=["feetech", "dynamixel", "dynamixel1"],
         help="as a printed arm of servos on a pty, at the line's true pace; prints its path first",
     )
     mode.add_argument(

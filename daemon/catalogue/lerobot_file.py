@@ -98,7 +98,11 @@ def read_motors(path: Path) -> dict[str, Motor]:
     if isinstance(data, dict) and any(str(key).startswith("servos_") for key in data):
         found = "phosphobot's calibration"
         raise BadInput(
-            path, "the file", found, "LeRobot's: calibrate the arm with lerobot-calibrate"
+            path,
+            "the file",
+            found,
+            "LeRobot's: calibrate the arm with lerobot-calibrate; `armd import` takes this one as"
+            " --servo-zeros",
         )
     if not isinstance(data, dict) or not any(_like_a_motor(value) for value in data.values()):
         expected = "a LeRobot calibration: motors, each with id, range_min, range_max, …"

@@ -10,10 +10,11 @@ from dataclasses import dataclass, field
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.line import Line
 from armd.drivers.poll.protocol import dynamixel, feetech
-from armd.drivers.poll.protocol.family import FAMILIES, Family, Servo, model_name
+from armd.drivers.poll.protocol.families import FAMILIES
+from armd.drivers.poll.protocol.family import Family, Servo, model_name
 from armd.drivers.poll.protocol.packet import Status
+from armd.drivers.poll.protocol.rates import BAUDS
 
-BAUDS = {"feetech": feetech.BAUDS, "dynamixel": dynamixel.BAUDS}
 #: Asked at every rate. Where one answers, all ids are asked.
 LIKELY_IDS, ALL_IDS, NOBODY = range(1, 17), range(253), 253
 #: A servo answers within 0.5 ms; an adapter may hold that back for 16 ms, and a Python fake longer.
@@ -23,19 +24,24 @@ SLOW_US = 100  # a return delay beyond this costs more than the answer itself
 
 
 def find_servos(line: Line, patient: Patient) -> bool:
-    """Look for servos of both kinds at all rates; whether some are there."""
+    """Look for servos of all kinds at all rates; whether some are there."""
     line.listen_to_itself(feetech.ping(NOBODY))
-    for name, bauds in BAUDS.items():
-        family = FAMILIES[name]
+    pinged: set[int] = set()  # with Feetech's ping, which is that of Dynamixel's protocol 1.0
+    for kind, bauds in BAUDS.items():
         for baud in bauds:
-            if not line.set_baud(baud):
+            if (kind != "dynamixel" and baud in pinged) or not line.set_baud(baud):
                 continue
+            if kind != "dynamixel":
+                pinged.add(baud)
+            family = FAMILIES[kind]
             likely = _answering(line, family, LIKELY_IDS, ANSWER_S)
             if likely:
                 others = [i for i in ALL_IDS if i not in LIKELY_IDS]
                 wait_s = min(ANSWER_S, max(3 * likely[min(likely)], 0.003))
                 ids = sorted([*likely, *_answering(line, family, others, wait_s)])
-                patient.protocol, patient.baud = name, baud
+                if kind != "dynamixel":
+                    family = _told_apart(line, ids)
+                patient.protocol, patient.baud = family.name, baud
                 _examine(line, family, ids, patient)
                 return True
     return False
@@ -43,7 +49,7 @@ def find_servos(line: Line, patient: Patient) -> bool:
 
 def _answering(line: Line, family: Family, ids: Iterable[int], wait_s: float) -> dict[int, float]:
     """Ids that answer a ping, and after how many seconds."""
-    ping = feetech.ping if family.name == "feetech" else dynamixel.ping
+    ping = dynamixel.ping if family.name == "dynamixel" else feetech.ping
     found = {}
     for servo in ids:
         began = time.monotonic()
@@ -51,6 +57,18 @@ def _answering(line: Line, family: Family, ids: Iterable[int], wait_s: float) ->
         if packets:
             found[servo] = time.monotonic() - began
     return found
+
+
+def _told_apart(line: Line, ids: Sequence[int]) -> Family:
+    """Feetech's servos or those of Dynamixel's protocol 1.0, whose packets are the same: a known
+    model and the id are in the registers of the one or of the other."""
+    old = FAMILIES["dynamixel1"]
+    for servo in ids:
+        data = read(line, old, servo, 0, old.identity_bytes)
+        if data is not None:
+            is_old = old.identity(data).model in old.models and data[old.id_register] == servo
+            return old if is_old else FAMILIES["feetech"]
+    return FAMILIES["feetech"]
 
 
 def _examine(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
@@ -119,7 +137,8 @@ def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
     for i, servo in servos.items():
         if why := family.refusal(servo):
             mend = (
-                "none: armd reads servos of the STS and SMS series and Dynamixels of the X series"
+                "none: armd reads servos of the STS and SMS series, and Dynamixels of the X, MX, "
+                "AX, RX and DX series"
             )
             patient.find("servo_refused", f"servo {i}: {why}", mend)
     by_model: dict[int, Counter[str]] = {}
@@ -158,17 +177,18 @@ def _rate(
 ) -> None:
     """Cycles a second, of position and temperature, as the driver reads them when it is quick.
     *readable*: those that have answered a read of their own."""
-    cycles = _measure(line, family, [ids])
+    alone = [[servo] for servo in ids]
+    cycles = _measure(line, family, [ids] if family.has_sync else alone)
     only_alone = [servo for servo in ids if servo in readable and not cycles.answered[servo]]
-    how = ""
-    if only_alone:  # the driver then reads all of them one by one
-        cycles, how = _measure(line, family, [[servo] for servo in ids]), ", read one by one"
+    how = "" if family.has_sync else ", read one by one"
+    if only_alone and family.has_sync:  # the driver then reads all of them one by one
+        cycles, how = _measure(line, family, alone), ", read one by one"
     patient.rate_hz = round(cycles.rate_hz, 1)
     patient.say(
         f"{cycles.rate_hz:.0f} whole cycles a second of {len(ids)} servos{how}, position and "
         f"temperature; the line alone would allow {1 / cycles.line_s:.0f}"
     )
-    if only_alone:
+    if only_alone and family.has_sync:
         each = "each of them" if len(only_alone) > 1 else "it"
         text = f"{_ids(only_alone)}: no answer to a sync read, though {each} answers when asked"
         text += " alone: not the cable, but the firmware or the adapter; armd reads the servos of"
@@ -202,7 +222,7 @@ class _Cycles:
 def _measure(line: Line, family: Family, parts: Sequence[Sequence[int]]) -> _Cycles:
     """Ask for cycles of *parts*, the ids of one request each: a sync read, or a read of one."""
     length, span = family.warm_bytes, (family.position, family.warm_bytes)
-    is_sync = len(parts) == 1
+    is_sync = len(parts) == 1 and family.has_sync
     requests = [
         family.sync_read(ids, *span) if is_sync else family.read(ids[0], *span) for ids in parts
     ]
@@ -246,4 +266,5 @@ def _ids(ids: Sequence[int]) -> str:
     return f"servo{'s' * (len(ids) > 1)} {', '.join(word for run in words for word in run)}"
 
 
-TOOL = {"feetech": "Feetech's FD", "dynamixel": "ROBOTIS's DYNAMIXEL Wizard"}
+WIZARD = "ROBOTIS's DYNAMIXEL Wizard"
+TOOL = {"feetech": "Feetech's FD", "dynamixel": WIZARD, "dynamixel1": WIZARD}

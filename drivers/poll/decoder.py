@@ -16,7 +16,7 @@ from armd.drivers.poll.button import Button
 from armd.drivers.poll.exchange import Exchange, GatheredCycle, Said, contradicts
 from armd.drivers.poll.one_by_one import OneByOne
 from armd.drivers.poll.pauses import Pauses
-from armd.drivers.poll.protocol.family import FAMILIES
+from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.protocol.packet import ReadRequest, Status
 from armd.drivers.poll.roster import Roster
 from armd.drivers.poll.sampler import ServoSampler
@@ -45,7 +45,7 @@ class ServoDecoder:
         self.last_sample_ns: int | None = None  # arrival, host monotonic
         self.last_heard_ns: int | None = None  # of anybody who was asked
         self.exchange: Exchange | None = None  # the one whose answers may still come
-        self.one_by_one = OneByOne()
+        self.one_by_one = OneByOne(always=not family.has_sync)
         self._gathered: GatheredCycle | None = None  # the cycle that is being read one by one
         self._expected = expectation
         self._port = config.port
@@ -254,7 +254,7 @@ class ServoDecoder:
         unix_minus_monotonic_ns = exchange.sent.unix_ns - now_ns
         items += self._temperatures(exchange, silent, round(at_ns[0]), unix_minus_monotonic_ns)
         positions = {
-            servo: self.family.position_of(answer.status.data)
+            servo: self.family.position_of(answer.status.data, self.roster.model(servo))
             for servo, answer in exchange.answers.items()
             if servo not in silent
         }

@@ -14,8 +14,9 @@ WHY = "not the cable: their firmware is too old, or the adapter cannot; update t
 class OneByOne:
     """Of one line; with an event, once, that tells the rate."""
 
-    def __init__(self) -> None:
-        self.active = False
+    def __init__(self, always: bool = False) -> None:
+        """*always*: the protocol has no sync read, which is nothing to report."""
+        self.active = self._always = always
         self._servos: list[int] = []  # that answer no sync read
         self._reported = False
         self._began_ns: int | None = None
@@ -28,15 +29,18 @@ class OneByOne:
 
     def end(self) -> None:
         """The connection is over."""
-        self.active = False
+        self.active = self._always
         self._began_ns, self._cycles = None, 0
 
     def restore(self, active: bool) -> None:
         """In the middle of a connection, when the event has been reported."""
-        self.active = self._reported = active
+        self._reported = active
+        self.active = active or self._always
 
     def events(self, now_ns: int) -> list[Event]:
         """After a cycle that began at *now_ns*: the event, as soon as the rate is known."""
+        if self._always:
+            return []
         if self._began_ns is None:
             self._began_ns = now_ns
         if self._reported or now_ns - self._began_ns < RATE_AFTER_NS:

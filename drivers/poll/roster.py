@@ -53,6 +53,11 @@ class Roster:
         joint = self._joint.get(servo)
         return f"servo {servo} (joint {joint})" if joint else f"servo {servo}"
 
+    def model(self, servo: int) -> int | None:
+        """As it told last."""
+        found = self._announced.get(servo)
+        return None if found is None else found.model
+
     @property
     def unusable(self) -> int:
         """Bits of joints whose servos are not known, or not those that the geometry is of."""

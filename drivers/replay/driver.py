@@ -40,7 +40,7 @@ def decoder_of(recording: Recording, expectation: Expectation) -> Decoder:
             ours = {key: driver[key] for key in _CAN_KEYS & driver.keys()}
             can = validate(where, ours | {"kind": "can", "interface": "virtual"}, CanConfig)
             return CanDecoder(expectation, can.rate_hz, can.max_joint_rate_deg_s)
-        case "feetech" | "dynamixel":
+        case "feetech" | "dynamixel" | "dynamixel1":
             return ServoDecoder(validate(where, driver, ServoConfig), expectation)
         case "microscribe":
             scribe = validate(where, driver, MicroScribeConfig)

@@ -8,21 +8,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armd.arrays import F64
-from armd.drivers.poll.protocol import dynamixel, feetech
+from armd.drivers.poll.protocol import dynamixel, dynamixel1, feetech
 from armd.drivers.poll.protocol.packet import BROADCAST, Packet, Status
 from armd.simulator.live.faults import Fault, Schedule
 from armd.simulator.live.pty_port import PtyPort, transit_ns
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.live.truth_log import FaultLog, TruthFile
 from armd.simulator.servobus.arm import N, ServoArm
-from armd.simulator.servobus.servo import SimulatedServo
+from armd.simulator.servobus.servo import AX_12, MX_28, SimulatedServo
 
 if TYPE_CHECKING:
     from armd.simulator.live.led import Led
 
 SCHEDULE_HZ = 1000
 TRUTH_HZ = 500
-TURN_ROUND_NS = {"feetech": 50_000, "dynamixel": 40_000}  # before each answer, at the least
+CODECS = {"feetech": feetech, "dynamixel": dynamixel, "dynamixel1": dynamixel1}
+#: before each answer, at the least
+TURN_ROUND_NS = {"feetech": 50_000, "dynamixel": 40_000, "dynamixel1": 40_000}
 AWAKE_NS = 60_000  # before the last answer, which the host waits for: sleep is as inexact
 LATE_NS = 100_000  # by how much a write may be late, and its slot still count as kept
 MUTE = ("silence", "reboot")
@@ -41,8 +43,8 @@ class ServoBus:
         baud: int | None, led: Led | None = None,
     ) -> None:  # fmt: skip
         """*led*: what the hand is to do, else it wanders; *baud*: the one rate that is heard."""
-        self._feetech = family == "feetech"
-        self._codec = feetech if self._feetech else dynamixel
+        self._codec = CODECS[family]
+        self._is_short = family != "dynamixel"  # addresses of a byte, no model in a pong
         self._turn_round_ns = TURN_ROUND_NS[family]
         self._scenario = scenario
         self._schedule = Schedule(scenario.fault, SCHEDULE_HZ)
@@ -53,7 +55,11 @@ class ServoBus:
             scenario.joints or N,
         )  # fmt: skip
         self._rng = np.random.default_rng([scenario.seed, 0x5EB0])
-        self._servos = {n: SimulatedServo(n, self._feetech) for n in self._arm.ids}
+        # Of protocol 1.0 the last joint and the gripper are AX-12, the others MX-28.
+        old = self._arm.ids[-2:]
+        self._servos = {
+            n: SimulatedServo(n, family, model=AX_12 if n in old else MX_28) for n in self._arm.ids
+        }
         self._splitter = self._codec.splitter()
         self._once: list[Fault] = []  # faults of one cycle that have not been yet
         self._kept = b""  # an answer that comes a cycle late
@@ -116,7 +122,7 @@ class ServoBus:
                     heard_ns = self._say(self._pong(n), heard_ns, n)
         elif packet.code == codec.WRITE and packet.id in self._servos:
             address, data = packet.params[0], packet.params[1:]
-            if not self._feetech:
+            if not self._is_short:
                 address, data = address | packet.params[1] << 8, packet.params[2:]
             error = self._servos[packet.id].write(address, data)
             self._log.write("write", servo=packet.id, address=address, data=list(data))
@@ -124,7 +130,7 @@ class ServoBus:
 
     def _pong(self, n: int) -> bytes:
         servo = self._servos[n]
-        data = b"" if self._feetech else servo.read(0, 2) + servo.read(6, 1)
+        data = b"" if self._is_short else servo.read(0, 2) + servo.read(6, 1)
         status: bytes = self._codec.status(n, servo.error, data)
         return status
 
@@ -132,10 +138,12 @@ class ServoBus:
         self, ids: tuple[int, ...], address: int, length: int, fast: bool, heard_ns: float,
         alone: bool,
     ) -> None:  # fmt: skip
-        is_cycle = address == self._servos[self._arm.ids[0]].where.position and not alone
+        is_cycle = address == self._servos[self._arm.ids[0]].where.position
+        is_cycle &= not alone or self._codec is dynamixel1  # which has no sync read
         once = []
         if is_cycle:
-            once, self._once = self._once, []
+            once = [f for f in self._once if not alone or f.joint in ids]
+            self._once = [f for f in self._once if f not in once]
         faults = [*self._schedule.active, *once]
         if any(fault.name == "stale_bytes" for fault in faults):
             self._port.write(GARBAGE)

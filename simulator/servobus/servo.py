@@ -26,6 +26,10 @@ class Registers:
 
 FEETECH = Registers(128, 56, 63, 40, 7, 31, 1, 40, 55)
 DYNAMIXEL = Registers(1024, 132, 146, 64, 9, 20, 6, 64, None)
+DYNAMIXEL1 = Registers(128, 36, 43, 24, 5, 20, 2, 24, None)
+REGISTERS = {"feetech": FEETECH, "dynamixel": DYNAMIXEL, "dynamixel1": DYNAMIXEL1}
+AX_12, MX_28 = 12, 29  # models of protocol 1.0
+ONE_TURN, MANY_TURNS = (0, 4095), (4095, 4095)  # limits of an MX-28
 
 
 @dataclass
@@ -33,20 +37,27 @@ class SimulatedServo:
     """Answers for itself; the bus says when."""
 
     id: int
-    feetech: bool
+    kind: str
     firmware: int = 10
     table: bytearray = field(init=False)
     error: int = 0  # of its statuses
     offset: int = 0  # counts, by which somebody has changed its homing offset
+    model: int = MX_28  # of protocol 1.0
 
     def __post_init__(self) -> None:
-        self.where = FEETECH if self.feetech else DYNAMIXEL
+        self.feetech = self.kind == "feetech"
+        self.where = REGISTERS[self.kind]
         self.table = table = bytearray(self.where.size)
         if self.feetech:
             table[0:2] = bytes([3, self.firmware])
             table[3:9] = bytes([0x09, 0x03, self.id, 0, 0, 1])
             table[9:14] = bytes([0, 0, 0xFF, 0x0F, 70])
             table[18], table[55], table[62] = 12, 1, 121
+        elif self.kind == "dynamixel1":
+            table[0:6] = bytes([self.model, 0, self.firmware + 25, self.id, 1, 0])
+            table[11:17] = bytes([80, 60, 160, 255, 3, 2])
+            self._set_limits((0, 1023) if self.model == AX_12 else ONE_TURN)
+            table[22], table[42] = int(self.model == MX_28), 121
         else:
             table[0:2] = (1060).to_bytes(2, "little")
             table[6:10] = bytes([self.firmware + 35, self.id, 3, 0])
@@ -63,6 +74,10 @@ class SimulatedServo:
         if self.feetech:
             word = (SIGN | -position) if position < 0 else position
             table[56:58] = word.to_bytes(2, "little")
+        elif self.kind == "dynamixel1":
+            if self.model == AX_12:  # 300° of a turn, and its ends beyond
+                position = min(max((shown - 2048) * 3 // 10 + 512, 0), 1023)
+            table[36:38] = position.to_bytes(2, "little", signed=True)
         else:
             table[132:136] = position.to_bytes(4, "little", signed=True)
             table[120:122] = (int(time_s * 1000) & 0x7FFF).to_bytes(2, "little")
@@ -74,15 +89,23 @@ class SimulatedServo:
         if self.feetech:
             word = abs(counts) | (0x800 if counts < 0 else 0)
             self.table[at : at + 2] = word.to_bytes(2, "little")
+        elif self.kind == "dynamixel1":
+            if self.model == AX_12:
+                return  # it has none
+            self._set_limits(MANY_TURNS if counts else ONE_TURN)
+            self.table[at : at + 2] = counts.to_bytes(2, "little", signed=True)
         else:
             self.table[at : at + 4] = counts.to_bytes(4, "little", signed=True)
         self.offset = counts
         self._kept = bytes(self.table[: self.where.eeprom_end])
 
+    def _set_limits(self, limits: tuple[int, int]) -> None:
+        self.table[6:10] = b"".join(limit.to_bytes(2, "little") for limit in limits)
+
     def alert(self, on: bool) -> None:
         """Overload, told as the family does."""
         bit = next(bit for bit, name in FEETECH_ERRORS.items() if name == "overload")
-        if self.feetech:
+        if self.kind != "dynamixel":  # whose bit both older protocols share
             self.error = 1 << bit if on else 0
         else:
             self.error, self.table[70] = (0x80, 1 << bit) if on else (0, 0)
@@ -94,7 +117,7 @@ class SimulatedServo:
         """The status's error: 0 done. A Dynamixel refuses its EEPROM while the torque is on; a
         locked Feetech obeys, and has forgotten it when it starts anew."""
         where, lasting = self.where, address < self.where.eeprom_end
-        if lasting and not self.feetech and self.table[where.torque]:
+        if lasting and self.kind == "dynamixel" and self.table[where.torque]:
             return 7  # access error
         self.table[address : address + len(data)] = data
         if lasting and not (where.lock is not None and self.table[where.lock]):

@@ -79,6 +79,9 @@ ELSEWHERE = {
     " -o tracked": "test_import_page.py",
     "armd import my-dataset --arm my-arm/arm.toml --lerobot follower.json"
     " -o from-lerobot": "test_import_page.py",
+    "armd arm so100 -o so100.toml": "test_import_page.py",
+    "armd import episode.json --servo-zeros so-100_config.json --arm so100.toml"
+    " -o from-phosphobot": "test_import_page.py",
     "armd import rosbag2_2026_03_01 --arm my-arm/arm.toml -o from-ros": "test_import_page.py",
     "armd fleet --router plant-router.json5": "test_fleet.py: it needs certificates",
     "armd view --listen 192.0.2.10:8470 --name controller.example --certificate controller.pem"

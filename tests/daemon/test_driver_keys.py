@@ -25,6 +25,7 @@ GOOD = {
     "can udp_multicast": {},
     "feetech": SERVOS,
     "dynamixel": SERVOS,
+    "dynamixel1": SERVOS,
     "microscribe": {"port": "'/dev/x'"},
     "replay": {"file": "'x.mcap'"},
 }
@@ -91,6 +92,7 @@ BAD = {
     },
     "feetech": {**SERVO_KEYS, "baud": [*NO_BAUD, "9600", "250001", "2000000"]},
     "dynamixel": {**SERVO_KEYS, "baud": [*NO_BAUD, "38400", "250000", "10500000"]},
+    "dynamixel1": {**SERVO_KEYS, "baud": [*NO_BAUD, "38400", "250001", "2000000"]},
     "microscribe": {
         "port": NO_NAME,
         "baud": [*NO_BAUD, "230400", "1000000"],
@@ -125,6 +127,7 @@ FINE = {
         "adapter_serial": ["'5A68'"],
     },
     "dynamixel": {"baud": ["9600", "57600", "4_500_000"]},
+    "dynamixel1": {"baud": ["9600", "57600", "3_000_000"]},
     "microscribe": {"baud": ["9600", "14400", "115200"]},
     "replay": {"speed": ["0", "0.001", "1000"]},
 }  # fmt: skip

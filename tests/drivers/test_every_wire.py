@@ -334,6 +334,7 @@ class EveryServoBus(EveryWire):
     """
 
     kind: str
+    counts_of_one = np.ones(5)  # counts of 4096 a turn in one of each joint's encoder
     faults = {
         "joint_invalid": (0.0, 0.4, 2),
         "servo_silent": (0.9, 1.2, 3),
@@ -379,7 +380,7 @@ class EveryServoBus(EveryWire):
             ]
         )
         counts = (good["count"] + 2048) % 4096 - 2048  # multi_turn begins another one
-        error = np.abs(counts - true).max(axis=1)
+        error = (np.abs(counts - true) / self.counts_of_one).max(axis=1)
         assert np.median(error) <= 1.0 and np.quantile(error, 0.95) < 3.0
         assert error.max() < 60  # no neighbour's, no late, no damaged answer among them
         assert run.samples["clock_mapped"].all()
@@ -486,3 +487,11 @@ class TestFeetech(EveryServoBus):
 class TestDynamixel(EveryServoBus):
     wire = ("--servo", "dynamixel")
     kind = "dynamixel"
+
+
+@pytest.mark.slow  # likewise; each servo is read alone, and two of them are AX-12
+@pytest.mark.crowd
+class TestDynamixel1(EveryServoBus):
+    wire = ("--servo", "dynamixel1")
+    kind = "dynamixel1"
+    counts_of_one = np.array([1, 1, 1, 1, 10 / 3])

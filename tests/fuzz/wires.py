@@ -63,7 +63,7 @@ def wire_doors() -> Iterator[Door]:
     hello = wire.encode_hello(wire.Hello(1, N, 6, 1000, 7, "SIM-0001", (23,) * N))
     samples = [b"r" + wire.encode_sample(k, 1000 * k, np.arange(N) + k) for k in range(1, 9)]
     yield door("serial", [b"up"], [b"r" + hello, *samples], lambda: SerialDecoder(EXPECTED))
-    for kind in ("feetech", "dynamixel"):
+    for kind in ("feetech", "dynamixel", "dynamixel1"):
         config = ServoConfig(kind=kind, port="/dev/null", baud=1_000_000, ids=[1, 2, 3])
         expected = Expectation("SERVO-1", 3, 3, (4096,) * 3)
         family = ServoDecoder(config, expected).family

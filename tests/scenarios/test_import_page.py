@@ -15,7 +15,8 @@ from armd.compensation.model.arm import load_arm
 from support.pages import run_as_typed, shell_blocks
 from support.robot_logs import MOTORS, bag, dataset
 
-FOLLOWER = Path(__file__).parents[1] / "field" / "lerobot-wrapped-sweep" / "whole.json"
+FIELD = Path(__file__).parents[1] / "field"
+FOLLOWER = FIELD / "lerobot-wrapped-sweep" / "whole.json"
 PAGE = Path(__file__).parents[2] / "docs" / "import.md"
 ROBOT = """<robot name="three">
 {links}
@@ -51,6 +52,9 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     shutil.copy(FOLLOWER, tmp_path / "follower.json")
     dataset(tmp_path / "my-dataset", MOTORS, [np.zeros((4, 6))], per_file=True)
     bag(tmp_path / "rosbag2_2026_03_01", StoragePlugin.MCAP)
+    shutil.copy(FIELD / "phosphobot" / "episode.json", tmp_path / "episode.json")
+    zeros = FIELD / "lerobot-other-files" / "phosphobot.json"
+    shutil.copy(zeros, tmp_path / "so-100_config.json")
     text = PAGE.read_text(encoding="utf-8")
     said = run_as_typed("".join(shell_blocks(text)), tmp_path).splitlines()
     outputs = re.findall(r"```\n(armd: .*?)```", text, re.DOTALL)
@@ -62,6 +66,8 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     assert load_session(tmp_path / "from-excel", arm).n == 1
     assert load_session(tmp_path / "from-lerobot", arm).n == 4
     assert load_session(tmp_path / "from-ros", arm).n == 3
+    so100 = load_arm(tmp_path / "so100.toml")
+    assert load_session(tmp_path / "from-phosphobot", so100).n == 2
     tracked = load_session(tmp_path / "tracked", arm)
     assert tracked.n == 3 and tracked.truth_mm[1].tolist() == [794.520, 12.404, 241.337]
     drawn = load_arm(tmp_path / "drawn-arm" / "arm.toml")

@@ -6,6 +6,7 @@ meta/info.json the names of `observation.state`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from armd.terminal.counted import counted
 
 STATE, INFO, SUFFIX = "observation.state", Path("meta", "info.json"), ".parquet"
 TIME, EPISODE = "timestamp", "episode_index"
+#: phosphobot's names, by the ids of its servos: joints stand in order, second servos left out.
+SERVO = re.compile(r"motor_\d+")
 
 
 def is_dataset(path: Path) -> bool:
@@ -98,6 +101,8 @@ def _names(folder: Path, width: int) -> Sequence[str]:
     if not isinstance(names, list) or len(names) != width:
         found = repr(names)[:60]
         raise BadInput(path, f"features.{STATE}.names", found, f"{width} names, as the data have")
+    if all(SERVO.fullmatch(str(name)) for name in names):
+        return [f"joint {k}" for k in range(1, width + 1)]
     return [str(name) for name in names]
 
 

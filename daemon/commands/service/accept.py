@@ -11,7 +11,7 @@ from pathlib import Path
 from armd.daemon.config import load_config
 from armd.drivers.config import ServoConfig
 from armd.drivers.poll.memory import Memory
-from armd.drivers.poll.protocol.family import FAMILIES
+from armd.drivers.poll.protocol.families import FAMILIES
 from armd.errors import BadInput
 from armd.terminal.counted import counted
 

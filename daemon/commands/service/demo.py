@@ -41,7 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wire = parser.add_mutually_exclusive_group()
     wire.add_argument("--can", action="store_true", help="as CANopen nodes instead of a pty")
     wire.add_argument(
-        "--servo", choices=["feetech", "dynamixel"], help="a printed arm on a servo bus instead"
+        "--servo",
+        choices=["feetech", "dynamixel", "dynamixel1"],
+        help="a printed arm on a servo bus instead",
     )
     parser.add_argument(
         "--joints",

@@ -15,7 +15,7 @@ from armd.daemon.doctor.expected import compare
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.machine import ThisMachine, can_buses
 from armd.drivers.config import ServoConfig
-from armd.drivers.poll.protocol.family import FAMILIES
+from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.ports import serial_ports
 from armd.errors import BadInput
 

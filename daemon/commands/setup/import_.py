@@ -17,6 +17,7 @@ from armd.compensation.data.foreign.columns import (
 )
 from armd.compensation.data.foreign.join_tables import WITHIN_S, join_tables
 from armd.compensation.data.foreign.lerobot_dataset import is_dataset, read_dataset
+from armd.compensation.data.foreign.phosphobot_episode import is_episode, read_episode
 from armd.compensation.data.foreign.rosbag import is_bag, read_bag
 from armd.compensation.data.foreign.table import TABLES, ForeignTable, read_table
 from armd.compensation.data.foreign.words import LENGTHS
@@ -40,6 +41,9 @@ from armd.terminal.arguments import positive
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 
+#: What robots' own programs record: how it is known, and what reads it.
+RECORDED = ((is_dataset, read_dataset), (is_bag, read_bag), (is_episode, read_episode))
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -47,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="a table (CSV, .xlsx), a LeRobot data set (folder, .parquet), a ROS 2 bag (folder,"
-        " .mcap, .db3), or a URDF",
+        " .mcap, .db3), an episode of phosphobot (.json), or a URDF",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="SESSION|ARM.toml")
     table = parser.add_argument_group("a table")
@@ -66,6 +70,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     angles.add_argument(
         "--lerobot", type=Path, metavar="CALIBRATION.json",
         help="angles are LeRobot's, -100 to 100 of the sweeps in its calibration",
+    )  # fmt: skip
+    angles.add_argument(
+        "--servo-zeros", type=Path, metavar="FILE",
+        help="angles are those of phosphobot (its calibration, .json) or of GELLO (its .yaml), and"
+        " become counts of the servos",
     )  # fmt: skip
     table.add_argument("--length-unit", choices=list(LENGTHS), help="of x, y, z (by the header)")
     table.add_argument("--started", type=_instant, metavar="TIME", help="2026-03-01T09:00 (UTC)")
@@ -95,10 +104,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _read(args: argparse.Namespace) -> ForeignTable:
     """The table, of one arm; raises `BadInput`."""
-    if is_dataset(args.table) or is_bag(args.table):
-        if args.sheet is not None:
-            raise BadInput(args.table, "--sheet", repr(args.sheet), "a workbook, which has sheets")
-        table = (read_dataset if is_dataset(args.table) else read_bag)(args.table)
+    for is_one, read in RECORDED:
+        if is_one(args.table):
+            if args.sheet is not None:
+                expected = "a workbook, which has sheets"
+                raise BadInput(args.table, "--sheet", repr(args.sheet), expected)
+            table = read(args.table)
+            break
     else:
         table = read_table(args.table, args.sheet)
     return table if args.prefix is None else table.of_prefix(args.prefix)
@@ -137,7 +149,7 @@ def run(args: argparse.Namespace) -> int:
             table = join_tables(table, points, arm, args.join, args.within or WITHIN_S)
     given = Given(
         dict(args.column),
-        NORMALISED if args.lerobot else args.angle_unit,
+        NORMALISED if args.lerobot else "rad" if args.servo_zeros else args.angle_unit,
         args.length_unit,
         args.started,
         [] if artefact is None else [target["name"] for target in artefact["target"]],
@@ -146,6 +158,8 @@ def run(args: argparse.Namespace) -> int:
     said = [*table.assumed, *found.said]
     if args.lerobot:
         said.append(_from_lerobot(args.lerobot, arm, found, args.prefix))
+    if args.servo_zeros:
+        said.append(_from_servo_zeros(args.servo_zeros, arm, args.arm, found))
     n = len(table.rows)
     content = _content(args, arm, found, artefact, said)
     reflector = [REFLECTOR] if REFLECTOR in found.texts else []
@@ -225,13 +239,29 @@ def _from_lerobot(path: Path, arm: Arm, found: FoundColumns, prefix: str | None)
     return f"-100 to 100 of the sweeps in {path.name} became {how}"
 
 
+def _from_servo_zeros(path: Path, arm: Arm, arm_path: Path, found: FoundColumns) -> str:
+    """Counts of the servos in place of another program's angles; what was done, in a sentence."""
+    from armd.daemon.catalogue.servo_zeros import COUNTS, read_servo_zeros
+
+    for k, joint in enumerate(arm.joint, 1):
+        if joint.counts_per_turn != COUNTS:
+            found_text = str(joint.counts_per_turn or "nothing")
+            where = f"joint[{k}].counts_per_turn"
+            raise BadInput(arm_path, where, found_text, f"{COUNTS}, as --servo-zeros has")
+    zeros = read_servo_zeros(path, arm.n_joints)
+    for k in range(arm.n_joints):
+        found.numbers[f"q{k + 1}"] = zeros.counts(k, found.numbers[f"q{k + 1}"])
+    found.angle_unit = "count"
+    return f"{zeros.program}'s angles became counts of its servos by {path.name}"
+
+
 def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns: Any) -> None:
     """Whole or not at all: read back before it gets its name."""
     check_output_folder(args.output)
     if args.output.exists() and any(args.output.iterdir()) and not args.force:
         raise BadInput(args.output, "-o", "a folder that is not empty", "a new one (or --force)")
     for name in SESSION_FILES if args.output.is_dir() else ():
-        inputs = [args.table, args.points, args.arm, args.artefact, args.lerobot]
+        inputs = [args.table, args.points, args.arm, args.artefact, args.lerobot, args.servo_zeros]
         check_outputs({"-o": (args.output / name, SESSION)}, inputs, args.force)
     with tempfile.TemporaryDirectory() as scratch:
         trial = Path(scratch) / args.output.name

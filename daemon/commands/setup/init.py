@@ -48,7 +48,7 @@ arm = "arm.toml"                        # beside this file
 # calibration = "calibration.json"      # of armd calibrate; without it points carry flag 7
 
 [driver]
-kind = "serial"                         # or "can", "feetech", "dynamixel", "microscribe", "replay"
+kind = "serial"                         # or "can", "feetech", "dynamixel", "dynamixel1", …
 port = "{port}"                         # best a name that stays: /dev/serial/by-id/...
 baud = 2000000
 

@@ -13,8 +13,6 @@ from fastcrc import crc16
 
 from armd.drivers.poll.protocol.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
 
-#: that register 8 of the X series knows, the usual ones first
-BAUDS = (1_000_000, 57_600, 2_000_000, 3_000_000, 4_000_000, 115_200, 9_600, 4_500_000)
 HEADER = b"\xff\xff\xfd\x00"
 #: header, id, length, instruction and CRC: what every packet has besides its parameters
 OVERHEAD = 10

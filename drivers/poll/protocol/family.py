@@ -28,6 +28,7 @@ class Servo:
     torque: bool  # on: it holds the joint
     return_delay_us: int  # that it waits before it answers
     offset_in_force: bool = True  # false where its mode ignores so large a homing offset
+    divider: int = 1  # of its counts, where its mode divides them
 
     @property
     def geometry(self) -> dict[str, Any]:
@@ -75,6 +76,7 @@ class Family(Protocol):
     return_delay_least_us: int  # what a servo needs to turn the line round, whatever its register
     alarm: int | None  # 1 byte: why `alerts`; None where the error byte says it
     has_fast: bool  # whether one packet may carry all answers
+    has_sync: bool  # whether one request asks all servos; else each is read alone
 
     def register(self, name: str) -> str:
         """What `registers` names, in words, with its address."""
@@ -110,7 +112,9 @@ class Family(Protocol):
         """Whether *data* alone are the answers that are *missing*, as can be told at a glance."""
         ...
 
-    def position_of(self, data: bytes) -> int: ...
+    def position_of(self, data: bytes, model: int | None) -> int:
+        """In counts of 4096 a turn; *model* of the servo, None before it has told it."""
+        ...
 
     def celsius_of(self, data: bytes) -> float:
         """As the servo says it, believable or not: both makers' libraries read a byte without
@@ -147,6 +151,7 @@ class Feetech(Family):
     return_delay_least_us = 50
     alarm: int | None = None
     has_fast = False
+    has_sync = True
 
     def refusal(self, servo: Servo) -> str:
         # Its two bytes the other way round, as that series keeps all its words.
@@ -183,7 +188,7 @@ class Feetech(Family):
     def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
         return feetech.are_statuses(data, missing, request.length)
 
-    def position_of(self, data: bytes) -> int:
+    def position_of(self, data: bytes, model: int | None) -> int:
         return feetech.signed(data[0] | data[1] << 8, 15)
 
     def celsius_of(self, data: bytes) -> float:
@@ -207,7 +212,7 @@ class Feetech(Family):
         return error != 0
 
     def complaints(self, bits: int) -> str:
-        return _words(bits, feetech.ERRORS)
+        return name_bits(bits, feetech.ERRORS)
 
 
 class Dynamixel(Family):
@@ -230,6 +235,7 @@ class Dynamixel(Family):
     return_delay_least_us = 40
     alarm: int | None = 70
     has_fast = True
+    has_sync = True
 
     def refusal(self, servo: Servo) -> str:
         return ""
@@ -266,7 +272,7 @@ class Dynamixel(Family):
     def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
         return request.fast and dynamixel.is_fast_status(data, len(request.ids), request.length)
 
-    def position_of(self, data: bytes) -> int:
+    def position_of(self, data: bytes, model: int | None) -> int:
         return int.from_bytes(data[:4], "little", signed=True)
 
     def celsius_of(self, data: bytes) -> float:
@@ -292,13 +298,10 @@ class Dynamixel(Family):
         return bool(error & dynamixel.ALERT)
 
     def complaints(self, bits: int) -> str:
-        return _words(bits, dynamixel.HARDWARE_ERRORS)
+        return name_bits(bits, dynamixel.HARDWARE_ERRORS)
 
 
-def _words(bits: int, names: dict[int, str]) -> str:
+def name_bits(bits: int, names: dict[int, str]) -> str:
     """Names of the bits that stand, also of those nobody has named."""
     standing = [bit for bit in range(8) if bits >> bit & 1]
     return ", ".join(names.get(bit, f"bit {bit}") for bit in standing)
-
-
-FAMILIES: dict[str, Family] = {"feetech": Feetech(), "dynamixel": Dynamixel()}

@@ -11,8 +11,6 @@ from collections.abc import Container, Sequence
 
 from armd.drivers.poll.protocol.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
 
-#: that register 6 knows, the usual ones first
-BAUDS = (1_000_000, 500_000, 250_000, 115_200, 57_600, 38_400, 128_000, 76_800)
 HEADER = b"\xff\xff"
 #: header, id, length, code and checksum: what every packet has besides its parameters
 OVERHEAD = 6

@@ -60,6 +60,7 @@ def test_six_good_servos_are_well(capsys: pytest.CaptureFixture[str]) -> None:
         "torque": False,
         "return_delay_us": 0,
         "offset_in_force": True,
+        "divider": 1,
     }
     assert patient["rate_hz"] > 20
     assert bus.writes == []  # it changes nothing
@@ -430,3 +431,21 @@ def test_a_can_bus_that_is_down_is_told(tmp_path: Path) -> None:
     down, up = can_buses(tmp_path)
     assert up.name == "can1" and not up.findings
     assert down.findings[0].mend == "sudo ip link set can0 up type can bitrate 1000000"
+
+
+@pytest.mark.slow
+@pytest.mark.serial
+def test_servos_of_protocol_1_are_told_from_feetechs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Their pings are the same packets."""
+    for kind, model in (("dynamixel1", 29), ("feetech", 777)):
+        with simulated_arm(tmp_path, wire=("--servo", kind)) as arm:
+            code, patient = _doctor(arm.port, capsys)
+        assert code == 0, patient["findings"]
+        assert patient["protocol"] == kind and patient["baud"] == 1_000_000
+        assert patient["servos"][0]["model"] == model
+        assert [servo["id"] for servo in patient["servos"]] == [1, 2, 3, 4, 5, 6]
+        said = " ".join(patient["facts"])
+        assert ("read one by one" in said) == (kind == "dynamixel1")
+        assert patient["rate_hz"] > 20

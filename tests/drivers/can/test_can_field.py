@@ -69,6 +69,19 @@ LACKS = {
 }
 
 
+def test_an_encoder_of_class_c1_is_read(tmp_path):
+    """CiA 406's simpler class: no scaling, no alarms, no warnings; its position alone is mapped."""
+    with quirky_arm(tmp_path, "class_c1") as port:
+        samples, events = drive(port, 10.0, lambda samples, events: valid(samples) >= 20)
+    assert "arm SIM-0001: all 6 encoders identified" in [event.text for event in events]
+    limited = [event.text for event in events if event.kind == "encoder_limited"]
+    assert len(limited) == N
+    assert all("(6503) in TPDO1: they are not to be had by SDO either" in text for text in limited)
+    assert not [event for event in events if event.severity == "error"]
+    counts = np.concatenate([each["count"][each["joint_invalid"] == 0] for each in samples])
+    assert np.abs(np.diff(counts, axis=0)).max() < TURN / 20  # a hand moves it, nothing jumps
+
+
 @pytest.mark.parametrize("quirk", LACKS)
 def test_an_encoder_of_another_maker_is_read_and_what_it_lacks_is_named(quirk, tmp_path):
     with quirky_arm(tmp_path, quirk) as port:

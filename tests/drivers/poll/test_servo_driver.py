@@ -14,7 +14,7 @@ from armd.drivers.config import ServoConfig, Trigger
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.poll.memory import Memory
-from armd.drivers.poll.protocol.family import FAMILIES
+from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.sampler import ServoSampler
 from armd.drivers.ports import is_pseudo
 from armd.drivers.sample import Event, Temperatures

@@ -5,7 +5,8 @@ import pytest
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.decoder import ServoDecoder, note
-from armd.drivers.poll.protocol.family import FAMILIES, Servo, differences
+from armd.drivers.poll.protocol.families import FAMILIES
+from armd.drivers.poll.protocol.family import Servo, differences
 from armd.drivers.sample import RawFrame
 
 BOTH = pytest.mark.parametrize("kind", ["feetech", "dynamixel"])

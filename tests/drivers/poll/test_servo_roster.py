@@ -6,7 +6,8 @@ from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.poll.plan import RequestPlan
-from armd.drivers.poll.protocol.family import FAMILIES, Servo
+from armd.drivers.poll.protocol.families import FAMILIES
+from armd.drivers.poll.protocol.family import Servo
 
 S = 1_000_000_000
 BOTH = pytest.mark.parametrize("kind", ["feetech", "dynamixel"])

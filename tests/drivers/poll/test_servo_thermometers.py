@@ -9,7 +9,7 @@ import pytest
 from test_servo_driver import Taken, config, expected, state
 
 from armd.drivers.poll.decoder import ServoDecoder
-from armd.drivers.poll.protocol.family import FAMILIES
+from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.warmth import Warmth
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver

@@ -7,7 +7,8 @@ from contextlib import closing
 import pytest
 from test_servo_driver import Taken, config, expected, state
 
-from armd.drivers.poll.protocol.family import FAMILIES, Servo, differences
+from armd.drivers.poll.protocol.families import FAMILIES
+from armd.drivers.poll.protocol.family import Servo, differences
 from armd.drivers.table import open_driver
 from support.fake_servos import Dynamixel, FakeServos, Feetech
 from support.selection import parametrize_default

@@ -1,6 +1,6 @@
 """armd's own simulated CAN arm, its encoders changed as CiA 301 and 406 allow.
 
-QUIRK=no_rtr|no_serial|no_alarm_map|fixed_map
+QUIRK=no_rtr|no_serial|no_alarm_map|fixed_map|class_c1
 python quirk_can.py --can socketcand --arm-out arm.toml --seconds 30
 """
 
@@ -14,6 +14,8 @@ import armd.simulator.canbus.objects as objects
 QUIRK = os.environ["QUIRK"]
 Objects = objects.Objects
 begin, put, get, find = Objects.__init__, Objects.set_data, Objects.get_data, Objects._find
+#: Scaling, preset and diagnosis: what CiA 406 demands of class C2 alone.
+OF_C2 = {0x6001, 0x6002, 0x6003, *range(0x6503, 0x650C)}
 FIXED = {0: b"\x01", 1: (0x60040020).to_bytes(4, "little")}
 
 
@@ -29,6 +31,8 @@ def set_data(self, index, sub, data, check_writable=False):
             raise SdoAbortedError(0x06090030)
         if QUIRK == "fixed_map" and index == 0x1A00:
             raise SdoAbortedError(0x06010002)
+        if QUIRK == "class_c1" and index == 0x1A00 and sub and value >> 16 in OF_C2:
+            raise SdoAbortedError(0x06020000)
         if QUIRK == "no_alarm_map" and index == 0x1A00 and sub and value >> 16 == 0x6503:
             raise SdoAbortedError(0x06040041)
     put(self, index, sub, data, check_writable)
@@ -46,6 +50,8 @@ def get_data(self, index, sub, check_readable=False):
 def _find(self, index, sub):
     if self.node < 0x20 and QUIRK == "no_serial" and (index, sub) == (0x1018, 4):
         raise SdoAbortedError(0x06090011)
+    if self.node < 0x20 and QUIRK == "class_c1" and index in OF_C2:
+        raise SdoAbortedError(0x06020000)
     return find(self, index, sub)
 
 

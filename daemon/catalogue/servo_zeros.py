@@ -1,0 +1,140 @@
+"""What another program calls an angle, back to the servo's counts: phosphobot's calibration files
+and GELLO's configurations.
+
+phosphobot: (raw − servos_offsets)·servos_offsets_signs·2π/4095, as `hardware/base.py` of
+phospho-app/phosphobot has it (commit 0b4af25). GELLO: (raw·π/2048 − joint_offsets)·joint_signs, as
+`gello/robots/dynamixel.py` of wuphilipp/gello_software and its driver have it (commits 18cc23a,
+2888885). Both count 4096 a turn and list joints from base to wrist, the gripper last.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from armd.errors import BadInput
+from armd.files.inputs import read_input
+from armd.files.schema import json_data
+
+COUNTS, MIDDLE = 4096, 2048
+GELLO_SUFFIXES = (".yaml", ".yml")
+#: phosphobot's arms of servos with 4096 counts a turn; its others tell no counts.
+PHOSPHOBOTS = ("so-100", "koch-v1.1", "wx-250s")
+#: More than any servo that counts on over the turns.
+MOST_COUNTS = 1 << 20
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+
+
+@dataclass(frozen=True)
+class ServoZeros:
+    """Of each joint, base to wrist: count = offset + sign · angle · counts per rad."""
+
+    program: str
+    offsets: Sequence[float]  # raw counts at angle 0
+    signs: Sequence[int]
+    counts_per_rad: float
+
+    def counts(self, joint: int, angles_rad: Sequence[float]) -> list[float]:
+        """Counts of *joint* (from 0) from the middle of a turn; the first within a turn of it."""
+        scale = self.signs[joint] * self.counts_per_rad
+        counts = [self.offsets[joint] + scale * angle - MIDDLE for angle in angles_rad]
+        known = next((count for count in counts if math.isfinite(count)), 0.0)
+        turns = math.floor((known + MIDDLE) / COUNTS)
+        return [count - COUNTS * turns for count in counts]
+
+
+def read_servo_zeros(path: Path, n_joints: int) -> ServoZeros:
+    """Of the first *n_joints* of a file; raises `BadInput`."""
+    content = read_input(path)
+    if path.suffix.lower() in GELLO_SUFFIXES:
+        zeros = _gello(path, content)
+    else:
+        zeros = _phosphobot(path, json_data(path, content))
+    if len(zeros.offsets) < n_joints:
+        found = f"{len(zeros.offsets)} joints"
+        raise BadInput(path, "the offsets", found, f"{n_joints}, as the arm has")
+    return zeros
+
+
+def _phosphobot(path: Path, data: Any) -> ServoZeros:
+    if not isinstance(data, dict) or "servos_offsets" not in data:
+        expected = "phosphobot's calibration (servos_offsets, …), or GELLO's configuration, a .yaml"
+        raise BadInput(path, "the file", "another kind of JSON", expected)
+    if data.get("name") not in PHOSPHOBOTS:
+        expected = f"an arm of servos: {', '.join(PHOSPHOBOTS)}"
+        raise BadInput(path, "name", repr(data.get("name"))[:60], expected)
+    offsets = _numbers(path, "servos_offsets", data["servos_offsets"])
+    signs = _signs(path, "servos_offsets_signs", data.get("servos_offsets_signs"), len(offsets))
+    return ServoZeros("phosphobot", _within(path, "servos_offsets", offsets), signs,
+                      (COUNTS - 1) / math.tau)  # fmt: skip
+
+
+def _gello(path: Path, content: bytes) -> ServoZeros:
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise BadInput(path, "the file", "bytes that are no UTF-8", "GELLO's .yaml") from error
+    offsets = _numbers(path, "joint_offsets", _listed(path, text, "joint_offsets"))
+    signs = _listed(path, text, "joint_signs")
+    raw = [offset * COUNTS / math.tau for offset in offsets]
+    return ServoZeros("GELLO", _within(path, "joint_offsets", raw),
+                      _signs(path, "joint_signs", signs, len(raw)), COUNTS / math.tau)  # fmt: skip
+
+
+def _listed(path: Path, text: str, key: str) -> list[str]:
+    """The words of a YAML list, in brackets or one a line. No more of YAML is needed here."""
+    lines = [line.split(" #")[0].rstrip() for line in text.splitlines()]
+    at = [i for i, line in enumerate(lines) if re.match(rf"\s*{key}\s*:", line)]
+    if len(at) != 1:
+        found = "nothing" if not at else f"it {len(at)} times"
+        expected = "one list of numbers, as in the configurations that GELLO writes"
+        raise BadInput(path, key, found, expected)
+    rest = "\n".join(lines[at[0] :]).split(":", 1)[1].lstrip(" ")
+    if rest.startswith("["):
+        inner, end, _ = rest[1:].partition("]")
+        if not end:
+            raise BadInput(path, key, "a list without its end", "]")
+        return [word.strip() for word in inner.split(",") if word.strip()]
+    words = []
+    for line in rest.splitlines()[1:]:
+        if line.strip() and not line.lstrip().startswith("-"):
+            break
+        words += [line.strip()[1:].strip()] if line.strip() else []
+    return words
+
+
+def _numbers(path: Path, key: str, values: Any) -> list[float]:
+    if not isinstance(values, list) or not values:
+        raise BadInput(path, key, repr(values)[:60], "a list of numbers")
+    numbers = []
+    for k, value in enumerate(values):
+        is_text = isinstance(value, str) and NUMBER.fullmatch(value) is not None
+        if not is_text and (isinstance(value, bool) or not isinstance(value, int | float)):
+            raise BadInput(path, f"{key}[{k}]", repr(value)[:60], "a number")
+        try:
+            numbers.append(float(value))
+        except OverflowError as error:
+            raise BadInput(path, f"{key}[{k}]", "an endless number", "a number") from error
+    return numbers
+
+
+def _within(path: Path, key: str, raw: list[float]) -> list[float]:
+    for k, count in enumerate(raw):
+        if not abs(count) <= MOST_COUNTS:
+            found = f"{count:g} counts"
+            raise BadInput(path, f"{key}[{k}]", found, f"{-MOST_COUNTS} to {MOST_COUNTS}")
+    return raw
+
+
+def _signs(path: Path, key: str, values: Any, n: int) -> list[int]:
+    signs = _numbers(path, key, values)
+    if len(signs) != n:
+        raise BadInput(path, key, f"{len(signs)} signs", f"{n}, one for each offset")
+    for k, sign in enumerate(signs):
+        if abs(sign) != 1.0:
+            raise BadInput(path, f"{key}[{k}]", f"{sign:g}", "1 or -1")
+    return [round(sign) for sign in signs]

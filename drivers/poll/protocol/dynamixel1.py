@@ -1,0 +1,64 @@
+"""Dynamixel's protocol 1.0, in pure functions: the packets are those that Feetech took over.
+
+`FF FF | id | length | instruction or error | parameters | checksum`. There is no sync read; a bulk
+read is known to the MX series alone. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 1.0".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from armd.drivers.poll.protocol.feetech import (
+    PING,
+    READ,
+    WRITE,
+    are_statuses,
+    build,
+    ping,
+    read,
+    splitter,
+    status,
+    status_size,
+    statuses,
+    write,
+)
+from armd.drivers.poll.protocol.feetech import read_request as _plain_request
+from armd.drivers.poll.protocol.packet import BROADCAST, Packet, ReadRequest
+
+__all__ = [
+    "PING",
+    "READ",
+    "WRITE",
+    "are_statuses",
+    "build",
+    "ping",
+    "read",
+    "splitter",
+    "status",
+    "status_size",
+    "statuses",
+    "write",
+]
+
+SYNC_WRITE, BULK_READ = 0x83, 0x92
+
+#: bit of a status's error byte → what the servo complains of; its data hold all the same
+ERRORS = {0: "input voltage", 1: "angle limit", 2: "overheating", 5: "overload"}
+#: bits that refuse what was asked: range, checksum, instruction
+REFUSALS = 1 << 3 | 1 << 4 | 1 << 6
+
+
+def bulk_read(parts: Sequence[tuple[int, int, int]]) -> bytes:
+    """Of (id, address, length), answered by a status each, in this order."""
+    triples = [bytes([length, servo, address]) for servo, address, length in parts]
+    return build(BROADCAST, BULK_READ, b"\0" + b"".join(triples))
+
+
+def read_request(packet: Packet) -> ReadRequest | None:
+    """A packet read as the host's; None if it asks for no registers, or for several spans."""
+    if packet.code == BULK_READ and len(packet.params) > 3 and len(packet.params) % 3 == 1:
+        lengths, ids, addresses = (packet.params[k::3] for k in (1, 2, 3))
+        if len(set(lengths)) == len(set(addresses)) == 1:
+            return ReadRequest(tuple(ids), addresses[0], lengths[0])
+        return None
+    return _plain_request(packet) if packet.code == READ else None

@@ -1,0 +1,130 @@
+"""The families of servos; and the youngest here: AX, DX, RX and MX servos of Dynamixel's protocol
+1.0, in counts of 4096 a turn.
+
+Registers as in the e-Manual's control tables of the AX-12A and the MX-28 (protocol 1.0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from armd.drivers.poll.protocol import dynamixel1
+from armd.drivers.poll.protocol.family import (
+    COUNTS_PER_TURN,
+    Dynamixel,
+    Family,
+    Feetech,
+    Servo,
+    name_bits,
+)
+from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Splitter, Status
+
+#: 1024 counts over 300°, 512 in the middle
+AX = {
+    12: "AX-12", 18: "AX-18A", 300: "AX-12W", 24: "RX-24F", 28: "RX-28", 64: "RX-64",
+    113: "DX-113", 116: "DX-116", 117: "DX-117",
+}  # fmt: skip
+#: 4096 counts a turn, 2048 in the middle
+MX = {360: "MX-12W", 29: "MX-28", 310: "MX-64", 320: "MX-106"}
+WHEEL_MODE, JOINT_MODE, MULTI_TURN_MODE = 1, 3, 4  # as later series number them
+#: counts of 4096 a turn in one of an AX
+NUMERATOR, DENOMINATOR = 10, 3
+AX_MIDDLE, MIDDLE = 512, COUNTS_PER_TURN // 2
+
+
+class Dynamixel1(Family):
+    """Each servo is read alone: only the MX series has a bulk read, and a missing servo ends it."""
+
+    name = "dynamixel1"
+    models = AX | MX
+    position, position_bytes, warm_bytes = 36, 2, 8
+    identity_bytes = 25
+    registers = {
+        "model": 0, "firmware": 2, "homing_offset": 20, "reversed": 10, "mode": 6, "torque": 24,
+        "return_delay_us": 5, "offset_in_force": 6, "temperature": 43, "divider": 22,
+    }  # fmt: skip
+    id_register = 3
+    return_delay_least_us = 40
+    alarm: int | None = None
+    has_fast = False
+    has_sync = False
+
+    def refusal(self, servo: Servo) -> str:
+        if servo.model not in self.models:
+            expected = "a servo of the AX, DX, RX or MX series, whose counts a turn are known"
+            return f"{self.register('model')}: found {servo.model}, expected {expected}"
+        if servo.divider != 1:
+            return f"{self.register('divider')}: found {servo.divider}, expected 1"
+        return ""
+
+    def splitter(self) -> Splitter:
+        return dynamixel1.splitter()
+
+    def read(self, servo_id: int, address: int, length: int) -> bytes:
+        return dynamixel1.read(servo_id, address, length)
+
+    def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
+        return dynamixel1.bulk_read([(servo, address, length) for servo in ids])
+
+    def write(self, servo_id: int, address: int, data: bytes) -> bytes:
+        return dynamixel1.write(servo_id, address, data)
+
+    def request(self, packet: Packet) -> ReadRequest | None:
+        return dynamixel1.read_request(packet)
+
+    def statuses(self, packet: Packet, length: int) -> list[Status]:
+        return dynamixel1.statuses(packet)
+
+    def sizes(self, request: ReadRequest) -> range:
+        size = dynamixel1.status_size(request.length)
+        return range(size, size + 1)
+
+    def answer_bytes(self, request: ReadRequest) -> int:
+        return dynamixel1.status_size(request.length)
+
+    def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
+        return dynamixel1.are_statuses(data, missing, request.length)
+
+    def position_of(self, data: bytes, model: int | None) -> int:
+        position = int.from_bytes(data[:2], "little", signed=True)
+        if model not in AX:
+            return position
+        return MIDDLE + round((position - AX_MIDDLE) * NUMERATOR / DENOMINATOR)
+
+    def celsius_of(self, data: bytes) -> float:
+        return float(data[7])
+
+    def identity(self, data: bytes) -> Servo:
+        model = data[0] | data[1] << 8
+        is_mx = model in MX  # registers 10 and 20 to 22 mean something else, or nothing, to an AX
+        low, high = (data[at] | data[at + 1] << 8 for at in (6, 8))
+        is_turning = is_mx and low == high == COUNTS_PER_TURN - 1
+        mode = MULTI_TURN_MODE if is_turning else WHEEL_MODE if low == high == 0 else JOINT_MODE
+        return Servo(
+            model=model,
+            firmware=str(data[2]),
+            homing_offset=int.from_bytes(data[20:22], "little", signed=True) if is_mx else 0,
+            reversed=MX.get(model) == "MX-106" and bool(data[10] & 1),
+            mode=mode,
+            torque=data[24] != 0,
+            return_delay_us=2 * data[5],
+            offset_in_force=is_turning,
+            divider=max(data[22], 1) if is_turning else 1,
+        )
+
+    def refuses(self, error: int) -> bool:
+        return bool(error & dynamixel1.REFUSALS)
+
+    def alerts(self, error: int) -> bool:
+        return bool(error & ~dynamixel1.REFUSALS)
+
+    def complaints(self, bits: int) -> str:
+        return name_bits(bits, dynamixel1.ERRORS)
+
+
+#: by `kind` of `[driver]`
+FAMILIES: dict[str, Family] = {
+    "feetech": Feetech(),
+    "dynamixel": Dynamixel(),
+    "dynamixel1": Dynamixel1(),
+}
