@@ -9,7 +9,7 @@ BIN    := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
-.PHONY: develop
+.PHONY: develop notebooks docs
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # A command, and after it what it did and the seconds it took: $(call timed,WHAT,COMMAND)
 timed = @from=$$(date +%s); $(2) && echo "armd: $(1): $$(($$(date +%s) - from)) s"
@@ -102,7 +102,7 @@ test-all:
 	@echo "armd: everything else has 75 minutes on two cores"
 	@$(MAKE) --no-print-directory develop
 	@began=$$(date +%s); \
-	    for part in paper real browser test-slow scale "soak MINUTES=2" \
+	    for part in paper real browser test-slow scale docs "soak MINUTES=2" \
 	        "fuzz MINUTES=10" system-test; do \
 	        $(MAKE) --no-print-directory $$part || exit; \
 	    done; \
@@ -176,6 +176,20 @@ fuzz: develop
 scale: develop
 	$(PIP) install -r requirements.txt -r requirements-dev.txt -r requirements-scale.txt
 	$(BIN)/python -m pytest --durations=20 --timeout 900 tests/public/test_public_scale.py
+
+# The notebooks of docs/notebooks run from empty folders; with their outputs they go to out/notebooks
+notebooks: develop
+	$(PIP) install -r requirements.txt -r requirements-dev.txt -r requirements-docs.txt
+	ARMD_NOTEBOOKS=$(CURDIR)/out/notebooks $(BIN)/python -m pytest --durations=20 --timeout 900 \
+	    tests/public/test_public_notebooks.py
+
+# A site of README.md, docs/, the notebooks with their outputs and the docstrings: out/site/index.html.
+# Every warning is an error; then every link is followed, and every public name looked up.
+docs: notebooks
+	rm -rf out/site
+	$(BIN)/python -m sphinx -q -W --keep-going -c docs/site -d .cache/site . out/site
+	cp out/site/README.html out/site/index.html
+	ARMD_SITE=$(CURDIR)/out/site $(BIN)/python -m pytest tests/public/test_public_site.py
 
 # A Debian package for controllers with this Python or another: make deb FOR=3.13
 FOR ?= $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -20,7 +21,8 @@ class Aside(Console):
     """Mute with -q. With -v there is nothing that moves: each step is a line of the log."""
 
     def __init__(self, *, quiet: bool, verbose: bool) -> None:
-        super().__init__(stderr=True, quiet=quiet, force_terminal=False if verbose else None)
+        still = verbose or not sys.stderr.isatty()  # FORCE_COLOR, as in Jupyter, makes none of it
+        super().__init__(stderr=True, quiet=quiet, force_terminal=False if still else None)
 
     def status(self, status: RenderableType, **options: Any) -> Status:
         """A step of the work, as rich shows it."""

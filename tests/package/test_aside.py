@@ -42,7 +42,10 @@ def test_a_bar_on_a_terminal_alone(tmp_path: Path) -> None:
     assert said == "" and out.startswith("3 sessions")
     out, said = on_a_terminal(*simulate, "-o", "verbose", "-v", cwd=tmp_path)
     assert "wrote verbose/day-03/readings.csv" in said and "\x1b" not in said  # no bar beside it
-    piped = subprocess.run([*simulate, "-o", "piped"], cwd=tmp_path, capture_output=True, text=True)
+    coloured = {**os.environ, "FORCE_COLOR": "1"}  # as a cell of a notebook has it
+    piped = subprocess.run(
+        [*simulate, "-o", "piped"], cwd=tmp_path, env=coloured, capture_output=True, text=True
+    )
     assert piped.stderr == "" and piped.stdout.startswith("3 sessions")
 
 

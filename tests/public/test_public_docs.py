@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import json
 import os
 import re
 import subprocess
@@ -94,3 +95,30 @@ def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     for name in ("calibration.json", "calibration.html", "diagnosis.html", "extended.json"):
         assert (tmp_path / name).stat().st_size
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_short_script_does_the_six_commands_of_the_readme(tmp_path: Path) -> None:
+    """It gives what the commands give; what calibrations say of their making aside."""
+    script = Path(__file__).with_name("six_commands.py")
+    assert len(script.read_text(encoding="utf-8").splitlines()) <= 50
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    done = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, env={**os.environ, "PATH": path},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    readme = (PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
+    six = next(block for block in shell_blocks(readme) if "armd calibrate" in block)
+    assert len(six.splitlines()) == 6
+    (tmp_path / "commands").mkdir()
+    run_as_typed(six, tmp_path / "commands")
+    for name in ("calibration.json", "extended.json", "diagnosis.json"):
+        ours, theirs = (
+            json.loads((folder / name).read_text()) for folder in (tmp_path, tmp_path / "commands")
+        )
+        for key in ("created", "provenance", "content_sha256", "schema", "extended_calibration"):
+            ours.pop(key, None), theirs.pop(key, None)
+        assert ours and ours == theirs, name
+    assert (tmp_path / "calibration.html").stat().st_size

@@ -9,7 +9,6 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 import zenoh
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -22,6 +21,7 @@ from armd.daemon.commands.screen import COLOURS, temperatures
 from armd.daemon.host.metrics import MetricsServer
 from armd.errors import BadInput
 from armd.printable import printable
+from armd.terminal.plain import moving_console
 from armd.zenoh_session import open_session
 
 EVERY_S = 1.0
@@ -102,7 +102,7 @@ class _Screen(Live):
     """A table in the terminal."""
 
     def __init__(self) -> None:
-        super().__init__(console=Console(), auto_refresh=False)
+        super().__init__(console=moving_console(), auto_refresh=False)
 
     def show(self, fleet: Fleet) -> None:
         self.update(table_of(fleet), refresh=True)
