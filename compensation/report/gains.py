@@ -1,4 +1,4 @@
-"""What one finding after another gains on held-out readings, as bars."""
+"""What one finding after another gains on held-out readings, as points."""
 
 from __future__ import annotations
 
@@ -30,11 +30,16 @@ def draw_gains(panel: Axes, result: Mapping[str, Any]) -> None:
         best, worst = (gain["heldout_rms_um_before"] - g for g in reversed(gain["interval_um"]))
         low.append(max(values[-1] - best, 0.0))
         high.append(max(worst - values[-1], 0.0))
-    bars = panel.bar(labels, values, width=0.55, yerr=[low, high], capsize=4)
-    panel.bar_label(bars, [um(value) for value in values], label_type="center", color="white")
+    places = range(len(labels))
+    panel.errorbar(places, values, yerr=[low, high], fmt="o", capsize=4)
+    for place, value in zip(places, values, strict=True):
+        panel.annotate(um(value), (place, value), xytext=(7, 0), textcoords="offset points")
+    panel.set_xticks(places, labels)
+    panel.set_xlim(-0.5, len(labels) - 0.5)
+    panel.set_ylim(0.0, 1.15 * max(value + more for value, more in zip(values, high, strict=True)))
     panel.axhline(baseline["noise_floor_um"], linestyle=":", color="black")
     panel.annotate(
         "noise alone", (1.0, baseline["noise_floor_um"]), xycoords=("axes fraction", "data"),
         ha="right", va="bottom", bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7},
     )  # fmt: skip
-    panel.set_ylabel("3-D RMS on held-out readings, µm")
+    panel.set_ylabel("3-D RMS held-out, µm")
