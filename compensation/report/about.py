@@ -12,7 +12,7 @@ from armd.errors import BadInput
 from armd.files.schema import Strict, load_toml
 
 #: Longer entries would push what matters off the first page.
-HeadLine = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200)]
+HeadLine = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=120)]
 
 
 class About(Strict):

@@ -13,6 +13,7 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.report import calibration_figures as figures
 from armd.compensation.report import calibration_tables as tables
 from armd.compensation.report.about import About
+from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.head import head
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import InputFile, origin
@@ -38,15 +39,17 @@ def calibration_report(
     _summary(page, result, units)
     page.items_in_brief("Notes", result.notes, MOST_NOTES)
     figures.before_and_after(page, result, units.length)
+    add_coverage(page, arm, sessions)
     page.signatures("Calibrated by", "Checked by")
     page.appendix()
     page.text(f"Decision rule: {RULE}.")
     tables.lengths(page, result, units.length)
     tables.not_identifiable(page, result)
+    figures.the_arm(page, result.fit)
     tables.parameters_and_terms(page, result, units)
     tables.correlations(page, result.fit)
     figures.residual_vectors(page, result.fit, units.length)
-    figures.residuals_by_column(page, result.fit, units)
+    figures.signed_residuals(page, result.fit, units)
     tables.thermal_trials(page, result)
     tables.outliers(page, result, units.length)
     _provenance(page, result, sessions, arm_file, written)

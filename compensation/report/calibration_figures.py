@@ -5,13 +5,18 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.ticker import LogFormatter
 
-from armd.arrays import I64
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.temperatures import temperature_groups
-from armd.compensation.report.drawing import MOST_POINTS, cloud, drawing, one_drawing, views
+from armd.compensation.report.arm_picture import arm_picture
+from armd.compensation.report.drawing import one_drawing
 from armd.compensation.report.page import Page
+from armd.compensation.report.residual_plots import (
+    residuals_by_joint,
+    residuals_by_sensor,
+    vectors,
+)
 from armd.compensation.report.units import Unit, Units
 
 #: Of a table before the appendix; the drawing says the same.
@@ -61,50 +66,47 @@ def before_and_after(page: Page, result: Result, unit: Unit) -> None:
         )
 
 
-def residual_vectors(page: Page, found: Identification, unit: Unit) -> None:
-    """Each tip position with its residual, much enlarged."""
-    rows = _some(found.observations.n)
-    tip, residual = found.at.position_mm[rows], found.at.residual_mm[rows]
-    size = float(np.median(np.linalg.norm(residual, axis=1))) or 1.0
-    reach = float(np.linalg.norm(np.ptp(tip, axis=0)))
-    times = 10 ** np.floor(np.log10(0.03 * reach / size))
-    ends = np.stack([tip, tip + times * residual, np.full_like(tip, np.nan)], axis=1)
-    lines = ends.reshape(-1, 3)
-    figure, panels = views()
-    for panel, across, up in panels:
-        panel.plot(lines[:, across], lines[:, up], linewidth=0.8, rasterized=True)
-    page.heading("Residual vectors")
+def the_arm(page: Page, found: Identification) -> None:
+    """The arm in a posture that was measured, with the names of what was identified."""
+    q = found.observations.states.q
+    middle = q[np.argmin(np.abs(q - np.median(q, axis=0)).sum(axis=1))]
+    page.heading("The arm and its parameters")
     page.figure(
-        figure,
-        f"At each tip position of the base frame its residual, drawn {times:g} times as long",
+        arm_picture(found.observations.arm, middle, found.unknowns.constants),
+        "The arm of arm.toml in a posture that was measured; of each frame x (orange), y (green)"
+        " and z (blue), and the constants identified that place it",
     )
 
 
-def residuals_by_column(page: Page, found: Identification, units: Units) -> None:
-    """The residual of each reading over each angle and each temperature."""
+def residual_vectors(page: Page, found: Identification, unit: Unit) -> None:
+    """Each tip position with its residual, much enlarged."""
+    points = ~found.observations.turned
+    figure, times = vectors(found.at.position_mm[points], found.at.residual_mm[points], unit)
+    page.heading("Residual vectors")
+    page.figure(
+        figure,
+        f"At each tip position of the base frame its residual, {times:,.0f} times as long; the bar"
+        " is a residual of the size named",
+    )
+
+
+def signed_residuals(page: Page, found: Identification, units: Units) -> None:
+    """Residuals along each joint's motion, and outwards over each sensor."""
     observations = found.observations
-    states, arm = observations.states, observations.arm
-    columns = [(f"q{k + 1}, °", np.degrees(states.q[:, k])) for k in range(arm.n_joints)]
-    columns += [
-        (f"{name}, °C", states.temperature_c[:, s])
-        for s, name in enumerate(arm.sensors)
-        if np.isfinite(states.temperature_c[:, s]).any()
-    ]
-    rows = _some(observations.n)
-    distance = 1e3 * np.linalg.norm(found.at.residual_mm, axis=1)
-    lines = -(-len(columns) // 3)
-    figure, axes = drawing(lines, 3, height_in=2.2 * lines)
-    for i, (title, values) in enumerate(columns):
-        panel = axes[i]
-        cloud(panel, values[rows], distance[rows])
-        panel.set(xlabel=title, ylabel="residual, µm" if i % 3 == 0 else "")
-        panel.set_ylim(bottom=0.0)
-    for panel in axes[len(columns) :]:
-        panel.set_axis_off()
+    points = ~observations.turned
+    states, residual_mm = observations.states, found.at.residual_mm[points]
     page.heading("Residuals against each joint and each sensor")
-    page.figure(figure, "3-D residual of each reading, µm, over each angle and each temperature")
-
-
-def _some(n: int) -> I64:
-    """Rows to draw: all, or as many as a page bears, evenly spread."""
-    return np.linspace(0, n - 1, min(n, MOST_POINTS)).astype(np.int64)
+    page.figure(
+        residuals_by_joint(states.q[points], found.at.joints[points], residual_mm, units),
+        "Residual (tip minus target) along each joint's motion over its angle,"
+        f" {units.angle.name}; orange: its running mean with the 95 % band of that mean",
+    )
+    by_sensor = residuals_by_sensor(
+        states.temperature_c[points], observations.arm.sensors, found.at.position_mm[points],
+        residual_mm, units.length,
+    )  # fmt: skip
+    if by_sensor is not None:
+        page.figure(
+            by_sensor,
+            f"Residual away from the base's z axis over each temperature, {units.length.name}",
+        )

@@ -11,6 +11,7 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.predictive.curves import ResidualComparison
 from armd.compensation.diagnose.told.verdict import um
 from armd.compensation.report.about import About
+from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.drawing import one_drawing
 from armd.compensation.report.finding import add_finding
 from armd.compensation.report.gains import draw_gains, name_finding
@@ -24,7 +25,9 @@ from armd.terminal.counted import counted
 #: What may be found without a cause that has a name and is in the arm or its setting-up.
 NO_CAUSES = ("artefact_moved", "outliers", "unknown")
 #: Findings in the table before the appendix.
-MOST_FINDINGS = 8
+MOST_FINDINGS = 6
+#: Four of them and the coverage are a page.
+OVERVIEW_ROW_IN = 1.75
 GAINS = "3-D RMS on held-out readings, as one finding after another is added"
 #: As docs/diagnosis-how.md has it at length.
 RULE = (
@@ -53,7 +56,8 @@ def diagnosis_report(
     )
     head(page, arm, sessions, about)
     _at_a_glance(page, result, units.length)
-    _measured_against_simulated(page, comparisons)
+    add_coverage(page, arm, sessions)
+    _measured_against_simulated(page, comparisons, units.angle)
     page.text(page.in_brief("Next experiment", f"Next: {result['next_experiment']}"))
     page.signatures("Measured by", "Checked by")
     page.appendix()
@@ -67,7 +71,7 @@ def diagnosis_report(
         add_finding(page, diagnosis, index, touched + index + 1, finding)
         if shown := of_finding(comparisons, finding):
             caption = f"What the simulation gets wrong over {shown.bins.variable}, before and after"
-            page.figure(draw_rows([shown]), caption)
+            page.figure(draw_rows([shown], units.angle), caption)
     if diagnosis.outliers:
         page.heading("Readings that belong to no effect")
         page.table(
@@ -150,9 +154,11 @@ def _at_a_glance(page: Page, result: dict[str, Any], unit: Unit) -> None:
                 for number, one in enumerate(findings[:MOST_FINDINGS], 1)
             ],
         )  # fmt: skip
+        if (more := len(findings) - MOST_FINDINGS) > 0:
+            page.text(f"{counted(more, 'further finding')}: Appendix.")
         page.text(page.in_brief("Verdict in words", result["verdict"]))
     figure, panel = one_drawing(2.2)
-    draw_gains(panel, result)
+    draw_gains(panel, result, unit)
     page.figure(figure, GAINS)
 
 
@@ -180,14 +186,16 @@ def _model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) 
         )
 
 
-def _measured_against_simulated(page: Page, comparisons: Sequence[ResidualComparison]) -> None:
+def _measured_against_simulated(
+    page: Page, comparisons: Sequence[ResidualComparison], unit: Unit
+) -> None:
     """What the simulation gets wrong stands out of the band; afterwards it lies inside."""
     if not comparisons:
         return
     page.heading("Measured against simulated")
     page.figure(
-        draw_overview(comparisons),
-        "Mean residual along a joint's motion, seconds of arc at that joint: of joint angles, "
+        draw_overview(comparisons, unit, OVERVIEW_ROW_IN),
+        f"Mean residual along a joint's motion, {unit.name} at that joint: of joint angles, "
         "temperatures, time and placements what leaves its band most",
     )
     draws = min(comparisons[0].before.draws, comparisons[0].after.draws)

@@ -39,6 +39,10 @@ class Unit:
         return f"{three_digits(value * self.per_base, sign)}\N{NO-BREAK SPACE}{self.name}"
 
 
+SECONDS = Unit("″", 1.0 / ARC_SECOND, 2)
+MICROMETRES = Unit("µm", 1e3, 2)
+
+
 @dataclass(frozen=True)
 class Units:
     """The units of lengths and angles of one report."""
@@ -59,7 +63,7 @@ def units_of(arm: Arm) -> Units:
     resolved_mm = resolution_mm(arm)
     if resolved_mm < COARSE_MM:
         decimals = 2 if resolved_mm < 0.002 else 1 if resolved_mm < 0.02 else 0
-        return Units(Unit("µm", 1e3, decimals), Unit("″", 1.0 / ARC_SECOND, 2))
+        return Units(Unit("µm", 1e3, decimals), SECONDS)
     decimals = 3 if resolved_mm < 0.1 else 2
     return Units(Unit("mm", 1.0, decimals), Unit("°", math.degrees(1.0), 3))
 

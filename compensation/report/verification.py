@@ -4,23 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from matplotlib.figure import Figure
-
 from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm
+from armd.compensation.report import verification_figures as figures
 from armd.compensation.report.about import About
-from armd.compensation.report.drawing import COLOURS, one_drawing
+from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.head import head
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import InputFile, origin
 from armd.compensation.report.units import Unit, units_of
 from armd.compensation.verify.figures import TESTS
-from armd.compensation.verify.limits import PermissibleErrors
 from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged, Verdict
 from armd.terminal.counted import counted
 
-#: Of fewer results a table says as much.
-WORTH_A_DRAWING = 4
 #: The figures of both standards.
 ALL_FIGURES = sum(len(keys) for keys in TESTS)
 #: Stands where a result has no certified length.
@@ -47,22 +43,42 @@ def verification_report(
     untested = [f"{key}: {reason}" for key, reason in verdict.not_tested.items()]
     page.items_in_brief("Not tested, though it has a limit", untested)
     page.items_in_brief("Remarks", verdict.remarks)
+    for item in verdict.judged:
+        if item.figure.key == "e_uni":
+            _lengths(page, item, verdict, unit)
+    add_coverage(page, arm, [session])
     page.signatures("Measured by", "Checked by")
     page.appendix()
     _explained(page, verdict, unit)
     for item in verdict.judged:
         page.heading(f"{item.figure.name}: every result")
-        if len(item.figure.deviations) >= WORTH_A_DRAWING:
-            page.figure(
-                _by_length(item, verdict.limits),
-                f"{item.figure.name}: error of each result over its length, µm; dashed: the MPE",
-            )
+        _draw(page, item, verdict, unit)
         page.table(
             ["result", "length, mm", f"error, {unit.name}", f"U (k = 2), {unit.name}"],
             _results(item, unit),
         )
     origin(page, arm, [session], files)
     return page.html()
+
+
+def _lengths(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
+    page.figure(
+        figures.lengths(item, verdict.limits, unit),
+        f"{item.figure.name}: error of each length with ± U (k = 2), {unit.name}; a colour for"
+        " each placement; green: within the MPE",
+    )
+
+
+def _draw(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
+    """The drawing that suits the figure, if one says more than its table."""
+    name = item.figure.name
+    if item.figure.key == "spat_max" and (figure := figures.rosettes(item, unit)):
+        caption = f"{name}: each articulation about the mean of its seat; dashed: the MPE"
+        page.figure(figure, f"{caption}; above: x and y, below: x and z")
+    elif item.figure.key == "p_form" and (figure := figures.sphere_form(item, unit)):
+        page.figure(figure, f"{name}: each point's distance from the fitted sphere, {unit.name}")
+    elif item.figure.key == "volumetric_max":
+        _lengths(page, item, verdict, unit)
 
 
 def _unit(arm: Arm) -> Unit:
@@ -160,19 +176,3 @@ def _row(item: Judged, unit: Unit) -> list[str]:
         unit.text(item.expanded_uncertainty_mm) if known else NOT_STATED,
         item.outcome,
     ]
-
-
-def _by_length(item: Judged, limits: PermissibleErrors | None) -> Figure:
-    lengths = [deviation.length_mm for deviation in item.figure.deviations]
-    figure, panel = one_drawing()
-    panel.plot(
-        lengths, [1e3 * deviation.value_mm for deviation in item.figure.deviations], "o",
-        markersize=4,
-    )  # fmt: skip
-    if limits is not None and item.limit_mm is not None:
-        ends = [min(lengths), max(lengths)]
-        for sign in (-1, 1):
-            limit = [sign * 1e3 * (limits.mpe.of(item.figure.key, at) or 0.0) for at in ends]
-            panel.plot(ends, limit, "--", color=COLOURS[1])
-    panel.set(xlabel="length, mm", ylabel="error, µm")
-    return figure

@@ -152,7 +152,7 @@ def test_a_bad_file_is_told_before_the_work(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["about.toml"]
 
 
-@pytest.mark.parametrize("text", ['document = ""', 'place = "' + "x" * 201 + '"', "operator = 3"])
+@pytest.mark.parametrize("text", ['document = ""', 'place = "' + "x" * 121 + '"', "operator = 3"])
 def test_an_entry_is_a_line_of_text(text: str, tmp_path: Path) -> None:
     path = tmp_path / "about.toml"
     path.write_text(text)

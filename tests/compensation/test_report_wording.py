@@ -13,7 +13,7 @@ from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import session_facts
 from armd.compensation.report.units import Unit
 from armd.compensation.report.verification import NO_LENGTH, _results
-from armd.compensation.verify.figures import Deviation, Figure
+from armd.compensation.verify.results import Deviation, Figure
 from armd.compensation.verify.verdict import Judged
 from support import synthetic
 from support.small_arm import small_arm

@@ -15,8 +15,9 @@ from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.compensation.report.verification import verification_report
-from armd.compensation.verify.figures import Figure, Verification, figures_of
+from armd.compensation.verify.figures import figures_of
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
+from armd.compensation.verify.results import Figure, Verification
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import BadInput

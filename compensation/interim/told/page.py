@@ -18,6 +18,7 @@ from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
 from armd.compensation.interim.told.result import in_words
 from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, instants
+from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.drawing import COLOURS, one_drawing
 from armd.compensation.report.head import head
 from armd.compensation.report.page import Page, report_number
@@ -62,6 +63,7 @@ def interim_page(
     page.figure(
         _residuals(checks, unit), f"Residuals of each check under the calibration, {unit.name} RMS"
     )
+    add_coverage(page, arm, sessions)
     page.signatures("Checked by")
     page.appendix()
     for epoch in judgement.epochs:
