@@ -18,7 +18,7 @@ from armd.compensation.report.page import Page
 #: More places than this are told apart by colour alone.
 MOST_NAMED = 8
 GREY = "#8c959f"
-HEIGHT_IN = 2.9
+HEIGHT_IN = 2.6
 
 
 def add_coverage(page: Page, arm: Arm, sessions: Sequence[Session]) -> None:

@@ -17,7 +17,7 @@ from armd.compensation.report.finding import add_finding
 from armd.compensation.report.gains import draw_gains, name_finding
 from armd.compensation.report.head import head
 from armd.compensation.report.page import Page
-from armd.compensation.report.predictive_plot import draw_overview, draw_rows, of_finding
+from armd.compensation.report.predictive_plot import draw_rows, of_finding, overview
 from armd.compensation.report.sessions import InputFile, origin
 from armd.compensation.report.units import Unit, units_of
 from armd.terminal.counted import counted
@@ -26,7 +26,8 @@ from armd.terminal.counted import counted
 NO_CAUSES = ("artefact_moved", "outliers", "unknown")
 #: Findings in the table before the appendix.
 MOST_FINDINGS = 6
-#: Four of them and the coverage are a page.
+#: So many rows of curves and the coverage are a page.
+MOST_ROWS = 3
 OVERVIEW_ROW_IN = 1.75
 GAINS = "3-D RMS on held-out readings, as one finding after another is added"
 #: As docs/diagnosis-how.md has it at length.
@@ -63,6 +64,7 @@ def diagnosis_report(
     page.appendix()
     page.text(RULE)
     _model_under_test(page, diagnosis, result)
+    _rest_of_overview(page, comparisons, units.angle)
     touched = len(diagnosis.touched)  # they stand first among the findings
     for number, finding in enumerate(result["findings"][:touched], 1):
         page.heading(f"{number}. {name_finding(finding)}")
@@ -186,6 +188,23 @@ def _model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) 
         )
 
 
+def _most_telling(comparisons: Sequence[ResidualComparison]) -> list[ResidualComparison]:
+    """Of the overview those that noise explains least, in the overview's order."""
+    shown = overview(comparisons)
+    kept = sorted(shown, key=lambda one: (one.before.p_value, -one.before.outside))[:MOST_ROWS]
+    return [one for one in shown if any(one is own for own in kept)]
+
+
+def _rest_of_overview(page: Page, comparisons: Sequence[ResidualComparison], unit: Unit) -> None:
+    if not comparisons:
+        return
+    told = _most_telling(comparisons)
+    if rest := [one for one in overview(comparisons) if all(one is not own for own in told)]:
+        names = ", ".join(one.bins.variable for one in rest)
+        page.heading(f"Measured against simulated: {names}")
+        page.figure(draw_rows(rest, unit), f"Mean residual along a joint's motion over {names}")
+
+
 def _measured_against_simulated(
     page: Page, comparisons: Sequence[ResidualComparison], unit: Unit
 ) -> None:
@@ -194,9 +213,9 @@ def _measured_against_simulated(
         return
     page.heading("Measured against simulated")
     page.figure(
-        draw_overview(comparisons, unit, OVERVIEW_ROW_IN),
+        draw_rows(_most_telling(comparisons), unit, OVERVIEW_ROW_IN),
         f"Mean residual along a joint's motion, {unit.name} at that joint: of joint angles, "
-        "temperatures, time and placements what leaves its band most",
+        "temperatures, time and placements what leaves its band most; the rest in the appendix",
     )
     draws = min(comparisons[0].before.draws, comparisons[0].after.draws)
     page.text(

@@ -24,12 +24,10 @@ ROW_IN = 2.3
 GREY = "#8c959f"
 
 
-def draw_overview(
-    comparisons: Sequence[ResidualComparison], unit: Unit = SECONDS, row_in: float = ROW_IN
-) -> Figure:
+def draw_overview(comparisons: Sequence[ResidualComparison]) -> Figure:
     """Draw of joint angles, temperatures, time and placements what leaves its band most, each under
     the model under test (left) and with the findings (right)."""
-    return draw_rows([*overview(comparisons)], unit, row_in)
+    return draw_rows([*overview(comparisons)])
 
 
 def overview(comparisons: Sequence[ResidualComparison]) -> Sequence[ResidualComparison]:

@@ -126,7 +126,7 @@ def test_seats_and_spheres_show_their_points() -> None:
     assert figure is not None
     ends = next(line for line in figure.axes[0].lines if line.get_marker() == "o")
     assert ends.get_xydata() == pytest.approx(1e3 * offsets[:, :2])
-    directions = rng.normal(size=(25, 3)) + [0.0, 0.0, 2.0]
+    directions = rng.normal(size=(25, 3)) + np.array([0.0, 0.0, 2.0])
     points = 12.5 * directions / np.linalg.norm(directions, axis=1)[:, None]
     points[3] *= 1.0 + 0.02 / 12.5
     sphere = Deviation("SPHERE1", 0.02, 0.0, offsets_mm=points)
