@@ -41,6 +41,7 @@ FILES = {
     "'armd.daemon/1'": "an armd.toml",
     "'armd.session/1'": "a session.toml",
     "'armd.mpe/1'": "limits for armd verify",
+    "'armd.about/1'": "the head of a report",
     "'armd.scenario/1'": "a scenario of armd simulate",
     "'armd.calibration/1'": "a calibration",
     "'armd.diagnosis/1'": "the result of armd diagnose",

@@ -27,6 +27,7 @@ from armd.offline.arrow_table import ArrowTable
 from armd.offline.display import Displayed, Facts
 
 if TYPE_CHECKING:  # which take long to load
+    from armd.compensation.report.about import About
     from armd.offline.identified import Identified
 
 
@@ -146,13 +147,15 @@ class Calibration(Displayed):
 
         write_page(Path(path), self.page(self.path.name))
 
-    def page(self, written: str) -> str:
-        """Return the report, which calls the calibration's file *written*. Not public."""
+    def page(self, written: str, about: About | None = None) -> str:
+        """Return the report, which calls the calibration's file *written*; *about* is for its
+        head. Not public."""
         from armd.offline.pages import draw_calibration_page
 
         if self.identified is None:
             raise ArmdError(f"{self.path}: no report: its sessions are not at hand")
-        return draw_calibration_page(self.identified, replace(self.loaded, path=Path(written)))
+        loaded = replace(self.loaded, path=Path(written))
+        return draw_calibration_page(self.identified, loaded, about)
 
     def for_arm(self, arm: Arm) -> LoadedCalibration:
         """Return what armd's own functions take; raises `BadInput` for another arm. Not public."""

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from armd.compensation.report.about import About
+
 COMMAND = "armd.diagnose"
 
 
@@ -130,13 +132,13 @@ class Diagnosis(Displayed):
 
         write_page(Path(path), self.page(self._result))
 
-    def page(self, result: dict[str, Any]) -> str:
-        """Return the report; *result* is what `to_dict` has. Not public."""
+    def page(self, result: dict[str, Any], about: About | None = None) -> str:
+        """Return the report; *result* is what `to_dict` has, *about* for its head. Not public."""
         from armd.compensation.report.diagnosis import diagnosis_report
         from armd.offline.pages import list_inputs
 
         files = list_inputs(self._arm, self._calibration)
-        return diagnosis_report(self.details, result, files, self.comparisons)
+        return diagnosis_report(self.details, result, files, self.comparisons, about)
 
     def _place(self, finding: int) -> int:
         index = finding - len(self.details.touched)  # they are listed first

@@ -12,6 +12,7 @@ from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.model.calibration import LoadedCalibration
+from armd.compensation.report.about import About
 from armd.compensation.verify.figures import figures_of, positions_of
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
 from armd.compensation.verify.verdict import Verdict, judge
@@ -58,8 +59,8 @@ class VerificationResult(Reported):
         """Return what `armd verify --json` writes; lengths in mm."""
         return self.details.as_json()
 
-    def page(self) -> str:
-        """Return the report. Not public."""
+    def page(self, about: About | None = None) -> str:
+        """Return the report; *about* is for its head. Not public."""
         from armd.compensation.report.sessions import InputFile
         from armd.compensation.report.verification import verification_report
         from armd.offline.pages import hash_data, list_inputs
@@ -68,7 +69,7 @@ class VerificationResult(Reported):
         mpe = self._mpe
         is_data = isinstance(mpe, Mapping)
         files["limits"] = hash_data("as data", dict(mpe)) if is_data else InputFile.read(mpe)  # type: ignore[arg-type]
-        return verification_report(self.details, self._session, self._arm.content, files)
+        return verification_report(self.details, self._session, self._arm.content, files, about)
 
     def _shown(self) -> tuple[str, Facts]:
         facts = [

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import (
     AfterValidator,
     AwareDatetime,
+    BeforeValidator,
     Field,
     ValidationInfo,
     field_validator,
@@ -38,6 +39,23 @@ OF_A_VERIFICATION = re.compile(
 AngleUnit = Literal["rad", "deg", "count"]
 SurfaceKind = Literal["plane", "sphere", "cylinder"]
 Name = Annotated[str, Field(min_length=1)]
+
+
+def _is_day(text: str) -> str:
+    """*text*, if it is a day of the calendar; raises `ValueError` with what is expected."""
+    try:
+        datetime.date.fromisoformat(text)
+    except ValueError:
+        raise ValueError("a day as 2027-03-01") from None
+    return text
+
+
+#: A day as text; TOML's own dates are taken too.
+Day = Annotated[
+    str,
+    BeforeValidator(lambda day: day.isoformat() if type(day) is datetime.date else day),
+    AfterValidator(_is_day),
+]
 
 
 def measured_at(instant: datetime.datetime) -> datetime.datetime:
@@ -96,6 +114,7 @@ class Artefact(Strict):
 
     name: Name
     certificate: Name | None = None  # number of the certificate its positions come from
+    certificate_valid_until: Day | None = None  # last day; reports name it
     expansion_per_k: Annotated[float, Field(ge=-1e-3, le=1e-3)] = 0.0
     reference_temperature_c: float = 20.0
     distances: Annotated[list[Distance], Field(alias="distance")] = []

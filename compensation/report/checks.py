@@ -43,10 +43,10 @@ def draw_by_verdict(panel: Axes, checks: Sequence[dict[str, Any]], values: Seque
 
 
 def draw_statistics(checks: Sequence[dict[str, Any]]) -> Figure:
-    figure, panel = one_drawing()
+    figure, panel = one_drawing(2.8)
     # Beyond its limit a statistic grows with every check: what matters is where it passes.
     draw_by_verdict(panel, checks, [min(c["statistic"], 4 * c["limit"]) for c in checks])
     panel.axhline(checks[0]["limit"], linestyle="--", color="black", label="limit")
-    panel.set_ylabel("statistic (natural logarithm; cut at 4 limits)")
+    panel.set_ylabel("log statistic (cut at 4 limits)")
     panel.legend(frameon=False)
     return figure

@@ -10,21 +10,26 @@ import numpy as np
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.predictive.curves import ResidualComparison
 from armd.compensation.diagnose.told.verdict import um
+from armd.compensation.report.about import About
+from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.drawing import one_drawing
+from armd.compensation.report.finding import add_finding
 from armd.compensation.report.gains import draw_gains, name_finding
+from armd.compensation.report.head import head
 from armd.compensation.report.page import Page
-from armd.compensation.report.predictive_plot import draw_overview, draw_rows, of_finding
-from armd.compensation.report.sessions import NOT_STATED, InputFile, origin
-from armd.compensation.report.signature_plot import signature_plot
-from armd.compensation.wording import ARC_SECOND, clock
+from armd.compensation.report.predictive_plot import draw_rows, of_finding, overview
+from armd.compensation.report.sessions import InputFile, origin
+from armd.compensation.report.units import Unit, units_of
 from armd.terminal.counted import counted
-
-#: Units in which a person reads amplitudes.
-SMALL = {"rad": (1.0 / ARC_SECOND, "″"), "mm": (1e3, "µm")}
-
 
 #: What may be found without a cause that has a name and is in the arm or its setting-up.
 NO_CAUSES = ("artefact_moved", "outliers", "unknown")
+#: Findings in the table before the appendix.
+MOST_FINDINGS = 6
+#: So many rows of curves and the coverage are a page.
+MOST_ROWS = 3
+OVERVIEW_ROW_IN = 1.75
+GAINS = "3-D RMS on held-out readings, as one finding after another is added"
 #: As docs/diagnosis-how.md has it at length.
 RULE = (
     "Decision rule: a cause is reported where noise alone would reach its score, anywhere among the"
@@ -39,23 +44,36 @@ def diagnosis_report(
     result: dict[str, Any],
     files: Mapping[str, InputFile | None],
     comparisons: Sequence[ResidualComparison],
+    about: About | None = None,
 ) -> str:
     """The page; *result* is the diagnosis as its JSON has it, *files* arm and calibration;
     *comparisons* as `predictive.curves.compare` makes them."""
-    page = Page(f"Diagnosis of {diagnosis.arm.serial_number}")
-    page.verdict(*headline(result), None)  # a cause is no limit that was kept or not
+    arm, units = diagnosis.arm, units_of(diagnosis.arm)
+    sessions = [*diagnosis.sessions, *diagnosis.holdout]
+    page = Page(f"Diagnosis of {arm.serial_number}", arm.serial_number)
+    word, reason = headline(result)
+    page.verdict(  # a cause is no limit that was kept or not
+        word, page.in_brief("Verdict", reason), None, _key_sentence(result, units.length)
+    )
+    head(page, arm, sessions, about)
+    _at_a_glance(page, result, units.length)
+    add_coverage(page, arm, sessions)
+    _measured_against_simulated(page, comparisons, units.angle)
+    page.text(page.in_brief("Next experiment", f"Next: {result['next_experiment']}"))
+    page.signatures("Measured by", "Checked by")
+    page.appendix()
     page.text(RULE)
-    _at_a_glance(page, diagnosis, result)
-    _measured_against_simulated(page, comparisons)
+    _model_under_test(page, diagnosis, result)
+    _rest_of_overview(page, comparisons, units.angle)
     touched = len(diagnosis.touched)  # they stand first among the findings
     for number, finding in enumerate(result["findings"][:touched], 1):
         page.heading(f"{number}. {name_finding(finding)}")
         page.text(finding["reading"])
     for index, finding in enumerate(result["findings"][touched:][: len(diagnosis.found)]):
-        _finding(page, diagnosis, index, touched + index + 1, finding)
+        add_finding(page, diagnosis, index, touched + index + 1, finding)
         if shown := of_finding(comparisons, finding):
             caption = f"What the simulation gets wrong over {shown.bins.variable}, before and after"
-            page.figure(draw_rows([shown]), caption)
+            page.figure(draw_rows([shown], units.angle), caption)
     if diagnosis.outliers:
         page.heading("Readings that belong to no effect")
         page.table(
@@ -64,10 +82,7 @@ def diagnosis_report(
         )
     _what_stays(page, diagnosis, result)
     _cannot_tell(page, result)
-    page.heading("Next experiment")
-    page.text(result["next_experiment"])
-    origin(page, diagnosis.arm, [*diagnosis.sessions, *diagnosis.holdout], files)
-    page.signatures("Measured by", "Checked by")
+    origin(page, arm, sessions, files)
     return page.html()
 
 
@@ -111,9 +126,45 @@ def _told(finding: dict[str, Any]) -> str:
     return name_finding(finding) + (f" ({', '.join(doubts)})" if doubts else "")
 
 
-def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
-    if result["findings"]:
-        page.text(result["verdict"])
+def _key_sentence(result: dict[str, Any], unit: Unit) -> str:
+    """What the findings gain on readings that had no part in finding them, in one unit."""
+    findings = result["findings"]
+    before_mm = result["baseline"]["heldout_rms_um"] / 1e3
+    unit = unit.of(before_mm)
+    before = f"Held-out readings are missed by {unit.three_digits(before_mm)} (3-D RMS)"
+    if not findings:
+        return f"{before}."
+    after_mm = findings[-1]["gain"]["heldout_rms_um_after"] / 1e3
+    return f"{before}, with the findings by {unit.three_digits(after_mm)}."
+
+
+def _at_a_glance(page: Page, result: dict[str, Any], unit: Unit) -> None:
+    findings = result["findings"]
+    if findings:
+        page.table(
+            ["", "finding", "probability", f"held-out before, {unit.name}",
+             f"after, {unit.name}", "confirmed"],
+            [
+                [
+                    str(number),
+                    name_finding(one),
+                    f"{one['probability']:.3f}",
+                    unit.text(one["gain"]["heldout_rms_um_before"] / 1e3),
+                    unit.text(one["gain"]["heldout_rms_um_after"] / 1e3),
+                    "yes" if one["gain"]["shown"] else "no",
+                ]
+                for number, one in enumerate(findings[:MOST_FINDINGS], 1)
+            ],
+        )  # fmt: skip
+        if (more := len(findings) - MOST_FINDINGS) > 0:
+            page.text(f"{counted(more, 'further finding')}: Appendix.")
+        page.text(page.in_brief("Verdict in words", result["verdict"]))
+    figure, panel = one_drawing(2.2)
+    draw_gains(panel, result, unit)
+    page.figure(figure, GAINS)
+
+
+def _model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
     readings, sessions = sum(s.n for s in diagnosis.sessions), len(diagnosis.sessions)
     if diagnosis.holdout:
         held = sum(s.n for s in diagnosis.holdout)
@@ -130,25 +181,41 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
         f"{readings} readings in {counted(sessions, 'session')}. "
         f"Model under test: {model}. Held out: {heldout}."
     )
-    figure, panel = one_drawing()
-    draw_gains(panel, result)
-    page.figure(figure, "3-D RMS on held-out readings, µm, as one finding after another is added")
     if result["findings"]:
         page.text(
-            "Each bar has one finding more than the one before; whiskers: 95 % of its gain over "
-            "that one."
+            "Each point of the drawing of held-out readings has one finding more than the one "
+            "before; whiskers: 95 % of its gain over that one."
         )
 
 
-def _measured_against_simulated(page: Page, comparisons: Sequence[ResidualComparison]) -> None:
+def _most_telling(comparisons: Sequence[ResidualComparison]) -> list[ResidualComparison]:
+    """Of the overview those that noise explains least, in the overview's order."""
+    shown = overview(comparisons)
+    kept = sorted(shown, key=lambda one: (one.before.p_value, -one.before.outside))[:MOST_ROWS]
+    return [one for one in shown if any(one is own for own in kept)]
+
+
+def _rest_of_overview(page: Page, comparisons: Sequence[ResidualComparison], unit: Unit) -> None:
+    if not comparisons:
+        return
+    told = _most_telling(comparisons)
+    if rest := [one for one in overview(comparisons) if all(one is not own for own in told)]:
+        names = ", ".join(one.bins.variable for one in rest)
+        page.heading(f"Measured against simulated: {names}")
+        page.figure(draw_rows(rest, unit), f"Mean residual along a joint's motion over {names}")
+
+
+def _measured_against_simulated(
+    page: Page, comparisons: Sequence[ResidualComparison], unit: Unit
+) -> None:
     """What the simulation gets wrong stands out of the band; afterwards it lies inside."""
     if not comparisons:
         return
     page.heading("Measured against simulated")
     page.figure(
-        draw_overview(comparisons),
-        "Mean residual along a joint's motion, seconds of arc at that joint: of joint angles, "
-        "temperatures, time and placements what leaves its band most",
+        draw_rows(_most_telling(comparisons), unit, OVERVIEW_ROW_IN),
+        f"Mean residual along a joint's motion, {unit.name} at that joint: of joint angles, "
+        "temperatures, time and placements what leaves its band most; the rest in the appendix",
     )
     draws = min(comparisons[0].before.draws, comparisons[0].after.draws)
     page.text(
@@ -156,97 +223,6 @@ def _measured_against_simulated(page: Page, comparisons: Sequence[ResidualCompar
         "as the readings were; grey: some of them. A point outside of it is what the simulation "
         "gets wrong; 5 % lie there by chance. p: share of the sets with as much outside."
     )
-
-
-def _finding(
-    page: Page, diagnosis: Diagnosis, index: int, number: int, finding: dict[str, Any]
-) -> None:
-    page.heading(f"{number}. {name_finding(finding)}")
-    page.text(_sentence(finding["reading"]))
-    gain = finding["gain"]
-    low, high = gain["interval_um"]
-    page.text(
-        f"Held-out readings: {um(gain['heldout_rms_um_before'])} µm before, "
-        f"{um(gain['heldout_rms_um_after'])} µm after (95 % of the gain: {um(low)} to {um(high)} "
-        "µm)." + ("" if gain["shown"] else " They do not confirm it: a lead to follow, not a fact.")
-    )
-    page.text(
-        f"Why: {finding['reason']}. In these readings it moves the tip by "
-        f"{um(finding['tip_rms_um'])} µm (3-D RMS) that nothing else in the model takes up, "
-        f"{finding['signal_to_noise']:.1f} standard deviations out of the noise."
-    )
-    page.figure(
-        signature_plot(diagnosis, index),
-        f"What the readings show of {name_finding(finding)}, without everything else, and the fit",
-    )
-    _evidence(page, finding)
-    _explains(page, finding)
-    _amplitudes(page, finding)
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + "."
-
-
-def _evidence(page: Page, finding: dict[str, Any]) -> None:
-    if not finding["alternatives"]:
-        page.text(f"No other cause comes near (probability {finding['probability']:.3f}).")
-        return
-    rows = [[_cause(finding), finding["location"], f"{finding['probability']:.3f}", ""]]
-    rows += [
-        [_cause(a), a["location"], f"{a['probability']:.3f}", f"{a['angle_deg']:.0f}°"]
-        for a in finding["alternatives"]
-    ]
-    page.table(["cause", "where", "probability", "angle between signatures"], rows)
-    page.text(f"Easily confused with each other: {finding['confounded_with']}.")
-
-
-def _explains(page: Page, finding: dict[str, Any]) -> None:
-    """Predictive checks: the amplitude in parts of the readings."""
-    explains = finding["explains"]
-    if not explains or not explains["checks"]:
-        return
-    on = f" of what depends on {', '.join(explains['of'])}" if explains["of"] else ""
-    page.text(
-        f"It accounts for {100 * explains['share']:.0f} %{on}. Its amplitude in parts of the "
-        "readings, as a share of that in all of them (± standard uncertainty):"
-    )
-    rows = []
-    for check in explains["checks"]:
-        parts = [
-            f"{p['part']}: {p['amplitude_ratio']:.2f} ± {p['standard_uncertainty']:.2g}"
-            for p in check["parts"]
-        ]
-        rows.append([check["by"], "; ".join(parts), f"{check['p_value']:.2g}"])
-    page.table(["separated by", "amplitude", "p that it is the same"], rows)
-
-
-def _cause(row: dict[str, Any]) -> str:
-    return str(row["cause"].replace("_", " "))
-
-
-def _amplitudes(page: Page, finding: dict[str, Any]) -> None:
-    page.table(
-        ["amplitude", "value", "standard uncertainty", "unit"],
-        [_in_small_units(parameter) for parameter in finding["parameters"]],
-    )
-
-
-def _in_small_units(parameter: dict[str, Any]) -> list[str]:
-    """Angles in seconds of arc, lengths in µm; no uncertainty where none is stated."""
-    if parameter["unit"] == "s (Unix)":
-        return [parameter["name"], clock(parameter["value"]), NOT_STATED, ""]
-    scale, unit = SMALL.get(parameter["unit"].split(" ")[0].split("/")[0], (1.0, ""))
-    rest = parameter["unit"].removeprefix(parameter["unit"].split(" ")[0].split("/")[0])
-    if rest == "/rad":  # the plot above has its axis in degrees
-        scale, rest = scale * float(np.radians(1.0)), "/°"
-    value, sigma = scale * parameter["value"], scale * parameter["standard_uncertainty"]
-    shown = unit + rest if unit else parameter["unit"]
-    if not sigma:
-        return [parameter["name"], f"{value:.10g}", NOT_STATED, shown]
-    digits = max(0, 1 - int(np.floor(np.log10(sigma))))
-    fine = f"{value:.{digits}f}" if digits < 6 else f"{value:.4g}"
-    return [parameter["name"], fine, f"{sigma:.2g}", shown]
 
 
 def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""What one finding after another gains on held-out readings, as bars."""
+"""What one finding after another gains on held-out readings, as points."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from armd.compensation.diagnose.told.verdict import um
+from armd.compensation.report.units import MICROMETRES, Unit
+
+#: Longer names of more findings would lie over each other.
+MOST_NAMED = 5
 
 
 def name_finding(finding: Mapping[str, Any]) -> str:
@@ -17,8 +20,8 @@ def name_finding(finding: Mapping[str, Any]) -> str:
     return f"{finding['cause'].replace('_', ' ')}{place}"
 
 
-def draw_gains(panel: Axes, result: Mapping[str, Any]) -> None:
-    """Draw held-out 3-D RMS in µm, before and after each finding of *result* (`diagnose --json`);
+def draw_gains(panel: Axes, result: Mapping[str, Any], unit: Unit = MICROMETRES) -> None:
+    """Draw held-out 3-D RMS, before and after each finding of *result* (`diagnose --json`);
     whiskers are 95 % of its gain, the dotted line is the noise alone."""
     baseline = result["baseline"]
     labels, values = ["model under test"], [baseline["heldout_rms_um"]]
@@ -30,11 +33,22 @@ def draw_gains(panel: Axes, result: Mapping[str, Any]) -> None:
         best, worst = (gain["heldout_rms_um_before"] - g for g in reversed(gain["interval_um"]))
         low.append(max(values[-1] - best, 0.0))
         high.append(max(worst - values[-1], 0.0))
-    bars = panel.bar(labels, values, width=0.55, yerr=[low, high], capsize=4)
-    panel.bar_label(bars, [um(value) for value in values], label_type="center", color="white")
-    panel.axhline(baseline["noise_floor_um"], linestyle=":", color="black")
+    factor = unit.per_base / 1e3
+    values, low, high = ([factor * one for one in own] for own in (values, low, high))
+    places = range(len(labels))
+    panel.errorbar(places, values, yerr=[low, high], fmt="o", capsize=4)
+    for place, value in zip(places, values, strict=True):
+        panel.annotate(
+            f"{value:.{unit.decimals}f}", (place, value), xytext=(7, 0), textcoords="offset points"
+        )
+    short = len(labels) > MOST_NAMED  # the table above has their names
+    panel.set_xticks(places, [f"+ {i}." if i else labels[0] for i in places] if short else labels)
+    panel.set_xlim(-0.5, len(labels) - 0.5)
+    panel.set_ylim(0.0, 1.15 * max(value + more for value, more in zip(values, high, strict=True)))
+    floor = factor * baseline["noise_floor_um"]
+    panel.axhline(floor, linestyle=":", color="black")
     panel.annotate(
-        "noise alone", (1.0, baseline["noise_floor_um"]), xycoords=("axes fraction", "data"),
+        "noise alone", (1.0, floor), xycoords=("axes fraction", "data"),
         ha="right", va="bottom", bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7},
     )  # fmt: skip
-    panel.set_ylabel("3-D RMS on held-out readings, µm")
+    panel.set_ylabel(f"3-D RMS held-out, {unit.name}")

@@ -13,50 +13,67 @@ from matplotlib.figure import Figure
 
 from armd import __version__
 from armd.compensation.report.drawing import svg
+from armd.compensation.report.style import STYLE, footer_style
 
-STYLE = """
-:root { color-scheme: light dark; --ink: #1b1f24; --paper: #fff; --line: #d8dee4; --head: #f3f5f7;
-        --good: #116329; --bad: #a40e26; --neutral: #57606a; }
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 68rem; margin: 2rem auto; padding: 0 1rem;
-       color: var(--ink); background: var(--paper); overflow-wrap: anywhere; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
-.wide { overflow-x: auto; }
-table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums; }
-th, td { padding: .15rem .7rem; border-bottom: 1px solid var(--line); text-align: right; }
-th, td { overflow-wrap: normal; } td.long { overflow-wrap: anywhere; }
-th { background: var(--head); } th:first-child, td:first-child { text-align: left; }
-td.text, th.text { text-align: left; }
-figure { margin: .8rem 0; } figure svg { width: 100%; height: auto; max-width: 60rem; }
-figcaption { color: var(--neutral); }
-.verdict { margin: 1.2rem 0; padding: .6rem 1.2rem; border: .35rem solid; border-radius: .4rem; }
-.verdict b { display: block; font-size: clamp(2.2rem, 9vw, 4.5rem); line-height: 1.15; }
-.good { color: var(--good); } .bad { color: var(--bad); } .neutral { color: var(--neutral); }
-.sign { display: flex; flex-wrap: wrap; gap: 2.5rem; margin-top: 3.5rem; }
-.sign div { flex: 1 1 14rem; border-top: 1px solid var(--ink); padding-top: .3rem; }
-@media screen and (prefers-color-scheme: dark) {
-  :root { --ink: #e6edf3; --paper: #0d1117; --line: #30363d; --head: #161b22;
-          --good: #56d364; --bad: #ff7b72; --neutral: #9198a1; }
-  figure svg { filter: invert(.9) hue-rotate(180deg); } }
-@media print {
-  :root { color-scheme: light; }
-  body { font-size: 10pt; max-width: none; margin: 0; padding: 0; }
-  h2 { break-after: avoid; } tr, figure, .verdict, .sign { break-inside: avoid; }
-  thead { display: table-header-group; } .wide { overflow: visible; }
-  table { font-size: 8pt; } th, td { padding: .1rem .3rem; overflow-wrap: anywhere; } }
-@page { margin: 18mm 15mm; @bottom-right { content: counter(page) " / " counter(pages); } }
-"""
+#: Stands above what is not needed to decide.
+APPENDIX = "Appendix"
+#: Of a list or a sentence that is shown in brief; the appendix has the rest.
+MOST_ITEMS = 6
+MOST_LETTERS = 420
+FAINT_ROW = '<tr class="faint">'
 
 
 class Page:
     """Collects blocks in order; `html()` is the whole file."""
 
-    def __init__(self, title: str) -> None:
+    def __init__(self, title: str, footer: str = "") -> None:
+        """*footer* stands at the foot of each printed page, beside its number."""
         self.title = title
+        self._footer = footer or title
         self._blocks = [f"<h1>{html.escape(title)}</h1>"]
         self._figures = 0
+        self._level = 2
+        self._put_off: list[tuple[str, list[str]]] = []
 
     def heading(self, text: str) -> None:
-        self._blocks.append(f"<h2>{html.escape(text)}</h2>")
+        self._blocks.append(f"<h{self._level}>{html.escape(text)}</h{self._level}>")
+
+    def head(self, rows: Sequence[tuple[str, str | None]]) -> None:
+        """The block of facts that a document begins with; None is a line to be filled by hand."""
+        inner = "".join(
+            f"<div><dt>{html.escape(name)}</dt>"
+            + (f"<dd>{html.escape(value)}</dd></div>" if value else '<dd class="blank"></dd></div>')
+            for name, value in rows
+        )
+        self._blocks.append(f'<dl class="head">{inner}</dl>')
+
+    def appendix(self) -> None:
+        """What follows is not needed to decide; on paper it begins a page."""
+        self._blocks.append(f'<h2 class="appendix" id="appendix">{APPENDIX}</h2>')
+        self._level = 3
+        for title, lines in self._put_off:
+            self.heading(title)
+            self.items(lines)
+        self._put_off = []
+
+    def items_in_brief(self, title: str, lines: Sequence[str], most: int = MOST_ITEMS) -> None:
+        """A list under *title*, shortened before the appendix, which then has it in full."""
+        if not lines:
+            return
+        self.heading(title)
+        shown = [shorten(line) for line in lines[:most]]
+        if shown != list(lines):
+            self._put_off.append((title, list(lines)))
+        if len(lines) > most:
+            shown.append(f"{len(lines) - most} more: {APPENDIX}.")
+        self.items(shown)
+
+    def in_brief(self, title: str, text: str) -> str:
+        """*text*, shortened before the appendix, which then has it in full under *title*."""
+        if (short := shorten(text)) != text:
+            self._put_off.append((title, [text]))
+            return f"{short} ({APPENDIX})"
+        return text
 
     def text(self, text: str) -> None:
         self._blocks.append(f"<p>{html.escape(text)}</p>")
@@ -66,22 +83,35 @@ class Page:
         inner = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
         self._blocks.append(f"<ul>{inner}</ul>")
 
-    def verdict(self, word: str, reason: str, good: bool | None) -> None:
-        """One word that can be read from across the room, and why; None is neither."""
+    def verdict(self, word: str, reason: str, good: bool | None, key: str = "") -> None:
+        """One word that can be read from across the room, and why; None is neither.
+
+        *key* is the one sentence that a reader takes with him.
+        """
         kind = {True: "good", False: "bad", None: "neutral"}[good]
+        sentence = f'<p class="key">{html.escape(key)}</p>' if key else ""
         self._blocks.append(
             f'<div class="verdict {kind}" role="status"><b>{html.escape(word)}</b>'
-            f"{html.escape(reason)}</div>"
+            f"{html.escape(reason)}{sentence}</div>"
         )
 
-    def table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-        """Numbers stand as given: format them beforehand."""
+    def table(
+        self,
+        header: Sequence[str],
+        rows: Sequence[Sequence[object]],
+        faint: Sequence[bool] | None = None,
+    ) -> None:
+        """Numbers stand as given: format them beforehand. *faint* rows are greyed."""
         first = [_kind(value) for value in rows[0]] if rows else [""] * len(header)
         head = "".join(
             f"<th{kind}>{html.escape(name)}</th>" if name else "<td></td>"
             for name, kind in zip(header, first, strict=True)
         )
-        body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
+        marks = faint or [False] * len(rows)
+        body = "".join(
+            f"{FAINT_ROW if mark else '<tr>'}{''.join(map(_cell, row))}</tr>"
+            for row, mark in zip(rows, marks, strict=True)
+        )
         self._blocks.append(
             # What is wider than a phone scrolls, by the keyboard too.
             f'<div class="wide" tabindex="0"><table><thead><tr>{head}</tr></thead>'
@@ -125,7 +155,8 @@ class Page:
             f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">'
             f'<meta name="generator" content="armd">'
-            f"<title>{html.escape(self.title)}</title><style>{STYLE}</style></head>\n"
+            f"<title>{html.escape(self.title)}</title>"
+            f"<style>{STYLE}{footer_style(self._footer)}</style></head>\n"
             f"<body><main>{''.join(self._blocks)}</main></body></html>\n"
         )
 
@@ -142,6 +173,11 @@ def report_number(serial: str, *sha256: str) -> str:
     """The same inputs make the same number: the arm's serial and eight digits of their hashes."""
     digest = hashlib.sha256("".join(sorted(sha256)).encode()).hexdigest()
     return f"{serial}-{digest[:8]}"
+
+
+def shorten(text: str, most: int = MOST_LETTERS) -> str:
+    """The text, or its beginning where it is longer than *most* letters."""
+    return text if len(text) <= most else f"{text[: most - 1].rstrip()}…"
 
 
 def _cell(value: object) -> str:

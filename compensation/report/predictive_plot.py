@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from armd.compensation.diagnose.predictive.curves import ResidualComparison, ResidualCurve
 from armd.compensation.report.drawing import COLOURS, drawing
-from armd.compensation.wording import ARC_SECOND
+from armd.compensation.report.units import SECONDS, Unit
 
 #: More names than these have no room below an axis.
 MOST_LABELS = 24
@@ -58,14 +58,16 @@ def of_finding(
     return most_outside(found) if found else None
 
 
-def draw_rows(shown: Sequence[ResidualComparison]) -> Figure:
+def draw_rows(
+    shown: Sequence[ResidualComparison], unit: Unit = SECONDS, row_in: float = ROW_IN
+) -> Figure:
     """Draw comparisons below each other: before, and after."""
-    figure, axes = drawing(max(len(shown), 1), 2, ROW_IN * max(len(shown), 1))
+    figure, axes = drawing(max(len(shown), 1), 2, row_in * max(len(shown), 1))
     for row, one in enumerate(shown):
         pair = axes[2 * row : 2 * row + 2]
-        reach = max(_reach(one.before), _reach(one.after))
-        draw_curve(pair[0], one, one.before, "model under test")
-        draw_curve(pair[1], one, one.after, "with the findings")
+        reach = max(_reach(one.before), _reach(one.after)) * unit.per_base
+        draw_curve(pair[0], one, one.before, "model under test", unit)
+        draw_curve(pair[1], one, one.after, "with the findings", unit)
         for panel in pair:
             panel.set_ylim(-reach, reach)
     if shown:
@@ -74,13 +76,17 @@ def draw_rows(shown: Sequence[ResidualComparison]) -> Figure:
 
 
 def draw_curve(
-    panel: Axes, comparison: ResidualComparison, curve: ResidualCurve, name: str
+    panel: Axes,
+    comparison: ResidualComparison,
+    curve: ResidualCurve,
+    name: str,
+    unit: Unit = SECONDS,
 ) -> None:
     """Draw one comparison under one model on *panel*."""
     bins, x = comparison.bins, comparison.bins.middle
-    low, high, mean = (values / ARC_SECOND for values in (curve.low, curve.high, curve.mean))
+    low, high, mean = (values * unit.per_base for values in (curve.low, curve.high, curve.mean))
     panel.fill_between(x, low, high, color=COLOURS[5], alpha=0.35, linewidth=0, label="noise, 95 %")
-    for values in curve.sets / ARC_SECOND:
+    for values in curve.sets * unit.per_base:
         panel.plot(x, values, color=GREY, linewidth=0.5, alpha=0.6)
     line = "none" if bins.labels else "-"
     panel.plot(x, mean, color=COLOURS[0], linestyle=line, marker=".", label="measured")
@@ -89,7 +95,7 @@ def draw_curve(
     panel.axhline(0.0, color="black", linewidth=0.5)
     share, p = 100 * curve.outside, _p(curve)
     panel.set_title(f"{name}: {share:.0f} % outside, {p}", fontsize=9.0)
-    panel.set(xlabel=bins.title, ylabel=f"residual, joint {comparison.joint}, ″")
+    panel.set(xlabel=bins.title, ylabel=f"residual, joint {comparison.joint}, {unit.name}")
     if bins.labels:
         few = len(bins.labels) <= MOST_LABELS
         shown = [_short(label) for label in bins.labels] if few else []
@@ -104,7 +110,7 @@ def _p(curve: ResidualCurve) -> str:
 
 def _reach(curve: ResidualCurve) -> float:
     largest = np.max(np.abs([curve.low, curve.high, curve.mean]))
-    return 1.1 * float(largest) / ARC_SECOND + 1e-9
+    return 1.1 * float(largest) + 1e-15
 
 
 def _short(label: str) -> str:

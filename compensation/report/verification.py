@@ -4,84 +4,160 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from matplotlib.figure import Figure
-
 from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm
-from armd.compensation.report.drawing import COLOURS, one_drawing
+from armd.compensation.report import verification_figures as figures
+from armd.compensation.report.about import About
+from armd.compensation.report.coverage import add_coverage
+from armd.compensation.report.head import head
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import InputFile, origin
-from armd.compensation.verify.limits import PermissibleErrors
+from armd.compensation.report.units import Unit, units_of
+from armd.compensation.verify.figures import TESTS
 from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged, Verdict
+from armd.terminal.counted import counted
 
-#: Of fewer results a table says as much.
-WORTH_A_DRAWING = 4
+#: The figures of both standards.
+ALL_FIGURES = sum(len(keys) for keys in TESTS)
 #: Stands where a result has no certified length.
 NO_LENGTH = "–"
 
 
 def verification_report(
-    verdict: Verdict, session: Session, arm: Arm, files: Mapping[str, InputFile | None]
+    verdict: Verdict,
+    session: Session,
+    arm: Arm,
+    files: Mapping[str, InputFile | None],
+    about: About | None = None,
 ) -> str:
     """HTML text of the report; *files*: arm, calibration and limits, None where there is none."""
-    page = Page(f"Verification of arm {arm.serial_number}")
-    _verdict(page, verdict)
+    page, unit = Page(f"Verification of arm {arm.serial_number}", arm.serial_number), _unit(arm)
+    _verdict(page, verdict, unit)
+    head(page, arm, [session], about)
     page.text(f"Decision rule: {verdict.rule}.")
     page.table(
-        [
-            "figure", "standard", "largest, µm", "at", "deciding, µm", "at", "MPE, µm", "U, µm",
-            "outcome",
-        ],
-        [_row(item) for item in verdict.judged],
+        ["figure", "standard", f"deciding, {unit.name}", "at", f"MPE, {unit.name}",
+         f"U, {unit.name}", "outcome"],
+        [_row(item, unit) for item in verdict.judged],
     )  # fmt: skip
+    untested = [f"{key}: {reason}" for key, reason in verdict.not_tested.items()]
+    page.items_in_brief("Not tested, though it has a limit", untested)
+    page.items_in_brief("Remarks", verdict.remarks)
+    for item in verdict.judged:
+        if item.figure.key == "e_uni":
+            _lengths(page, item, verdict, unit)
+    add_coverage(page, arm, [session])
+    page.signatures("Measured by", "Checked by")
+    page.appendix()
+    _explained(page, verdict, unit)
+    for item in verdict.judged:
+        page.heading(f"{item.figure.name}: every result")
+        _draw(page, item, verdict, unit)
+        page.table(
+            ["result", "length, mm", f"error, {unit.name}", f"U (k = 2), {unit.name}"],
+            _results(item, unit),
+        )
+    origin(page, arm, [session], files)
+    return page.html()
+
+
+def _lengths(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
+    page.figure(
+        figures.lengths(item, verdict.limits, unit),
+        f"{item.figure.name}: error of each length with ± U (k = 2), {unit.name}; a colour for"
+        " each placement; green: within the MPE",
+    )
+
+
+def _draw(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
+    """The drawing that suits the figure, if one says more than its table."""
+    name = item.figure.name
+    if item.figure.key == "spat_max" and (figure := figures.rosettes(item, unit)):
+        caption = f"{name}: each articulation about the mean of its seat; dashed: the MPE"
+        page.figure(figure, f"{caption}; above: x and y, below: x and z")
+    elif item.figure.key == "p_form" and (figure := figures.sphere_form(item, unit)):
+        page.figure(figure, f"{name}: each point's distance from the fitted sphere, {unit.name}")
+    elif item.figure.key == "volumetric_max":
+        _lengths(page, item, verdict, unit)
+
+
+def _unit(arm: Arm) -> Unit:
+    return units_of(arm).length
+
+
+def _verdict(page: Page, verdict: Verdict, unit: Unit) -> None:
+    if verdict.limits is None:
+        reason = "No limits were given: the figures below are not judged."
+        page.verdict("NO VERDICT", reason, None)
+        return
+    covered = len(verdict.covered)
+    whole = "full test" if covered == ALL_FIGURES else "partial test"
+    page.verdict(
+        "ACCEPTED" if verdict.passed else "NOT ACCEPTED",
+        f"{covered} of {ALL_FIGURES} figures, {whole}",
+        verdict.passed,
+        _key_sentence(verdict, unit),
+    )
+
+
+def _key_sentence(verdict: Verdict, unit: Unit) -> str:
+    """What decides: the figure nearest its limit, or farthest beyond it."""
+    decided = [item for item in verdict.judged if item.limit_mm]
+    failed = [item for item in decided if item.outcome != "conforms"]
+    if not decided:
+        return "No figure with a limit was tested."
+    worst = max(failed or decided, key=lambda item: abs(item.deciding.value_mm) / _limit(item))
+    value_mm, limit_mm = worst.deciding.value_mm, _limit(worst)
+    unit = unit.of(value_mm, limit_mm)
+    found = f"{unit.three_digits(value_mm, '+')} of {unit.three_digits(limit_mm)} permitted"
+    if failed:
+        return f"{worst.figure.name} {_outcome(worst)}: {found}."
+    if missing := len(verdict.not_tested):
+        was = "was" if missing == 1 else "were"
+        return f"{counted(missing, 'figure')} with a limit {was} not tested."
+    return f"{worst.figure.name} is nearest its limit: {found}."
+
+
+def _limit(item: Judged) -> float:
+    return item.limit_mm or 1.0
+
+
+def _outcome(item: Judged) -> str:
+    return "is not proven" if item.outcome == "not proven" else item.outcome
+
+
+def _explained(page: Page, verdict: Verdict, unit: Unit) -> None:
+    page.text(f"The verdict in full: {verdict.in_words}.")
     page.text(
-        "Largest: the largest in size. Deciding: nearest its limit or farthest beyond it. Limits"
+        "Deciding: nearest its limit or farthest beyond it; largest: the largest in size. Limits"
         " and uncertainties may differ from one result to the next; those shown are the deciding"
         " result's own. U: expanded uncertainty (k = 2) of the test, not of the arm, from the"
         " certified lengths, the artefact's temperature, the form of sphere and seat."
     )
+    page.table(
+        ["figure", f"largest, {unit.name}", "at"],
+        [
+            [item.figure.name, unit.text(item.figure.worst.value_mm, "+"), item.figure.worst.where]
+            for item in verdict.judged
+        ],
+    )
     untested = [
-        f"{key}: {'though it has a limit: ' * (key in verdict.not_tested)}{reason}"
+        f"{key}: {reason}"
         for key, reason in verdict.verification.left_out.items()
+        if key not in verdict.not_tested
     ]
     if untested:
         page.heading("Not tested")
         page.items(untested)
-    if verdict.remarks:
-        page.heading("Remarks")
-        page.items(verdict.remarks)
-    for item in verdict.judged:
-        page.heading(f"{item.figure.name}: every result")
-        if len(item.figure.deviations) >= WORTH_A_DRAWING:
-            page.figure(
-                _by_length(item, verdict.limits),
-                f"{item.figure.name}: error of each result over its length, µm; dashed: the MPE",
-            )
-        page.table(["result", "length, mm", "error, µm", "U (k = 2), µm"], _results(item))
-    offset = ", ".join(f"{value:g}" for value in arm.tip.offset_mm)
-    facts = {"tip as arm.toml has it": f"{offset} mm, radius {arm.tip.radius_mm:g} mm"}
-    if not files.get("calibration"):
-        facts["calibration"] = "none: nominal geometry of arm.toml"
-    origin(page, arm, [session], files, facts)
-    page.signatures("Measured by", "Checked by")
-    return page.html()
 
 
-def _verdict(page: Page, verdict: Verdict) -> None:
-    word, _, reason = verdict.in_words.partition(" ")
-    if verdict.limits is None:
-        page.verdict("NO VERDICT", "No limits were given: the figures below are not judged.", None)
-    else:
-        page.verdict(word.rstrip(":"), reason, verdict.passed)
-
-
-def _results(item: Judged) -> list[list[str]]:
+def _results(item: Judged, unit: Unit) -> list[list[str]]:
     return [
         [
             deviation.where,
             f"{deviation.length_mm:.3f}" if deviation.length_mm else NO_LENGTH,
-            f"{1e3 * deviation.value_mm:+.2f}",
-            f"{1e3 * COVERAGE_FACTOR * deviation.standard_uncertainty_mm:.2f}"
+            unit.text(deviation.value_mm, "+"),
+            unit.text(COVERAGE_FACTOR * deviation.standard_uncertainty_mm)
             if deviation.standard_uncertainty_mm
             else NOT_STATED,
         ]
@@ -89,31 +165,14 @@ def _results(item: Judged) -> list[list[str]]:
     ]
 
 
-def _row(item: Judged) -> list[str]:
+def _row(item: Judged, unit: Unit) -> list[str]:
+    known = item.uncertainty_stated
     return [
         item.figure.name,
         item.figure.standard,
-        f"{1e3 * item.figure.worst.value_mm:+.2f}",
-        item.figure.worst.where,
-        f"{1e3 * item.deciding.value_mm:+.2f}",
+        unit.text(item.deciding.value_mm, "+"),
         item.deciding.where,
-        "" if item.limit_mm is None else f"{1e3 * item.limit_mm:.2f}",
-        item.uncertainty_um(2).removesuffix(" µm"),
+        "" if item.limit_mm is None else unit.text(item.limit_mm),
+        unit.text(item.expanded_uncertainty_mm) if known else NOT_STATED,
         item.outcome,
     ]
-
-
-def _by_length(item: Judged, limits: PermissibleErrors | None) -> Figure:
-    lengths = [deviation.length_mm for deviation in item.figure.deviations]
-    figure, panel = one_drawing()
-    panel.plot(
-        lengths, [1e3 * deviation.value_mm for deviation in item.figure.deviations], "o",
-        markersize=4,
-    )  # fmt: skip
-    if limits is not None and item.limit_mm is not None:
-        ends = [min(lengths), max(lengths)]
-        for sign in (-1, 1):
-            limit = [sign * 1e3 * (limits.mpe.of(item.figure.key, at) or 0.0) for at in ends]
-            panel.plot(ends, limit, "--", color=COLOURS[1])
-    panel.set(xlabel="length, mm", ylabel="error, µm")
-    return figure

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -26,42 +25,11 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.verify import single
 from armd.compensation.verify.limits import TestUncertainty
+from armd.compensation.verify.results import Deviation, Figure, Verification
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
 
 ISO, ASME = "ISO 10360-12:2016", "ASME B89.4.22-2004"
 SPHERE = ("SPHERE.a", "SPHERE.b")
-
-
-@dataclass(frozen=True)
-class Deviation:
-    """One result: a signed error or a spread, with the test's own standard uncertainty."""
-
-    where: str
-    value_mm: float
-    standard_uncertainty_mm: float
-    length_mm: float = 0.0
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One figure of a standard; each of its deviations has to lie within the limit."""
-
-    key: str  # as in mpe.toml, without _mm
-    name: str  # as the standard calls it
-    standard: str
-    deviations: tuple[Deviation, ...]
-
-    @property
-    def worst(self) -> Deviation:
-        return max(self.deviations, key=lambda deviation: abs(deviation.value_mm))
-
-
-@dataclass(frozen=True)
-class Verification:
-    figures: tuple[Figure, ...]
-    left_out: dict[str, str]  # figure key → why
-    remarks: tuple[str, ...]
-    far_off: tuple[str, ...] = ()  # readings far off, in words; they count
 
 
 class NotSupported(Exception):
@@ -213,7 +181,8 @@ def _probing(readings: _Readings) -> Iterator[Figure]:
         error = 2 * (radius - readings.tip_radius_mm) - diameter
         size.append(Deviation(where, error, uncertainty))
         spread = float(distance.max() - distance.min())
-        form.append(Deviation(where, spread, readings.test.sphere_form_mm))
+        offsets = points - centre
+        form.append(Deviation(where, spread, readings.test.sphere_form_mm, offsets_mm=offsets))
     yield Figure("p_size", "P_Size", ISO, tuple(size))
     yield Figure("p_form", "P_Form", ISO, tuple(form))
 
@@ -244,7 +213,8 @@ def _lengths(readings: _Readings) -> Iterator[Figure]:
             for repeat in range(3):
                 measured = float(np.linalg.norm(end[repeat] - start[repeat]))
                 where = f"{placement} L{i} repeat {repeat + 1}"
-                deviations.append(Deviation(where, measured - length, uncertainty, length))
+                error = measured - length
+                deviations.append(Deviation(where, error, uncertainty, length, placement))
     yield Figure("e_uni", "E_Uni", ISO, tuple(deviations))
 
 
@@ -270,9 +240,11 @@ def _articulation(readings: _Readings) -> Iterator[Figure]:
             if readings.whole:
                 raise NotSupported(missing[0])
             continue
-        distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
+        offsets = points - points.mean(axis=0)
+        distance = np.linalg.norm(offsets, axis=1)
         deviation = math.sqrt(float((distance**2).sum()) / (len(points) - 1))
-        largest.append(Deviation(seat, float(distance.max()), readings.test.seat_mm))
+        farthest = float(distance.max())
+        largest.append(Deviation(seat, farthest, readings.test.seat_mm, offsets_mm=offsets))
         spread.append(Deviation(seat, 2 * deviation, readings.test.seat_mm))
         if not readings.whole:  # of points alone: the figure that the makers' own routines show
             half = ", ".join(f"{x:.1f}" for x in 500.0 * np.ptp(points, axis=0))
@@ -295,7 +267,8 @@ def _volumetric(readings: _Readings) -> Iterator[Figure]:
                 continue
             length, uncertainty = readings.length(distance, placement)
             measured = float(np.linalg.norm(ends[1].mean(axis=0) - ends[0].mean(axis=0)))
-            deviations.append(Deviation(placement, measured - length, uncertainty, length))
+            error = measured - length
+            deviations.append(Deviation(placement, error, uncertainty, length, placement))
     if len(deviations) < 20:
         raise NotSupported(f"{len(deviations)} of 20 placements of the bars BARS and BARL")
     values = np.array([deviation.value_mm for deviation in deviations])

@@ -12,8 +12,9 @@ from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
-from armd.compensation.verify.figures import Verification, figures_of
+from armd.compensation.verify.figures import figures_of
 from armd.compensation.verify.limits import TestUncertainty
+from armd.compensation.verify.results import Verification
 from armd.errors import BadInput
 from armd.terminal.suggest import hint
 

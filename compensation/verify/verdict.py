@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from armd.compensation.identify.admission.mistakes import LENGTHS_MM
-from armd.compensation.verify.figures import Deviation, Figure, Verification
 from armd.compensation.verify.limits import PermissibleErrors
+from armd.compensation.verify.results import Deviation, Figure, Verification
 
 COVERAGE_FACTOR = 2.0
 NOT_STATED = "not stated"

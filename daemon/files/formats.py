@@ -9,6 +9,7 @@ from pydantic import BaseModel
 from armd.compensation.data.session_format import ArtefactFile, SessionFile
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
+from armd.compensation.report.about import About
 from armd.compensation.verify.limits import PermissibleErrors
 from armd.daemon.config import DaemonFile
 
@@ -20,6 +21,7 @@ FORMATS: dict[str, tuple[type[BaseModel], str]] = {
     "artefact": (ArtefactFile, "artefact.toml: what is touched, for several sessions"),
     "daemon": (DaemonFile, "armd.toml: the daemon's configuration"),
     "mpe": (PermissibleErrors, "mpe.toml: what the arm must meet"),
+    "about": (About, "about.toml: the head of a report"),
     "calibration": (Calibration, "calibration.json: constants and terms of an arm"),
 }
 

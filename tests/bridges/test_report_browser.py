@@ -24,13 +24,26 @@ AXE = Path(__file__).parent / "axe" / "axe.min.js"
 REPORTS = ("calibration", "verify", "diagnosis", "design", "interim", "recorrect")
 #: What stands large at the top of each, and some of its reason.
 VERDICTS = {
-    "verify": ("FAILED", "E_Uni"),
+    "verify": ("NOT ACCEPTED", "1 of 10 figures, partial test"),
     "calibration": ("GRANTED", "not an ISO 17025"),
     "interim": ("IN CONTROL", "12 checks"),
     "diagnosis": ("ONE CAUSE FOUND", "encoder eccentricity, joint 3"),
     "design": ("MEASURE 12 POSES", "To "),
     "recorrect": ("30 OF 30 MEASUREMENTS AFFECTED", "by more than 0.05 mm"),
 }
+#: Those that take --about, have a head and an appendix.
+SIGNED = ("calibration", "verify", "diagnosis", "interim")
+ABOUT = {
+    name: f"{name} {'of a long name ' * 7}"[:120].strip()
+    for name in ("document", "customer", "laboratory", "place", "operator")
+}
+#: Columns of numbers with decimals that have no unit: a number of something, a share, a ratio.
+WITHOUT_UNIT = (
+    "probability", "difference / uncertainty", "correlation", "statistic", "limit", "value",
+    "standard uncertainty", "in standard uncertainties", "standard deviations", "coefficient",
+    "amplitude", "p that it is the same", "standard deviation", "at the last check", "started",
+    "started, UTC", "pose",
+)  # fmt: skip
 SCREENS = {"screen": (1280, 900), "phone": (390, 844)}
 MOST_BYTES = 500_000
 
@@ -45,8 +58,12 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Path:
         subprocess.run([*command, str(folder / kind), *more], check=True, capture_output=True)
         return sorted(str(file.parent) for file in (folder / kind).glob("*/session.toml"))
 
+    about = "".join(f'{name} = "{text}"\n' for name, text in ABOUT.items())
+    (folder / "about.toml").write_text(about)
+
     def page(kind: str) -> list[str]:
-        return ["--report", str(folder / f"{kind}.html")]
+        head = ["--about", str(folder / "about.toml")] if kind in SIGNED else []
+        return ["--report", str(folder / f"{kind}.html"), *head]
 
     measured = simulate("calibration")
     arm, calibration = str(folder / "calibration/arm.toml"), str(folder / "calibration.json")
@@ -202,3 +219,57 @@ def test_it_prints(reports: Path, browser: Browser, report: str) -> None:
     pages = len(re.findall(rb"/Type\s*/Page\b", pdf))
     assert 1 <= pages <= 40
     page.close()
+
+
+@pytest.mark.parametrize("report", SIGNED)
+def test_what_decides_is_on_two_pages(reports: Path, browser: Browser, report: str) -> None:
+    """Whatever stands in its head; what decides is signed before the appendix."""
+    page = browser.new_page()
+    page.goto((reports / f"{report}.html").as_uri())
+    pdf = page.pdf(prefer_css_page_size=True, tagged=True, outline=True)
+    page.close()
+    pages = sorted(int(n) for n in re.findall(rb"(\d+) 0 obj\s*<</Type /Page\s", pdf))
+    (begins,) = re.findall(rb"/Title \(Appendix\)\s*/Dest \[(\d+) 0 R", pdf)
+    assert pages.index(int(begins)) + 1 <= 3
+    text = (reports / f"{report}.html").read_text(encoding="utf-8")
+    before, after = text.split('id="appendix"')
+    assert "date, signature" in before and "date, signature" not in after
+    assert [words for words in ABOUT.values() if words not in before] == []
+    assert '<p class="key">' in before
+
+
+@pytest.mark.parametrize("report", SIGNED)
+def test_nothing_is_cut_off_and_every_number_has_its_unit(
+    reports: Path, browser: Browser, report: str
+) -> None:
+    page = browser.new_page(viewport={"width": 680, "height": 1000})
+    page.goto((reports / f"{report}.html").as_uri())
+    page.emulate_media(media="print")
+    assert page.evaluate(CUT_OFF) == []
+    assert re.findall(r"\b(?:nan|NaN|inf|None)\b", page.inner_text("main")) == []
+    drawn = "\n".join(page.locator("svg text").all_text_contents())
+    assert re.findall(r"\b(?:nan|inf)\b", drawn) == []
+    without = [name for name in page.evaluate(NO_UNIT) if name not in WITHOUT_UNIT]
+    assert without == []
+    page.close()
+
+
+#: Tables wider than the paper, letters of drawings outside of them, words broken in a heading.
+CUT_OFF = """() => [
+  ...[...document.querySelectorAll(".wide")]
+    .filter((e) => e.scrollWidth > e.clientWidth + 1).map((e) => e.innerText.slice(0, 60)),
+  ...[...document.querySelectorAll("svg")].flatMap((svg) => {
+    const all = svg.getBoundingClientRect();
+    return [...svg.querySelectorAll("text")].filter((text) => {
+      const box = text.getBoundingClientRect();
+      return box.width && (box.left < all.left - 3 || box.right > all.right + 3
+        || box.top < all.top - 3 || box.bottom > all.bottom + 3);
+    }).map((text) => text.textContent);
+  })]"""
+#: Names of columns that have numbers with decimals, and neither column nor cell has a unit.
+NO_UNIT = """() => [...new Set([...document.querySelectorAll("table")].flatMap((table) => {
+  const names = [...table.querySelectorAll("thead > tr > *")].map((cell) => cell.innerText);
+  return names.filter((name, i) => !/, (µm|mm|″|°|°C|h|K)\\b|, (″|°)|(µm|mm) RMS|% /.test(name)
+    && [...table.querySelectorAll("tbody tr")].some(
+      (row) => /^[+−-]?\\d+\\.\\d+$/.test(row.children[i].innerText)));
+}))]"""

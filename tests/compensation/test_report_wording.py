@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.report.calibration import _correlations
-from armd.compensation.report.diagnosis import _in_small_units
+from armd.compensation.report.calibration_tables import correlations
+from armd.compensation.report.finding import _in_small_units
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import session_facts
+from armd.compensation.report.units import Unit
 from armd.compensation.report.verification import NO_LENGTH, _results
-from armd.compensation.verify.figures import Deviation, Figure
+from armd.compensation.verify.results import Deviation, Figure
 from armd.compensation.verify.verdict import Judged
 from support import synthetic
 from support.small_arm import small_arm
@@ -42,7 +43,7 @@ def test_correlations_of_what_nothing_determines_are_not_listed() -> None:
     found = result.fit
     assert found.solution.null.shape[1] > 0
     page = Page("Calibration")
-    _correlations(page, found)
+    correlations(page, found)
     text = page.html()
     assert "Not determined, and so not listed" in text
     names = np.array(found.unknowns.words(found.terms))
@@ -54,7 +55,7 @@ def test_correlations_of_what_nothing_determines_are_not_listed() -> None:
 def test_a_result_without_a_certified_length_has_none() -> None:
     results = (Deviation("SPHERE", 0.01, 0.0), Deviation("B1", 0.01, 0.0, 200.0))
     figure = Figure("p_form", "P_Form", "ISO", results)
-    rows = _results(Judged(figure, "not judged", results[0], None))
+    rows = _results(Judged(figure, "not judged", results[0], None), Unit("µm", 1e3, 2))
     assert [row[1] for row in rows] == [NO_LENGTH, "200.000"]
 
 

@@ -16,8 +16,9 @@ import pytest
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.verify.figures import Verification, figures_of, positions_of
+from armd.compensation.verify.figures import figures_of, positions_of
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty
+from armd.compensation.verify.results import Verification
 from armd.compensation.verify.spheres import distances_from_sphere
 from armd.compensation.verify.verdict import judge
 from support.plain_kinematics import tip_pose

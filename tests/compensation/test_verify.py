@@ -15,8 +15,9 @@ from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.compensation.report.verification import verification_report
-from armd.compensation.verify.figures import Figure, Verification, figures_of
+from armd.compensation.verify.figures import figures_of
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
+from armd.compensation.verify.results import Figure, Verification
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import BadInput
@@ -301,10 +302,12 @@ def test_a_verdict_names_what_it_covers_and_why_it_fails() -> None:
     assert "U not stated" not in verdict(spat_max_mm=0.002, uncertainty={"seat_mm": 1e-4}).in_words
     assert "p_size: not tested, no certified length between" in failed.in_words
     page = verification_report(failed, measured.session(), ARM, {})
-    assert "<b>FAILED</b>SPAT max δ: does not conform" in page
+    assert "<b>NOT ACCEPTED</b>1 of 10 figures, partial test" in page
+    told = "SPAT max δ does not conform: +4.50 µm of 2.00 µm permitted."
+    assert told in page.replace("\N{NO-BREAK SPACE}", " ")
     assert "SPAT max δ: every result" in page and ">SPAT2<" in page and ">not stated<" in page
-    assert "<b>PASSED</b>for SPAT max δ" in verification_report(passed, measured.session(), ARM, {})
-    assert "p_size: though it has a limit: no certified length" in page
+    assert "<b>ACCEPTED</b>1 of 10" in verification_report(passed, measured.session(), ARM, {})
+    assert "though it has a limit</h2><ul><li>p_size: no certified length" in page
     unlimited = judge(measured.figures(), None)
     assert not unlimited.passed
     assert any("limits are in mm" in remark for remark in verdict(spat_max_mm=4.5).remarks)

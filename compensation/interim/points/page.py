@@ -12,30 +12,40 @@ from matplotlib.figure import Figure
 from armd.compensation.interim.points.evidence import RUN_LENGTH
 from armd.compensation.interim.points.judge import PointEpoch
 from armd.compensation.interim.points.result import points_in_words
+from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics
 from armd.compensation.report.drawing import COLOURS, one_drawing
+from armd.compensation.report.head import head
 from armd.compensation.report.page import Page, report_number
 from armd.compensation.wording import plain
 
+#: Of the sentences on changes, before the appendix.
+MOST_CHANGES = 4
 
-def points_page(folder: Path, epochs: Sequence[PointEpoch], result: dict[str, Any]) -> str:
+
+def points_page(
+    folder: Path,
+    epochs: Sequence[PointEpoch],
+    result: dict[str, Any],
+    about: About | None = None,
+) -> str:
     """HTML text of the report of the history in *folder*."""
     page = Page(f"Interim checks of points: {folder.resolve().name}")
     first, *more = points_in_words(epochs)
     changed = result["state"] == "changed"
-    page.verdict(
-        "CHANGED" if changed else "IN CONTROL", first.removeprefix("In control: "), not changed
-    )
-    if more:
-        page.items(more)
+    reason = page.in_brief("Verdict", first.removeprefix("In control: "))
+    page.verdict("CHANGED" if changed else "IN CONTROL", reason, not changed)
+    head(page, None, [], about, [check.first_unix_s for one in epochs for check in one.checks])
+    page.items_in_brief("Changes", more, MOST_CHANGES)
     page.text(f"Next: {result['next_check']['sentence']}")
-    page.heading("Checks")
     page.text(
         "Decision rule: a change is reported where the statistic reaches its limit: without one,"
         f" once in {RUN_LENGTH:.0f} checks at most. It is Shiryaev's and Roberts's: how much"
         " likelier the figures are with a change than without, over all instants and sizes."
     )
     page.figure(draw_statistics(result["checks"]), "The statistic of each check, and its limit")
+    page.signatures("Checked by")
+    page.appendix()
     for epoch in epochs:
         _changes(page, epoch)
         for j, name in enumerate(epoch.names):
@@ -51,7 +61,6 @@ def points_page(folder: Path, epochs: Sequence[PointEpoch], result: dict[str, An
         for epoch in epochs
     }
     page.origin(report_number("points", *inputs.values()), inputs)
-    page.signatures("Checked by")
     return page.html()
 
 

@@ -16,32 +16,43 @@ from armd.compensation.interim.changes.change import shapes
 from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
 from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
 from armd.compensation.interim.told.result import in_words
+from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, instants
+from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.drawing import COLOURS, one_drawing
+from armd.compensation.report.head import head
 from armd.compensation.report.page import Page, report_number
 from armd.compensation.report.sessions import session_facts
+from armd.compensation.report.units import Unit, units_of
 from armd.compensation.wording import ARC_SECOND, minute, plain
 
 #: Of a check's files, what was measured.
 MEASURED = ("session.toml", *READINGS)
+#: Of the sentences on changes, before the appendix.
+MOST_CHANGES = 4
 #: Units as a person reads them: the name, and how many of them one unit of the model is.
 SHOWN = {"rad": ("″", 1 / ARC_SECOND), "mm": ("µm", 1e3), "rad/Nm": ("µrad/Nm", 1e6)}
 
 
-def interim_page(judgement: Judgement, result: dict[str, Any], sessions: Sequence[Session]) -> str:
+def interim_page(
+    judgement: Judgement,
+    result: dict[str, Any],
+    sessions: Sequence[Session],
+    about: About | None = None,
+) -> str:
     """HTML text of the report; *sessions* are the checks as they were measured, in time."""
-    page = Page(f"Interim checks of arm {result['arm']}")
+    arm = judgement.latest.checks[-1].arm
+    page, unit = Page(f"Interim checks of arm {result['arm']}", result["arm"]), units_of(arm).length
     first, *more = in_words(judgement)
+    reason = page.in_brief("Verdict", first.removeprefix("In control: "))
     page.verdict(
-        "CHANGED" if judgement.changed else "IN CONTROL",
-        first.removeprefix("In control: "),
-        not judgement.changed,
-    )
-    if more:
-        page.items(more)
+        "CHANGED" if judgement.changed else "IN CONTROL", reason, not judgement.changed,
+        _key_sentence(result["checks"], unit),
+    )  # fmt: skip
+    head(page, arm, sessions, about)
+    page.items_in_brief("Changes", more, MOST_CHANGES)
     if result["next_check"]:
         page.text(f"Next: {result['next_check']['sentence']}")
-    page.heading("Checks")
     page.text(
         "Decision rule: a change is reported where the statistic reaches its limit: without one,"
         f" about once in {RUN_LENGTH:.0f} checks. It is Shiryaev's and Roberts's: how "
@@ -49,7 +60,12 @@ def interim_page(judgement: Judgement, result: dict[str, Any], sessions: Sequenc
     )
     checks = result["checks"]
     page.figure(draw_statistics(checks), "The statistic of each check, and its limit")
-    page.figure(_residuals(checks), "Residuals of each check under the calibration, µm RMS")
+    page.figure(
+        _residuals(checks, unit), f"Residuals of each check under the calibration, {unit.name} RMS"
+    )
+    add_coverage(page, arm, sessions)
+    page.signatures("Checked by")
+    page.appendix()
     for epoch in judgement.epochs:
         for told in epoch.told:
             if told.cause is None:
@@ -68,23 +84,23 @@ def interim_page(judgement: Judgement, result: dict[str, Any], sessions: Sequenc
             )
     page.heading("All checks")
     page.table(
-        ["check", "started", "readings", "residuals, µm RMS", "statistic", "limit", "verdict"],
+        ["check", "started", "readings", f"residuals, {unit.name} RMS", "statistic", "limit",
+         "verdict"],
         [
             [
                 check["name"],
                 check["started"],
                 check["readings"],
-                plain(check["rms_um"]),
+                unit.text(check["rms_um"] / 1e3),
                 f"{check['statistic']:.2f}",
                 f"{check['limit']:.2f}",
                 LOOK[check["verdict"]][0],
             ]
             for check in checks
         ],
-    )
+    )  # fmt: skip
     _origin(page, judgement, result)
-    session_facts(page, sessions, judgement.latest.checks[-1].arm)
-    page.signatures("Checked by")
+    session_facts(page, sessions, arm)
     return page.html()
 
 
@@ -108,10 +124,22 @@ def _origin(page: Page, judgement: Judgement, result: dict[str, Any]) -> None:
     page.origin(report_number(result["arm"], *inputs.values()), inputs, facts)
 
 
-def _residuals(checks: Sequence[dict[str, Any]]) -> Figure:
-    figure, panel = one_drawing()
-    draw_by_verdict(panel, checks, [check["rms_um"] for check in checks])
-    panel.set_ylabel("residuals under the calibration, µm RMS")
+def _key_sentence(checks: Sequence[dict[str, Any]], unit: Unit) -> str:
+    """The last check that counts, in one figure."""
+    counts = [check for check in checks if check["verdict"] != "bad_check"] or checks
+    last_mm, first_mm = (counts[i]["rms_um"] / 1e3 for i in (-1, 0))
+    unit = unit.of(last_mm, first_mm)
+    return (
+        f"The last check misses the calibration by {unit.three_digits(last_mm)} RMS, the first by"
+        f" {unit.three_digits(first_mm)}."
+    )
+
+
+def _residuals(checks: Sequence[dict[str, Any]], unit: Unit) -> Figure:
+    figure, panel = one_drawing(2.6)
+    factor = unit.per_base / 1e3
+    draw_by_verdict(panel, checks, [factor * check["rms_um"] for check in checks])
+    panel.set_ylabel(f"residuals, {unit.name} RMS")
     panel.set_ylim(bottom=0.0)
     panel.legend(frameon=False)
     return figure

@@ -11,6 +11,7 @@ from pathlib import Path
 from rich.table import Table
 
 from armd.compensation.identify.result import Result
+from armd.compensation.report.about import add_about, read_about
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
@@ -28,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="CAL.json")
     parser.add_argument("--json", metavar="RESULT.json", help="figures of the identification")
     add_pages(parser)
+    add_about(parser)
     parser.add_argument(
         "--thermal",
         choices=[order for order in ORDERS if order != "0"],
@@ -55,7 +57,8 @@ def run(args: argparse.Namespace) -> int:
         "--json": (args.json, RESULT),
         **page_outputs(args),
     }
-    check_outputs(outputs, [args.arm, *args.session], args.force)
+    check_outputs(outputs, [args.arm, *args.session, args.about], args.force)
+    about = read_about(args)
     arm = read_arm(args.arm)
     console = aside(args)
     with console.status("identifying …") as status:
@@ -77,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     calibration.save(args.output)
     if args.json:
         write_whole(args.json, json.dumps(calibration.figures, indent=1) + "\n")
-    write_pages(args, lambda: calibration.page(Path(args.output).name))
+    write_pages(args, lambda: calibration.page(Path(args.output).name, about))
     _print(identified.result, f"{args.output} (calibration {calibration.sha256[:16]})")
     return 0
 

@@ -13,6 +13,7 @@ from rich.table import Table
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.model.calibration import save_calibration
+from armd.compensation.report.about import add_about, read_about
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
@@ -35,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", metavar="OUT.json", help="the result for programs")
     add_pages(parser)
+    add_about(parser)
     parser.add_argument("--extended", metavar="CAL2.json", help="the corrected calibration")
     add_force(parser)
 
@@ -45,8 +47,9 @@ def run(args: argparse.Namespace) -> int:
         **page_outputs(args),
         "--extended": (args.extended, CALIBRATION),
     }
-    inputs = [args.arm, args.calibration, *args.session, *args.holdout]
+    inputs = [args.arm, args.calibration, *args.session, *args.holdout, args.about]
     check_outputs(outputs, inputs, args.force)
+    about = read_about(args)
     arm, calibration = load_given(args)
     command = shlex.join(["armd", *sys.argv[1:]])
     with bar(aside(args), "reading") as told:
@@ -58,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         result = diagnosis.to_dict() | {"extended_calibration": args.extended}
     if args.extended:
         save_calibration(args.extended, diagnosis.details.extended)
-    write_pages(args, lambda: diagnosis.page(result))
+    write_pages(args, lambda: diagnosis.page(result, about))
     if args.json:
         write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     _print(diagnosis.details, result)

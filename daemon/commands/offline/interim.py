@@ -29,6 +29,7 @@ from armd.compensation.interim.told.single import single_readings
 from armd.compensation.interim.told.tomorrow import Tomorrow, tomorrow
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
+from armd.compensation.report.about import About, add_about, read_about
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.daemon.commands.offline import interim_points
 from armd.errors import BadInput
@@ -78,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--poses", metavar="POSES.csv", help="poses of the next check, where a cause is in doubt"
     )
     add_pages(report)
+    add_about(report)
     add_force(report)
 
 
@@ -138,28 +140,29 @@ def _report(args: argparse.Namespace) -> int:
             **page_outputs(args),
             "--poses": (args.poses, POSES),
         },
-        [],
+        [args.about],
         args.force,
     )
+    about = read_about(args)
     folder = Path(args.history)
     if chain.is_of_points(folder):
-        return interim_points.report(args, to_file)
+        return interim_points.report(args, to_file, about)
     with aside(args).status("judging the history …"):
         judgement, result, after = _judged(folder)
     if args.poses:
         write_whole(args.poses, _poses(after))
-    write_pages(args, lambda: _page(folder, judgement, result))
+    write_pages(args, lambda: _page(folder, judgement, result, about))
     if to_file:
         write_whole(to_file, json.dumps(result, indent=1, allow_nan=False) + "\n")
     _say(folder, judgement, result, args.json)
     return 1 if judgement.changed else 0
 
 
-def _page(folder: Path, judgement: Judgement, result: dict[str, Any]) -> str:
+def _page(folder: Path, judgement: Judgement, result: dict[str, Any], about: About) -> str:
     from armd.compensation.interim.told.page import interim_page  # draws: slow to load
 
     sessions = [history.session(folder, check) for check in judgement.checks]
-    return interim_page(judgement, result, sessions)
+    return interim_page(judgement, result, sessions, about)
 
 
 def _judged(

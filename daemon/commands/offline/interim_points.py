@@ -16,6 +16,7 @@ from armd.compensation.interim.points.figures import figures_of_points
 from armd.compensation.interim.points.history import keep_tables, load_checks, read_tables
 from armd.compensation.interim.points.judge import PointEpoch, judge_points
 from armd.compensation.interim.points.result import points_as_json, points_in_words
+from armd.compensation.report.about import About
 from armd.compensation.report.written import write_pages
 from armd.daemon.files.session_folder import load_artefact
 from armd.errors import BadInput
@@ -101,23 +102,23 @@ def _started(text: str | None) -> float | None:
     return None if text is None else parse_instant("--started", text, "the command line")
 
 
-def report(args: argparse.Namespace, to_file: str | None) -> int:
+def report(args: argparse.Namespace, to_file: str | None, about: About) -> int:
     """What a history of tables says; `--json` also to a file."""
     if args.poses:
         raise BadInput("--poses", "the history", "one of points", "one of sessions, with joints")
     folder = Path(args.history)
     with aside(args).status("judging the history …"):
         epochs, result = _judged(folder)
-    write_pages(args, lambda: _page(folder, epochs, result))
+    write_pages(args, lambda: _page(folder, epochs, result, about))
     if to_file:
         write_whole(to_file, json.dumps(result, indent=1, allow_nan=False) + "\n")
     return _say(epochs, result, print_json=args.json == "-")
 
 
-def _page(folder: Path, epochs: Sequence[PointEpoch], result: dict[str, Any]) -> str:
+def _page(folder: Path, epochs: Sequence[PointEpoch], result: dict[str, Any], about: About) -> str:
     from armd.compensation.interim.points.page import points_page  # draws: slow to load
 
-    return points_page(folder, epochs, result)
+    return points_page(folder, epochs, result, about)
 
 
 def _judged(folder: Path) -> tuple[list[PointEpoch], dict[str, Any]]:

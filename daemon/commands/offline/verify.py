@@ -10,11 +10,11 @@ from pathlib import Path
 from rich.table import Table
 
 from armd.compensation.data.foreign.table import TABLES
-from armd.compensation.data.session import Session
-from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.arm import load_arm
+from armd.compensation.report.about import About, add_about, read_about
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty
-from armd.compensation.verify.points import verify_points
+from armd.compensation.verify.points import OfPoints, verify_points
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.daemon.commands.offline.given import load_given
 from armd.daemon.files.session_folder import load_artefact
@@ -52,16 +52,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--json", metavar="RESULT.json", help="all figures and the verdict")
     add_pages(parser)
+    add_about(parser)
     add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     outputs = {"--json": (args.json, RESULT), **page_outputs(args)}
-    inputs = [args.arm, args.calibration, args.mpe, args.session, args.artefact]
+    inputs = [args.arm, args.calibration, args.mpe, args.session, args.artefact, args.about]
     check_outputs(outputs, inputs, args.force)
+    about = read_about(args)
     limits = resolve_limits(args.mpe, args.decision)
     if Path(args.session).suffix.lower() in TABLES and not Path(args.session).is_dir():
-        return _of_points(args, limits)
+        return _of_points(args, limits, about)
     for option, value in (("--artefact", args.artefact), ("--tip-radius-mm", args.tip_radius_mm)):
         if value is not None:
             raise BadInput("the command line", option, "it with a session", "it with a table")
@@ -70,10 +72,10 @@ def run(args: argparse.Namespace) -> int:
     arm, calibration = load_given(args)
     with aside(args).status("evaluating …"):
         result = verify(args.session, arm, calibration, args.mpe, decision=args.decision)
-    return _finish(args, result.details, limits, result.page)
+    return _finish(args, result.details, limits, lambda: result.page(about))
 
 
-def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None) -> int:
+def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None, about: About) -> int:
     """Of a table of points, to which an arm.toml adds the radius of its tip."""
     if args.calibration is not None:
         expected = "it with a session: a table has points, and no joint angles"
@@ -87,7 +89,7 @@ def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None) -> in
         print(f"armd: {printable(sentence)}")
     verdict = judge(found.verification, limits)
     require_judged(verdict, args.session)
-    return _finish(args, verdict, limits, lambda: _page(args, verdict, found.session, found.arm))
+    return _finish(args, verdict, limits, lambda: _page(args, verdict, found, about))
 
 
 def _finish(
@@ -103,12 +105,12 @@ def _finish(
     return 0 if limits is None or verdict.passed else 1
 
 
-def _page(args: argparse.Namespace, verdict: Verdict, session: Session, arm: Arm) -> str:
+def _page(args: argparse.Namespace, verdict: Verdict, found: OfPoints, about: About) -> str:
     from armd.compensation.report.sessions import InputFile
     from armd.compensation.report.verification import verification_report  # drawings load slowly
 
     files = {"arm": InputFile.read(args.arm), "limits": InputFile.read(args.mpe)}
-    return verification_report(verdict, session, arm, files)
+    return verification_report(verdict, found.session, found.arm, files, about)
 
 
 def _print(verdict: Verdict, limits: PermissibleErrors | None) -> None:

@@ -210,6 +210,13 @@ def _mpe(path: Path, _: Arms) -> str:
     return ""
 
 
+def _about(path: Path, _: Arms) -> str:
+    from armd.compensation.report.about import load_about
+
+    load_about(path)
+    return ""
+
+
 def _scenario(path: Path, _: Arms) -> str:
     """The simulator knows its own files, and is a program of its own."""
     command = [sys.executable, "-P", "-m", "armd.simulator", "--check", str(path)]
@@ -236,5 +243,6 @@ CHECKERS: dict[str, Checker] = {
     "armd.scenario/1": _scenario,
     "armd.operator/1": _scenario,
     "armd.mpe/1": _mpe,
+    "armd.about/1": _about,
 }
 READINGS = ("readings.csv", "readings.parquet")

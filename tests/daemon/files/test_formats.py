@@ -19,7 +19,7 @@ from armd.daemon.files.formats import FORMATS, json_schema
 DOCS = Path(__file__).parents[3] / "docs"
 SECTIONS = {
     "arm": "arm.toml", "session": "session.toml", "mpe": "mpe.toml",
-    "calibration": "calibration.json",
+    "about": "about.toml", "calibration": "calibration.json",
 }  # fmt: skip
 
 
@@ -62,7 +62,7 @@ def test_the_page_has_every_key_and_its_default(name: str) -> None:
             assert json.loads(of_page) == default, key
 
 
-@pytest.mark.parametrize("name", ["arm", "session", "mpe"])
+@pytest.mark.parametrize("name", ["arm", "session", "mpe", "about"])
 def test_the_examples_are_accepted(name: str) -> None:
     """Put together, the examples of a page are a file that holds."""
     data: dict[str, Any] = {}

@@ -1,0 +1,112 @@
+"""Drawings of a calibration: before and after, and what it leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.ticker import LogFormatter
+
+from armd.compensation.identify.evaluation.evaluate import evaluate_model
+from armd.compensation.identify.fit import Identification
+from armd.compensation.identify.result import Result
+from armd.compensation.identify.thermal.temperatures import temperature_groups
+from armd.compensation.report.arm_picture import arm_picture
+from armd.compensation.report.drawing import one_drawing
+from armd.compensation.report.page import Page
+from armd.compensation.report.residual_plots import (
+    residuals_by_joint,
+    residuals_by_sensor,
+    vectors,
+)
+from armd.compensation.report.units import Unit, Units
+
+#: Of a table before the appendix; the drawing says the same.
+MOST_ROWS = 9
+#: One mark for each model.
+MARKS = "osD^"
+
+
+def before_and_after(page: Page, result: Result, unit: Unit) -> None:
+    """3-D RMS by model and temperature of the arm."""
+    found = result.fit
+    observations, arm = found.observations, found.observations.arm
+    groups = temperature_groups(observations) or [(np.nan, np.ones(observations.n, dtype=bool))]
+    models = {"as drawn": (arm.nominal(), []), "identified": (found.constants, found.terms)}
+    if found.terms:
+        models["identified, at the reference temperature"] = (found.constants, [])
+        models["identified, with temperature"] = models.pop("identified")
+    figure, panel = one_drawing(3.0)
+    rows = []
+    labels = [f"{mean:.1f} °C" if np.isfinite(mean) else "all" for mean, _ in groups]
+    apart = 0.12
+    for i, (name, (constants, terms)) in enumerate(models.items()):
+        residual = evaluate_model(observations, constants, terms, found.reference_c)
+        distance = residual.distance_um * unit.per_base / 1e3
+        rms = [float(np.sqrt(np.mean(distance[mask] ** 2))) for _, mask in groups]
+        at = np.arange(len(rms)) + apart * (i - (len(models) - 1) / 2)
+        panel.plot(at, rms, MARKS[i], label=name)
+        for label, (_, mask), value in zip(labels, groups, rms, strict=True):
+            rows.append(
+                [
+                    name, label,
+                    *(f"{x:.{unit.decimals}f}" for x in
+                      (value, np.median(distance[mask]), distance[mask].max())),
+                ]
+            )  # fmt: skip
+    panel.set_xticks(np.arange(len(labels)), labels)
+    panel.set(yscale="log", ylabel=f"3-D RMS, {unit.name}", xlabel="temperature of the arm")
+    panel.yaxis.set_major_formatter(LogFormatter())  # the usual one writes TeX
+    panel.yaxis.set_minor_formatter(LogFormatter())
+    panel.legend(loc="upper center", bbox_to_anchor=(0.5, 1.15), ncols=len(models), frameon=False)
+    page.heading("Before and after, by temperature")
+    page.figure(figure, f"3-D RMS of the readings used, {unit.name}, by model and temperature")
+    if len(rows) <= MOST_ROWS:
+        page.table(
+            ["model", "temperature", *(f"{x}, {unit.name}" for x in ("RMS", "median", "maximum"))],
+            rows,
+        )
+
+
+def the_arm(page: Page, found: Identification) -> None:
+    """The arm in a posture that was measured, with the names of what was identified."""
+    q = found.observations.states.q
+    middle = q[np.argmin(np.abs(q - np.median(q, axis=0)).sum(axis=1))]
+    page.heading("The arm and its parameters")
+    page.figure(
+        arm_picture(found.observations.arm, middle, found.unknowns.constants),
+        "The arm of arm.toml in a posture that was measured; of each frame x (orange), y (green)"
+        " and z (blue), and the constants identified that place it",
+    )
+
+
+def residual_vectors(page: Page, found: Identification, unit: Unit) -> None:
+    """Each tip position with its residual, much enlarged."""
+    points = ~found.observations.turned
+    figure, times = vectors(found.at.position_mm[points], found.at.residual_mm[points], unit)
+    page.heading("Residual vectors")
+    page.figure(
+        figure,
+        f"At each tip position of the base frame its residual, {times:,.0f} times as long; the bar"
+        " is a residual of the size named",
+    )
+
+
+def signed_residuals(page: Page, found: Identification, units: Units) -> None:
+    """Residuals along each joint's motion, and outwards over each sensor."""
+    observations = found.observations
+    points = ~observations.turned
+    states, residual_mm = observations.states, found.at.residual_mm[points]
+    page.heading("Residuals against each joint and each sensor")
+    page.figure(
+        residuals_by_joint(states.q[points], found.at.joints[points], residual_mm, units),
+        "Residual (tip minus target) along each joint's motion over its angle,"
+        f" {units.angle.name}; orange: its running mean with the 95 % band of that mean",
+    )
+    by_sensor = residuals_by_sensor(
+        states.temperature_c[points], observations.arm.sensors, found.at.position_mm[points],
+        residual_mm, units.length,
+    )  # fmt: skip
+    if by_sensor is not None:
+        page.figure(
+            by_sensor,
+            f"Residual away from the base's z axis over each temperature, {units.length.name}",
+        )

@@ -1,0 +1,178 @@
+"""Tables of a calibration: lengths, parameters, what cannot be told apart, outliers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.estimate.unknowns import in_words
+from armd.compensation.identify.fit import Identification
+from armd.compensation.identify.result import Result
+from armd.compensation.model import parameters
+from armd.compensation.model.terms import Term
+from armd.compensation.report.page import Page
+from armd.compensation.report.sessions import NOT_STATED
+from armd.compensation.report.units import Unit, Units
+from armd.terminal.counted import counted
+
+#: Correlations stronger than this are worth knowing.
+WORTH_KNOWING = 0.9
+#: Outliers in a table; the result's JSON has all.
+MOST_LISTED = 50
+#: A constant with less than this share in every direction not identifiable stands alone.
+ALONE = 1e-3
+
+
+def lengths(page: Page, result: Result, unit: Unit) -> None:
+    """Certified lengths as the calibrated arm measures them."""
+    if not result.lengths:
+        return
+    page.heading("Certified lengths")
+    page.text("Between the seats as the calibrated arm finds them, the lengths taking no part.")
+    page.table(
+        ["length", "certified, mm", "u, mm", "measured, mm", "u of the seats, mm",
+         f"error, {unit.name}", "in standard uncertainties"],
+        [
+            [
+                " to ".join(length.between), f"{length.certified_mm:.4f}",
+                f"{length.standard_uncertainty_mm:.4f}", f"{length.measured_mm:.4f}",
+                f"{length.measured_uncertainty_mm:.4f}", unit.text(length.error_mm, "+"),
+                f"{length.off:+.2f}",
+            ]
+            for length in result.lengths
+        ],
+    )  # fmt: skip
+
+
+def not_identifiable(page: Page, result: Result) -> None:
+    """Combinations that these sessions do not determine."""
+    page.heading("Not identifiable from these sessions")
+    page.text(
+        "The drawing counts as one more reading of these combinations, good to a plausible"
+        " departure, and their uncertainty says so; what moves no point has none."
+    )
+    page.items(result.unidentifiable)
+
+
+def parameters_and_terms(page: Page, result: Result, units: Units) -> None:
+    """Each constant and term with its standard uncertainty."""
+    found = result.fit
+    arm = found.observations.arm
+    nominal = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
+    identified = result.calibration.constants
+    deviation = dict(
+        zip(found.unknowns.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True)
+    )
+    unknown = dict(zip(found.unknowns.names, _null_share(found), strict=True))
+    rows, faint = [], []
+    for name in found.unknowns.constants:
+        angle = parameters.unit(name) == "rad"
+        factor, kind = (np.degrees(1.0), "°") if angle else (1.0, "mm")
+        small = units.angle if angle else units.length
+        difference, sigma = identified[name] - nominal[name], deviation[name]
+        faint.append(unknown[name] >= ALONE)
+        rows.append(
+            [
+                name, f"{nominal[name] * factor:.5f} {kind}",
+                f"{identified[name] * factor:.5f} {kind}",
+                f"{small.text(difference, '+')} {small.name}", f"{small.text(sigma)} {small.name}",
+                "only in combination" if faint[-1] else _ratio(difference, sigma),
+            ]
+        )  # fmt: skip
+    page.heading("Parameters")
+    page.table(
+        ["constant", "drawing", "identified", "difference", "standard uncertainty",
+         "difference / uncertainty"],
+        rows,
+        faint,
+    )  # fmt: skip
+    if any(faint):
+        page.text("Grey: known only in combination with others, as listed above.")
+    if found.terms:
+        page.table(
+            ["term", "coefficient", "standard uncertainty", "unit"],
+            [
+                [
+                    in_words(term), f"{term.coefficient:.4g}",
+                    _uncertainty(term),
+                    f"{parameters.unit(term.parameter)} per unit of its basis",
+                ]
+                for term in found.terms
+            ],
+        )  # fmt: skip
+
+
+def _ratio(difference: float, sigma: float) -> str:
+    return f"{difference / sigma:+.1f}" if sigma > 0.0 else NOT_STATED
+
+
+def _null_share(found: Identification) -> F64:
+    """Return the largest share (C,) of each unknown in a direction that nothing determines."""
+    share: F64 = np.abs(found.solution.null).max(axis=1, initial=0.0)
+    return share
+
+
+def _uncertainty(term: Term) -> str:
+    known = term.standard_uncertainty
+    return NOT_STATED if known is None else f"{known:.2g}"
+
+
+def correlations(page: Page, found: Identification) -> None:
+    """Pairs of what is determined that are strongly correlated."""
+    deviation = np.sqrt(np.diag(found.covariance))
+    safe = np.where(deviation > 0, deviation, np.inf)
+    correlation = found.covariance / np.outer(safe, safe)
+    determined = _null_share(found) < ALONE
+    names = found.unknowns.words(found.terms)
+    pairs = [
+        (abs(correlation[i, j]), names[i], names[j], f"{correlation[i, j]:+.3f}")
+        for i in range(len(names))
+        for j in range(i)
+        if determined[i] and determined[j] and abs(correlation[i, j]) > WORTH_KNOWING
+    ]
+    page.heading("Correlations worth knowing")
+    if not determined.all():
+        page.text(
+            f"Not determined, and so not listed: correlations of the"
+            f" {counted(int((~determined).sum()), 'unknown')} known only in combination."
+        )
+    if not pairs:
+        page.text(f"None beyond ±{WORTH_KNOWING}.")
+        return
+    page.table(["", "with", "correlation"], [pair[1:] for pair in sorted(pairs)[::-1][:20]])
+
+
+def thermal_trials(page: Page, result: Result) -> None:
+    """What each thermal model misses by on readings left out."""
+    if not result.trials:
+        return
+    page.heading("Thermal models compared")
+    page.text(
+        "Each fitted without one set of readings and tried on it, in turn: every temperature, the"
+        " lowest and the highest in parts, so that something of them stays; 3-D RMS over all."
+    )
+    page.table(
+        ["model", "held out"],
+        [[trial.name, trial.errors.in_words()] for trial in result.trials],
+    )
+
+
+def outliers(page: Page, result: Result, unit: Unit) -> None:
+    """Readings gone wrong."""
+    listed = result.outliers()
+    page.heading("Outliers")
+    page.text(
+        "Readings farther off than one Gaussian reading in 10 000 count with a weight that falls"
+        f" with the square of their distance: {len(result.fit.weighed_down)}. Outliers are those"
+        f" that the tails of the noise do not explain: {len(listed)}."
+        + f" The first {MOST_LISTED} are listed."
+        * (len(listed) > MOST_LISTED)
+    )
+    if listed:
+        page.table(
+            ["session", "row", f"residual, {unit.name}", "standard deviations"],
+            [
+                [o["session"], o["row"], unit.text(o["error_um"] / 1e3), f"{o['sigma']:.1f}"]
+                for o in listed[:MOST_LISTED]
+            ],
+        )

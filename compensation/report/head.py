@@ -1,0 +1,95 @@
+"""The head of a report that is signed: whose arm, when, where, by whom, on what, how warm."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from armd import __version__
+from armd.arrays import F64
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.model.arm import Arm
+from armd.compensation.report.about import About
+from armd.compensation.report.page import APPENDIX, Page
+
+#: More artefacts than this make no head.
+MOST_NAMED = 3
+
+
+def head(
+    page: Page,
+    arm: Arm | None,
+    sessions: Sequence[Session],
+    about: About | None,
+    started_unix_s: Sequence[float] = (),
+) -> None:
+    """The head block of a report of *sessions*; *arm* is None where only points are known.
+
+    *started_unix_s*: instants of measurements that are no sessions.
+    """
+    about = about or About()
+    started = [*started_unix_s, *(session.started_unix_s for session in sessions)]
+    operators = about.operator or _few(session.operator for session in sessions)
+    own = [session.artefact for session in sessions]
+    page.head(
+        [
+            ("document", about.document),
+            ("arm, serial number", arm.serial_number if arm else None),
+            ("customer", about.customer),
+            ("laboratory", about.laboratory),
+            ("place", about.place),
+            ("measured on", _days(started)),
+            ("operator", operators),
+            ("artefact", _few(artefact.name for artefact in own)),
+            ("certificate", _few(_certificate(artefact) for artefact in own)),
+            ("environment", _environment(sessions)),
+            ("software", f"armd {__version__}"),
+        ]
+    )
+
+
+def _few(texts: Iterable[str | None]) -> str | None:
+    """Different texts in their order; None where there is none."""
+    different = list(dict.fromkeys(filter(None, texts)))
+    rest = len(different) - MOST_NAMED
+    shown = "; ".join(different[:MOST_NAMED]) + (f"; {rest} more: {APPENDIX}" if rest > 0 else "")
+    return shown or None
+
+
+def _certificate(artefact: Artefact) -> str | None:
+    if artefact.certificate is None:
+        return None
+    until = artefact.certificate_valid_until
+    return f"{artefact.certificate}, valid until {until or '__________'}"
+
+
+def _days(started_unix_s: Sequence[float]) -> str | None:
+    """The day, or the first and the last; an instant of 0 is one that nobody knows."""
+    known = [instant for instant in started_unix_s if instant > 0.0]
+    if not known:
+        return None
+    first, last = (
+        f"{datetime.datetime.fromtimestamp(instant, datetime.UTC):%Y-%m-%d}"
+        for instant in (min(known), max(known))
+    )
+    return first if first == last else f"{first} to {last}"
+
+
+def _environment(sessions: Sequence[Session]) -> str | None:
+    parts = {
+        "arm": [session.states.temperature_c.ravel() for session in sessions],
+        "artefact": [session.artefact_c for session in sessions],
+    }
+    known = {what: _range(np.concatenate(values)) for what, values in parts.items() if values}
+    return ", ".join(f"{what} {text}" for what, text in known.items() if text) or None
+
+
+def _range(values_c: F64) -> str:
+    known = values_c[np.isfinite(values_c)]
+    if not known.size:
+        return ""
+    low, high = f"{known.min():.1f}", f"{known.max():.1f}"
+    return f"{low} °C" if low == high else f"{low} to {high} °C"

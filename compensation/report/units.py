@@ -1,0 +1,76 @@
+"""Units and digits by what an arm resolves: a precise arm in µm, a hobby arm in mm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from armd.compensation.model.arm import Arm
+from armd.compensation.wording import ARC_SECOND
+
+#: An arm that resolves less than this speaks of mm, and of degrees.
+COARSE_MM = 0.05
+NOT_KNOWN = "–"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of a report, and the decimals that mean something in it."""
+
+    name: str
+    per_base: float  # how many of it one mm, or one radian, is
+    decimals: int
+
+    def text(self, value: float, sign: str = "") -> str:
+        """A value in mm or rad as a number of this unit; a dash where none is known."""
+        if not math.isfinite(value):
+            return NOT_KNOWN
+        return f"{value * self.per_base:{sign}.{self.decimals}f}"
+
+    def of(self, *values: float) -> Unit:
+        """This unit, or mm where the largest of *values* (mm) has more than three digits in µm."""
+        large = self.name == "µm" and max(map(abs, values)) >= 1.0
+        return Unit("mm", 1.0, 3) if large else self
+
+    def three_digits(self, value: float, sign: str = "") -> str:
+        """The same with three significant digits and the unit, for a sentence."""
+        if not math.isfinite(value):
+            return "an unknown amount"
+        return f"{three_digits(value * self.per_base, sign)}\N{NO-BREAK SPACE}{self.name}"
+
+
+SECONDS = Unit("″", 1.0 / ARC_SECOND, 2)
+MICROMETRES = Unit("µm", 1e3, 2)
+
+
+@dataclass(frozen=True)
+class Units:
+    """The units of lengths and angles of one report."""
+
+    length: Unit
+    angle: Unit
+
+
+def resolution_mm(arm: Arm) -> float:
+    """Return the step of the tip by one count of the coarsest encoder, at half the arm's reach;
+    0 where arm.toml has no encoder."""
+    counts = [joint.counts_per_turn for joint in arm.joint if joint.counts_per_turn]
+    return math.tau / min(counts) * arm.reach_mm / 2.0 if counts else 0.0
+
+
+def units_of(arm: Arm) -> Units:
+    """Return the units that suit *arm*."""
+    resolved_mm = resolution_mm(arm)
+    if resolved_mm < COARSE_MM:
+        decimals = 2 if resolved_mm < 0.002 else 1 if resolved_mm < 0.02 else 0
+        return Units(Unit("µm", 1e3, decimals), SECONDS)
+    decimals = 3 if resolved_mm < 0.1 else 2
+    return Units(Unit("mm", 1.0, decimals), Unit("°", math.degrees(1.0), 3))
+
+
+def three_digits(value: float, sign: str = "") -> str:
+    """A number with three significant digits, whole ones in full, no exponent."""
+    if abs(value) < 1e-12:
+        return "0"
+    decimals = 2 - math.floor(math.log10(abs(value)))
+    return f"{value:{sign}.{max(decimals, 0)}f}"
