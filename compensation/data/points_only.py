@@ -18,7 +18,8 @@ def refuse_surfaces(artefact: Artefact, place: str | Path, command: str) -> None
             place,
             "artefact.surface[1]",
             f"{surface.name!r}, a {surface.kind}",
-            f"points: {command} does not use surfaces, `armd calibrate` and `armd evaluate` do",
+            f"points: {command} does not use surfaces; `armd calibrate`, `armd evaluate` and"
+            " `armd diagnose` do",
         )
 
 
@@ -26,6 +27,12 @@ def require_points(sessions: Sequence[Session], command: str) -> None:
     """Raise `BadInput` for the first session with a surface, or with readings of reflectors."""
     for session in sessions:
         refuse_surfaces(session.artefact, session.path / "session.toml", command)
+    require_one_tip(sessions, command)
+
+
+def require_one_tip(sessions: Sequence[Session], command: str) -> None:
+    """Raise `BadInput` for the first session with readings of reflectors."""
+    for session in sessions:
         if session.reflector is not None:
             raise BadInput(
                 session.path,

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.fitting.growth_open import with_growth_open
-from armd.compensation.diagnose.problem.baseline import from_calibration
+from armd.compensation.diagnose.problem.baseline import from_calibration, with_size_kept
 from armd.compensation.diagnose.problem.linear import Baseline
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.identify.admission.odd_session import Odd, inconsistent_session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.model.arm import Arm
@@ -28,6 +28,15 @@ def model_under_test(
     """
     if calibration is not None:
         held = with_growth_open(from_calibration(calibration, arm, held=True), arm)
-        return held, inconsistent_session(sessions, gather(sessions, arm, calibration.artefact))
+        observations = gather(sessions, arm, calibration.artefact)
+        if observations.on_surface.any() and not _knows_scale(observations):
+            held = with_size_kept(held, arm)
+        return held, inconsistent_session(sessions, observations)
     made = calibrate(sessions, arm, Options(compare=False))
     return from_calibration(made.calibration, arm, held=False), made.odd
+
+
+def _knows_scale(observations: Observations) -> bool:
+    """Whether anything certified says how large the arm is."""
+    lengths = len(observations.distances.length_mm) > 0
+    return lengths or bool(observations.has_truth.any() or observations.says_size.any())

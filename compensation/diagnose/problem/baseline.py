@@ -43,6 +43,18 @@ def from_calibration(calibration: Calibration, arm: Arm, held: bool) -> Baseline
     )
 
 
+def with_size_kept(baseline: Baseline, arm: Arm) -> Baseline:
+    """A baseline that is held, the arm's size as given: its covariance where all lengths together
+    stay. An arm that may shrink errs less on surfaces of which nothing is certified."""
+    lengths = np.where(arm.layout.are_lengths, baseline.model.constants, 0.0)
+    lengths[arm.layout.base] = 0.0
+    grows = lengths[list(baseline.parameters)] @ baseline.root[: len(baseline.parameters)]
+    square = float(grows @ grows)
+    if not square > 0.0:
+        return baseline
+    return replace(baseline, root=baseline.root - np.outer(baseline.root @ grows, grows) / square)
+
+
 def identified(calibration: Calibration, names: Sequence[str]) -> F64:
     """(n,) constants and coefficients by the *names* that a covariance has for them."""
     terms = {f"term {i}": term.coefficient for i, term in enumerate(calibration.terms)}

@@ -11,6 +11,7 @@ from armd.compensation.diagnose.problem.linear import Linear, ModelState, Rests
 from armd.compensation.estimate.linear.blocks import Blocks, Piece, in_blocks
 from armd.compensation.estimate.linearise import Linearisation, linearise_as_read
 from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.surface_kinds import FREEDOM, PLANE
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import ArtefactCorrection
@@ -36,6 +37,8 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     parameters = np.zeros((at.jacobian.shape[2], 3 * n + len(distances.length_mm)))
     parameters[:, : 3 * n] = at.jacobian.reshape(3 * n, -1).T
     length, direction = at.poses.apart(distances.between)
+    flat = observations.kind[distances.between[:, 0]] == PLANE  # its third coordinate is all of it
+    direction[flat, :2] = 0.0
     nuisance: list[F64 | Blocks] = [
         _nuisance(at, direction),
         _lost_lengths(rests, model, parameters),
@@ -48,6 +51,8 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
         jacobian=parameters,
         joints=np.ascontiguousarray(at.joints),
         nuisance=in_blocks(nuisance, observations.placement),
+        position_mm=at.position_mm,
+        normal=_normals(at),
     )
 
 
@@ -84,6 +89,20 @@ def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
     )
 
 
+def _normals(at: Linearisation) -> F64 | None:
+    """(n, 3) of the surfaces that readings touch; None where none does."""
+    touched = at.observations.on_surface.any()
+    return at.poses.normals(at.observations, at.position_mm) if touched else None
+
+
+def _moving(pose: F64, freedom: int) -> F64:
+    """Of the columns (m, 3, 6) of a surface's pose, combinations (m, 3, *freedom*) that move it: a
+    plane's shift in itself, or a sphere's turn, is rounding, and would count as known."""
+    turned = np.linalg.svd(pose.reshape(-1, 6), full_matrices=False)[2]
+    moving: F64 = pose @ turned[:freedom].T
+    return moving
+
+
 def _nuisance(at: Linearisation, direction: F64) -> Blocks:
     """Columns (N, m) of every placement's pose and every unknown seat's position; *direction*
     (D, 3) of the certified distances."""
@@ -97,8 +116,12 @@ def _nuisance(at: Linearisation, direction: F64) -> Blocks:
         target = observations.target[rests]
         seen = [int(k) for k in np.unique(target) if int(k) in begins]
         of_seats = [at.target_columns[rests] * (target == k)[:, None, None] for k in seen]
-        values = np.concatenate([at.pose_columns[rests], *of_seats], axis=2)
-        numbers = [6 * number + np.arange(6), *(begins[k] + np.arange(3) for k in seen)]
+        pose = at.pose_columns[rests]
+        if observations.on_surface[rests[0]]:
+            pose = _moving(pose, FREEDOM[int(observations.kind[target[0]])])
+        values = np.concatenate([pose, *of_seats], axis=2)
+        of_pose = 6 * number + np.arange(pose.shape[2])
+        numbers = [of_pose, *(begins[k] + np.arange(3) for k in seen)]
         here = values.any(axis=(0, 1))
         pieces.append(Piece(rests, np.concatenate(numbers)[here], values[:, :, here]))
     distances = np.zeros((len(direction), first + 3 * len(seats)))

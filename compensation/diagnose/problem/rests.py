@@ -15,6 +15,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.estimate.folds import blocks_of_postures, whole_groups
 from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.identify.admission.requirements import unknowns_of_artefacts
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.errors import BadInput
@@ -78,11 +79,11 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
 
 def spare_rows(observations: Observations) -> int:
     """Numbers measured beyond those that placements and unknown seats take up."""
-    placements = len(np.unique(observations.placement))
     seats = np.unique(observations.target[~observations.has_truth])
     seats = seats[observations.unknown[seats]]
     touched = np.isin(observations.distances.between, seats).all(axis=1)
-    return 3 * observations.n + int(touched.sum()) - 6 * placements - 3 * len(seats)
+    taken = unknowns_of_artefacts(observations)
+    return int(observations.freedom.sum()) + int(touched.sum()) - taken
 
 
 def require_spare(observations: Observations, files: str) -> None:
