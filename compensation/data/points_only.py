@@ -27,17 +27,11 @@ def require_points(sessions: Sequence[Session], command: str) -> None:
     """Raise `BadInput` for the first session with a surface, or with readings of reflectors."""
     for session in sessions:
         refuse_surfaces(session.artefact, session.path / "session.toml", command)
-    require_one_tip(sessions, command)
-
-
-def require_one_tip(sessions: Sequence[Session], command: str) -> None:
-    """Raise `BadInput` for the first session with readings of reflectors."""
-    for session in sessions:
         if session.reflector is not None:
             raise BadInput(
                 session.path,
                 "column reflector",
                 f"{', '.join(session.reflector_names[:3])}",
-                f"readings of one tip: {command} does not use reflectors, `armd calibrate` and"
-                " `armd evaluate` do",
+                f"readings of one tip: {command} does not use reflectors; `armd calibrate`,"
+                " `armd evaluate` and `armd diagnose` do",
             )

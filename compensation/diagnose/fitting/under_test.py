@@ -11,6 +11,7 @@ from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.identify.admission.odd_session import Odd, inconsistent_session
 from armd.compensation.identify.calibrate import Options, calibrate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
@@ -27,13 +28,21 @@ def model_under_test(
     model is the one under test wherever there can be one, and others are not tried.
     """
     if calibration is not None:
-        held = with_growth_open(from_calibration(calibration, arm, held=True), arm)
         observations = gather(sessions, arm, calibration.artefact)
+        sits = evaluate(sessions, arm, calibration).reflectors if of_reflectors(sessions) else ()
+        held = with_growth_open(from_calibration(calibration, arm, True, sits), arm)
         if observations.on_surface.any() and not _knows_scale(observations):
             held = with_size_kept(held, arm)
+        if of_reflectors(sessions):  # nobody knows where each reading's tip is
+            return held, None
         return held, inconsistent_session(sessions, observations)
     made = calibrate(sessions, arm, Options(compare=False))
-    return from_calibration(made.calibration, arm, held=False), made.odd
+    return from_calibration(made.calibration, arm, False, made.reflectors), made.odd
+
+
+def of_reflectors(sessions: Sequence[Session]) -> bool:
+    """Whether readings are of reflectors, not of the tip."""
+    return any(session.reflector is not None for session in sessions)
 
 
 def _knows_scale(observations: Observations) -> bool:

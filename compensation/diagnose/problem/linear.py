@@ -5,8 +5,8 @@ Rows are flat: x, y, z of every rest in mm, then one row per certified distance.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -80,6 +80,8 @@ class ModelState:
     terms: tuple[Term, ...]
     reference_c: float
     artefact: ArtefactCorrection
+    #: of each reflector, how far it sits from the tip in the last frame (3,) mm
+    off_tip_mm: Mapping[str, F64] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

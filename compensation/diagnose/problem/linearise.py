@@ -32,7 +32,8 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
         missing = np.isnan(observations.states.temperature_c).any()
         what = "temperatures" if missing else "times"
         raise BadInput(files, what, "missing in some readings", needs)
-    at = linearise_as_read(observations, model.constants, model.terms, values)
+    off_tip_mm = _off_tip_mm(observations, model)
+    at = linearise_as_read(observations, model.constants, model.terms, values, off_tip_mm)
     n, distances = observations.n, observations.distances
     parameters = np.zeros((at.jacobian.shape[2], 3 * n + len(distances.length_mm)))
     parameters[:, : 3 * n] = at.jacobian.reshape(3 * n, -1).T
@@ -43,6 +44,8 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
         _nuisance(at, direction),
         _lost_lengths(rests, model, parameters),
     ]
+    if observations.reflectors:
+        nuisance.append(_reflector_columns(observations, parameters))
     return Linear(
         rests=replace(rests, observations=observations),
         model=model,
@@ -54,6 +57,28 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
         position_mm=at.position_mm,
         normal=_normals(at),
     )
+
+
+def _off_tip_mm(observations: Observations, model: ModelState) -> F64 | None:
+    """(n, 3) from the tip to what each reading is of, in the last frame; None: all of the tip."""
+    if not observations.reflectors:
+        return None
+    sits = np.array([*(model.off_tip_mm[name] for name in observations.reflectors), np.zeros(3)])
+    found: F64 = sits[observations.reflector]  # -1, the last: the tip
+    return found
+
+
+def _reflector_columns(observations: Observations, jacobian: F64) -> F64:
+    """Columns (N, m) of where each reflector sits that nobody gave: as the tip's, in its readings
+    alone."""
+    names = list(observations.reflectors)
+    unknown = [i for i, name in enumerate(names) if np.isnan(observations.reflectors[name]).any()]
+    columns = [np.zeros((jacobian.shape[1], 0))]
+    for i in unknown:
+        own = jacobian[observations.arm.layout.tip].T.copy()
+        own[: 3 * observations.n] *= np.repeat(observations.reflector == i, 3)[:, None]
+        columns.append(own)
+    return np.hstack(columns)
 
 
 def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:

@@ -82,7 +82,10 @@ def spare_rows(observations: Observations) -> int:
     seats = np.unique(observations.target[~observations.has_truth])
     seats = seats[observations.unknown[seats]]
     touched = np.isin(observations.distances.between, seats).all(axis=1)
-    taken = unknowns_of_artefacts(observations)
+    used = np.unique(observations.reflector)
+    offsets = [o for i, o in enumerate(observations.reflectors.values()) if i in used]
+    tips = sum(bool(np.isnan(offset).any()) for offset in offsets)
+    taken = unknowns_of_artefacts(observations) + 3 * tips
     return int(observations.freedom.sum()) + int(touched.sum()) - taken
 
 
@@ -115,6 +118,7 @@ def _rests(raw: Observations) -> I64:
         (np.abs(np.diff(q, axis=0)).max(axis=1) > REST_RAD)
         | (np.diff(raw.placement) != 0)
         | (np.diff(raw.target) != 0)
+        | (np.diff(raw.reflector) != 0)
         | (np.diff(raw.session) != 0)
         | (np.diff(side, axis=0) != 0).any(axis=1)
         | raw.has_truth[1:]
