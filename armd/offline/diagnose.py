@@ -6,14 +6,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from armd.compensation.data.points_only import require_points
 from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
 from armd.compensation.diagnose.diagnosis import Diagnosis as Details
+from armd.compensation.diagnose.fitting.under_test import of_reflectors
 from armd.compensation.diagnose.predictive.curves import ResidualComparison, compare
 from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.odd_session import refuse_mistakes
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellShare
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
@@ -192,8 +193,10 @@ def diagnose(
     fitted, held_out = load_sessions(inspected, model.content, others)
     assumed = AssumedModel.under(model.content, content) if content else None
     every = [*fitted, *held_out]
-    require_points(every, "`armd diagnose`")
+    if any(session.artefact.surfaces for session in every):
+        evaluate(every, model.content, content)  # refuses surfaces that nobody can place
     artefact = content.artefact if content else None
-    refuse_mistakes(every, gather(every, model.content, artefact), assumed)
+    if not of_reflectors(every):
+        refuse_mistakes(every, gather(every, model.content, artefact), assumed)
     details = diagnose_loaded(fitted, model.content, content, held_out, progress, command)
     return Diagnosis(details, model, loaded)

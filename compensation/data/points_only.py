@@ -18,7 +18,8 @@ def refuse_surfaces(artefact: Artefact, place: str | Path, command: str) -> None
             place,
             "artefact.surface[1]",
             f"{surface.name!r}, a {surface.kind}",
-            f"points: {command} does not use surfaces, `armd calibrate` and `armd evaluate` do",
+            f"points: {command} does not use surfaces; `armd calibrate`, `armd evaluate` and"
+            " `armd diagnose` do",
         )
 
 
@@ -31,6 +32,6 @@ def require_points(sessions: Sequence[Session], command: str) -> None:
                 session.path,
                 "column reflector",
                 f"{', '.join(session.reflector_names[:3])}",
-                f"readings of one tip: {command} does not use reflectors, `armd calibrate` and"
-                " `armd evaluate` do",
+                f"readings of one tip: {command} does not use reflectors; `armd calibrate`,"
+                " `armd evaluate` and `armd diagnose` do",
             )

@@ -133,8 +133,9 @@ def _concluded(
     outlying, outlier_p = find_outliers(result.last)
     if holdout:
         progress("held out", 0.95)
-        groups = groups_of(evaluate(holdout, arm, calibration).observations)
-        written = by_session(result, arm, sessions, holdout, groups)
+        readings = evaluate(holdout, arm, calibration).observations
+        groups = groups_of(readings)
+        written = by_session(result, arm, sessions, holdout, readings)
         squares = [
             on_sessions(step, arm, sessions, holdout, written.growth) for step in result.steps()
         ]

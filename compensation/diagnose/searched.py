@@ -44,6 +44,6 @@ def is_farther_off(fitted: Fit, number: int) -> bool:
     Where one session in ten is another arm's, its readings are tails of a noise that the others
     make.
     """
-    square = (fitted.noise.whiten_rests(fitted.left_mm) ** 2).sum(axis=1)
+    square = fitted.noise.squares(fitted.left_mm)
     own = fitted.linear.rests.observations.session == number
     return bool(np.median(square[own]) > AS_FAR_OFF**2 * np.median(square[~own]))

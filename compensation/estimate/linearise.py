@@ -114,11 +114,19 @@ def linearise(
 
 
 def linearise_as_read(
-    observations: Observations, constants: F64, terms: Sequence[Term], basis: F64
+    observations: Observations,
+    constants: F64,
+    terms: Sequence[Term],
+    basis: F64,
+    off_tip_mm: F64 | None = None,
 ) -> Linearisation:
     """The same where the readings put the tip, with poses and unknown seats fitted there: columns
-    and levers at the angles as read. A monstrous reading does not move them."""
+    and levers at the angles as read. A monstrous reading does not move them. *off_tip_mm* (n, 3):
+    how far from the tip, in the last frame, sits what each reading is of."""
     rows = parameter_rows(constants, terms, basis)
+    if off_tip_mm is not None:
+        rows = rows.copy()
+        rows[:, observations.arm.layout.tip] += off_tip_mm
     position, columns = jacobian(observations.states.q, rows)
     poses = steady_poses(observations, position)
     at = observations.states.q, position, columns

@@ -15,7 +15,7 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.data.session_format import Distance
-from armd.compensation.estimate.surface_kinds import POINT, TURN, kinds_of, own_placements
+from armd.compensation.estimate.surface_kinds import PLANE, POINT, TURN, kinds_of, own_placements
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.state import States
@@ -80,6 +80,13 @@ class Observations:
     def unknown(self) -> Mask:
         """(K,) seats: targets without a certified position."""
         return np.isnan(self.position_mm[:, 0])
+
+    @property
+    def says_size(self) -> Mask:
+        """(K,) targets of which something certified says how large the artefact is; of a plane
+        alone nothing does."""
+        said: Mask = ~self.unknown & (self.kind != PLANE)
+        return said
 
     @cached_property
     def on_surface(self) -> Mask:

@@ -88,10 +88,18 @@ def huber_weights(size: F64, at: float = WINSOR_AT) -> F64:
     return weights
 
 
-def huber_loss(size: F64) -> float:
-    """Huber's loss of distances (n,): half the square, and a straight line from the edge on."""
+def huber_loss(size: F64, stretch: F64 | float = 1.0) -> float:
+    """Huber's loss of distances (n,): half the square, and a straight line from the edge on; of
+    those that a *stretch* (n,) has brought to one edge, as it would be at their own."""
     within = np.minimum(size, WINSOR_AT)
-    return float((within * (size - 0.5 * within)).sum())
+    return float((within * (size - 0.5 * within) / stretch**2).sum())
+
+
+def edge_stretch(freedom: I64) -> F64:
+    """By what distances (n,) of *freedom* (n,) components, 1 or 3, are multiplied so that those as
+    improbable as `WINSOR_AT` of three components stand there."""
+    edge2 = 2.0 * float(gammainccinv(0.5, float(gammaincc(1.5, WINSOR_AT**2 / 2.0))))
+    return np.where(freedom == 1, WINSOR_AT / np.sqrt(edge2), 1.0)
 
 
 def far_off(distance2: F64, least: float, freedom: I64 | None = None) -> Mask:

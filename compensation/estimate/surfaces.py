@@ -85,6 +85,17 @@ def side_of(approach: float, shaft: float) -> float:
     return -1.0 if decides < 0.0 else 1.0
 
 
+def planes_together(observations: Observations) -> list[I64]:
+    """Return the targets of each frame in which planes stand at heights: one plane, or several
+    parallel ones."""
+    rows = np.flatnonzero(observations.on_surface)
+    target = observations.target[rows]
+    pairs = np.stack([observations.placement[rows], target], axis=1)
+    pairs = np.unique(pairs[observations.kind[target] == PLANE], axis=0)
+    bodies = {tuple(pairs[pairs[:, 0] == p, 1].tolist()) for p in np.unique(pairs[:, 0])}
+    return [np.array(body, dtype=np.int64) for body in sorted(bodies)]
+
+
 def fit_each_surface(
     observations: Observations,
     position_mm: F64,

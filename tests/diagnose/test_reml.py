@@ -20,6 +20,7 @@ def linear(seed: int = 1, n: int = N, placements: int = 3) -> Any:
     observations = SimpleNamespace(placement=np.arange(n) % placements, distances=distances)
     return SimpleNamespace(
         rests=SimpleNamespace(n=n, observations=observations, posture=np.arange(n)),
+        normal=None,
         joints=rng.normal(size=(n, 3, 4)) * 300.0,
     )
 

@@ -241,7 +241,7 @@ def test_surfaces_that_nobody_can_place_are_refused_by_name(
 
 @pytest.mark.parametrize(
     "command",
-    [["diagnose", "--json", "d.json"], ["verify"], ["design", "-o", "poses.csv"]],
+    [["verify"], ["design", "-o", "poses.csv"]],
     ids=lambda command: str(command[0]),
 )
 def test_what_takes_points_alone_says_so(

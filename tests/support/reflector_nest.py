@@ -51,9 +51,10 @@ def write_nest_session(
             for name, offset in nest.items():
                 q = rng.uniform(low, high)
                 arm = replace(true, tip_offset=np.asarray(offset))
-                tip = arm.tip(q[None], Conditions.at_rest(1, 6))[0]
+                still = Conditions.at_rest(1, 6)
+                tip = arm.tip(q[None], still)[0]
                 seen = turn.T @ (tip - where) + rng.normal(0.0, TRACKER_MM, 3)
-                read = q + rng.normal(0.0, ENCODER_RAD, 6)
+                read = arm.encoder_angles(q[None], still)[0] + rng.normal(0.0, ENCODER_RAD, 6)
                 writer.writerow([10.0 * i, "T", "SMR", name, *read.tolist(), *seen.tolist()])
     places = {name: list(map(float, nest[name])) for name in given}
     tables = [f'[[reflector]]\nname = "{n}"\noffset_mm = {at}' for n, at in places.items()]

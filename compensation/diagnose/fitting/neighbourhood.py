@@ -80,7 +80,7 @@ def scale_kept(fit: Fit, arm: Arm) -> float:
     One where positions are certified, or truth is measured: there a smaller arm errs.
     """
     observations = fit.linear.rests.observations
-    if observations.has_truth.any() or not observations.unknown.all():
+    if observations.has_truth.any() or observations.says_size.any():
         return 1.0
     return 1.0 / max(size(fit, arm), 1e-3)
 

@@ -22,6 +22,7 @@ from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.estimate.postures import counts_as, shared_part
 from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights, monstrous
+from armd.compensation.estimate.surfaces import project_on_normals
 
 LEVER_MM = 500.0
 #: Slow drift is a random walk from knot to knot, this far apart (and at most so many per session).
@@ -61,7 +62,11 @@ def target_nuisance(linear: Linear) -> tuple[F64, F64]:
         sigma = float(uncertainty[labels == label].max())
         for axis in range(3):
             column = np.zeros(len(linear.residual))
-            column[: 3 * linear.rests.n] = (rotation[:, :, axis] * rows[:, None]).ravel()
+            moves = rotation[:, :, axis]
+            if linear.normal is not None:  # a radius is a surface's third coordinate
+                of_surface = linear.normal * float(axis == 2)
+                moves = np.where(observations.on_surface[:, None], of_surface, moves)
+            column[: 3 * linear.rests.n] = (moves * rows[:, None]).ravel()
             columns.append(column)
             variance.append(sigma**2)
     stacked = np.stack(columns, axis=1) if columns else np.zeros((len(linear.residual), 0))
@@ -91,6 +96,8 @@ def drift_columns(linear: Linear) -> tuple[Blocks, F64]:
             own = np.flatnonzero(observations.placement[rows] == placement)
             known = ramps[own][:, ramps[own].any(axis=0)]  # the knots that it has come to
             values = np.einsum("kj,ab->kajb", known, np.eye(3)).reshape(len(own), 3, -1)
+            if linear.normal is not None:
+                values = project_on_normals(linear.normal[rows[own]], values)
             numbers = count + np.arange(values.shape[2])
             found[int(placement)] = Piece(rows[own], numbers, values)
         count += 3 * len(knots)
@@ -147,7 +154,11 @@ def _estimate(
     # Copies share all of their error, until they have shown how much: they count as one.
     shared = before.shared_part if before else 1.0
     counts = counts_as(linear.rests.posture, shared)
-    counted, rows = np.sqrt(counts), 3.0 * float(counts.sum()) + len(distance)
+    # Across a surface there is no equation, and its part of the whitening is of no account.
+    counted, across = np.sqrt(counts), 0.0
+    if linear.normal is not None:
+        across = 2.0 * float(counts[linear.normal.any(axis=1)].sum())
+    rows = 3.0 * float(counts.sum()) - across + len(distance)
 
     @cache
     def at_share(share: float) -> tuple[float, float, float, bool]:
@@ -155,6 +166,8 @@ def _estimate(
         products = nuisance.products(counted[:, None, None] * whitener, relative, residual)
         unlikely, scale, drift, settled = _best_scale(Restricted.of(products, absorbing, rows))
         log_det = -2.0 * float(counts @ np.log(np.einsum("nii->ni", whitener)).sum(axis=1))
+        if across:
+            log_det -= across * float(np.log1p(-share))
         return unlikely + log_det, scale, drift, settled
 
     low, high, steps = 0.01, 0.99, 7
@@ -180,13 +193,15 @@ def _estimate(
         counts=counts,
         shared_part=shared,
         settled=settled,
+        normal=linear.normal,
     )
 
 
 def with_shared_part(noise: RestNoise, linear: Linear, left: F64) -> RestNoise:
     """Return the noise with what copies of a posture share, by what is *left* (N,) of them."""
     posture, n = linear.rests.posture, linear.rests.n
-    part = shared_part(noise.whiten_rests(left[: 3 * n].reshape(n, 3)), posture)
+    white = noise.whiten_rests(left[: 3 * n].reshape(n, 3))
+    part = shared_part(white, posture, 3 if noise.normal is None else noise.freedom)
     return noise.with_shared_part(part, posture)
 
 
@@ -238,7 +253,7 @@ def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise
     monsters = monstrous(residual[: 3 * len(noise.whitener)].reshape(-1, 3)).any()
     # Then the residual is about poses that hardly know of them; a fit would.
     fitted = nothing if monsters else fit(residual, noise)
-    square = _squares(residual, fitted, noise)
+    square = noise.squares(_apart(residual, fitted, noise))
     usual = MIDDLE_TO_MEAN * float(np.median(square)) if len(square) else 1.0
     if float(square.mean()) <= GROSS * usual:
         return winsorise(residual, fitted, noise)
@@ -246,25 +261,24 @@ def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise
         before = usual
         clipped = winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / 3.0)))
         fitted = fit(clipped, noise)
-        usual = MIDDLE_TO_MEAN * float(np.median(_squares(residual, fitted, noise)))
+        usual = MIDDLE_TO_MEAN * float(np.median(noise.squares(_apart(residual, fitted, noise))))
         if usual > 0.9 * before:
             break
     return winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / 3.0)))
 
 
-def _squares(residual: F64, fitted: F64, noise: RestNoise) -> F64:
-    """(n,) squared distance of each rest from *fitted*, in units of its noise."""
+def _apart(residual: F64, fitted: F64, noise: RestNoise) -> F64:
+    """(n, 3) mm of each rest from *fitted* (N,)."""
     n = len(noise.whitener)
-    apart = (residual - fitted)[: 3 * n].reshape(n, 3)
-    square: F64 = (noise.whiten_rests(apart) ** 2).sum(axis=1)
-    return square
+    apart: F64 = (residual - fitted)[: 3 * n].reshape(n, 3)
+    return apart
 
 
 def winsorise(residual: F64, fitted: F64, noise: RestNoise, at: float = WINSOR_AT) -> F64:
     """Residual (N,) with every rest's distance from *fitted* at most *at* standard deviations."""
     n = len(noise.whitener)
-    apart = (residual - fitted)[: 3 * n].reshape(n, 3)
-    size = np.sqrt(_squares(residual, fitted, noise))
+    apart = _apart(residual, fitted, noise)
+    size = np.sqrt((noise.whiten_rests(apart) ** 2).sum(axis=1)) * noise.stretch
     clipped = residual.copy()
     clipped[: 3 * n] = fitted[: 3 * n] + (apart * huber_weights(size, at)[:, None]).ravel()
     return clipped

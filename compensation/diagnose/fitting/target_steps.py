@@ -36,7 +36,7 @@ class TargetStep:
 def target_steps(last: Fit) -> list[TargetStep]:
     """One entry per placement and target."""
     observations = last.linear.rests.observations
-    left = 1e3 * last.left_mm
+    left, normal = 1e3 * last.left_mm, last.linear.normal
     pairs = np.stack([observations.placement, observations.target], axis=1)
     found = []
     named, of = np.unique(pairs, axis=0, return_inverse=True)
@@ -44,6 +44,8 @@ def target_steps(last: Fit) -> list[TargetStep]:
     ends = np.cumsum(np.bincount(of.ravel(), minlength=len(named)))
     for (placement, target), numbers in zip(named, np.split(rests, ends[:-1]), strict=True):
         own = left[numbers]
+        if normal is not None and normal[numbers[0]].any():  # of a surface, along its normal
+            own = np.einsum("ni,ni->n", own, normal[numbers])[:, None]
         step_um, after, step_p = _clearest_step(own)
         found.append(
             TargetStep(
@@ -66,8 +68,8 @@ def steps(of: list[TargetStep]) -> list[TargetStep]:
 
 
 def _clearest_step(own: F64) -> tuple[float, int, float]:
-    """Of (n, 3) what is left, over all ways to part the first from the others: size of the step,
-    after how many, and its p value.
+    """Of (n, c) what is left in c directions, 3 or 1, over all ways to part the first from the
+    others: size of the step, after how many, and its p value.
 
     By the scatter about the two means (Hotelling's test with equal variances): what is left at
     other targets says nothing of this one, and a step half-way through inflates its whole RMS.
@@ -82,8 +84,9 @@ def _clearest_step(own: F64) -> tuple[float, int, float]:
     square = ((rest - first) ** 2).sum(axis=1)
     between = after * (n - after) / n * square
     within = np.maximum((own**2).sum() - (sums[-1] ** 2).sum() / n - between, 1e-12)
-    freedom = 3 * (n - 2)
-    p = fdtrc(3, freedom, (between / 3) / (within / freedom))
+    c = own.shape[1]
+    freedom = c * (n - 2)
+    p = fdtrc(c, freedom, (between / c) / (within / freedom))
     clearest = int(np.argmin(p))
     chance = min(1.0, len(after) * float(p[clearest]))
     return float(np.sqrt(square[clearest])), int(after[clearest]), chance

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.fitting.growth_open import with_growth_open
-from armd.compensation.diagnose.problem.baseline import from_calibration
+from armd.compensation.diagnose.problem.baseline import from_calibration, with_size_kept
 from armd.compensation.diagnose.problem.linear import Baseline
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.identify.admission.odd_session import Odd, inconsistent_session
 from armd.compensation.identify.calibrate import Options, calibrate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
@@ -27,7 +28,24 @@ def model_under_test(
     model is the one under test wherever there can be one, and others are not tried.
     """
     if calibration is not None:
-        held = with_growth_open(from_calibration(calibration, arm, held=True), arm)
-        return held, inconsistent_session(sessions, gather(sessions, arm, calibration.artefact))
+        observations = gather(sessions, arm, calibration.artefact)
+        sits = evaluate(sessions, arm, calibration).reflectors if of_reflectors(sessions) else ()
+        held = with_growth_open(from_calibration(calibration, arm, True, sits), arm)
+        if observations.on_surface.any() and not _knows_scale(observations):
+            held = with_size_kept(held, arm)
+        if of_reflectors(sessions):  # nobody knows where each reading's tip is
+            return held, None
+        return held, inconsistent_session(sessions, observations)
     made = calibrate(sessions, arm, Options(compare=False))
-    return from_calibration(made.calibration, arm, held=False), made.odd
+    return from_calibration(made.calibration, arm, False, made.reflectors), made.odd
+
+
+def of_reflectors(sessions: Sequence[Session]) -> bool:
+    """Whether readings are of reflectors, not of the tip."""
+    return any(session.reflector is not None for session in sessions)
+
+
+def _knows_scale(observations: Observations) -> bool:
+    """Whether anything certified says how large the arm is."""
+    lengths = len(observations.distances.length_mm) > 0
+    return lengths or bool(observations.has_truth.any() or observations.says_size.any())

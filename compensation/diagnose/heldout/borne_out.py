@@ -151,7 +151,7 @@ def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> Bo
     observations = last.linear.rests.observations
     groups = groups_of(observations)
     looks = [
-        Look(left_out_in_turn(last, arm, folds), groups)
+        Look(left_out_in_turn(last, arm, folds), groups, float(observations.freedom.mean()))
         for folds in (folds_of(last.linear.rests), _by_target(observations))
     ]
     able = [
@@ -213,16 +213,16 @@ def by_session(
     arm: Arm,
     sessions: Sequence[Session],
     holdout: Sequence[Session],
-    groups: I64,
+    readings: Observations,
 ) -> BorneOut:
-    """By sessions that had no part in anything; *groups*: what their readings are resampled by."""
+    """By sessions that had no part in anything; *readings*: those of them that can be judged."""
     last = result.last
     refit = Refits(last)
 
     def squares(some: Sequence[int], growth: bool) -> F64:
         return on_sessions(refit.with_some(some), arm, sessions, holdout, growth)
 
-    look = Look(squares, groups)
+    look = Look(squares, groups_of(readings), float(readings.freedom.mean()))
     able = [not found.candidate.told_only for found in result.found]
     return choose(result, [look], able, growth=knows_growth(last, arm))
 

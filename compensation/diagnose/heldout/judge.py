@@ -28,6 +28,7 @@ class Look:
 
     squares: Callable[[Sequence[int], bool], F64]
     groups: I64
+    axes: float = 3.0  # how many directions a reading has, on the mean; on a surface one
 
 
 #: Findings in a model, by number, and whether the first link grows in it.
@@ -104,7 +105,7 @@ class Judge:
         old, new = capped(self.errors(without)[0], self.errors(beside)[0])
         if gain(old, new, self._looks[0].groups).interval_um[1] >= 0.0:
             return 1.0
-        variance_mm2 = max(float(old.mean()) / 3.0, TINY_MM2)  # of one of the three directions
+        variance_mm2 = max(float(old.mean()) / self._looks[0].axes, TINY_MM2)  # of one direction
         nats = 0.5 * float((new - old).sum()) / variance_mm2
         return max(math.exp(-max(nats, 0.0)), CHANGED)
 

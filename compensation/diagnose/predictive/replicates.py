@@ -58,7 +58,7 @@ class Refitted:
         common = rng.normal(size=(int(posture.max()) + 1, 3, count))[posture]
         part = noise.shared_part
         unit = np.sqrt(part) * common + np.sqrt(1.0 - part) * own
-        deviation = np.linalg.inv(noise.whitener) * np.sqrt(noise.counts)[:, None, None]
+        deviation = noise.roots
         lengths = noise.distance_mm[:, None] * rng.normal(size=(len(noise.distance_mm), count))
         drawn = np.concatenate([(deviation @ unit).reshape(3 * n, count), lengths])
         amplitudes = np.zeros((fit.nuisance.columns.size, count))

@@ -10,6 +10,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.identify.reflectors import FoundReflector
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
 
@@ -17,8 +18,14 @@ from armd.compensation.model.calibration import ArtefactCorrection, Calibration
 LEFT_OPEN = "left_open"
 
 
-def from_calibration(calibration: Calibration, arm: Arm, held: bool) -> Baseline:
-    """The baseline of a calibration; one without covariance is taken as exact when held."""
+def from_calibration(
+    calibration: Calibration,
+    arm: Arm,
+    held: bool,
+    reflectors: Sequence[FoundReflector] = (),
+) -> Baseline:
+    """The baseline of a calibration; one without covariance is taken as exact when held.
+    *reflectors*: where they sit under it."""
     names = arm.layout.names
     constants = [i for i, name in enumerate(names) if name in calibration.covariance_of]
     terms = [i for i in range(len(calibration.terms)) if f"term {i}" in calibration.covariance_of]
@@ -28,12 +35,14 @@ def from_calibration(calibration: Calibration, arm: Arm, held: bool) -> Baseline
     covariance = covariance[np.ix_(order, order)]
     for moves in _left_open(calibration) if held else []:
         covariance = covariance + np.outer(moves[order], moves[order])
+    vector = calibration.vector(arm.n_joints)
     return Baseline(
         ModelState(
-            calibration.vector(arm.n_joints),
+            vector,
             tuple(calibration.terms),
             calibration.reference_temperature_c,
             calibration.artefact or ArtefactCorrection(),
+            {one.name: one.offset_mm - vector[arm.layout.tip] for one in reflectors},
         ),
         calibration,
         held,
@@ -41,6 +50,18 @@ def from_calibration(calibration: Calibration, arm: Arm, held: bool) -> Baseline
         tuple(terms),
         root_of(covariance),
     )
+
+
+def with_size_kept(baseline: Baseline, arm: Arm) -> Baseline:
+    """A baseline that is held, the arm's size as given: its covariance where all lengths together
+    stay. An arm that may shrink errs less on surfaces of which nothing is certified."""
+    lengths = np.where(arm.layout.are_lengths, baseline.model.constants, 0.0)
+    lengths[arm.layout.base] = 0.0
+    grows = lengths[list(baseline.parameters)] @ baseline.root[: len(baseline.parameters)]
+    square = float(grows @ grows)
+    if not square > 0.0:
+        return baseline
+    return replace(baseline, root=baseline.root - np.outer(baseline.root @ grows, grows) / square)
 
 
 def identified(calibration: Calibration, names: Sequence[str]) -> F64:
@@ -75,7 +96,7 @@ def moved(model: ModelState, baseline: Baseline, step: F64) -> ModelState:
     for i, change in zip(baseline.terms, step[len(baseline.parameters) :], strict=True):
         coefficient = terms[i].coefficient + float(change)
         terms[i] = terms[i].model_copy(update={"coefficient": coefficient})
-    return ModelState(constants, tuple(terms), model.reference_c, model.artefact)
+    return replace(model, constants=constants, terms=tuple(terms))
 
 
 def with_findings(

@@ -5,8 +5,8 @@ Rows are flat: x, y, z of every rest in mm, then one row per certified distance.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -18,6 +18,8 @@ from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import Poses
 from armd.compensation.estimate.postures import find_postures
+from armd.compensation.estimate.surface_kinds import POINT
+from armd.compensation.estimate.surfaces import planes_together, project_on_normals
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
@@ -78,6 +80,8 @@ class ModelState:
     terms: tuple[Term, ...]
     reference_c: float
     artefact: ArtefactCorrection
+    #: of each reflector, how far it sits from the tip in the last frame (3,) mm
+    off_tip_mm: Mapping[str, F64] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,8 @@ class Linear:
     jacobian: F64  # (P, N) mm per parameter
     joints: F64  # (n, 3, joints) mm/rad, for the encoders' noise
     nuisance: Blocks  # (N, m) placements, unknown seats
+    position_mm: F64  # (n, 3) tip, base frame
+    normal: F64 | None = None  # (n, 3) of the surfaces touched, 0 for points; None: no surface
 
     def signature(self, parameter: int, values: F64) -> F64:
         """Column (N,) of a parameter times basis values (n,)."""
@@ -101,7 +107,12 @@ class Linear:
     @cached_property
     def _placed_mm(self) -> F64:
         """(n, 3) where the tip should stand, in the base frame."""
-        return self.poses.target_points(self.rests.observations)
+        observations = self.rests.observations
+        placed = self.poses.target_points(observations)
+        if self.normal is not None:
+            off = self.residual[: 3 * self.rests.n].reshape(-1, 3)
+            placed = np.where(observations.on_surface[:, None], self.position_mm - off, placed)
+        return placed
 
     def artefact_column(self, change: ArtefactChange) -> F64:
         """Column (N,) of a change of the artefact: the residual is tip minus target."""
@@ -132,7 +143,11 @@ class Linear:
             of = np.array([s.artefact.name == change.artefact for s in self.rests.sessions])
             move = move * of[observations.session][:, None]
         rotation = self.poses.rotation[observations.placement]
-        column[: 3 * self.rests.n] = -np.einsum("nij,nj->ni", rotation, move).ravel()
+        turned = np.einsum("nij,nj->ni", rotation, move)
+        if self.normal is not None:  # the third coordinate of a surface is its height or radius
+            on_surface = observations.on_surface[:, None]
+            turned = np.where(on_surface, self.normal * move[:, 2:], turned)
+        column[: 3 * self.rests.n] = -turned.ravel()
         return column
 
     @cached_property
@@ -141,14 +156,19 @@ class Linear:
 
         Where nothing of it is certified, its frame lies anywhere (rounding decides), and a target
         far from the origin would move by what one sensor's noise makes of that: there it is the
-        middle of the seats, and a single seat does not move (docs/diagnosis-how.md).
+        middle of the seats, and a single seat does not move (docs/diagnosis-how.md). Planes stand
+        at heights over a frame that lies anywhere, too; a sphere grows about its own centre.
         """
         observations = self.rests.observations
         target_mm = self.poses.target_mm.copy()
-        certified = observations.has_truth | ~observations.unknown[observations.target]
+        certified = observations.has_truth | observations.says_size[observations.target]
         for session in np.setdiff1d(observations.session, observations.session[certified]):
             seats = np.unique(observations.target[observations.session == session])
-            target_mm[seats] -= target_mm[seats].mean(axis=0)
+            seats = seats[observations.kind[seats] == POINT]
+            if len(seats):
+                target_mm[seats] -= target_mm[seats].mean(axis=0)
+        for body in planes_together(observations):
+            target_mm[body] -= target_mm[body].mean(axis=0)
         return observations.known_mm(target_mm)
 
     def artefact_columns(self, changes: Sequence[ArtefactChange]) -> Blocks:
@@ -184,20 +204,26 @@ class Linear:
         """Motion (n, 3) of targets *at* (n, 3) by a bend along a principal axis of them all."""
         observations = self.rests.observations
         seen = np.isin(np.arange(len(self.poses.target_mm)), observations.target)
-        points = self.poses.target_mm[seen]
+        points = self.poses.target_mm[seen & (observations.kind == POINT)]
         middle = points.mean(axis=0)
         axis = np.linalg.svd(points - middle, full_matrices=False)[2][change.axis]
         along = (at - middle) @ axis / max(float(np.abs((points - middle) @ axis).max()), 1.0)
         across = np.array(observations.arm.gravity) @ self.poses.rotation[observations.placement]
         across -= np.outer(across @ axis, axis)
-        return np.where(observations.has_truth[:, None], 0.0, along[:, None] ** 2 * across)
+        still = observations.has_truth | observations.on_surface
+        return np.where(still[:, None], 0.0, along[:, None] ** 2 * across)
 
     def _motions(self, placement: int) -> F64:
         """(6, k, 3) how the targets of one placement's rests, in the order of time, move with it:
         along each axis, and about each."""
         points = self._placed_mm[self.rests.in_order[placement]]
         along = np.broadcast_to(np.eye(3)[:, None], (3, *points.shape))
-        return np.concatenate([along, np.cross(along, points - points.mean(axis=0))])
+        motions = np.concatenate([along, np.cross(along, points - points.mean(axis=0))])
+        if self.normal is not None:
+            normal = self.normal[self.rests.in_order[placement]]
+            moves = project_on_normals(normal, motions.transpose(1, 2, 0))
+            motions = np.ascontiguousarray(moves.transpose(2, 0, 1))
+        return motions
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from armd.compensation.diagnose.problem.linear import Linear, ModelState, Rests
 from armd.compensation.estimate.linear.blocks import Blocks, Piece, in_blocks
 from armd.compensation.estimate.linearise import Linearisation, linearise_as_read
 from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.surface_kinds import FREEDOM, PLANE
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import ArtefactCorrection
@@ -31,15 +32,20 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
         missing = np.isnan(observations.states.temperature_c).any()
         what = "temperatures" if missing else "times"
         raise BadInput(files, what, "missing in some readings", needs)
-    at = linearise_as_read(observations, model.constants, model.terms, values)
+    off_tip_mm = _off_tip_mm(observations, model)
+    at = linearise_as_read(observations, model.constants, model.terms, values, off_tip_mm)
     n, distances = observations.n, observations.distances
     parameters = np.zeros((at.jacobian.shape[2], 3 * n + len(distances.length_mm)))
     parameters[:, : 3 * n] = at.jacobian.reshape(3 * n, -1).T
     length, direction = at.poses.apart(distances.between)
+    flat = observations.kind[distances.between[:, 0]] == PLANE  # its third coordinate is all of it
+    direction[flat, :2] = 0.0
     nuisance: list[F64 | Blocks] = [
         _nuisance(at, direction),
         _lost_lengths(rests, model, parameters),
     ]
+    if observations.reflectors:
+        nuisance.append(_reflector_columns(observations, parameters))
     return Linear(
         rests=replace(rests, observations=observations),
         model=model,
@@ -48,7 +54,31 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
         jacobian=parameters,
         joints=np.ascontiguousarray(at.joints),
         nuisance=in_blocks(nuisance, observations.placement),
+        position_mm=at.position_mm,
+        normal=_normals(at),
     )
+
+
+def _off_tip_mm(observations: Observations, model: ModelState) -> F64 | None:
+    """(n, 3) from the tip to what each reading is of, in the last frame; None: all of the tip."""
+    if not observations.reflectors:
+        return None
+    sits = np.array([*(model.off_tip_mm[name] for name in observations.reflectors), np.zeros(3)])
+    found: F64 = sits[observations.reflector]  # -1, the last: the tip
+    return found
+
+
+def _reflector_columns(observations: Observations, jacobian: F64) -> F64:
+    """Columns (N, m) of where each reflector sits that nobody gave: as the tip's, in its readings
+    alone."""
+    names = list(observations.reflectors)
+    unknown = [i for i, name in enumerate(names) if np.isnan(observations.reflectors[name]).any()]
+    columns = [np.zeros((jacobian.shape[1], 0))]
+    for i in unknown:
+        own = jacobian[observations.arm.layout.tip].T.copy()
+        own[: 3 * observations.n] *= np.repeat(observations.reflector == i, 3)[:, None]
+        columns.append(own)
+    return np.hstack(columns)
 
 
 def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:
@@ -84,6 +114,20 @@ def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
     )
 
 
+def _normals(at: Linearisation) -> F64 | None:
+    """(n, 3) of the surfaces that readings touch; None where none does."""
+    touched = at.observations.on_surface.any()
+    return at.poses.normals(at.observations, at.position_mm) if touched else None
+
+
+def _moving(pose: F64, freedom: int) -> F64:
+    """Of the columns (m, 3, 6) of a surface's pose, combinations (m, 3, *freedom*) that move it: a
+    plane's shift in itself, or a sphere's turn, is rounding, and would count as known."""
+    turned = np.linalg.svd(pose.reshape(-1, 6), full_matrices=False)[2]
+    moving: F64 = pose @ turned[:freedom].T
+    return moving
+
+
 def _nuisance(at: Linearisation, direction: F64) -> Blocks:
     """Columns (N, m) of every placement's pose and every unknown seat's position; *direction*
     (D, 3) of the certified distances."""
@@ -97,8 +141,12 @@ def _nuisance(at: Linearisation, direction: F64) -> Blocks:
         target = observations.target[rests]
         seen = [int(k) for k in np.unique(target) if int(k) in begins]
         of_seats = [at.target_columns[rests] * (target == k)[:, None, None] for k in seen]
-        values = np.concatenate([at.pose_columns[rests], *of_seats], axis=2)
-        numbers = [6 * number + np.arange(6), *(begins[k] + np.arange(3) for k in seen)]
+        pose = at.pose_columns[rests]
+        if observations.on_surface[rests[0]]:
+            pose = _moving(pose, FREEDOM[int(observations.kind[target[0]])])
+        values = np.concatenate([pose, *of_seats], axis=2)
+        of_pose = 6 * number + np.arange(pose.shape[2])
+        numbers = [of_pose, *(begins[k] + np.arange(3) for k in seen)]
         here = values.any(axis=(0, 1))
         pieces.append(Piece(rests, np.concatenate(numbers)[here], values[:, :, here]))
     distances = np.zeros((len(direction), first + 3 * len(seats)))

@@ -15,6 +15,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.estimate.folds import blocks_of_postures, whole_groups
 from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.identify.admission.requirements import unknowns_of_artefacts
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.errors import BadInput
@@ -78,11 +79,14 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
 
 def spare_rows(observations: Observations) -> int:
     """Numbers measured beyond those that placements and unknown seats take up."""
-    placements = len(np.unique(observations.placement))
     seats = np.unique(observations.target[~observations.has_truth])
     seats = seats[observations.unknown[seats]]
     touched = np.isin(observations.distances.between, seats).all(axis=1)
-    return 3 * observations.n + int(touched.sum()) - 6 * placements - 3 * len(seats)
+    used = np.unique(observations.reflector)
+    offsets = [o for i, o in enumerate(observations.reflectors.values()) if i in used]
+    tips = sum(bool(np.isnan(offset).any()) for offset in offsets)
+    taken = unknowns_of_artefacts(observations) + 3 * tips
+    return int(observations.freedom.sum()) + int(touched.sum()) - taken
 
 
 def require_spare(observations: Observations, files: str) -> None:
@@ -114,6 +118,7 @@ def _rests(raw: Observations) -> I64:
         (np.abs(np.diff(q, axis=0)).max(axis=1) > REST_RAD)
         | (np.diff(raw.placement) != 0)
         | (np.diff(raw.target) != 0)
+        | (np.diff(raw.reflector) != 0)
         | (np.diff(raw.session) != 0)
         | (np.diff(side, axis=0) != 0).any(axis=1)
         | raw.has_truth[1:]

@@ -9,6 +9,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.effects.effect import SessionFacts
+from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.model.arm import Arm
 
 #: Moments at which something may have stepped, on the first, coarse grid.
@@ -36,7 +37,8 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
     timed = bool(np.isfinite(states.time_s).all())
     moments = _moments(states.time_s) if timed else np.empty(0)
     labels = np.array(rests.target_label)
-    certified = np.unique(labels[observations.target[~observations.has_truth]])
+    points = observations.kind[observations.target] == POINT
+    certified = np.unique(labels[observations.target[~observations.has_truth & points]])
     named = [str(name) for name in certified if not observations.unknown[labels == name].any()]
     rate = states.rate[np.isfinite(states.rate)]
     return SessionFacts(
@@ -104,7 +106,7 @@ def _checked_distances(rests: Rests, baseline: Baseline) -> tuple[str, ...]:
     """
     observations = rests.observations
     between = observations.distances.between
-    positions = observations.has_truth.any() or not observations.unknown.all()
+    positions = observations.has_truth.any() or observations.says_size.any()
     if not (baseline.held or positions or len(between) > 1):
         return ()
     labels = rests.target_label

@@ -9,6 +9,8 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.estimate.linear.blocks import Blocks
 from armd.compensation.estimate.postures import counts_as
+from armd.compensation.estimate.robust import edge_stretch, of_three_components
+from armd.compensation.estimate.surfaces import project_on_normals
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,14 @@ class RestNoise:
     counts: F64 = field(default_factory=lambda: np.ones(1))
     shared_part: float = 1.0
     settled: bool = True  # whether the search for the likeliest scale ended
+    normal: F64 | None = None  # (n, 3) as `Linear` has them
 
     def sources(self, joints: F64) -> F64:
         """How rests in units of their noise move (n, 3, N + 3) with what makes it: the encoders,
         by *joints* (n, 3, N) mm/rad, and the repeat of a point."""
         repeat = np.broadcast_to(self.repeat_mm * np.eye(3), (len(joints), 3, 3))
+        if self.normal is not None:
+            repeat = project_on_normals(self.normal, repeat)
         moves = np.concatenate([self.encoder_rad * joints, repeat], axis=2)
         white: F64 = self.whitener @ moves / np.sqrt(self.counts)[:, None, None]
         return white
@@ -55,8 +60,31 @@ class RestNoise:
     @property
     def own_mm(self) -> float:
         """3-D RMS of what is each rest's own, in mm."""
-        covariance = np.linalg.inv(self.whitener) * np.sqrt(self.counts)[:, None, None]
-        return float(np.sqrt((covariance**2).sum(axis=(1, 2)).mean()))
+        return float(np.sqrt(np.square(self.roots).sum(axis=(1, 2)).mean()))
+
+    @property
+    def roots(self) -> F64:
+        """(n, 3, 3) with which unit variances make what is each rest's own, in mm."""
+        roots: F64 = np.asarray(np.linalg.inv(self.whitener), dtype=np.float64)
+        roots = roots * np.sqrt(self.counts)[:, None, None]
+        return roots if self.normal is None else project_on_normals(self.normal, roots)
+
+    @property
+    def freedom(self) -> I64:
+        """(n,) how many equations each rest gives."""
+        if self.normal is None:
+            return np.full(len(self.whitener), 3)
+        return np.where(self.normal.any(axis=1), 1, 3)
+
+    def squares(self, moves: F64) -> F64:
+        """(n,) of rests (n, 3) in units of their own noise, as of three components each."""
+        square = (self.whiten_rests(moves) ** 2).sum(axis=1)
+        return square if self.normal is None else of_three_components(square, self.freedom)
+
+    @property
+    def stretch(self) -> F64 | float:
+        """By what distances of rests (n,) are multiplied to be clipped at one edge."""
+        return 1.0 if self.normal is None else edge_stretch(self.freedom)
 
     def whiten_rests(self, moves: F64) -> F64:
         """Of each rest (n, 3) in units of its own noise."""

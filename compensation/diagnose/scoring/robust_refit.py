@@ -50,7 +50,7 @@ def clipped_about(candidate: Candidate, projection: Projection) -> Projection:
     """The projection, its residual clipped about the fit with a candidate in the model."""
     fit = projection.fit
     left = _absorbing(projection).joined(candidate).robust().left
-    size = np.linalg.norm(left, axis=1)
+    size = np.linalg.norm(left, axis=1) * fit.noise.stretch
     less = left * (1.0 - huber_weights(size))[:, None]
     residual = fit.raw_residual.copy()
     clipped = size > WINSOR_AT
@@ -68,8 +68,9 @@ def _residuals(projection: Projection) -> F64:
 def _huber(left: F64, projection: Projection) -> float:
     """Huber's loss of residuals (N,), of each rest's components together."""
     end = 3 * projection.fit.linear.rests.n
-    size = np.linalg.norm(left[:end].reshape(-1, 3), axis=1)
-    return huber_loss(size) + 0.5 * float((left[end:] ** 2).sum())
+    stretch = projection.fit.noise.stretch
+    size = np.linalg.norm(left[:end].reshape(-1, 3), axis=1) * stretch
+    return huber_loss(size, stretch) + 0.5 * float((left[end:] ** 2).sum())
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,8 @@ class _Problem:
             loss = _huber(left, self.projection) + 0.5 * held
             gained = best.loss - loss
             of_rests = left[: 3 * n].reshape(-1, 3)
-            less = 1.0 - huber_weights(np.linalg.norm(of_rests, axis=1))
+            size = np.linalg.norm(of_rests, axis=1) * self.projection.fit.noise.stretch
+            less = 1.0 - huber_weights(size)
             if gained > 0.0:
                 best = _Robust(loss, of_rests, less)
             if gained < LEAST_GAINED:

@@ -47,7 +47,8 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
         larger = variance_of_sums(rests, lasting.sources, memory.tau_s, lasting.sequence)
         scatter *= max(memory.variance * larger, 1.0)
     speaking = leverage.sum() ** 2 / max(float((leverage**2).sum()), 1e-300)  # rests, effectively
-    freedom = max((speaking - 1.0) * min(m, 3), 1.0)
+    axes = _axes(rests, projection)
+    freedom = max((speaking - 1.0) * min(m, axes), 1.0)
     tail = float(fdtrc(m, freedom, float(score @ score) / (m * scatter)))
     log_p = float(np.log(max(tail, 1e-300)))
     if m > MOST_COUNTED:  # with noise as large as these rests scatter
@@ -56,6 +57,15 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
         evidence = log_bayes_factors(gram[None], side[None], (typical * size)[None], reach[None])
         log_p = min(log_p, -float(evidence[0]))
     return log_p
+
+
+def _axes(rests: F64, projection: Projection) -> float:
+    """How many equations those of *rests* (n, 3, m) give that decide."""
+    noise = projection.fit.noise
+    if noise.normal is None:
+        return 3.0
+    decides = (rests**2).sum(axis=(1, 2))
+    return float(decides @ noise.freedom) / max(float(decides.sum()), 1e-300)
 
 
 def by_posture(values: F64, posture: I64) -> F64:

@@ -106,20 +106,22 @@ def _evaluate(
     reflectors: list[FoundReflector] = []
     if tips.terms:
         observations = tips.observations
-        fitted = _fit_reflectors(tips, constants, terms, reference_c)
-        terms, names = fitted.terms, fitted.unknowns.names
-        reflectors = found_reflectors(observations, constants, terms, names, fitted.covariance)
+        names, covariance, terms = list[str](), np.zeros((0, 0)), [*tips.terms, *terms]
+        if tips.free:
+            fitted = _fit_reflectors(tips, constants, terms, reference_c)
+            terms, names, covariance = fitted.terms, fitted.unknowns.names, fitted.covariance
+        reflectors = found_reflectors(observations, constants, terms, names, covariance)
     found = evaluate_model(observations, constants, terms, reference_c, progress)
     require_surfaces(sessions, found.observations, found.poses, found.position_mm)
     return replace(found, reflectors=reflectors)
 
 
 def _fit_reflectors(
-    tips: ReflectorTerms, constants: F64, terms: Sequence[Term], reference_c: float
+    tips: ReflectorTerms, constants: F64, every: Sequence[Term], reference_c: float
 ) -> Identification:
-    """Fit where unknown reflectors sit, constants (P,) and *terms* being as they are; readings
-    without a temperature that a term needs have no part."""
-    every, arm = [*tips.terms, *terms], tips.observations.arm
+    """Fit where unknown reflectors sit, constants (P,) and *every* other term being as they are;
+    readings without a temperature that a term needs have no part."""
+    arm = tips.observations.arm
     basis = basis_values(every, tips.observations.states, arm, reference_c, constants)
     usable: Mask = np.all(np.isfinite(basis), axis=1)
     observations = tips.observations.rows(usable) if usable.any() else tips.observations
