@@ -8,17 +8,38 @@ from armd.printable import printable
 
 #: Letters of each part of a message: all together they fit a screen.
 MOST_LETTERS = 400
+#: Lines of a message.
+MOST_LINES = 40
 
 
 class ArmdError(Exception):
     """Base of every error armd raises on purpose; the command line prints no traceback for it."""
 
 
-def cut(text: str) -> str:
+def cut(text: str, most: int = MOST_LETTERS) -> str:
     """*text*, or where it is too long to be read, its begin and end."""
-    if len(text) <= MOST_LETTERS:
+    if len(text) <= most:
         return text
-    return f"{text[: MOST_LETTERS - 100]} … {text[-90:]}"
+    return f"{text[: most - 100]} … {text[-90:]}"
+
+
+def on_a_screen(text: object, most: int = MOST_LETTERS) -> str:
+    """*text* on one line of a message: no character that a terminal obeys, and short when all
+    those are written out."""
+    return cut(printable(cut(str(text), most)), most)
+
+
+def lines_on_a_screen(text: object) -> str:
+    """A message that may have several lines."""
+    lines = cut(str(text), MOST_LINES * 4 * MOST_LETTERS).splitlines()
+    more = [f"… {len(lines) - MOST_LINES} more lines"] if len(lines) > MOST_LINES else []
+    return "\n".join([*(on_a_screen(line, 4 * MOST_LETTERS) for line in lines[:MOST_LINES]), *more])
+
+
+def of_the_system(error: OSError) -> str:
+    """A refusal of the system as a message: the file, and what was found there."""
+    what = " ".join((error.strerror or str(error)).split())
+    return f"{on_a_screen(error.filename or 'the system')}: found {on_a_screen(repr(what))}"
 
 
 class BadInput(ArmdError):
@@ -35,8 +56,8 @@ class BadInput(ArmdError):
         self.expected = expected
         #: further faults of the same file, for those who want to hear all of them at once
         self.more: tuple[BadInput, ...] = ()
-        said = f"{cut(where)}: found {cut(found)}, expected {cut(expected)}"
-        super().__init__(printable(f"{cut(self.file)}: {said}"))
+        file, where, found, expected = map(on_a_screen, (self.file, where, found, expected))
+        super().__init__(f"{file}: {where}: found {found}, expected {expected}")
 
 
 class NoAnswer(ArmdError, TimeoutError):

@@ -18,8 +18,7 @@ from armd.compensation.freed import seldom_collected
 from armd.daemon.commands.groups import COMMANDS, FOLDERS, grouped_help
 from armd.daemon.commands.terminal import hush
 from armd.daemon.commands.usage import USAGE
-from armd.errors import ArmdError, BadInput
-from armd.printable import printable
+from armd.errors import ArmdError, BadInput, lines_on_a_screen, of_the_system
 from armd.terminal.loudness import add_loudness, heard, own_fault
 from armd.terminal.parser import Parser
 from armd.terminal.suggest import did_you_mean
@@ -48,8 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             gc.freeze()
         return code
     except ArmdError as error:
-        said = "\n".join(printable(line) for line in str(error).splitlines())
-        print(f"armd: {said}", file=sys.stderr)
+        print(f"armd: {lines_on_a_screen(error)}", file=sys.stderr)
         return 2
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
@@ -69,8 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return CUT_OFF
     except OSError as error:
         hush()
-        what = " ".join((error.strerror or str(error)).split())
-        print(f"armd: {error.filename or 'the system'}: found {what!r}", file=sys.stderr)
+        print(f"armd: {of_the_system(error)}", file=sys.stderr)
         return 2
     except MemoryError:
         print("armd: memory: found none left, expected enough for the input", file=sys.stderr)

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from armd.errors import BadInput
+from armd.errors import ArmdError, BadInput
 from armd.files.locking import O_CLOEXEC, O_NOCTTY, O_NONBLOCK
 
 _log = logging.getLogger(__name__)
@@ -161,7 +161,7 @@ def told(path: Path) -> Iterator[None]:
     """Within this `with`, what the system refuses of *path* becomes a `BadInput` in words."""
     try:
         yield
-    except BrokenPipeError:
+    except (BrokenPipeError, ArmdError):  # an arm that does not answer is a time-out, too
         raise
     except OSError as error:
         number = error.errno or 0

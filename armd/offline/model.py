@@ -63,9 +63,14 @@ class Model(Displayed):
         self._source = str(loaded.path) if loaded else "none: nominal geometry"
 
     def position(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
-        """Return the tip's centre (n, 3) in mm, base frame: what `armd correct` writes."""
+        """Return the tip's centre (n, 3) in mm, base frame: what `armd correct` writes.
+
+        NaN in a row that lacks an angle or overflows.
+        """
         states = self._states(q, temperatures)
-        return self._kernel.correct_rows(states, self._slow(states))[0]
+        position = self._kernel.correct_rows(states, self._slow(states))[0]
+        position[~np.isfinite(position).all(axis=1)] = np.nan
+        return position
 
     def orientation(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None = None) -> F64:
         """Return the last frame's orientation (n, 4): unit quaternions x y z w, w ≥ 0."""
@@ -99,10 +104,11 @@ class Model(Displayed):
 
         It comes from the covariance of the identified quantities, the encoders' noise, the
         sensors' noise and the repeatability of a reading (GUM, law of propagation). NaN where the
-        calibration states none of them.
+        calibration states none of them, and in a row that overflows.
         """
         states = self._states(q, temperatures)
         six = self._kernel.covariance_rows(states, self._slow(states))
+        six[~np.isfinite(six).all(axis=1)] = np.nan
         xx, xy, xz, yy, yz, zz = six.T
         return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
 

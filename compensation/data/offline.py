@@ -161,18 +161,21 @@ class Corrector:
     ) -> tuple[F64, npt.NDArray[np.uint32]]:
         """Positions and their standard uncertainties (n, 6) mm, or positions (n, 3); flags (n,).
 
-        NaN where an angle is missing; uncertainties also where the calibration states none.
+        NaN where an angle is missing or a number overflows, in the whole row; uncertainties also
+        where the calibration states none.
         """
         states = taken.states
         # Once, as the compiled functions want it; each of them would do it otherwise.
         ordered = replace(states, q=np.ascontiguousarray(states.q))
-        figures = position = self._model.position_rows(ordered, taken.slow)
+        figures = judged = self._model.position_rows(ordered, taken.slow)
         if uncertainty:
-            figures = np.hstack([position, self._model.uncertainty_rows(ordered, taken.slow)])
-        if math.isfinite(position.sum()):  # of a missing angle comes no position
+            figures = np.hstack([judged, self._model.uncertainty_rows(ordered, taken.slow)])
+            if self._model.states_uncertainty:
+                judged = figures
+        if math.isfinite(judged.sum()):  # of a missing angle comes no position
             invalid = np.zeros(states.n, bool)
         else:
-            invalid = ~np.isfinite(position[:, 0] + position[:, 1] + position[:, 2])
+            invalid = np.logical_or.reduce(~np.isfinite(judged), axis=1)
         if taken.published is not None:  # a point that was withheld stays so
             invalid |= (taken.published & np.uint32(Flag.INVALID)) != 0
         if invalid.any():

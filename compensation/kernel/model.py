@@ -96,6 +96,11 @@ class Model:
         return None
 
     @property
+    def states_uncertainty(self) -> bool:
+        """Whether the calibration says how sure it is."""
+        return not math.isnan(self._uncertainty.floor)
+
+    @property
     def covariance(self) -> tuple[F64, I64, float]:
         """Its factor, what its rows are, and its floor, as `points.fill` takes them."""
         return self._uncertainty.factor, self._uncertainty.rows, self._uncertainty.floor
@@ -160,18 +165,20 @@ class Model:
         )
 
     def uncertainty_rows(self, states: States, slow_values: F64) -> F64:
-        """Standard uncertainties (n, 3) mm of the rows' coordinates, NaN where nothing is known.
+        """Standard uncertainties (n, 3) mm of the rows' coordinates, NaN where nothing is known
+        or the number overflows.
 
         As `correct_rows`, from any thread.
         """
         variance = self.covariance_rows(states, slow_values)[:, [0, 3, 5]]
+        variance[np.isinf(variance)] = np.nan
         deviation: F64 = np.sqrt(np.maximum(variance, 0.0))
         return deviation
 
     def covariance_rows(self, states: States, slow_values: F64) -> F64:
         """Covariances (n, 6) mm² of the rows' coordinates: xx xy xz yy yz zz; else as above."""
         covariance = np.full((states.n, 6), np.nan)
-        if not math.isnan(self._uncertainty.floor):
+        if self.states_uncertainty:
             row_variances(
                 np.ascontiguousarray(slow_values),
                 np.ascontiguousarray(states.temperature_c),

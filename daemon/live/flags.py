@@ -104,7 +104,8 @@ def finish(samples: Any, q: Any, still_since_ns: Any, memory: Any, points: Any) 
 
 @jit
 def _is_finite(point: Any) -> bool:
-    """Whether every number of a point is one; a covariance that is not known is NaN throughout.
+    """Whether every number of a point is one; a covariance that is not known is NaN throughout, one
+    of which a part is NaN has overflowed.
 
     What is not adds up to something that is not: one test instead of sixteen.
     """
@@ -113,7 +114,9 @@ def _is_finite(point: Any) -> bool:
         total += abs(point.position_mm[part]) + abs(point.correction_mm[part])
     for part in range(4):
         total += abs(point.orientation[part])
+    known = 0
     for part in range(6):
         if not math.isnan(point.covariance_mm2[part]):
             total += abs(point.covariance_mm2[part])
-    return math.isfinite(total)
+            known += 1
+    return math.isfinite(total) and known in (0, 6)

@@ -243,5 +243,31 @@ def test_a_callback_that_raises_or_asks_gets_the_next_one_too():
     assert len(heard) >= 2
 
 
+def test_an_arm_is_closed_while_threads_ask_it():
+    """Whoever asks is told; to close is never refused ("Already borrowed", as Zenoh's `with`)."""
+    told = []
+
+    def ask(arm):
+        while True:
+            try:
+                arm.state()
+            except armd.NoAnswer:
+                pass
+            except armd.Closed as closed:
+                told.append(closed)
+                return
+
+    with careless_network() as (_, _, arm):
+        threads = [threading.Thread(target=ask, args=(arm,), daemon=True) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        time.sleep(0.05)
+        with arm:
+            pass
+        for thread in threads:
+            thread.join(60.0)
+        assert len(told) == 3
+
+
 def test_every_public_name_is_listed():
     assert {*armd.__all__} <= {*dir(armd)}

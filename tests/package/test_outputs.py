@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from armd import BadInput
+from armd import BadInput, NoAnswer
 from armd.files.outputs import (
     ARM,
     CALIBRATION,
@@ -27,6 +27,7 @@ from armd.files.outputs import (
     check_outputs,
     check_same,
 )
+from armd.files.writing import told
 
 #: what commands write, by kind
 WRITTEN: dict[str, tuple[OutputKind, bytes]] = {
@@ -123,3 +124,14 @@ def test_a_folder_can_be_made_or_written_in(tmp_path: Path) -> None:
     for name in ("file", "file/new"):
         with pytest.raises(BadInput, match="found a file"):
             check_output_folder(tmp_path / name)
+
+
+def test_an_arm_that_does_not_answer_is_no_fault_of_the_file(tmp_path: Path) -> None:
+    """It is a time-out, which Python counts among the system's refusals."""
+    with pytest.raises(NoAnswer, match="no answer"), told(tmp_path / "points.csv"):
+        raise NoAnswer("armd/T/info: no answer")
+    with (
+        pytest.raises(BadInput, match=r"points\.csv: the file: found"),
+        told(tmp_path / "points.csv"),
+    ):
+        raise TimeoutError("the disk is slow")

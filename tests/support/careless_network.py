@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 
 import numpy as np
 import zenoh
@@ -25,13 +25,17 @@ MEASUREMENT = {
 EVENT = {"kind": "button", "text": "button 0 pressed", "stamp_ns": 1, "detail": {"buttons": [0]}}
 
 
+@contextmanager
 def session(mode, endpoint, **more):
+    """Closed by `close`: Zenoh's own `with` fails ("Already borrowed") while a thread of its own,
+    which a callback runs in, asks the session something."""
     config = zenoh.Config()
     settings = {"mode": mode, "scouting/multicast/enabled": False, "timestamping/enabled": True}
     settings["listen/endpoints" if mode == "router" else "connect/endpoints"] = [endpoint]
     for key, value in (settings | more).items():
         config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)
+    with closing(zenoh.open(config)) as opened:
+        yield opened
 
 
 @contextmanager

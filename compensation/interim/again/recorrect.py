@@ -41,10 +41,11 @@ def recorrect(arm: Arm, calibration: LoadedCalibration, states: States) -> Recor
     states = replace(states, q=fold_turns(states.q, arm)[0], temperature_c=possible_c)
     slow = model.slow_values(states)
     position, _ = model.correct_rows(states, slow)
-    invalid = ~np.isfinite(position).all(axis=1)
-    position[invalid] = np.nan
     uncertainty = model.uncertainty_rows(states, slow)
-    uncertainty[invalid] = np.nan
+    invalid = ~np.isfinite(position).all(axis=1)
+    if model.states_uncertainty:
+        invalid |= ~np.isfinite(uncertainty).all(axis=1)
+    position[invalid] = uncertainty[invalid] = np.nan
     used = used_sensors(arm, content)
     columns = [s for s, name in enumerate(arm.sensors) if name in used]
     ranges = [content.temperature_range_c.get(arm.sensors[s], (-np.inf, np.inf)) for s in columns]

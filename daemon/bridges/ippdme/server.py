@@ -26,6 +26,7 @@ from armd.daemon.bridges.listening import Address, Client, listen
 from armd.daemon.bridges.process import in_thread, ready
 from armd.daemon.bridges.tips import CmmTip, Tips, vector
 from armd.errors import BadInput
+from armd.printable import printable
 
 TICK_S = 0.02
 #: Buttons of the arm, from 0, that are keys of the host's instead of a hit.
@@ -99,7 +100,7 @@ class DmeServer:
         toolbox = Toolbox(tips, self._aliases, info["tip"])
         systems = CoordinateSystems(state_file(self._arm.serial))
         if systems.lost is not None:
-            print(f"armd: {systems.lost}", file=sys.stderr, flush=True)
+            print(printable(f"armd: {systems.lost}"), file=sys.stderr, flush=True)
         self._machine = Machine(tips, toolbox, systems, self._select_tip, reach_mm(info, tips))
         loop = asyncio.get_running_loop()
         listeners: dict[str, Callable[[dict[str, Any]], None]] = {

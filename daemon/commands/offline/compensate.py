@@ -31,6 +31,7 @@ from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.outputs import OutputKind, add_force, check_outputs, has_columns
 from armd.files.writing import write_whole
+from armd.printable import printable
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 
@@ -132,13 +133,14 @@ def _print(
     flags: npt.NDArray[np.uint32],
 ) -> None:
     for remark in remarks:
-        print(f"armd: {remark}", file=sys.stderr)
+        print(printable(f"armd: {remark}"), file=sys.stderr)
     for flag, words in (
         (Flag.TEMPERATURE_RANGE, "a temperature or time outside what was calibrated"),
         (Flag.TEMPERATURE_STALE, "no temperature of a sensor in use: the last one is held"),
     ):
         if n := int((flags & int(flag) != 0).sum()):
-            print(f"armd: {args.table}: {counted(n, 'row')} with {words}", file=sys.stderr)
+            told = f"armd: {args.table}: {counted(n, 'row')} with {words}"
+            print(printable(told), file=sys.stderr)
     counts = Counter(found.status)
     fine = counts.pop(OK, 0)
     others = "".join(f", {n} {status}" for status, n in sorted(counts.items()))

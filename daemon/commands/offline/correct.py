@@ -19,6 +19,7 @@ from armd.daemon.commands.offline.given import (
 )
 from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
+from armd.printable import printable
 from armd.terminal.aside import aside, bar
 from armd.terminal.counted import counted
 from armd.terminal.suggest import within
@@ -53,12 +54,13 @@ def run(args: argparse.Namespace) -> int:
     repeated = [name for name in COLUMNS if name in header]
     if repeated and not (readings.suffix == ".parquet" and is_recorded(header)):
         names = ", ".join(repeated)
-        print(f"armd: {readings}: has {names} already; the last of each is new", file=sys.stderr)
+        twice = f"armd: {readings}: has {names} already; the last of each is new"
+        print(printable(twice), file=sys.stderr)
     with bar(aside(args), "correcting") as told:
         n = correct_file(readings, args.output, corrector, lambda share: told("correcting", share))
     for remark in corrector.remarks[:MOST_REMARKS]:
-        print(f"armd: {remark}", file=sys.stderr)
+        print(printable(f"armd: {remark}"), file=sys.stderr)
     if (rest := len(corrector.remarks) - MOST_REMARKS) > 0:
         print(f"armd: {counted(rest, 'more remark')} of the same kind", file=sys.stderr)
-    print(f"{args.output}: {counted(n, 'point')}")
+    print(printable(f"{args.output}: {counted(n, 'point')}"))
     return 0

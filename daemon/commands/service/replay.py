@@ -33,6 +33,7 @@ from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
 from armd.files.schema import validate
 from armd.files.writing import whole_file
+from armd.printable import printable
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 
@@ -113,7 +114,7 @@ def _points(config: Config) -> Iterator[Points]:
                     case Event(kind="replay_ended"):
                         return
                     case Event(kind="recording_cut"):
-                        print(f"armd: {item.text}", file=sys.stderr)
+                        print(printable(f"armd: {item.text}"), file=sys.stderr)
                     case Event():
                         pass
                     case samples:

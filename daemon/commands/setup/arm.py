@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     write_whole(args.output, text)
     print(f"{args.output}: {title(text)}")
     if not args.quiet:
-        print(f"armd: {geometry_in_words(text)}", file=sys.stderr)
+        print(printable(f"armd: {geometry_in_words(text)}"), file=sys.stderr)
     if bus is not None:
         _write_daemon_file(args.output, bus, args.port)
     return 0

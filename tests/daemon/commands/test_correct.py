@@ -61,7 +61,7 @@ class Bench:
         self.arm = load_arm(folder / "arm.toml")
         self.calibrate([{"parameter": "d_1", "basis": [WARM], "coefficient": 0.007}])
 
-    def calibrate(self, terms: list[dict[str, object]]) -> None:
+    def calibrate(self, terms: list[dict[str, object]], term_variance: float = 1e-8) -> None:
         content = {
             "schema": "armd.calibration/1",
             "arm": "TEST",
@@ -71,7 +71,7 @@ class Bench:
             "constants": constants_of(self.arm.nominal(), 3),
             "terms": terms,
             "covariance_of": ["d_1", "a_2", "term 0"],
-            "covariance": [[4e-6, 1e-6, 0.0], [1e-6, 9e-6, 0.0], [0.0, 0.0, 1e-8]],
+            "covariance": [[4e-6, 1e-6, 0.0], [1e-6, 9e-6, 0.0], [0.0, 0.0, term_variance]],
             "noise": {"encoder_rad": [2e-6, 3e-6, 4e-6], "temperature_c": 0.1},
         }
         save_calibration(self.folder / "cal.json", Calibration.model_validate(content))
@@ -363,7 +363,22 @@ def test_what_is_not_finite_is_invalid(bench: Bench) -> None:
     bench.calibrate([{"parameter": "d_1", "basis": [WARM] * 2, "coefficient": 1e308}])
     (bench.folder / "readings.csv").write_text("q1,q2,q3,t1\n0.1,0.2,0.3,29\n0.1,0.2,0.3,20\n")
     assert bench.calibrated() == 0
-    far, at_reference = bench.points()
-    assert far["x_mm"] == far["z_mm"] == far["u_x_mm"] == ""
-    assert int(far["flags"]) & Flag.INVALID and not int(at_reference["flags"]) & Flag.INVALID
-    assert np.isfinite(float(at_reference["x_mm"]))
+    for row in bench.points():  # the position of the one; of the other what its sensor's noise does
+        assert {row[name] for name in point_columns.COLUMNS[:6]} == {""}
+        assert int(row["flags"]) & Flag.INVALID
+
+
+@pytest.mark.parametrize("axis", ["x", "z"])
+def test_an_uncertainty_that_is_not_finite_is_invalid(bench: Bench, axis: str) -> None:
+    """In one coordinate, while the position and the other coordinates' are: no `inf`, flag 0."""
+    parameter = {"x": "a_2", "z": "d_1"}[axis]
+    terms = [{"parameter": parameter, "basis": [WARM] * 12, "coefficient": 0.0}]
+    bench.calibrate(terms, term_variance=1e295)
+    (bench.folder / "readings.csv").write_text("q1,q2,q3,t1\n0,0,0,29\n0,0,0,20\n0,0,,20\n")
+    assert bench.calibrated() == 0
+    far, at_reference, missing = bench.points()
+    for row in (far, missing):
+        assert {row[name] for name in point_columns.COLUMNS[:6]} == {""}
+        assert int(row["flags"]) & Flag.INVALID
+    assert not int(at_reference["flags"]) & Flag.INVALID
+    assert np.isfinite([float(at_reference[name]) for name in point_columns.COLUMNS[:6]]).all()
