@@ -30,6 +30,7 @@ from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
 
 ISO, ASME = "ISO 10360-12:2016", "ASME B89.4.22-2004"
 SPHERE = ("SPHERE.a", "SPHERE.b")
+POSITIONS = ("SPHERE1", "SPHERE2")
 
 
 class NotSupported(Exception):
@@ -170,20 +171,31 @@ class _Readings:
         return np.flatnonzero(chosen)
 
 
-def _probing(readings: _Readings) -> Iterator[Figure]:
-    """P_Size and P_Form: 25 points on the sphere, in two positions."""
+def _sphere_size(readings: _Readings) -> Iterator[Figure]:
+    """P_Size: 25 points on the sphere, in two positions."""
     diameter, uncertainty = readings.length(readings.certified(SPHERE))
-    size, form = [], []
-    for where in ("SPHERE1", "SPHERE2"):
-        points = readings.one_each(f"{where}.", 25)
-        centre, radius = fit_sphere(points)
-        distance = np.linalg.norm(points - centre, axis=1)
+    size = []
+    for where in POSITIONS:
+        _, radius = fit_sphere(readings.one_each(f"{where}.", 25))
         error = 2 * (radius - readings.tip_radius_mm) - diameter
         size.append(Deviation(where, error, uncertainty))
+    yield Figure("p_size", "P_Size", ISO, tuple(size))
+
+
+def _sphere_form(readings: _Readings) -> Iterator[Figure]:
+    """P_Form: of the same points; no certified diameter is needed."""
+    form = []
+    for where in POSITIONS:
+        points = readings.one_each(f"{where}.", 25)
+        distance = np.linalg.norm(points - fit_sphere(points)[0], axis=1)
         spread = float(distance.max() - distance.min())
+<<<<<<< HEAD
         offsets = points - centre
         form.append(Deviation(where, spread, readings.test.sphere_form_mm, offsets_mm=offsets))
     yield Figure("p_size", "P_Size", ISO, tuple(size))
+=======
+        form.append(Deviation(where, spread, readings.test.sphere_form_mm))
+>>>>>>> ac04a9336b7f34326fcb020c0bc1bf20ec0936dd
     yield Figure("p_form", "P_Form", ISO, tuple(form))
 
 
@@ -282,7 +294,8 @@ def _volumetric(readings: _Readings) -> Iterator[Figure]:
 
 
 TESTS: dict[tuple[str, ...], Callable[[_Readings], Iterator[Figure]]] = {
-    ("p_size", "p_form"): _probing,
+    ("p_size",): _sphere_size,
+    ("p_form",): _sphere_form,
     ("l_dia",): _location,
     ("e_uni",): _lengths,
     ("effective_diameter",): _effective_diameter,

@@ -48,6 +48,33 @@ def test_three_seats_are_judged(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "PASSED" in capsys.readouterr().out
 
 
+def test_a_sphere_without_a_certificate_has_its_form(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A ball whose pole is 0.02 mm too high, at two positions: the fit takes a part of it."""
+    lines, forms = ["target,x_mm,y_mm,z_mm"], []
+    rng = np.random.default_rng(4)
+    for position in (1, 2):
+        way = rng.normal(size=(25, 3))
+        way /= np.linalg.norm(way, axis=1)[:, None]
+        radius = 12.7 + 0.02 * (way[:, 2] > 0.8)
+        points = way * radius[:, None] + [300.0 * position, 40.0, 90.0]
+        lines += [
+            f"SPHERE{position}.{k:02d}," + ",".join(map(repr, point.tolist()))
+            for k, point in enumerate(points, 1)
+        ]
+        a = np.column_stack([2 * points, np.ones(25)])  # the algebraic sphere, for a bound
+        centre = np.linalg.lstsq(a, (points**2).sum(axis=1), rcond=None)[0][:3]
+        forms.append(np.ptp(np.linalg.norm(points - centre, axis=1)))
+    (tmp_path / "t.csv").write_text("\n".join(lines) + "\n")
+    out = tmp_path / "v.json"
+    assert main(["verify", str(tmp_path / "t.csv"), "--json", str(out)]) == 0
+    figures = json.loads(out.read_text())["figures"]
+    assert figures["p_form"]["value_mm"] == pytest.approx(max(forms), abs=1e-4)
+    assert "p_size" not in figures
+    assert "p_size: left out: no certified length between SPHERE" in capsys.readouterr().out
+
+
 def test_a_sphere_and_certified_lengths(tmp_path: Path) -> None:
     """A ball of 25 mm probed with a tip of 3 mm: points of the tip's centre are 15.5 mm off."""
     rng = np.random.default_rng(1)

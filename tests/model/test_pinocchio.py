@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio
 import pytest
 
 from armd.arrays import F64
@@ -28,6 +27,8 @@ from armd.files.toml_text import toml_text
 from armd.offline.model import Model
 from support.own_urdf import OWN
 from support.selection import parametrize_default
+
+pinocchio = pytest.importorskip("pinocchio", reason="the package pin is not installed")
 
 #: Of the position in mm, of the rotation in rad, of the Jacobian in mm/rad.
 EXACT = 1e-9
