@@ -187,15 +187,10 @@ def _sphere_form(readings: _Readings) -> Iterator[Figure]:
     form = []
     for where in POSITIONS:
         points = readings.one_each(f"{where}.", 25)
-        distance = np.linalg.norm(points - fit_sphere(points)[0], axis=1)
+        offsets = points - fit_sphere(points)[0]
+        distance = np.linalg.norm(offsets, axis=1)
         spread = float(distance.max() - distance.min())
-<<<<<<< HEAD
-        offsets = points - centre
         form.append(Deviation(where, spread, readings.test.sphere_form_mm, offsets_mm=offsets))
-    yield Figure("p_size", "P_Size", ISO, tuple(size))
-=======
-        form.append(Deviation(where, spread, readings.test.sphere_form_mm))
->>>>>>> ac04a9336b7f34326fcb020c0bc1bf20ec0936dd
     yield Figure("p_form", "P_Form", ISO, tuple(form))
 
 
