@@ -12,6 +12,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
+import armd
 from armd import POINT, Flag
 from armd.compensation.data import offline, offline_files, pieces, point_columns
 from armd.compensation.kernel.model import Model
@@ -24,6 +25,7 @@ from armd.compensation.model.calibration import (
 )
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.daemon.cli import main
+from armd.daemon.live import flags
 
 ARM = """
 schema = "armd.arm/1"
@@ -382,3 +384,19 @@ def test_an_uncertainty_that_is_not_finite_is_invalid(bench: Bench, axis: str) -
         assert int(row["flags"]) & Flag.INVALID
     assert not int(at_reference["flags"]) & Flag.INVALID
     assert np.isfinite([float(at_reference[name]) for name in point_columns.COLUMNS[:6]]).all()
+    covariance = armd.Model(bench.folder / "arm.toml", bench.folder / "cal.json").covariance(
+        np.zeros((2, 3)), np.array([[29.0, 20.0], [20.0, 20.0]])
+    )
+    assert np.isnan(covariance[0]).all() and np.isfinite(covariance[1]).all()
+
+
+def test_a_live_point_of_whose_covariance_a_part_overflowed_is_not_finite() -> None:
+    point = np.zeros(1, POINT)
+    point["covariance_mm2"] = np.nan  # not known
+    assert flags._is_finite(point[0])
+    point["covariance_mm2"][0, 0] = 1e-6
+    assert not flags._is_finite(point[0])
+    point["covariance_mm2"] = 1e-6
+    assert flags._is_finite(point[0])
+    point["covariance_mm2"][0, 5] = -np.inf
+    assert not flags._is_finite(point[0])
