@@ -187,7 +187,7 @@ notebooks: develop
 # Every warning is an error; then every link is followed, and every public name looked up.
 docs: notebooks
 	rm -rf out/site
-	$(BIN)/python -m sphinx -q -W --keep-going -c docs/site -d .cache/site . out/site
+	$(BIN)/python -m sphinx -q -E -W --keep-going -c docs/site -d .cache/site . out/site
 	cp out/site/README.html out/site/index.html
 	ARMD_SITE=$(CURDIR)/out/site $(BIN)/python -m pytest tests/public/test_public_site.py
 

@@ -28,6 +28,15 @@ WIDTH_IN = 9.0
 DOTS_PER_INCH = 110  # of a cloud
 
 
+class NotebookFigure(Figure):
+    """A figure that a notebook shows, whether it has loaded pyplot or not."""
+
+    def _repr_png_(self) -> bytes:
+        data = io.BytesIO()
+        self.savefig(data, format="png", dpi=DOTS_PER_INCH)
+        return data.getvalue()
+
+
 def _manner(salt: str = "") -> AbstractContextManager[None]:
     """The manner of all drawings; *salt* tells the parts of one from those of another."""
     return mpl.rc_context(
@@ -51,7 +60,7 @@ def _manner(salt: str = "") -> AbstractContextManager[None]:
 def drawing(rows: int = 1, columns: int = 1, height_in: float = 3.6) -> tuple[Figure, list[Axes]]:
     """A drawing as wide as the page, and its axes row by row."""
     with _manner():
-        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+        figure = NotebookFigure(figsize=(WIDTH_IN, height_in), layout="constrained")
         return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
 
 

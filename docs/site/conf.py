@@ -103,7 +103,7 @@ def skip_internal(
 def link_public_names(
     app: Sphinx, what: str, name: str, member: object, options: object, lines: list[str]
 ) -> None:
-    """Link `armd.NAME` of a docstring; a name that is not there is then a broken link."""
+    """Link `armd.NAME` of a docstring where it is public."""
 
     def link(found: re.Match[str]) -> str:
         return f":py:obj:{found[0]}" if found[1] in armd.__all__ else found[0]

@@ -31,6 +31,13 @@ def a_page() -> Page:
     return page
 
 
+def test_a_drawing_shows_itself_in_a_notebook_without_pyplot() -> None:
+    figure, panel = one_drawing()
+    panel.plot([0.0, 1.0])
+    shown = figure._repr_png_()  # by this name a notebook asks
+    assert shown.startswith(b"\x89PNG") and len(shown) < 50_000
+
+
 def test_a_drawing_is_small_stands_alone_and_keeps_its_words() -> None:
     page = a_page().html()
     assert len(page) < 150_000  # 5000 dots are a picture within the drawing
