@@ -9,6 +9,21 @@ from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Artefact
 from armd.errors import BadInput
 
+#: Of each command that takes points of one tip alone: why, and what to use.
+INSTEAD = {
+    "`armd design`": "it chooses a posture at a point; touch a surface wherever the arm reaches"
+    " it, 40 times in each placement, and `armd diagnose` says what is left to tell",
+    "`armd interim`": "a check repeats the same points; `armd evaluate` of each day's readings has"
+    " their RMS and certified lengths, `armd diagnose` with the calibration what changed",
+    "`armd measure`": "it leads to points with a name; touch the surfaces under"
+    " `armd record --session S --artefact A.toml`",
+    "`armd verify`": "the standards count points with names of docs/verify.md; `armd evaluate` has"
+    " the RMS of surfaces and the errors of certified lengths",
+}
+ELSEWHERE = (
+    "`armd calibrate` and `armd diagnose` use them, and `armd evaluate` of fewer readings at once"
+)
+
 
 def refuse_surfaces(artefact: Artefact, place: str | Path, command: str) -> None:
     """Raise `BadInput`, which names *place*, for an artefact with a surface."""
@@ -18,8 +33,7 @@ def refuse_surfaces(artefact: Artefact, place: str | Path, command: str) -> None
             place,
             "artefact.surface[1]",
             f"{surface.name!r}, a {surface.kind}",
-            f"points: {command} does not use surfaces; `armd calibrate`, `armd evaluate` and"
-            " `armd diagnose` do",
+            f"points: {command} does not use surfaces: {INSTEAD.get(command, ELSEWHERE)}",
         )
 
 
@@ -32,6 +46,5 @@ def require_points(sessions: Sequence[Session], command: str) -> None:
                 session.path,
                 "column reflector",
                 f"{', '.join(session.reflector_names[:3])}",
-                f"readings of one tip: {command} does not use reflectors; `armd calibrate`,"
-                " `armd evaluate` and `armd diagnose` do",
+                f"readings of one tip: {command} does not use reflectors: {ELSEWHERE}",
             )

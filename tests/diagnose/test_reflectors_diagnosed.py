@@ -30,7 +30,7 @@ def measured(folder: Path, given: Sequence[str], plant: str, poses: int = 60) ->
 
 
 def test_a_bad_encoder_is_found_by_reflectors_of_unknown_place(tmp_path: Path) -> None:
-    arm = measured(tmp_path, (), "encoder_eccentricity@joint 3=4", poses=40)
+    arm = measured(tmp_path, (), "encoder_eccentricity@joint 3=4", poses=30)
     found = armd.diagnose([tmp_path / "now"], arm)
     (finding,) = found.findings
     assert (finding.cause, finding.location) == ("encoder_eccentricity", "joint 3")
@@ -39,7 +39,7 @@ def test_a_bad_encoder_is_found_by_reflectors_of_unknown_place(tmp_path: Path) -
     assert finding.gain.heldout_rms_um_after < 1.2 * found.baseline.noise_floor_um
     content = load_arm(arm)
     rests = gather_rests(load_sessions([tmp_path / "now"], content), content)
-    assert spare_rows(rests.observations) == 3 * 40 * len(NEST) - 6 - 3 * len(NEST)
+    assert spare_rows(rests.observations) == 3 * 30 * len(NEST) - 6 - 3 * len(NEST)
 
 
 @pytest.mark.slow

@@ -12,12 +12,11 @@ import pytest
 
 import armd
 from armd.compensation.data.session import load_sessions
-from armd.compensation.diagnose.problem.baseline import from_calibration
+from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests, spare_rows
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.robust import WINSOR_AT, edge_stretch, huber_loss
-from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.daemon.cli import main
@@ -104,25 +103,20 @@ def test_a_healthy_arm_stays_without_findings(name: str, tmp_path: Path) -> None
 
 def test_columns_of_surfaces_are_what_the_residuals_do(tmp_path: Path) -> None:
     """A larger ball and a longer block, by the difference of two linearisations."""
-    workshop = Workshop(2)
+    workshop = Workshop(2, reach_size=2000)
     workshop.session(
         tmp_path / "session",
         [*KINDS["block"].surfaces, *KINDS["ball"].surfaces], 2, 12, KINDS["block"].lengths, 1.2,
     )  # fmt: skip
-    (tmp_path / "arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    true = nominal.arm_toml(rows=workshop.arm.rows, tip=workshop.arm.tip_offset)
+    (tmp_path / "arm.toml").write_text(true, encoding="utf-8")
     arm = load_arm(tmp_path / "arm.toml")
     rests = gather_rests(load_sessions([tmp_path / "session"], arm), arm)
     # 6 placements: of each of the blocks 3 unknowns, of the balls 3; and the block's length
     assert spare_rows(rests.observations) == 72 + 1 - 4 * 3 - 2
-    model = from_calibration(
-        calibrate(rests.sessions, arm, Options(compare=False)).calibration, arm, held=False
-    ).model
-    grown = ArtefactCorrection(scale=1.0 + 1e-4)
     linear, more = (
-        linearise(
-            rests, type(model)(model.constants, model.terms, model.reference_c, artefact), arm
-        )
-        for artefact in (ArtefactCorrection(), grown)
+        linearise(rests, ModelState(arm.nominal(), (), 20.0, artefact), arm)
+        for artefact in (ArtefactCorrection(), ArtefactCorrection(scale=1.0 + 1e-4))
     )
     n = 3 * rests.n
     column = linear.artefact_column(ArtefactChange("scale"))[:n]

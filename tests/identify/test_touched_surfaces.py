@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from armd.arrays import F64
+from armd.compensation.data.points_only import INSTEAD
 from armd.compensation.data.session import load_sessions
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.result import Result
@@ -257,7 +258,7 @@ def test_what_takes_points_alone_says_so(
     error = capsys.readouterr().err
     assert code == 2
     assert "session.toml: artefact.surface[1]: found 'plate', a plane, expected points" in error
-    assert f"`armd {command[0]}` does not use surfaces" in error
+    assert f"`armd {command[0]}` does not use surfaces: {INSTEAD[f'`armd {command[0]}`']}" in error
     assert sorted(path.name for path in Path().iterdir()) == ["arm.toml", "session"]
 
 
