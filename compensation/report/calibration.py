@@ -50,7 +50,7 @@ def calibration_report(
     tables.correlations(page, result.fit)
     figures.residual_vectors(page, result.fit, units.length)
     figures.signed_residuals(page, result.fit, units)
-    tables.thermal_trials(page, result)
+    tables.thermal_trials(page, result, units.length)
     tables.outliers(page, result, units.length)
     _provenance(page, result, sessions, arm_file, written)
     return page.html()

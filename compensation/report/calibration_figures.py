@@ -25,6 +25,13 @@ MOST_ROWS = 9
 MARKS = "osD^"
 
 
+class _Plain(LogFormatter):
+    """The numbers that it chooses as a person writes them, without an exponent."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
 def before_and_after(page: Page, result: Result, unit: Unit) -> None:
     """3-D RMS by model and temperature of the arm."""
     found = result.fit
@@ -54,8 +61,8 @@ def before_and_after(page: Page, result: Result, unit: Unit) -> None:
             )  # fmt: skip
     panel.set_xticks(np.arange(len(labels)), labels)
     panel.set(yscale="log", ylabel=f"3-D RMS, {unit.name}", xlabel="temperature of the arm")
-    panel.yaxis.set_major_formatter(LogFormatter())  # the usual one writes TeX
-    panel.yaxis.set_minor_formatter(LogFormatter())
+    panel.yaxis.set_major_formatter(_Plain())  # the usual one writes TeX
+    panel.yaxis.set_minor_formatter(_Plain())
     panel.legend(loc="upper center", bbox_to_anchor=(0.5, 1.15), ncols=len(models), frameon=False)
     page.heading("Before and after, by temperature")
     page.figure(figure, f"3-D RMS of the readings used, {unit.name}, by model and temperature")

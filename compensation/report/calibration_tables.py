@@ -142,7 +142,7 @@ def correlations(page: Page, found: Identification) -> None:
     page.table(["", "with", "correlation"], [pair[1:] for pair in sorted(pairs)[::-1][:20]])
 
 
-def thermal_trials(page: Page, result: Result) -> None:
+def thermal_trials(page: Page, result: Result, unit: Unit) -> None:
     """What each thermal model misses by on readings left out."""
     if not result.trials:
         return
@@ -152,8 +152,15 @@ def thermal_trials(page: Page, result: Result) -> None:
         " lowest and the highest in parts, so that something of them stays; 3-D RMS over all."
     )
     page.table(
-        ["model", "held out"],
-        [[trial.name, trial.errors.in_words()] for trial in result.trials],
+        ["model", f"held out, {unit.name}", f"without readings far off, {unit.name}"],
+        [
+            [
+                trial.name,
+                unit.text(trial.errors.rms_um / 1e3),
+                unit.text(trial.errors.without_far_um / 1e3),
+            ]
+            for trial in result.trials
+        ],
     )
 
 

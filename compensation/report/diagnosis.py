@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.predictive.curves import ResidualComparison
-from armd.compensation.diagnose.told.verdict import um
 from armd.compensation.report.about import About
 from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.drawing import one_drawing
@@ -19,7 +16,7 @@ from armd.compensation.report.head import head
 from armd.compensation.report.page import Page
 from armd.compensation.report.predictive_plot import draw_rows, of_finding, overview
 from armd.compensation.report.sessions import InputFile, origin
-from armd.compensation.report.units import Unit, units_of
+from armd.compensation.report.units import Unit, Units, units_of
 from armd.terminal.counted import counted
 
 #: What may be found without a cause that has a name and is in the arm or its setting-up.
@@ -53,7 +50,7 @@ def diagnosis_report(
     page = Page(f"Diagnosis of {arm.serial_number}", arm.serial_number)
     word, reason = headline(result)
     page.verdict(  # a cause is no limit that was kept or not
-        word, page.in_brief("Verdict", reason), None, _key_sentence(result, units.length)
+        word, page.in_brief("Verdict", reason), None, _key_sentence(diagnosis, result, units.length)
     )
     head(page, arm, sessions, about)
     _at_a_glance(page, result, units.length)
@@ -77,10 +74,10 @@ def diagnosis_report(
     if diagnosis.outliers:
         page.heading("Readings that belong to no effect")
         page.table(
-            ["session", "row", "error, µm"],
-            [[o.session, o.row, um(o.error_um)] for o in diagnosis.outliers],
+            ["session", "row", f"error, {units.length.name}"],
+            [[o.session, o.row, units.length.text(o.error_um / 1e3)] for o in diagnosis.outliers],
         )
-    _what_stays(page, diagnosis, result)
+    _what_stays(page, diagnosis, result, units)
     _cannot_tell(page, result)
     origin(page, arm, sessions, files)
     return page.html()
@@ -126,16 +123,22 @@ def _told(finding: dict[str, Any]) -> str:
     return name_finding(finding) + (f" ({', '.join(doubts)})" if doubts else "")
 
 
-def _key_sentence(result: dict[str, Any], unit: Unit) -> str:
-    """What the findings gain on readings that had no part in finding them, in one unit."""
-    findings = result["findings"]
-    before_mm = result["baseline"]["heldout_rms_um"] / 1e3
-    unit = unit.of(before_mm)
-    before = f"Held-out readings are missed by {unit.three_digits(before_mm)} (3-D RMS)"
-    if not findings:
+def _key_sentence(diagnosis: Diagnosis, result: dict[str, Any], unit: Unit) -> str:
+    """What the extended model gains on readings that had no part in it, in one unit."""
+    before_um, after_um = result["baseline"]["heldout_rms_um"], None
+    if diagnosis.written:
+        before_um, after_um = diagnosis.written_clear_um or diagnosis.written_rms_um
+    unit = unit.of(before_um / 1e3)
+    before = f"Held-out readings are missed by {unit.three_digits(before_um / 1e3)} (3-D RMS)"
+    if after_um is None:
         return f"{before}."
-    after_mm = findings[-1]["gain"]["heldout_rms_um_after"] / 1e3
-    return f"{before}, with the findings by {unit.three_digits(after_mm)}."
+    return f"{before}, with the extended model by {unit.three_digits(after_um / 1e3)}."
+
+
+def _in_a_word(finding: dict[str, Any]) -> str:
+    if finding["cause"] == "unknown" and finding["depends_on"]:
+        return f"unknown, depends on {', '.join(finding['depends_on'])}"
+    return name_finding(finding)
 
 
 def _at_a_glance(page: Page, result: dict[str, Any], unit: Unit) -> None:
@@ -147,7 +150,7 @@ def _at_a_glance(page: Page, result: dict[str, Any], unit: Unit) -> None:
             [
                 [
                     str(number),
-                    name_finding(one),
+                    _in_a_word(one),
                     f"{one['probability']:.3f}",
                     unit.text(one["gain"]["heldout_rms_um_before"] / 1e3),
                     unit.text(one["gain"]["heldout_rms_um_after"] / 1e3),
@@ -225,12 +228,13 @@ def _measured_against_simulated(
     )
 
 
-def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
+def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any], units: Units) -> None:
     page.heading("What stays unexplained")
-    unexplained = result["unexplained"]
+    unexplained, length = result["unexplained"], units.length
+    floor = length.three_digits(diagnosis.noise_floor_um / 1e3)
     page.text(
-        f"{um(diagnosis.remaining_rms_um)} µm 3-D RMS stay in the readings used; the noise alone "
-        f"would leave {um(diagnosis.noise_floor_um)} µm. "
+        f"{length.three_digits(diagnosis.remaining_rms_um / 1e3)} 3-D RMS stay in the readings"
+        f" used; the noise alone would leave {floor}. "
         + (
             f"What is left is significant and depends on {', '.join(unexplained['depends_on'])}."
             if unexplained["significant"]
@@ -242,24 +246,31 @@ def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> Non
     page.table(
         ["noise found in these readings", "standard deviation"],
         [
-            ["encoders, each", f"{np.degrees(noise.encoder_rad) * 3600:.3g}″"],
-            ["repeat of a point, each axis", f"{um(noise.repeat_mm * 1e3)} µm"],
+            ["encoders, each", units.angle.three_digits(noise.encoder_rad)],
+            ["repeat of a point, each axis", length.three_digits(noise.repeat_mm)],
             [
                 "slow drift of the base, each axis, in some minutes",
-                f"{um(noise.drift_mm * 1e3)} µm",
+                length.three_digits(noise.drift_mm),
             ],
         ],
     )
     if len(unexplained["by_target"]) > 1:
         page.table(
-            ["placement", "target", "rests", "left, 3-D RMS µm", "largest step, µm", "after rest"],
+            [
+                "placement",
+                "target",
+                "rests",
+                f"left, 3-D RMS, {length.name}",
+                f"largest step, {length.name}",
+                "after rest",
+            ],
             [
                 [
                     one["placement"],
                     one["target"],
                     one["rests"],
-                    um(one["rms_um"]),
-                    um(one["step_um"]) if one["after"] else "",
+                    length.text(one["rms_um"] / 1e3),
+                    length.text(one["step_um"] / 1e3) if one["after"] else "",
                     one["after"] or "",
                 ]
                 for one in unexplained["by_target"]

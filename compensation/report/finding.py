@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.told.verdict import um
 from armd.compensation.report.gains import name_finding
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import NOT_STATED
 from armd.compensation.report.signature_plot import signature_plot
+from armd.compensation.report.units import units_of
 from armd.compensation.wording import ARC_SECOND, clock
 
 #: Units in which a person reads amplitudes.
@@ -24,16 +24,21 @@ def add_finding(
     """Add a finding, numbered as the verdict names it."""
     page.heading(f"{number}. {name_finding(finding)}")
     page.text(_sentence(finding["reading"]))
-    gain = finding["gain"]
+    gain, length = finding["gain"], units_of(diagnosis.arm).length
+
+    def shown(value_um: float) -> str:
+        return length.three_digits(value_um / 1e3)
+
     low, high = gain["interval_um"]
     page.text(
-        f"Held-out readings: {um(gain['heldout_rms_um_before'])} µm before, "
-        f"{um(gain['heldout_rms_um_after'])} µm after (95 % of the gain: {um(low)} to {um(high)} "
-        "µm)." + ("" if gain["shown"] else " They do not confirm it: a lead to follow, not a fact.")
+        f"Held-out readings: {shown(gain['heldout_rms_um_before'])} before, "
+        f"{shown(gain['heldout_rms_um_after'])} after (95 % of the gain: {shown(low)} to"
+        f" {shown(high)})."
+        + ("" if gain["shown"] else " They do not confirm it: a lead to follow, not a fact.")
     )
     page.text(
         f"Why: {finding['reason']}. In these readings it moves the tip by "
-        f"{um(finding['tip_rms_um'])} µm (3-D RMS) that nothing else in the model takes up, "
+        f"{shown(finding['tip_rms_um'])} (3-D RMS) that nothing else in the model takes up, "
         f"{finding['signal_to_noise']:.1f} standard deviations out of the noise."
     )
     page.figure(

@@ -94,6 +94,7 @@ def _scale_bar(panel: Axes, points: F64, length: float, name: str) -> None:
         weight="bold",
     )  # fmt: skip
     panel.update_datalim(points)
+    panel.margins(0.1)
     panel.autoscale_view()
 
 

@@ -2,8 +2,8 @@
 
 An effect on one parameter that depends on one variable (a joint's angle error over its angle) is
 drawn in the parameter's own unit: fitted effect plus what is left, reading by reading. Any other
-is drawn in µm at the tip, along the effect's own direction; over the fitted effect itself where
-it depends on several variables: readings that bear it out follow the line.
+is drawn as a length at the tip, along the effect's own direction; over the fitted effect itself
+where it depends on several variables: readings that bear it out follow the line.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from armd.compensation.diagnose.problem.signatures import compile_candidates
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model import parameters
 from armd.compensation.report.drawing import COLOURS, MOST_POINTS, cloud, one_drawing
-from armd.compensation.wording import ARC_SECOND
+from armd.compensation.report.units import units_of
 
 BINS = 24
 MOST_DOTS = 2500
@@ -41,7 +41,8 @@ def draw_signature(panel: Axes, diagnosis: Diagnosis, index: int) -> None:
     name, values = _variable(diagnosis, candidate)
     if len(candidate.depends_on) > 1:
         _, points, line, title = _at_the_tip(diagnosis, index)
-        _draw(panel, line, points, line, "fitted effect at the tip, µm", title)
+        name = f"fitted effect at the tip, {units_of(diagnosis.arm).length.name}"
+        _draw(panel, line, points, line, name, title)
         panel.plot(*_means(line, points), "o", color=COLOURS[2], label="readings, means")
         _legend(panel)
         return
@@ -90,14 +91,16 @@ def _in_the_parameter(
     rows = np.flatnonzero(square > LEAST_LEVER**2 * np.median(square))
     # The residual is tip minus target: a parameter too small by e leaves −e times its column.
     error = effect - (left * lever).sum(axis=1) / np.maximum(square, 1e-300)
-    scale, unit = (1e3, "µm") if parameters.unit(parameter) == "mm" else (1 / ARC_SECOND, "″")
+    units = units_of(diagnosis.arm)
+    unit = units.length if parameters.unit(parameter) == "mm" else units.angle
+    scale = unit.per_base
     joint = parameter.split("_")[-1]
     what = f"angle of joint {joint}" if parameter.startswith("theta") else parameter
-    return rows, scale * error[rows], scale * effect[rows], f"correction of the {what}, {unit}"
+    return rows, scale * error[rows], scale * effect[rows], f"correction of the {what}, {unit.name}"
 
 
 def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[I64, F64, F64, str]:
-    """All rows: the residual before this finding along the effect, and the effect, in µm."""
+    """All rows: the residual before this finding along the effect, and the effect."""
     last = diagnosis.search.last
     signature = last.net_signature(index)
     n = len(signature)
@@ -108,7 +111,9 @@ def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[I64, F64, F64, str]:
     sign = np.where(signature @ axis >= 0.0, 1.0, -1.0)
     before = ((left + signature) * direction).sum(axis=1)
     rows = np.arange(n)
-    return rows, 1e3 * before * sign, 1e3 * size * sign, "correction at the tip, along it, µm"
+    unit = units_of(diagnosis.arm).length
+    scale, title = unit.per_base * sign, f"correction at the tip, along it, {unit.name}"
+    return rows, before * scale, size * scale, title
 
 
 def _curve(values: F64, line: F64) -> tuple[F64, F64]:
