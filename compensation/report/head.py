@@ -17,6 +17,8 @@ from armd.compensation.report.page import APPENDIX, Page
 
 #: More artefacts than this make no head.
 MOST_NAMED = 3
+#: The serial number of an arm of which only points are known (`verify.points`).
+NOBODYS = "-"
 
 
 def head(
@@ -37,7 +39,7 @@ def head(
     page.head(
         [
             ("document", about.document),
-            ("arm, serial number", arm.serial_number if arm else None),
+            ("arm, serial number", _serial(arm)),
             ("customer", about.customer),
             ("laboratory", about.laboratory),
             ("place", about.place),
@@ -49,6 +51,11 @@ def head(
             ("software", f"armd {__version__}"),
         ]
     )
+
+
+def _serial(arm: Arm | None) -> str | None:
+    known = arm is not None and arm.serial_number != NOBODYS
+    return arm.serial_number if arm and known else None
 
 
 def _few(texts: Iterable[str | None]) -> str | None:

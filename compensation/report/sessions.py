@@ -75,7 +75,7 @@ def session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:
 def _facts(session: Session) -> list[str]:
     started = datetime.datetime.fromtimestamp(session.started_unix_s, datetime.UTC)
     return [
-        f"{started:%Y-%m-%d %H:%M}",
+        f"{started:%Y-%m-%d %H:%M}" if session.started_unix_s > 0.0 else NOT_STATED,
         _duration_h(session.states.time_s),
         str(session.n),
         session.operator or NOT_STATED,

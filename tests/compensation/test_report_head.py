@@ -15,6 +15,7 @@ from armd.compensation.model.state import States
 from armd.compensation.report.about import About, load_about
 from armd.compensation.report.head import head
 from armd.compensation.report.page import MOST_LETTERS, Page
+from armd.compensation.report.sessions import session_facts
 from armd.compensation.report.style import footer_style
 from armd.compensation.report.units import Unit, three_digits, units_of
 from armd.daemon.cli import main
@@ -74,6 +75,15 @@ def test_what_nobody_knows_is_a_line_to_fill_in() -> None:
     shown = entries(page)
     assert shown.pop("software") and set(shown.values()) == {""}
     assert page.html().count('<dd class="blank"></dd>') == len(shown)
+
+
+def test_an_arm_of_points_alone_has_no_number_and_a_table_no_day() -> None:
+    page = Page("P")
+    unnamed = an_arm(None).model_copy(update={"serial_number": "-"})
+    head(page, unnamed, [a_session(0.0)], None)
+    assert entries(page)["arm, serial number"] == ""
+    session_facts(page, [a_session(0.0)], unnamed)
+    assert "1970" not in page.html()
 
 
 def test_a_certificate_without_a_last_day_leaves_room_for_it() -> None:

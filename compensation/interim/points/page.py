@@ -36,7 +36,7 @@ def points_page(
     reason = page.in_brief("Verdict", first.removeprefix("In control: "))
     page.verdict("CHANGED" if changed else "IN CONTROL", reason, not changed)
     head(page, None, [], about, [check.first_unix_s for one in epochs for check in one.checks])
-    page.items_in_brief("Changes", more, MOST_CHANGES)
+    page.items_in_brief("What the checks show", more, MOST_CHANGES)
     page.text(f"Next: {result['next_check']['sentence']}")
     page.text(
         "Decision rule: a change is reported where the statistic reaches its limit: without one,"

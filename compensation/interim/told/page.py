@@ -50,7 +50,7 @@ def interim_page(
         _key_sentence(result["checks"], unit),
     )  # fmt: skip
     head(page, arm, sessions, about)
-    page.items_in_brief("Changes", more, MOST_CHANGES)
+    page.items_in_brief("What the checks show", more, MOST_CHANGES)
     if result["next_check"]:
         page.text(f"Next: {result['next_check']['sentence']}")
     page.text(
