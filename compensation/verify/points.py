@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from armd.compensation.verify.figures import figures_of
 from armd.compensation.verify.limits import TestUncertainty
 from armd.compensation.verify.results import Verification
 from armd.errors import BadInput
+from armd.files.inputs import open_input
 from armd.terminal.suggest import hint
 
 #: In the place of an arm of which only the points are known.
@@ -79,6 +81,12 @@ def verify_points(
         artefact_c=np.full(n, np.nan),
         unused_columns=[],
         row=np.arange(n),
+        digest=lambda: _sha256(path),
     )
     verification = figures_of(session, arm, points.position_mm, test, whole=judged)
     return OfPoints(verification, session, arm, points.said)
+
+
+def _sha256(path: Path) -> str:
+    with open_input(path) as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()

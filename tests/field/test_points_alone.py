@@ -6,6 +6,7 @@ range per axis.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -29,6 +30,12 @@ def test_articulation_of_one_seat(tmp_path: Path, capsys: pytest.CaptureFixture[
     said = capsys.readouterr().out
     assert "SPAT1: half of the range in x, y, z: 14.0, 10.5, 11.0 µm" in said
     assert "0 of 10 articulations in SPAT2: ASME B89.4.22 wants three seats" in said
+
+
+def test_the_report_names_the_table_by_its_contents(tmp_path: Path) -> None:
+    report = tmp_path / "v.html"
+    assert main(["verify", str(SPAT), "--report", str(report)]) == 0
+    assert hashlib.sha256(SPAT.read_bytes()).hexdigest() in report.read_text()
 
 
 def test_one_seat_passes_no_verification(tmp_path: Path) -> None:
