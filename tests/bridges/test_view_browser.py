@@ -393,6 +393,8 @@ WHOLE = """(id) => {
 }"""
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_a_laptop_shows_tip_calibration_and_six_measurements(
     browser: Browser, view: RunningBridge
 ) -> None:
@@ -426,6 +428,8 @@ def test_a_laptop_shows_tip_calibration_and_six_measurements(
             assert page.inner_text(f"#letters .{letter}") == letter.upper()
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_events_that_repeat_stand_once_and_digits_follow_the_uncertainty(
     browser: Browser, view: RunningBridge
 ) -> None:
