@@ -183,6 +183,7 @@ def test_status_names_the_last_check() -> None:
     assert not any(line.startswith("interim") for line in status_lines(health | {"interim": None}))
 
 
+@pytest.mark.slow
 def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
     """Over the wire: the last check and its age, a change, an overdue check, an event of each, and
     a history that is cut short."""

@@ -392,6 +392,7 @@ def test_a_closed_driver_leaves_a_silent_arm(tmp_path: Path) -> None:
         os.close(port)
 
 
+@pytest.mark.slow
 def test_an_arm_that_ceases_to_stream_is_asked_and_that_is_told(tmp_path: Path) -> None:
     options = ("--fault", "stuck@6:3")
     with simulated_arm(tmp_path, *options, wire=("--microscribe",), seconds=10.0) as arm:

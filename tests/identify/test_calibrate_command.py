@@ -241,6 +241,7 @@ def test_few_readings_help_and_get_no_certificate(
     assert rms[1] < rms[0]
 
 
+@pytest.mark.slow
 def test_a_wrong_drawing_is_named_as_a_suspect(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -159,6 +159,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @parametrize_default(
     ("drawn", "typed", "parameter", "off_mm"),
     [

@@ -16,6 +16,7 @@ from armd.compensation.identify.thermal.terms import angle_terms, length_terms
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from support import synthetic
+from support.selection import parametrize_default
 
 ARM = synthetic.arm()
 ARCSEC = np.pi / 180 / 3600
@@ -104,7 +105,7 @@ def test_every_way_is_tried_on_the_same_data() -> None:
     assert max(by_name.values()) < 0.5 * without
 
 
-@pytest.mark.parametrize("method", ["zones", "components"])
+@parametrize_default("method", ["zones", "components"])
 def test_other_methods_can_be_chosen(method: str) -> None:
     terms = with_coefficients(length_terms(ARM, [1]), 5e-3)
     result = calibrated(terms, Options(thermal_method=method))
@@ -115,7 +116,7 @@ def test_other_methods_can_be_chosen(method: str) -> None:
         assert all(len(basis.weights) == 6 for basis in bases)
 
 
-@pytest.mark.parametrize("offset", [False, True])
+@parametrize_default("offset", [False, True])
 def test_the_papers_own_way_can_be_chosen(offset: bool) -> None:
     terms = with_coefficients(length_terms(ARM, [1]), 5e-3)
     options = Options(thermal_order=1, thermal_method="per-temperature", offset=offset)

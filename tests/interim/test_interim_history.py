@@ -129,6 +129,7 @@ def test_a_slip_and_a_bad_check_are_told(kept: Path) -> None:
     assert (kept / change["calibration_from"]).is_file()
 
 
+@pytest.mark.slow
 def test_how_to_correct_what_was_measured_since_is_said(
     copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -508,6 +509,7 @@ def test_the_page_names_units_and_the_change(kept: Path, tmp_path: Path) -> None
     assert "encoder slip, joint 3" in page and "µm RMS" in page and "check started, UTC" in page
 
 
+@pytest.mark.slow
 def test_the_page_says_who_measured_what_with_which_arm(checks: Path, tmp_path: Path) -> None:
     day = Path(shutil.copytree(checks / "day-01", tmp_path / "day-01"))
     text = (day / "session.toml").read_text()

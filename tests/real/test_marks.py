@@ -24,6 +24,7 @@ def converted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @parametrize_default("series", list(marks.UR10_MM))
 def test_ur10_reaches_its_mark(converted: Path, series: str) -> None:
     drawn, found, _, granted = marks.ur10(converted, series)

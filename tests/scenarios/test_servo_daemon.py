@@ -76,6 +76,7 @@ def accept(folder):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "ids"),
     [
@@ -158,6 +159,7 @@ def test_accepting_nothing_says_so(tmp_path):
     assert done.returncode == 2 and "found no servo, expected those of a connection" in done.stderr
 
 
+@pytest.mark.slow
 @BOTH
 def test_torque_and_trouble_are_told_in_words(tmp_path, family):
     with FakeServos(family, tmp_path) as servos:

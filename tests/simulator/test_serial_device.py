@@ -155,6 +155,7 @@ def test_exactly_what_the_books_say_arrives(run: tuple[SimulatedArm, Heard]) -> 
     assert got == sorted(got)
 
 
+@pytest.mark.slow
 def test_each_damage_costs_its_packets(run: tuple[SimulatedArm, Heard]) -> None:
     arm, heard = run
     lost = {}

@@ -19,6 +19,7 @@ from armd.simulator.twin.factors import POSE, SLOW
 from armd.simulator.twin.files import arm_data, calibration_data
 from armd.simulator.twin.model import TwinModel, whole_turns
 from support.drawn_arm import draw_arm
+from support.selection import parametrize_default
 from support.whole_scene import whole_scene
 
 ROWS = 300
@@ -134,7 +135,7 @@ def test_every_factor_moves_the_tip_as_the_kernel_says(seed: int) -> None:
     assert agree_within_mm(arm, calibration, states_of(arm, rng)) < 1e-9
 
 
-@pytest.mark.parametrize("seed", range(8))
+@parametrize_default("seed", range(8), default=3)
 def test_calibrations_that_a_diagnosis_extended_agree(seed: int) -> None:
     """Their terms are those of five causes drawn from the catalogue, large ones."""
     scene = whole_scene()

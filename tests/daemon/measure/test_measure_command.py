@@ -231,6 +231,7 @@ for line in sys.stdin:
 """
 
 
+@pytest.mark.slow
 def test_killed_at_any_moment_nothing_that_was_told_is_lost(tmp_path):
     folder = tmp_path / "beam"
     here = Path(__file__).parent

@@ -5,6 +5,7 @@ import time
 from contextlib import closing
 
 import numpy as np
+import pytest
 from test_servo_driver import Taken, config, expected, state
 
 from armd.drivers.poll.doubles import Doubles
@@ -84,6 +85,7 @@ def test_two_servos_of_one_id_are_told_and_none_of_them_is_believed(
     assert np.isfinite(taken.temperatures[-1].celsius).all()
 
 
+@pytest.mark.slow
 @BOTH
 @WHEN
 def test_a_thermometer_of_which_there_are_two_has_no_temperature(

@@ -366,6 +366,7 @@ def test_another_offset_is_noticed(tmp_path, family):
     assert (rows["joint_invalid"] & 0b010 != 0).all()
 
 
+@pytest.mark.slow
 @BOTH
 def test_after_another_connection_they_are_read_again(tmp_path, family):
     with (

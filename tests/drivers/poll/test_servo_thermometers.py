@@ -54,7 +54,7 @@ def test_it_is_told_once_and_again_after_five_good_seconds():
 
 @BOTH
 @pytest.mark.parametrize("fast", [False, True], ids=["sync", "fast"])
-@pytest.mark.parametrize("byte", [255, 128, 101])
+@parametrize_default("byte", [255, 128, 101])
 def test_a_broken_thermometer_is_missing_at_once_and_says_why(tmp_path, family, byte, fast):
     def heard(of):
         return lambda: of(taken.temperatures[-1].celsius)
