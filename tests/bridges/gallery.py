@@ -49,7 +49,7 @@ CIRCLE_WORDS = """\
 `make circle`: an arm goes wrong; a simulated operator measures it over the wire; it is diagnosed,
 mended and verified; its twin errs as it did.
 
-```text
+```
 {said}
 ```
 """
@@ -151,7 +151,7 @@ def page_of(circle: str) -> str:
     parts = [HEAD]
     for shown in REPORTS:
         parts.append(f"\n## {shown.title}\n\n{shown.words}\n")
-        parts.append(f"\n```text\n{chr(10).join(shown.commands)}\n```\n")
+        parts.append(f"\n```sh\n{chr(10).join(shown.commands)}\n```\n")
         parts.append(f"\n![{shown.title}](gallery/{shown.name}.png)\n")
     parts.append(CIRCLE_WORDS.format(said=re.sub(r"[ \t]+$", "", circle, flags=re.M).strip()))
     return "".join(parts)
