@@ -83,7 +83,7 @@ SERIAL_IN := $(if $(TEST_ARGS),,$$(grep -rl --include='test_*.py' 'mark\.serial'
 
 # Lint runs beside the serial tests, which wait most of the time, and is shown after them
 test:
-	@echo "armd: lint and tests take about five minutes on two cores, once armd is installed"
+	@echo "armd: lint and tests take five to seven minutes on two cores, once armd is installed"
 	@$(MAKE) --no-print-directory develop
 	@began=$$(date +%s); $(MAKE) --no-print-directory test-parallel; parallel=$$?; \
 	    nice $(MAKE) --no-print-directory lint > $(VENV)/lint.log 2>&1 & lint=$$!; \
