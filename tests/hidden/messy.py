@@ -104,7 +104,7 @@ def run_mess(kind: str, seed: int, design: Design = DESIGN) -> MessOutcome:
         diagnosis = diagnose([load_session(p, arm) for p in case.sessions], arm, calibration)
         seconds = time.perf_counter() - started
         result = as_json(diagnosis, None)
-        headings = tuple(re.findall("<h2>([^<]*)", diagnosis_report(diagnosis, result, {}, ())))
+        headings = tuple(re.findall("<h[23]>([^<]*)", diagnosis_report(diagnosis, result, {}, ())))
         snr = 0.0
         if plants:
             snr = _snr(case)

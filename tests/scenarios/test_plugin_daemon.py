@@ -185,6 +185,7 @@ def test_a_driver_that_always_fails_ends_no_daemon(tmp_path: Path) -> None:
         assert log.count(f"driver failing: {error}\nTraceback") == 1
 
 
+@pytest.mark.serial
 @pytest.mark.slow
 def test_a_recording_of_the_template_s_driver_is_replayed(tmp_path: Path) -> None:
     packages = install_template(tmp_path)
