@@ -128,7 +128,7 @@ class Model(Displayed):
         states = self._states(q, temperatures)
         wanted = None
         if wanted_mm is not None:
-            wanted = np.asarray(wanted_mm, dtype=np.float64)
+            wanted = _numbers("wanted_mm", wanted_mm)
             if wanted.shape != (states.n, 3):
                 raise ValueError(f"wanted_mm has shape {wanted.shape}, expected ({states.n}, 3)")
         settled = replace(states, series=np.arange(states.n))  # no row lags behind another
@@ -137,14 +137,14 @@ class Model(Displayed):
     def _states(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None) -> States:
         """Check shapes; return one settled state a row."""
         arm = self._arm.content
-        angles = np.ascontiguousarray(q, dtype=np.float64)
+        angles = np.ascontiguousarray(_numbers("q", q))
         if angles.ndim != 2 or angles.shape[1] != arm.n_joints:
             raise ValueError(f"q has shape {angles.shape}, expected (n, {arm.n_joints})")
         n, sensors = len(angles), len(arm.sensors)
         if temperatures is None:
             celsius = np.full((n, sensors), self._reference_c)
         else:
-            array = np.asarray(temperatures, dtype=np.float64)
+            array = _numbers("temperatures", temperatures)
             if array.shape not in ((sensors,), (1, sensors), (n, sensors)):
                 raise ValueError(
                     f"temperatures have shape {array.shape}, expected ({n}, {sensors}): a column"
@@ -195,6 +195,14 @@ class Model(Displayed):
             ("terms", str(len(self._terms))),
         ]
         return f"Model of arm {self._arm.serial_number}", facts
+
+
+def _numbers(name: str, values: npt.ArrayLike) -> F64:
+    """Return *values* as doubles; an integer that is none is a `ValueError` too."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except OverflowError as error:
+        raise ValueError(f"{name}: {error}") from error
 
 
 def _chunks(n: int) -> list[slice]:

@@ -146,6 +146,10 @@ def test_other_shapes_are_refused(files: tuple[Path, Path]) -> None:
         model.position(np.zeros(5))
     with pytest.raises(ValueError, match=r"temperatures have shape \(2,\), expected \(3, 6\)"):
         model.position(np.zeros((3, 6)), np.zeros(2))
+    with pytest.raises(ValueError, match="q: int too large to convert to float"):
+        model.position([[10**400, 0, 0, 0, 0, 0]])
+    with pytest.raises(ValueError, match="temperatures: int too large"):
+        model.position(np.zeros((1, 6)), [[10**400, 0, 0, 0, 0, 0]])
 
 
 def test_another_arms_calibration_is_refused(files: tuple[Path, Path], tmp_path: Path) -> None:
