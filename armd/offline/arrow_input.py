@@ -15,7 +15,7 @@ def arrow_table(table: Any, name: str) -> pa.Table:
     """Return *table* as a `pyarrow.Table`; raises `BadInput`, which calls it *name*."""
     try:
         return _converted(table)
-    except (pa.ArrowException, ValueError, TypeError) as error:
+    except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
         expected = "a pandas, polars or Arrow table, or a dict of arrays of one length"
         said = " ".join(str(error).split())
         raise BadInput(name, "the table", said or type(table).__name__, expected) from error

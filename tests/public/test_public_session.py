@@ -132,6 +132,7 @@ def test_an_artefact_is_a_dict_a_file_or_unknown_points(
         ({"target": "B9"}, "session: row 1, column target: found 'B9', expected a target"),
         ({"q1": [True] * 40}, "session: column q1: found bool, expected double"),
         ({"q1": [1.0]}, "session: the table: found "),
+        ({"q1": [10**25] * 40}, "session: the table: found Python int too large"),
         ({"q1": np.zeros((40, 2))}, r"session: the table: found an array of shape \(40, 2\)"),
         ({"time_s": np.full(40, np.inf)}, "session: row 1, column time_s: found an infinite"),
     ],
