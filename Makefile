@@ -71,9 +71,9 @@ lint: develop
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Five workers for two processors, because many tests wait; then those marked serial, which wait most
-# of the time, two at once. A choice of tests (TEST_ARGS="-k wire") may leave one of the two parts
-# empty: pytest's code 5.
+# Three workers for two processors, because many tests wait (five took 376 s where three took 332);
+# then those marked serial, which wait most of the time, two at once. The slow tests wait more: five.
+# A choice of tests (TEST_ARGS="-k wire") may leave one of the two parts empty: pytest's code 5.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --durations=20
 WORKERS := $(PYTEST) -n 5 --dist loadfile
 SERIAL  := $(PYTEST) -n 2 --dist loadfile
@@ -92,7 +92,7 @@ test:
 	    echo "armd: make test took $$(($$(date +%s) - began)) s"; exit $$((parallel | serial | lint))
 
 test-parallel: develop
-	$(WORKERS) -m "not slow and not serial" $(TEST_ARGS) $(EMPTY_IS_FINE)
+	$(PYTEST) -n 3 --dist loadfile -m "not slow and not serial" $(TEST_ARGS) $(EMPTY_IS_FINE)
 
 test-serial: develop
 	$(SERIAL) -m "serial and not slow" $(SERIAL_IN) $(TEST_ARGS) $(EMPTY_IS_FINE)
