@@ -15,9 +15,10 @@ from armd.drivers.poll.protocol.family import (
     Family,
     Feetech,
     Servo,
+    ShortPackets,
     name_bits,
 )
-from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Splitter, Status
+from armd.drivers.poll.protocol.packet import Packet, ReadRequest
 
 #: 1024 counts over 300°, 512 in the middle
 AX = {
@@ -32,7 +33,7 @@ NUMERATOR, DENOMINATOR = 10, 3
 AX_MIDDLE, MIDDLE = 512, COUNTS_PER_TURN // 2
 
 
-class Dynamixel1(Family):
+class Dynamixel1(ShortPackets):
     """Each servo is read alone: only the MX series has a bulk read, and a missing servo ends it."""
 
     name = "dynamixel1"
@@ -45,8 +46,6 @@ class Dynamixel1(Family):
     }  # fmt: skip
     id_register = 3
     return_delay_least_us = 40
-    alarm: int | None = None
-    has_fast = False
     has_sync = False
 
     def refusal(self, servo: Servo) -> str:
@@ -57,42 +56,17 @@ class Dynamixel1(Family):
             return f"{self.register('divider')}: found {servo.divider}, expected 1"
         return ""
 
-    def splitter(self) -> Splitter:
-        return dynamixel1.splitter()
-
-    def read(self, servo_id: int, address: int, length: int) -> bytes:
-        return dynamixel1.read(servo_id, address, length)
-
     def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
         return dynamixel1.bulk_read([(servo, address, length) for servo in ids])
 
-    def write(self, servo_id: int, address: int, data: bytes) -> bytes:
-        return dynamixel1.write(servo_id, address, data)
-
     def request(self, packet: Packet) -> ReadRequest | None:
         return dynamixel1.read_request(packet)
-
-    def statuses(self, packet: Packet, length: int) -> list[Status]:
-        return dynamixel1.statuses(packet)
-
-    def sizes(self, request: ReadRequest) -> range:
-        size = dynamixel1.status_size(request.length)
-        return range(size, size + 1)
-
-    def answer_bytes(self, request: ReadRequest) -> int:
-        return dynamixel1.status_size(request.length)
-
-    def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
-        return dynamixel1.are_statuses(data, missing, request.length)
 
     def position_of(self, data: bytes, model: int | None) -> int:
         position = int.from_bytes(data[:2], "little", signed=True)
         if model not in AX:
             return position
         return MIDDLE + round((position - AX_MIDDLE) * NUMERATOR / DENOMINATOR)
-
-    def celsius_of(self, data: bytes) -> float:
-        return float(data[7])
 
     def identity(self, data: bytes) -> Servo:
         model = data[0] | data[1] << 8

@@ -136,29 +136,12 @@ class Family(Protocol):
         ...
 
 
-class Feetech(Family):
-    """STS and SMS servos; registers as in the STS3215's memory table."""
+class ShortPackets(Family):
+    """Of Feetech's packets, which are those of Dynamixel's protocol 1.0: addresses of a byte, the
+    temperature in the eighth byte from the position on."""
 
-    name = "feetech"
-    models = {777: "STS3215", 2825: "STS3250", 11272: "SM8512BL"}
-    position, position_bytes, warm_bytes = 56, 2, 8
-    identity_bytes = 41
-    registers = {
-        "model": 3, "firmware": 0, "homing_offset": 31, "reversed": 18, "mode": 33, "torque": 40,
-        "return_delay_us": 7, "offset_in_force": 33, "temperature": 63,
-    }  # fmt: skip
-    id_register = 5
-    return_delay_least_us = 50
     alarm: int | None = None
     has_fast = False
-    has_sync = True
-
-    def refusal(self, servo: Servo) -> str:
-        # Its two bytes the other way round, as that series keeps all its words.
-        if servo.model & 0xFF == SCS_SERIES or servo.model >> 8 == SCS_SERIES:
-            found = f"{servo.model}, a servo of the SCS series (big-endian, no sync read)"
-            return f"{self.register('model')}: found {found}, expected one of the STS or SMS series"
-        return ""
 
     def splitter(self) -> Splitter:
         return feetech.splitter()
@@ -166,14 +149,8 @@ class Feetech(Family):
     def read(self, servo_id: int, address: int, length: int) -> bytes:
         return feetech.read(servo_id, address, length)
 
-    def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
-        return feetech.sync_read(ids, address, length)
-
     def write(self, servo_id: int, address: int, data: bytes) -> bytes:
         return feetech.write(servo_id, address, data)
-
-    def request(self, packet: Packet) -> ReadRequest | None:
-        return feetech.read_request(packet)
 
     def statuses(self, packet: Packet, length: int) -> list[Status]:
         return feetech.statuses(packet)
@@ -188,11 +165,40 @@ class Feetech(Family):
     def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
         return feetech.are_statuses(data, missing, request.length)
 
-    def position_of(self, data: bytes, model: int | None) -> int:
-        return feetech.signed(data[0] | data[1] << 8, 15)
-
     def celsius_of(self, data: bytes) -> float:
         return float(data[7])
+
+
+class Feetech(ShortPackets):
+    """STS and SMS servos; registers as in the STS3215's memory table."""
+
+    name = "feetech"
+    models = {777: "STS3215", 2825: "STS3250", 11272: "SM8512BL"}
+    position, position_bytes, warm_bytes = 56, 2, 8
+    identity_bytes = 41
+    registers = {
+        "model": 3, "firmware": 0, "homing_offset": 31, "reversed": 18, "mode": 33, "torque": 40,
+        "return_delay_us": 7, "offset_in_force": 33, "temperature": 63,
+    }  # fmt: skip
+    id_register = 5
+    return_delay_least_us = 50
+    has_sync = True
+
+    def refusal(self, servo: Servo) -> str:
+        # Its two bytes the other way round, as that series keeps all its words.
+        if servo.model & 0xFF == SCS_SERIES or servo.model >> 8 == SCS_SERIES:
+            found = f"{servo.model}, a servo of the SCS series (big-endian, no sync read)"
+            return f"{self.register('model')}: found {found}, expected one of the STS or SMS series"
+        return ""
+
+    def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
+        return feetech.sync_read(ids, address, length)
+
+    def request(self, packet: Packet) -> ReadRequest | None:
+        return feetech.read_request(packet)
+
+    def position_of(self, data: bytes, model: int | None) -> int:
+        return feetech.signed(data[0] | data[1] << 8, 15)
 
     def identity(self, data: bytes) -> Servo:
         return Servo(
