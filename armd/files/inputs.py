@@ -7,6 +7,7 @@ memory; whatever the system refuses becomes a `BadInput` in words.
 from __future__ import annotations
 
 import errno
+import hashlib
 import logging
 import os
 import stat
@@ -75,6 +76,12 @@ def read_input(path: str | Path, at_most: int = MOST_JSON_BYTES) -> bytes:
             return content
         size = os.fstat(file.fileno()).st_size
     raise BadInput(path, "the file", f"{size} bytes", f"{at_most} at most")
+
+
+def digest_input(path: str | Path) -> str:
+    """SHA-256 of a file's bytes, hexadecimal; raises `BadInput`."""
+    with open_input(path) as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def check_input(path: str | Path) -> None:

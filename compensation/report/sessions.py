@@ -4,7 +4,6 @@ it was measured."""
 from __future__ import annotations
 
 import datetime
-import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +14,7 @@ from armd.arrays import F64
 from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.page import Page, report_number
-from armd.files.inputs import open_input
+from armd.files.inputs import digest_input
 from armd.terminal.counted import counted
 
 NOT_STATED = "not stated"
@@ -32,9 +31,7 @@ class InputFile(NamedTuple):
         """Of the file *path*; None for none."""
         if not path:
             return None
-        with open_input(path) as content:
-            digest = hashlib.file_digest(content, "sha256")
-        return cls(Path(path).name, digest.hexdigest())
+        return cls(Path(path).name, digest_input(path))
 
 
 def origin(

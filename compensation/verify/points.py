@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from armd.compensation.verify.figures import figures_of
 from armd.compensation.verify.limits import TestUncertainty
 from armd.compensation.verify.results import Verification
 from armd.errors import BadInput
-from armd.files.inputs import open_input
+from armd.files.inputs import digest_input
 from armd.terminal.suggest import hint
 
 #: In the place of an arm of which only the points are known.
@@ -81,12 +80,7 @@ def verify_points(
         artefact_c=np.full(n, np.nan),
         unused_columns=[],
         row=np.arange(n),
-        digest=lambda: _sha256(path),
+        digest=lambda: digest_input(path),
     )
     verification = figures_of(session, arm, points.position_mm, test, whole=judged)
     return OfPoints(verification, session, arm, points.said)
-
-
-def _sha256(path: Path) -> str:
-    with open_input(path) as content:
-        return hashlib.file_digest(content, "sha256").hexdigest()
