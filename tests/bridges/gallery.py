@@ -12,7 +12,6 @@ import argparse
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -23,6 +22,7 @@ import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 from armd.files.writing import write_whole
+from support.browser import find_browser
 
 SIZE = {"width": 1100, "height": 1500}
 CIRCLE = [sys.executable, str(Path(__file__).parents[1] / "scenarios" / "circle.py"), "--seed", "5"]
@@ -123,7 +123,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("docs", type=Path, metavar="DOCS")
     docs = parser.parse_args().docs
-    found = shutil.which("chromium") or shutil.which("google-chrome")
+    found = find_browser()
     if found is None:
         print("found no browser, expected one: make browser", file=sys.stderr)
         return 2

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import argparse
 import re
-import shutil
 import sys
 from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
 from armd.daemon.commands.service.stage import SERIAL, Stage
+from support.browser import find_browser
 from support.running_bridge import running_bridge
 
 SIZE = {"width": 1280, "height": 800}
@@ -32,7 +32,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("output", type=Path, metavar="OUT.png")
     output = parser.parse_args().output
-    found = shutil.which("chromium") or shutil.which("google-chrome")
+    found = find_browser()
     if found is None:
         print("found no browser, expected one: make browser", file=sys.stderr)
         return 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from playwright.sync_api import Browser, sync_playwright
 
 from armd import __version__
 from armd.daemon.cli import main as armd
+from support.browser import find_browser
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -105,7 +105,7 @@ def measurements() -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    found = shutil.which("chromium") or shutil.which("google-chrome")
+    found = find_browser()
     if found is None:
         pytest.skip("no browser: `make browser` installs Debian's Chromium")
     with sync_playwright() as driver:

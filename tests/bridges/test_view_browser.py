@@ -7,7 +7,6 @@ import datetime
 import io
 import json
 import re
-import shutil
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -26,6 +25,7 @@ from armd.compensation.data.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon.files.tip_history import keep
+from support.browser import find_browser
 from support.punctuality import Punctuality
 from support.running_bridge import RunningBridge, running_bridge
 from support.running_daemon import Daemon, free_endpoint, running_daemon
@@ -49,7 +49,7 @@ NOTE = """() => {
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    found = shutil.which("chromium") or shutil.which("google-chrome")
+    found = find_browser()
     if found is None:
         pytest.skip("no browser: `make browser` installs Debian's Chromium")
     software = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

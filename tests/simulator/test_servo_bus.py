@@ -12,12 +12,12 @@ from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.protocol import dynamixel, feetech
 from armd.drivers.table import open_driver
-from armd.simulator.servobus.arm import COUNTS_PER_TURN, ServoArm, servo_ids
+from armd.simulator.servobus.arm import COUNTS_PER_TURN, servo_ids
 from support.selection import parametrize_default
+from support.servo_truth import JOINTS, Truth
 from support.simulated_arm import simulated_arm
 
 IDS = servo_ids(5)
-JOINTS = list(IDS[:5])
 
 
 @pytest.fixture(autouse=True)
@@ -40,25 +40,6 @@ def armd_counts(kind, port):
     assert (rows["joint_invalid"] == 0).mean() > 0.95
     good = rows[5:][rows["joint_invalid"][5:] == 0]
     return good["monotonic_ns"], good["count"]
-
-
-class Truth:
-    """What the encoders showed between two instants, each joint by itself."""
-
-    def __init__(self, arm):
-        while not arm.events("boot"):
-            time.sleep(0.01)
-        self._began_ns = arm.events("boot")[0]["monotonic_ns"]
-        self._arm = ServoArm(1, 20.0)
-
-    def raw(self, instant_ns):
-        return [self._arm.raw(k, (instant_ns - self._began_ns) * 1e-9) for k in JOINTS]
-
-    def agrees(self, raw, before_ns, after_ns):
-        """Whether *raw* (5,) were shown within a call of a client's, to a count."""
-        shown = np.array([self.raw(t) for t in np.linspace(before_ns, after_ns, 40)])
-        raw = np.array(raw)
-        return ((raw >= shown.min(axis=0) - 1) & (raw <= shown.max(axis=0) + 1)).all()
 
 
 def timed(call):

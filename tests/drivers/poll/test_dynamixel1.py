@@ -15,12 +15,12 @@ from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.protocol.packet import ReadRequest
 from armd.drivers.poll.protocol.rates import BAUDS
 from armd.drivers.table import open_driver
-from armd.simulator.servobus.arm import ServoArm, servo_ids
+from armd.simulator.servobus.arm import servo_ids
+from support.servo_truth import JOINTS, Truth
 from support.simulated_arm import simulated_arm
 
 FAMILY = FAMILIES["dynamixel1"]
 IDS = servo_ids(5)
-JOINTS = list(IDS[:5])
 MX_28, AX_12 = 29, 12
 
 #: from the e-Manual's page of the protocol, and the manuals of the AX-12 and the DX-116
@@ -120,17 +120,6 @@ def test_the_doctor_knows_the_rates():
     for baud in BAUDS["dynamixel1"]:
         if baud < 2_000_000:
             assert abs(2_000_000 / round(2_000_000 / baud) / baud - 1) < 0.022
-
-
-class Truth:
-    def __init__(self, arm):
-        while not arm.events("boot"):
-            time.sleep(0.01)
-        self._began_ns = arm.events("boot")[0]["monotonic_ns"]
-        self._arm = ServoArm(1, 20.0)
-
-    def raw(self, instant_ns):
-        return [self._arm.raw(k, (instant_ns - self._began_ns) * 1e-9) for k in JOINTS]
 
 
 def answered(port, call):
