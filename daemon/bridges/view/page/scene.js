@@ -1,13 +1,13 @@
 // The arm as it stands, drawn from its geometry; measured points, and the tip's way of late.
 
 import {
-  BufferAttribute, BufferGeometry, Color, CylinderGeometry, DirectionalLight, GridHelper, Group,
-  HemisphereLight, Line, LineBasicMaterial, LineSegments, Mesh, MeshStandardMaterial,
-  OrbitControls, PerspectiveCamera, Points, PointsMaterial, Quaternion, Scene, SphereGeometry,
-  Vector3, WebGLRenderer,
+  BufferAttribute, Color, CylinderGeometry, DirectionalLight, GridHelper, Group, HemisphereLight,
+  Line, LineBasicMaterial, LineSegments, Mesh, MeshStandardMaterial, OrbitControls,
+  PerspectiveCamera, Scene, SphereGeometry, Vector3, WebGLRenderer,
 } from "./vendor/three.js";
 import { point, frames, reach, skeleton } from "./kinematics.js";
 import { ScaleBar, fitted } from "./scale.js";
+import { buffer, cloud, fill, rod, span } from "./shapes.js";
 
 const UP = new Vector3(0, 1, 0); // along which three.js makes its cylinders
 const MOST_POINTS = 2000;
@@ -137,9 +137,8 @@ export class ArmScene {
     });
     const last = frames(this.geometry, q).at(-1);
     const end = position ?? point(last, this.geometry.tip);
-    const first = this.outline === undefined;
     this.outline = [...skeleton(this.geometry, q).flatMap(({ from, to }) => [from, to]), end];
-    if (!this.turned && (first || !this.sees(end))) this.view(this.name);
+    if (!this.turned && !this.sees(end)) this.view(this.name);
     span(this.stylus, last.o, end);
     this.flange.position.set(...last.o);
     this.ball.position.set(...end);
@@ -283,42 +282,4 @@ export class ArmScene {
       this.annotate();
     });
   }
-}
-
-function rod(material, radius) {
-  return new Mesh(new CylinderGeometry(radius, radius, 1, 28), material);
-}
-
-/** A rod of length 1, put between two places. */
-function span(mesh, from, to) {
-  const a = new Vector3(...from);
-  const b = new Vector3(...to);
-  const length = a.distanceTo(b);
-  mesh.visible = length > 0.5;
-  if (!mesh.visible) return;
-  mesh.position.copy(a).add(b).multiplyScalar(0.5);
-  mesh.scale.set(1, length, 1);
-  mesh.quaternion.copy(new Quaternion().setFromUnitVectors(UP, b.sub(a).divideScalar(length)));
-}
-
-function buffer(room) {
-  return new BufferGeometry().setAttribute("position", new BufferAttribute(new Float32Array(3 * room), 3));
-}
-
-function cloud(room, pixels) {
-  const material = new PointsMaterial({ size: pixels * Math.min(devicePixelRatio, 2), sizeAttenuation: false, transparent: true, depthTest: false });
-  material.onBeforeCompile = (shader) => { // round, not square
-    shader.fragmentShader = shader.fragmentShader.replace(
-      "#include <clipping_planes_fragment>",
-      "#include <clipping_planes_fragment>\nif (length(gl_PointCoord - 0.5) > 0.5) discard;",
-    );
-  };
-  return new Points(buffer(room), material);
-}
-
-function fill(thing, places) {
-  const attribute = thing.geometry.attributes.position;
-  places.forEach((place, i) => attribute.setXYZ(i, ...place));
-  attribute.needsUpdate = true;
-  thing.geometry.setDrawRange(0, places.length);
 }
