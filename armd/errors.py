@@ -23,23 +23,23 @@ def cut(text: str, most: int = MOST_LETTERS) -> str:
     return f"{text[: most - 100]} … {text[-90:]}"
 
 
-def on_a_screen(text: object, most: int = MOST_LETTERS) -> str:
+def fit_line(text: object, most: int = MOST_LETTERS) -> str:
     """*text* on one line of a message: no character that a terminal obeys, and short when all
     those are written out."""
     return cut(printable(cut(str(text), most)), most)
 
 
-def lines_on_a_screen(text: object) -> str:
+def fit_lines(text: object) -> str:
     """A message that may have several lines."""
     lines = cut(str(text), MOST_LINES * 4 * MOST_LETTERS).splitlines()
     more = [f"… {len(lines) - MOST_LINES} more lines"] if len(lines) > MOST_LINES else []
-    return "\n".join([*(on_a_screen(line, 4 * MOST_LETTERS) for line in lines[:MOST_LINES]), *more])
+    return "\n".join([*(fit_line(line, 4 * MOST_LETTERS) for line in lines[:MOST_LINES]), *more])
 
 
-def of_the_system(error: OSError) -> str:
+def describe_os_error(error: OSError) -> str:
     """A refusal of the system as a message: the file, and what was found there."""
     what = " ".join((error.strerror or str(error)).split())
-    return f"{on_a_screen(error.filename or 'the system')}: found {on_a_screen(repr(what))}"
+    return f"{fit_line(error.filename or 'the system')}: found {fit_line(repr(what))}"
 
 
 class BadInput(ArmdError):
@@ -56,7 +56,7 @@ class BadInput(ArmdError):
         self.expected = expected
         #: further faults of the same file, for those who want to hear all of them at once
         self.more: tuple[BadInput, ...] = ()
-        file, where, found, expected = map(on_a_screen, (self.file, where, found, expected))
+        file, where, found, expected = map(fit_line, (self.file, where, found, expected))
         super().__init__(f"{file}: {where}: found {found}, expected {expected}")
 
 

@@ -18,7 +18,7 @@ from armd.compensation.freed import seldom_collected
 from armd.daemon.commands.groups import COMMANDS, FOLDERS, grouped_help
 from armd.daemon.commands.terminal import hush
 from armd.daemon.commands.usage import USAGE
-from armd.errors import ArmdError, BadInput, lines_on_a_screen, of_the_system
+from armd.errors import ArmdError, BadInput, describe_os_error, fit_lines
 from armd.terminal.loudness import add_loudness, heard, own_fault
 from armd.terminal.parser import Parser
 from armd.terminal.suggest import did_you_mean
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             gc.freeze()
         return code
     except ArmdError as error:
-        print(f"armd: {lines_on_a_screen(error)}", file=sys.stderr)
+        print(f"armd: {fit_lines(error)}", file=sys.stderr)
         return 2
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return CUT_OFF
     except OSError as error:
         hush()
-        print(f"armd: {of_the_system(error)}", file=sys.stderr)
+        print(f"armd: {describe_os_error(error)}", file=sys.stderr)
         return 2
     except MemoryError:
         print("armd: memory: found none left, expected enough for the input", file=sys.stderr)

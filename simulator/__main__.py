@@ -13,7 +13,7 @@ from pathlib import Path
 if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from armd.errors import ArmdError, BadInput, lines_on_a_screen, of_the_system
+from armd.errors import ArmdError, BadInput, describe_os_error, fit_lines
 from armd.files.inputs import read_input
 from armd.files.outputs import ARM, check_same
 from armd.files.schema import load_toml, toml_data
@@ -59,12 +59,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             return wired(options)
     except ArmdError as error:
         for fault in (error, *getattr(error, "more", ())):
-            print(f"armd: {lines_on_a_screen(fault)}", file=sys.stderr)
+            print(f"armd: {fit_lines(fault)}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # whoever started it has left
         return 141
     except OSError as error:
-        print(f"armd: {of_the_system(error)}", file=sys.stderr)
+        print(f"armd: {describe_os_error(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 0

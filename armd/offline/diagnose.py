@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
 from armd.compensation.diagnose.diagnosis import Diagnosis as Details
-from armd.compensation.diagnose.fitting.under_test import of_reflectors
+from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.predictive.curves import ResidualComparison, compare
 from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.estimate.observations import gather
@@ -196,7 +196,7 @@ def diagnose(
     if any(session.artefact.surfaces for session in every):
         evaluate(every, model.content, content)  # refuses surfaces that nobody can place
     artefact = content.artefact if content else None
-    if not of_reflectors(every):
+    if not has_reflectors(every):
         refuse_mistakes(every, gather(every, model.content, artefact), assumed)
     details = diagnose_loaded(fitted, model.content, content, held_out, progress, command)
     return Diagnosis(details, model, loaded)

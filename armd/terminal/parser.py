@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-from armd.errors import lines_on_a_screen
+from armd.errors import fit_lines
 from armd.terminal.suggest import did_you_mean
 
 #: argparse's own words for a number that is none.
@@ -54,7 +54,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """In one line: argparse would print all options before it."""
         told = _NO_NUMBER.sub(_expected_number, " ".join(message.split()))
-        told = lines_on_a_screen(told)
+        told = fit_lines(told)
         if "required" in told:  # misspelt, it is not missing
             known = _options(self)
             names = [word.partition("=")[0] for word in self._words if word.startswith("--")]

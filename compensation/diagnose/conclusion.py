@@ -21,7 +21,7 @@ from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.growth_open import told_of_growth
-from armd.compensation.diagnose.fitting.under_test import of_reflectors
+from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.heldout.gain import gain, gains, groups_of
 from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -53,7 +53,7 @@ def describe_readings(searched: Searched, arm: Arm) -> list[str]:
     result, baseline, told = searched.result, searched.baseline, list[str]()
     if len(result.last.findings) == len(result.searched.findings):
         told += told_of_growth(baseline)
-    if of_reflectors(searched.sessions):  # whose readings lie at no common tip
+    if has_reflectors(searched.sessions):  # whose readings lie at no common tip
         return told
     told += told_of_misnamed(
         searched.sessions,

@@ -29,13 +29,13 @@ def arm_picture(arm: Arm, q: F64, constants: Collection[str]) -> Figure:
     origins, rotations = (part[0] for part in frames(q[None], arm.nominal()))
     tip = forward(q[None], arm.nominal())[0][0]
     figure, panel = one_drawing(HEIGHT_IN)
-    chain = _seen(np.vstack([origins, tip]))
+    chain = _project(np.vstack([origins, tip]))
     panel.plot(*chain.T, color="#57606a", linewidth=3.0, alpha=0.5, zorder=1)
     panel.plot(*chain[-1], "o", color="black", markersize=5)
     length = AXIS_SHARE * arm.reach_mm
     for origin, rotation in zip(origins, rotations, strict=True):
         for column, colour in enumerate(AXES):
-            line = _seen(np.vstack([origin, origin + length * rotation[:, column]]))
+            line = _project(np.vstack([origin, origin + length * rotation[:, column]]))
             panel.plot(*line.T, color=colour, linewidth=1.4)
     labels = [_label(k, constants) for k in range(arm.n_joints + 1)]
     labels.append(_named("tip", [name for name in TIP_PARAMETERS if name in constants]))
@@ -45,7 +45,7 @@ def arm_picture(arm: Arm, q: F64, constants: Collection[str]) -> Figure:
     return figure
 
 
-def _seen(points: F64) -> F64:
+def _project(points: F64) -> F64:
     """(n, 2) as they lie on the paper, mm."""
     x, y, z = points.T
     across = x * np.cos(VIEW_TURN) - y * np.sin(VIEW_TURN)

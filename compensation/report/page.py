@@ -19,6 +19,8 @@ from armd.compensation.report.style import STYLE, footer_style
 APPENDIX = "Appendix"
 #: Of a list or a sentence that is shown in brief; the appendix has the rest.
 MOST_ITEMS = 6
+#: The same of sentences that take some lines each.
+MOST_SENTENCES = 4
 MOST_LETTERS = 420
 FAINT_ROW = '<tr class="faint">'
 

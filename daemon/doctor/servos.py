@@ -40,7 +40,7 @@ def find_servos(line: Line, patient: Patient) -> bool:
                 wait_s = min(ANSWER_S, max(3 * likely[min(likely)], 0.003))
                 ids = sorted([*likely, *_answering(line, family, others, wait_s)])
                 if kind != "dynamixel":
-                    family = _told_apart(line, ids)
+                    family = _distinguish(line, ids)
                 patient.protocol, patient.baud = family.name, baud
                 _examine(line, family, ids, patient)
                 return True
@@ -59,7 +59,7 @@ def _answering(line: Line, family: Family, ids: Iterable[int], wait_s: float) ->
     return found
 
 
-def _told_apart(line: Line, ids: Sequence[int]) -> Family:
+def _distinguish(line: Line, ids: Sequence[int]) -> Family:
     """Feetech's servos or those of Dynamixel's protocol 1.0, whose packets are the same: a known
     model and the id are in the registers of the one or of the other."""
     old = FAMILIES["dynamixel1"]

@@ -29,18 +29,18 @@ def model_under_test(
     """
     if calibration is not None:
         observations = gather(sessions, arm, calibration.artefact)
-        sits = evaluate(sessions, arm, calibration).reflectors if of_reflectors(sessions) else ()
+        sits = evaluate(sessions, arm, calibration).reflectors if has_reflectors(sessions) else ()
         held = with_growth_open(from_calibration(calibration, arm, True, sits), arm)
         if observations.on_surface.any() and not _knows_scale(observations):
             held = with_size_kept(held, arm)
-        if of_reflectors(sessions):  # nobody knows where each reading's tip is
+        if has_reflectors(sessions):  # nobody knows where each reading's tip is
             return held, None
         return held, inconsistent_session(sessions, observations)
     made = calibrate(sessions, arm, Options(compare=False))
     return from_calibration(made.calibration, arm, False, made.reflectors), made.odd
 
 
-def of_reflectors(sessions: Sequence[Session]) -> bool:
+def has_reflectors(sessions: Sequence[Session]) -> bool:
     """Whether readings are of reflectors, not of the tip."""
     return any(session.reflector is not None for session in sessions)
 

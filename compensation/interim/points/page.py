@@ -16,11 +16,8 @@ from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics
 from armd.compensation.report.drawing import COLOURS, one_drawing
 from armd.compensation.report.head import head
-from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.page import MOST_SENTENCES, Page, report_number
 from armd.compensation.wording import plain
-
-#: Of the sentences on changes, before the appendix.
-MOST_CHANGES = 4
 
 
 def points_page(
@@ -36,7 +33,7 @@ def points_page(
     reason = page.in_brief("Verdict", first.removeprefix("In control: "))
     page.verdict("CHANGED" if changed else "IN CONTROL", reason, not changed)
     head(page, None, [], about, [check.first_unix_s for one in epochs for check in one.checks])
-    page.items_in_brief("What the checks show", more, MOST_CHANGES)
+    page.items_in_brief("What the checks show", more, MOST_SENTENCES)
     page.text(f"Next: {result['next_check']['sentence']}")
     page.text(
         "Decision rule: a change is reported where the statistic reaches its limit: without one,"

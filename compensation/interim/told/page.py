@@ -21,15 +21,13 @@ from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statisti
 from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.drawing import COLOURS, one_drawing
 from armd.compensation.report.head import head
-from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.page import MOST_SENTENCES, Page, report_number
 from armd.compensation.report.sessions import session_facts
 from armd.compensation.report.units import Unit, units_of
 from armd.compensation.wording import ARC_SECOND, minute, plain
 
 #: Of a check's files, what was measured.
 MEASURED = ("session.toml", *READINGS)
-#: Of the sentences on changes, before the appendix.
-MOST_CHANGES = 4
 #: Units as a person reads them: the name, and how many of them one unit of the model is.
 SHOWN = {"rad": ("″", 1 / ARC_SECOND), "mm": ("µm", 1e3), "rad/Nm": ("µrad/Nm", 1e6)}
 
@@ -50,7 +48,7 @@ def interim_page(
         _key_sentence(result["checks"], unit),
     )  # fmt: skip
     head(page, arm, sessions, about)
-    page.items_in_brief("What the checks show", more, MOST_CHANGES)
+    page.items_in_brief("What the checks show", more, MOST_SENTENCES)
     if result["next_check"]:
         page.text(f"Next: {result['next_check']['sentence']}")
     page.text(
