@@ -148,7 +148,7 @@ hidden-compare: develop
 outsider: develop
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/outsider/run.py --cases $(CASES) --seed $(SEED) $(OUTSIDER_ARGS)
 
-# Interim checks against an oracle, the table of docs/interim.md: make interim CASES=40 SEED=2
+# Interim checks against an oracle, the table of docs/how-to/interim.md: make interim CASES=40 SEED=2
 interim: develop
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/interim/montecarlo.py --cases $(CASES) --seed $(SEED)
 
@@ -172,7 +172,7 @@ soak: develop
 fuzz: develop
 	PYTHONPATH=tests $(BIN)/python tests/fuzz/run.py --minutes $(MINUTES) --seed $(SEED) $(FUZZ_ARGS)
 
-# The programs of docs/scale.md on local clusters, Ray among them, which 240 MB come with
+# The programs of docs/how-to/scale.md on local clusters, Ray among them, which 240 MB come with
 scale: develop
 	$(PIP) install -r requirements.txt -r requirements-dev.txt -r requirements-scale.txt
 	$(BIN)/python -m pytest --durations=20 --timeout 900 tests/public/test_public_scale.py
@@ -239,10 +239,10 @@ browser:
 picture: develop browser
 	PYTHONPATH=tests $(BIN)/python tests/bridges/picture.py out/view.png && cp out/view.png docs/view.png
 
-# docs/gallery.md and its pictures anew
+# docs/tutorials/gallery.md and its pictures anew
 .PHONY: gallery
 gallery: develop browser
-	PYTHONPATH=tests $(BIN)/python tests/bridges/gallery.py docs
+	PYTHONPATH=tests $(BIN)/python tests/bridges/gallery.py docs/tutorials
 
 # The recording of `make demo` for the README anew, on a machine that does nothing else
 .PHONY: recording

@@ -1,4 +1,4 @@
-"""armd, the open driver for articulated measuring arms: its public names (docs/python.md).
+"""armd, the open driver for articulated measuring arms: its public names (docs/how-to/python.md).
 
 Names are looked up when they are used: a command that needs no network does not pay for one.
 """

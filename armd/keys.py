@@ -1,4 +1,4 @@
-"""The Zenoh keys of one arm: `armd/<serial>/<what>` (docs/subscriber.md lists them)."""
+"""The Zenoh keys of one arm: `armd/<serial>/<what>` (docs/reference/subscriber.md lists them)."""
 
 from __future__ import annotations
 

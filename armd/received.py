@@ -3,7 +3,7 @@
 Whoever reaches the network, or a daemon configured to let others speak, can put anything on an
 arm's keys. This is the one door for all of it: a payload of the wrong form is dropped and counted,
 never passed on, so that no bridge and no client meets it. This is no proof of origin; certificates
-are (docs/secure.md).
+are (docs/how-to/secure.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`armd.toml`: the daemon's configuration. docs/configure.md describes every key."""
+"""`armd.toml`: the daemon's configuration. docs/reference/configure.md describes every key."""
 
 from __future__ import annotations
 

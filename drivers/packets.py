@@ -1,5 +1,5 @@
 """Base of drivers whose arm sends one packet a sample: a package brings what a packet means and how
-to receive one (docs/plugins.md).
+to receive one (docs/developer/plugins.md).
 
 The arm has no clock that is known here, so a sample's time is its packet's arrival, and every
 point carries the flag CLOCK. `serial/clock.py` is for wires that can do better.

@@ -2,7 +2,7 @@
 them raises.
 
 A package names its `DriverPlugin` by an entry point in the group `armd.drivers`; the entry point's
-name is the `kind` of armd.toml (docs/plugins.md).
+name is the `kind` of armd.toml (docs/developer/plugins.md).
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class Temperatures:
 class Event:
     """Something a person wants explained: a fault, a recovery, a foreign arm, a reboot."""
 
-    kind: str  # "silence", "recovered", "reboot", "foreign_arm", "joint_invalid", …; docs/wire.md
+    kind: str  # "silence", "recovered", "reboot", "foreign_arm", …; docs/reference/wire.md
     text: str  # one sentence for a person
     monotonic_ns: int
     severity: str = "warning"  # "info", "warning", "error"

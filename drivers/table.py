@@ -1,5 +1,5 @@
 """The drivers, by the `kind` that armd.toml names. A module is imported when it is chosen; other
-kinds are those of other packages (docs/plugins.md)."""
+kinds are those of other packages (docs/developer/plugins.md)."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ USAGE = Usage(
     ("armd simulate --serial --seconds 60 --arm-out arm.toml",
      "armd simulate --session calibration -o measured",
      "armd simulate --twin cal.json --arm arm.toml --session-like measured/T20 -o rehearsal"),
-    "simulator.md", "mm, °C, seconds; angles on the wire in counts, in sessions in rad",
+    "how-to/simulate.md", "mm, °C, seconds; angles on the wire in counts, in sessions in rad",
 )  # fmt: skip
 
 
@@ -75,7 +75,7 @@ def parser() -> Parser:
     mode.add_argument(
         "--check", metavar="FILE", type=Path, help="say what is wrong with a scenario"
     )
-    twin = command.add_argument_group("a twin of a measured arm (docs/twin.md)")
+    twin = command.add_argument_group("a twin of a measured arm (docs/how-to/twin.md)")
     twin.add_argument(
         "--twin",
         metavar="CAL.json",
@@ -137,14 +137,15 @@ def parser() -> Parser:
         metavar="PLAN",
         type=Path,
         help="on a pty, CAN or servos: TOML with the targets that the tip is brought to"
-        " (docs/measure.md)",
+        " (docs/how-to/measure.md)",
     )
     command.add_argument(
         "--plant",
         metavar="CAUSE@LOCATION=SIZE",
         action="append",
         default=[],
-        help="on a pty or CAN: something wrong with the arm from the beginning (docs/simulator.md)",
+        help="on a pty or CAN: something wrong with the arm from the beginning"
+        " (docs/how-to/simulate.md)",
     )
     command.add_argument(
         "--channel",

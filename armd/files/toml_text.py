@@ -1,4 +1,4 @@
-"""Plain data as TOML that people read and edit: a list stands on one line (docs/libraries.md)."""
+"""Plain data as TOML that people read and edit: one line a list (docs/developer/libraries.md)."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class DiagnosisFinding(Record):
     """One finding: an entry of `findings` in `armd diagnose --json`, its keys as attributes."""
 
     cause: str
-    """A name of docs/causes.md, or `unknown`."""
+    """A name of docs/reference/causes.md, or `unknown`."""
     location: str
     """As `joint 3`."""
     probability: float

@@ -94,10 +94,10 @@ def verify(
 ) -> VerificationResult:
     """Judge an arm by ISO 10360-12 and ASME B89.4.22: `armd verify` of a session.
 
-    The names of the session's targets say which tests it holds (docs/verify.md). *calibration*:
-    None means the nominal geometry. *mpe*: limits as the path of an mpe.toml or as a dict of its
-    content, `{"mpe": {"e_uni_mm": 0.04}}`; None: no verdict. *decision*: `"guarded"` or
-    `"simple"`, instead of what the limits say.
+    The names of the session's targets say which tests it holds (docs/how-to/verify.md).
+    *calibration*: None means the nominal geometry. *mpe*: limits as the path of an mpe.toml or as
+    a dict of its content, `{"mpe": {"e_uni_mm": 0.04}}`; None: no verdict. *decision*: `"guarded"`
+    or `"simple"`, instead of what the limits say.
 
     Raises `armd.BadInput` for files that do not hold, `armd.ArmdError` where no test is complete.
 

@@ -1,5 +1,5 @@
 """What other packages say of themselves: entry points `armd.drivers`, `armd.commands`,
-`armd.causes` (docs/plugins.md).
+`armd.causes` (docs/developer/plugins.md).
 
 Nothing is looked for until a name is asked for that armd itself has not, or until all are listed:
 to read the metadata of all packages takes some ten milliseconds. A plug-in that does not load, or

@@ -17,8 +17,8 @@ INSTEAD = {
     " their RMS and certified lengths, `armd diagnose` with the calibration what changed",
     "`armd measure`": "it leads to points with a name; touch the surfaces under"
     " `armd record --session S --artefact A.toml`",
-    "`armd verify`": "the standards count points with names of docs/verify.md; `armd evaluate` has"
-    " the RMS of surfaces and the errors of certified lengths",
+    "`armd verify`": "the standards count points with names of docs/how-to/verify.md;"
+    " `armd evaluate` has the RMS of surfaces and the errors of certified lengths",
 }
 ELSEWHERE = (
     "`armd calibrate` and `armd diagnose` use them, and `armd evaluate` of fewer readings at once"

@@ -30,8 +30,8 @@ CONTRADICTION_MM = 1.0
 #: Beyond these an instant is no measurement's, and years from then on have no calendar here.
 FIRST_YEAR, LAST_YEAR = 1970, 2200
 
-#: Targets whose names say which test of `armd verify` they belong to (docs/verify.md): what is
-#: touched there needs no entry of its own, for nothing is known of it.
+#: Targets whose names say which test of `armd verify` they belong to (docs/how-to/verify.md): what
+#: is touched there needs no entry of its own, for nothing is known of it.
 OF_A_VERIFICATION = re.compile(
     r"SPHERE[12]\..+|SPHERE\.[ab]|LDIA\.[1-5]\..+|L[0-5]|EFFDIA\.[1-3]\..+|SPAT[123]|BAR[SL]\.[ab]"
 )

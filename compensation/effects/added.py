@@ -1,4 +1,4 @@
-"""Causes of other packages: entry points in the group `armd.causes` (docs/plugins.md).
+"""Causes of other packages: entry points in the group `armd.causes` (docs/developer/plugins.md).
 
 What a package's code raises is reported once; its cause then has no candidate.
 """

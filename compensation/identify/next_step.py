@@ -156,7 +156,7 @@ def _measure(
         words = ["armd", "import", "readings.csv", "--arm", files.arm, "-o", files.another]
         return f"`{shlex.join(words)}` (readings.csv: the tracker's table)"
     if observations.on_surface.any():
-        return "a session more with the same surfaces (docs/calibrate.md)"
+        return "a session more with the same surfaces (docs/how-to/calibrate.md)"
     first = len(np.unique(observations.placement)) + 1
     names = ",".join(f"P{k}" for k in range(first, first + places))
     words = ["armd", "measure", "artefact", "--artefact", "artefact.toml", "-o", files.another]

@@ -27,7 +27,7 @@ MOST_FINDINGS = 6
 MOST_ROWS = 3
 OVERVIEW_ROW_IN = 1.75
 GAINS = "3-D RMS on held-out readings, as one finding after another is added"
-#: As docs/diagnosis-how.md has it at length.
+#: As docs/developer/diagnosis-how.md has it at length.
 RULE = (
     "Decision rule: a cause is reported where noise alone would reach its score, anywhere among the"
     " candidates, once in a hundred data sets at most. It is confirmed where it improves the"

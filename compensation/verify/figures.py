@@ -1,6 +1,6 @@
 """The figures of ISO 10360-12:2016 and ASME B89.4.22 from one session.
 
-Which tests a session supports is told by its targets' names (docs/verify.md); a test whose
+Which tests a session supports is told by its targets' names (docs/how-to/verify.md); a test whose
 readings are not all there is left out, with the reason. Lengths are compared at the artefact's
 temperature, its certified expansion taken into account.
 """

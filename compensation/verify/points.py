@@ -52,7 +52,9 @@ def verify_points(
     names = artefact.target_names
     for row, name in enumerate(points.target, 1):
         if name not in names:
-            expected = f"a name of docs/verify.md, or of the artefact's targets{hint(name, names)}"
+            expected = (
+                f"a name of docs/how-to/verify.md, or of the artefact's targets{hint(name, names)}"
+            )
             raise BadInput(path, f"row {row}, target", repr(name), expected)
     n = len(points.target)
     unknown = np.full((n, 3), np.nan)

@@ -1,4 +1,4 @@
-"""Commands of other packages: entry points in the group `armd.commands` (docs/plugins.md)."""
+"""Commands of other packages: entry points `armd.commands` (docs/developer/plugins.md)."""
 
 from __future__ import annotations
 

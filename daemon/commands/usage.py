@@ -13,51 +13,55 @@ FILE_UNITS = "mm, °C, seconds; angles in files in degrees, in readings as sessi
 
 USAGE = {
     "demo": Usage(
-        ("armd demo", "armd demo --seconds 20"), "simulated-arm.md", LIVE_UNITS,
+        ("armd demo", "armd demo --seconds 20"), "how-to/simulate.md", LIVE_UNITS,
         "samples were lost",
     ),
-    "run": Usage(("armd run armd.toml",), "configure.md", LIVE_UNITS),
-    "accept": Usage(("armd accept armd.toml",), "servo.md"),
+    "run": Usage(("armd run armd.toml",), "reference/configure.md", LIVE_UNITS),
+    "accept": Usage(("armd accept armd.toml",), "reference/servo.md"),
     "watch": Usage(
-        ("armd watch", "armd watch SIM-0001 --json --seconds 5"), "subscriber.md", LIVE_UNITS
+        ("armd watch", "armd watch SIM-0001 --json --seconds 5"),
+        "reference/subscriber.md", LIVE_UNITS
     ),
-    "status": Usage(("armd status",), "troubleshoot.md", LIVE_UNITS, "the arm is not ready"),
+    "status": Usage(("armd status",), "how-to/troubleshoot.md", LIVE_UNITS, "the arm is not ready"),
     "tip": Usage(
         ("armd tip list", "armd tip use ball3", "armd tip calibrate tip-session",
-         "armd tip apply ball3"), "measure.md",
+         "armd tip apply ball3"), "how-to/measure.md",
         "mm", "the tip's calibration leaves doubts, which it names",
     ),
-    "reload": Usage(("armd reload",), "upgrade.md"),
+    "reload": Usage(("armd reload",), "how-to/install.md"),
     "record": Usage(
-        ("armd record -o morning.mcap", "armd record --session calibrate"), "recording.md",
+        ("armd record -o morning.mcap", "armd record --session calibrate"),
+        "how-to/record-export.md",
         LIVE_UNITS, "frames were lost, or the session has no reading",
     ),
     "replay": Usage(
-        ("armd replay morning.mcap",), "recording.md", LIVE_UNITS,
+        ("armd replay morning.mcap",), "how-to/record-export.md", LIVE_UNITS,
         "the points are not those that were recorded",
     ),
     "view": Usage(
-        ("armd view", "armd view SIM-0001 --allow-commands"), "view.md",
+        ("armd view", "armd view SIM-0001 --allow-commands"), "how-to/view.md",
         "mm, °C, K/h; standard deviations and uncertainties in a list in µm",
     ),
     "ippdme": Usage(
         ("armd ippdme", "armd ippdme --listen 192.0.2.10:1294 --alias PROBE1.TIP1A0B0=ball3"),
-        "ippdme.md", "mm, degrees, °C, seconds, as I++ DME has them",
+        "how-to/ippdme.md", "mm, degrees, °C, seconds, as I++ DME has them",
     ),
     "ros2": Usage(
-        ("armd ros2 --router tcp/ros-host.example:7447", "armd ros2 --urdf arm.urdf"), "ros2.md",
+        ("armd ros2 --router tcp/ros-host.example:7447", "armd ros2 --urdf arm.urdf"),
+        "how-to/ros2.md",
         "metres and radians, as ROS has them",
     ),
     "fleet": Usage(
-        ("armd fleet --endpoint tcp/plant.example:7447", "armd fleet --json"), "fleet.md",
+        ("armd fleet --endpoint tcp/plant.example:7447", "armd fleet --json"), "how-to/fleet.md",
         LIVE_UNITS,
     ),
     "stream": Usage(
         ("armd stream --format csv", "armd stream --template '{x:.3f};{y:.3f};{z:.3f}'"),
-        "stream.md", "mm; uncertainties in a template in µm",
+        "how-to/record-export.md", "mm; uncertainties in a template in µm",
     ),
     "export": Usage(
-        ("armd export -o points.csv", "armd export measured.jsonl -o points.xyz"), "export.md",
+        ("armd export -o points.csv", "armd export measured.jsonl -o points.xyz"),
+        "how-to/record-export.md",
         "mm, rad, °C; a .mcap for Foxglove in metres",
     ),
     "measure": Usage(
@@ -66,15 +70,15 @@ USAGE = {
             "armd measure artefact --artefact beam.toml -o measured",
             "armd measure verify -o verify",
         ),
-        "measure.md", "mm, °C, seconds", "not finished: the same command takes it up again",
+        "how-to/measure.md", "mm, °C, seconds", "not finished: the same command takes it up again",
     ),
     "feature": Usage(
         ("armd feature sphere table.csv", "armd feature distance plane=table.csv:1-9 sphere=b.csv"),
-        "measure.md", "mm and degrees, in the base frame",
+        "how-to/measure.md", "mm and degrees, in the base frame",
     ),
     "correct": Usage(
         ("armd correct readings.csv --arm arm.toml --calibration calibration.json -o points.csv",),
-        "offline.md", FILE_UNITS,
+        "how-to/offline.md", FILE_UNITS,
     ),
     "interim": Usage(
         (
@@ -82,24 +86,25 @@ USAGE = {
             "--history checks",
             "armd interim report --history checks --report checks.html",
         ),
-        "interim.md", FILE_UNITS, "the arm has changed",
+        "how-to/interim.md", FILE_UNITS, "the arm has changed",
     ),
     "recorrect": Usage(
         (
             "armd recorrect measured.jsonl --arm arm.toml --calibration calibration-2.json "
             "-o again.csv",
         ),
-        "recorrect.md", FILE_UNITS,
+        "how-to/interim.md", FILE_UNITS,
     ),
     "calibrate": Usage(
         (
             "armd calibrate measured/T15 measured/T20 measured/T25 --arm arm.toml "
             "-o calibration.json --report calibration.html",
         ),
-        "calibrate.md", FILE_UNITS,
+        "how-to/calibrate.md", FILE_UNITS,
     ),
     "evaluate": Usage(
-        ("armd evaluate check --arm arm.toml --calibration calibration.json",), "calibrate.md",
+        ("armd evaluate check --arm arm.toml --calibration calibration.json",),
+        "how-to/calibrate.md",
         FILE_UNITS + "; residuals in µm",
     ),
     "verify": Usage(
@@ -107,7 +112,7 @@ USAGE = {
             "armd verify verify --arm arm.toml --calibration calibration.json --mpe mpe.toml "
             "--report verify.html",
         ),
-        "verify.md", FILE_UNITS + "; errors in µm",
+        "how-to/verify.md", FILE_UNITS + "; errors in µm",
         "the arm does not meet its limits, or not all of them were tested",
     ),
     "diagnose": Usage(
@@ -115,14 +120,15 @@ USAGE = {
             "armd diagnose calibrate --arm arm.toml --calibration calibration.json "
             "--holdout check --json diagnosis.json --extended extended.json",
         ),
-        "diagnosis.md", FILE_UNITS + "; sizes in µm at the tip",
+        "how-to/diagnosis.md", FILE_UNITS + "; sizes in µm at the tip",
     ),
     "design": Usage(
         (
             "armd design --arm arm.toml --lowest 0 -o poses.csv --report poses.html",
             "armd design calibrate --arm arm.toml -o poses.csv --report poses.html",
         ),
-        "diagnosis.md", FILE_UNITS + "; in the table of a first calibration q1 … in rad, too",
+        "how-to/diagnosis.md",
+        FILE_UNITS + "; in the table of a first calibration q1 … in rad, too",
     ),
     "model": Usage(
         (
@@ -132,17 +138,18 @@ USAGE = {
             "-o default_kinematics.yaml",
             "armd model arm.toml --calibration calibration.json -o corrections.csv",
         ),
-        "model.md", "mm, degrees, °C; in a URDF and default_kinematics.yaml metres and radians",
+        "how-to/model.md",
+        "mm, degrees, °C; in a URDF and default_kinematics.yaml metres and radians",
     ),
     "compensate": Usage(
         (
             "armd compensate table.csv --arm arm.toml --calibration calibration.json "
             "-o commands.csv",
         ),
-        "model.md", FILE_UNITS, "a row has no command: see its status",
+        "how-to/model.md", FILE_UNITS, "a row has no command: see its status",
     ),
     "check": Usage(
-        ("armd check arm.toml armd.toml measured/T20",), "configure.md", "",
+        ("armd check arm.toml armd.toml measured/T20",), "reference/configure.md", "",
         "a file has faults, each reported in a line",
     ),
     "init": Usage(
@@ -151,7 +158,7 @@ USAGE = {
             "armd init my-arm --from robot.urdf --serial-number ARM-7 --port /dev/ttyUSB0",
             "armd init my-arm --from rows.csv",
         ),
-        "import.md", FILE_UNITS,
+        "how-to/import.md", FILE_UNITS,
     ),
     "import": Usage(
         (
@@ -159,15 +166,16 @@ USAGE = {
             "armd import readings.csv --arm arm.toml --column q1='Base axis' -o measured",
             "armd import robot.urdf -o arm.toml",
         ),
-        "import.md", "of the table by its headers; of a session mm, °C, s",
+        "how-to/import.md", "of the table by its headers; of a session mm, °C, s",
     ),
     "schema": Usage(
-        ("armd schema arm", "armd schema arm -o arm.schema.json"), "formats.md", FILE_UNITS
+        ("armd schema arm", "armd schema arm -o arm.schema.json"),
+        "reference/formats.md", FILE_UNITS
     ),
     "doctor": Usage(
-        ("armd doctor", "armd doctor --json"), "doctor.md", "", "something stands in the way"
+        ("armd doctor", "armd doctor --json"), "how-to/doctor.md", "", "something stands in the way"
     ),
-    "arm": Usage(("armd arm list", "armd arm so101 -o arm.toml"), "arms.md", FILE_UNITS),
-    "completion": Usage(("armd completion bash",), "install.md"),
-    "man": Usage(("armd man",), "install.md"),
+    "arm": Usage(("armd arm list", "armd arm so101 -o arm.toml"), "tutorials/so101.md", FILE_UNITS),
+    "completion": Usage(("armd completion bash",), "how-to/install.md"),
+    "man": Usage(("armd man",), "how-to/install.md"),
 }  # fmt: skip

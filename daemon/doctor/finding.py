@@ -11,7 +11,7 @@ from typing import Any
 class Obstacle:
     """One thing that stands in the way."""
 
-    kind: str  # "permission", "latency_timer", "missing_id", …: docs/doctor.md
+    kind: str  # "permission", "latency_timer", "missing_id", …: docs/how-to/doctor.md
     text: str  # a sentence
     mend: str  # the command, or what to do where no command does it
 

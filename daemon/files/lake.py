@@ -1,7 +1,7 @@
 """Points of an arm as Parquet files, partitioned by arm and day: `armd record --lake`.
 
 Each file appears whole or not at all, and a new one every half minute: a recorder that is killed
-loses no more than that. docs/scale.md describes the columns.
+loses no more than that. docs/how-to/scale.md describes the columns.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What a daemon publishes, into an MCAP file: raw frames first, then what became of them.
 
-docs/recording.md describes the file. A recorder that is killed leaves a file that can be read up
-to the last fraction of a second.
+docs/how-to/record-export.md describes the file. A recorder that is killed leaves a file that can be
+read up to the last fraction of a second.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import os
 
 from armd.errors import BadInput
 
-WARNING = "armd runs as root, which it never needs: give it a user of its own (docs/secure.md)"
+WARNING = "armd runs as root, which it never needs: give it its own user (docs/how-to/secure.md)"
 
 
 def is_root() -> bool:

@@ -1,4 +1,4 @@
-"""Everything that leaves the daemon over Zenoh. docs/subscriber.md describes keys and payloads."""
+"""What leaves the daemon over Zenoh: keys and payloads of docs/reference/subscriber.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-/* armd.point.v1: one point, 136 bytes, little-endian, no padding (docs/subscriber.md).
+/* armd.point.v1: one point, 136 bytes, little-endian, no padding (docs/reference/subscriber.md).
  * For C11 and C++11, on a little-endian machine; needs nothing else. */
 #ifndef ARMD_POINT_H
 #define ARMD_POINT_H

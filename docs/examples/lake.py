@@ -1,6 +1,6 @@
 """Correct a lake of `armd record --lake` again, one arm and day at a time.
 
-Copy this file beside your job; docs/scale.md runs it on Ray and Dask.
+Copy this file beside your job; docs/how-to/scale.md runs it on Ray and Dask.
 """
 
 import os

@@ -4,7 +4,7 @@
  *   cc -DFROM_STDIN subscriber.c -o subscriber && ./subscriber < points.bin
  *
  * The first needs zenoh-c 1.x (https://github.com/eclipse-zenoh/zenoh-c). The second reads recorded
- * points, and needs nothing. docs/subscriber.md has the command that makes points.bin. */
+ * points, and needs nothing. docs/reference/subscriber.md has the command that makes points.bin. */
 #include "armd_point.h"
 
 static armd_lost lost;

@@ -9,7 +9,7 @@ using System;
 using System.Globalization;
 using System.IO;
 
-/// <summary>armd.point.v1: 136 bytes, little-endian, as BinaryReader reads (docs/subscriber.md).</summary>
+/// <summary>armd.point.v1: 136 bytes, little-endian, as BinaryReader reads (docs/reference/subscriber.md).</summary>
 public sealed class ArmdPoint
 {
     public const int Size = 136;

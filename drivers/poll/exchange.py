@@ -131,7 +131,7 @@ class GatheredCycle:
     """The exchanges of a cycle whose servos are read one by one; as an `Exchange` to the decoder.
 
     Each servo's instant comes from its own exchange. The sampler moves all joints to the first of
-    these instants, as after a sync read, over a longer time: see docs/servo.md.
+    these instants, as after a sync read, over a longer time: see docs/reference/servo.md.
     """
 
     def __init__(self, first: ReadRequest, sent: RawFrame, ids: tuple[int, ...]) -> None:

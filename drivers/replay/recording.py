@@ -1,7 +1,7 @@
 """A recording (MCAP) as a driver needs it: the raw frames in their order, and what they came from.
 
-`armd record` writes it (docs/recording.md has the layout). A recorder that was killed leaves a
-file without an end; whatever stands before that is read, and said to be all there is.
+`armd record` writes it (docs/how-to/record-export.md has the layout). A recorder that was killed
+leaves a file without an end; whatever stands before that is read, and said to be all there is.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A table, a printed plate with three seats, and somebody who puts the ball into them.
 
-Three sessions as docs/so101.md has them: `calibrate` and `check` with the plate in several places,
+Three sessions of docs/tutorials/so101.md: `calibrate` and `check` with the plate in several places,
 `verify` with a seat near, in the middle and far out.
 """
 

@@ -1,4 +1,4 @@
-"""The chain of joints and its weights, as docs/formats.md defines them: plain matrices of numpy.
+"""The chain of joints and its weights, as docs/reference/formats.md defines them: numpy's matrices.
 
 A joint is A = Rz(q + θ)·Tz(d)·Tx(a)·Rx(α)·Ry(β); before joint 1 stands the displaced base,
 Trans(x, y, z)·Rz·Ry·Rx. Lengths in mm, angles in rad, mass in kg.

@@ -1,4 +1,4 @@
-"""The factors of a term's basis, each by its kind as docs/formats.md defines it."""
+"""The factors of a term's basis, each by its kind as docs/reference/formats.md defines it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Where the twin's tip is: constants + Σ coefficient · basis, then the chain of joints.
 
-Written from docs/formats.md alone and by other means than the compensation's: whole matrices, a
-spline of scipy. A test holds it against the kernel.
+Written from docs/reference/formats.md alone and by other means than the compensation's: whole
+matrices, a spline of scipy. A test holds it against the kernel.
 """
 
 from __future__ import annotations

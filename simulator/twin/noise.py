@@ -16,7 +16,7 @@ from armd.files.inputs import read_input
 from armd.files.schema import json_data
 
 #: The drift is a random walk from knot to knot, so far apart and so many per session at most: as
-#: docs/diagnosis-how.md has it.
+#: docs/developer/diagnosis-how.md has it.
 KNOT_S, MOST_KNOTS = 450.0, 8
 #: Readings closer than this in every joint, in sequence at one target, are one rest.
 REST_RAD = 1e-4

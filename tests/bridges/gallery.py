@@ -1,6 +1,6 @@
-"""The pictures of docs/gallery/ and the page that shows them: `make gallery`.
+"""The pictures of docs/tutorials/gallery/ and the page that shows them: `make gallery`.
 
-    python tests/bridges/gallery.py docs
+    python tests/bridges/gallery.py docs/tutorials
 
 Everything is made here, by the commands under each picture; the page of `armd view` is a picture of
 its own (`make picture`), the recording of the demo as well (`make recording`).
@@ -34,13 +34,13 @@ its pictures anew, but the first two (`make picture`, `make recording`).
 
 ## The page of armd view
 
-[docs/view.md](view.md): the arm of `armd demo`, warming up.
+[view.md](../how-to/view.md): the arm of `armd demo`, warming up.
 
-![The page of armd view](view.png)
+![The page of armd view](../view.png)
 
 ## make demo
 
-![make demo](demo.svg)
+![make demo](../demo.svg)
 """
 CIRCLE_WORDS = """\
 
@@ -69,7 +69,7 @@ REPORTS = (
     Shown(
         "calibrate",
         "The report of a calibration",
-        "[docs/calibrate.md](calibrate.md): five temperatures, a simulated arm of 1.2 m.",
+        "[calibrate.md](../how-to/calibrate.md): five temperatures, a simulated arm of 1.2 m.",
         (
             "armd simulate --session calibration -o measured",
             "armd calibrate measured/T* --arm measured/arm.toml -o cal.json"
@@ -79,7 +79,7 @@ REPORTS = (
     Shown(
         "verify",
         "A verification",
-        "[docs/verify.md](verify.md): by ISO 10360-12 and ASME B89.4.22.",
+        "[verify.md](../how-to/verify.md): by ISO 10360-12 and ASME B89.4.22.",
         (
             "armd simulate --session verify -o test",
             "armd verify test/verify --arm measured/arm.toml --calibration cal.json"
@@ -89,7 +89,7 @@ REPORTS = (
     Shown(
         "diagnose",
         "A diagnosis",
-        "[docs/diagnosis.md](diagnosis.md): a disc 1.5 µm off centre, of which the command is"
+        "[diagnosis.md](../how-to/diagnosis.md): a disc 1.5 µm off centre, of which the command is"
         " not told.",
         (
             "armd simulate --session diagnosis -o sick --plant 'encoder_eccentricity@joint 3=1.5'",
@@ -100,7 +100,7 @@ REPORTS = (
     Shown(
         "interim",
         "Interim checks",
-        "[docs/interim.md](interim.md): an encoder slips on the twelfth of twenty days.",
+        "[interim.md](../how-to/interim.md): an encoder slips on the twelfth of twenty days.",
         (
             "armd simulate --session interim -o days --days 20"
             " --plant 'encoder_slip@joint 3=15@12'",
@@ -112,7 +112,7 @@ REPORTS = (
     Shown(
         "repeatability",
         "Repeatability and drift of a printed arm",
-        "[docs/measure.md](measure.md): one place, visited sixty times in eight hours; 0.3 mm"
+        "[measure.md](../how-to/measure.md): one place, visited sixty times in eight hours; 0.3 mm"
         " scatter, a drift with the motors' heat. The points are drawn, not measured.",
         ("armd feature repeatability visits.csv --report repeatability.html",),
     ),

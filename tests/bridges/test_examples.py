@@ -15,6 +15,7 @@ import pytest
 
 import armd
 from armd import POINT, Flag, Lost
+from support.pages import page_path
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 WARNINGS = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", "-DFROM_STDIN"]
@@ -109,8 +110,8 @@ def test_c_sharp_reads_every_field_in_its_place() -> None:
 
 
 def test_the_command_of_the_documentation_makes_a_file_of_points(monkeypatch, tmp_path) -> None:
-    """As docs/subscriber.md has it, on an arm that is played here."""
-    document = (EXAMPLES.parent / "subscriber.md").read_text(encoding="utf-8")
+    """As docs/reference/subscriber.md has it, on an arm that is played here."""
+    document = page_path("subscriber").read_text(encoding="utf-8")
     found = re.search(r"^python -c '(.*)' > points.bin$", document, re.MULTILINE)
     assert found is not None
     points, asked = recorded(), []
@@ -122,6 +123,6 @@ def test_the_command_of_the_documentation_makes_a_file_of_points(monkeypatch, tm
     monkeypatch.setattr(armd, "connect", lambda: SimpleNamespace(batches=batches))
     written = io.BytesIO()
     monkeypatch.setattr(sys, "stdout", SimpleNamespace(buffer=written))
-    exec(compile(found[1], "docs/subscriber.md", "exec"), {})
+    exec(compile(found[1], "docs/reference/subscriber.md", "exec"), {})
     assert asked == [5] and written.getvalue() == points.tobytes()
     assert "./subscriber < points.bin" in document

@@ -1,4 +1,4 @@
-"""docs/gallery.md is what `make gallery` writes, and its pictures are there."""
+"""docs/tutorials/gallery.md is what `make gallery` writes, and its pictures are there."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from gallery import REPORTS, draw_visits, page_of, run
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "docs" / "tutorials"
 
 
 def test_the_page_is_what_the_command_writes() -> None:

@@ -19,8 +19,9 @@ from armd.daemon.bridges.ippdme.csy import Transformation, state_file
 from armd.daemon.bridges.ippdme.dialogue import MOST_WAITING
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.tips import CmmTip
+from support.pages import page_path
 
-PAGE = Path(__file__).parents[2] / "docs" / "ippdme.md"
+PAGE = page_path("ippdme")
 
 
 @pytest.fixture

@@ -24,6 +24,7 @@ from armd import POINT, Flag
 from armd.daemon.bridges import lines
 from armd.daemon.bridges.tips import Tips, rotated
 from armd.errors import BadInput
+from support.pages import page_path
 from support.punctuality import Punctuality
 from support.running_bridge import running_bridge
 from support.running_daemon import Daemon, running_daemon
@@ -42,7 +43,7 @@ MEASUREMENT: dict[str, Any] = {
     "angles_rad": [0.0], "count": 12, "duration_s": 0.5, "flags": 512, "flag_names": ["AT_REST"],
     "buttons": 1, "calibration": "0123456789abcdef", "approach": [0.0, 0.6, -0.8], "tip": None,
 }  # fmt: skip
-PAGE = Path(__file__).parents[2] / "docs" / "stream.md"
+PAGE = page_path("record-export")
 
 
 def fields(**changes: Any) -> lines.Fields:

@@ -49,7 +49,7 @@ def free_port() -> int:
 
 
 def write_certificate(authority: trustme.CA, folder: Path, name: str, host: str) -> None:
-    """*name*.pem and *name*.key, as docs/secure.md makes them with openssl."""
+    """*name*.pem and *name*.key, as docs/how-to/secure.md makes them with openssl."""
     certificate = authority.issue_cert(host, common_name=name)
     certificate.private_key_pem.write_to_path(folder / f"{name}.key")
     chain = b"".join(part.bytes() for part in certificate.cert_chain_pems)

@@ -27,11 +27,11 @@ from armd.daemon.state import State
 from armd.drivers.identity import Expectation
 from armd.drivers.line_health import LineHealth
 from armd.drivers.serial.decoder import SerialDecoder
-from support.pages import shell_blocks
+from support.pages import page_path, shell_blocks
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "deploy" / "monitoring"
-PAGE = ROOT / "docs" / "monitoring.md"
+PAGE = page_path("monitoring")
 ALERTS = FOLDER / "armd-alerts.yml"
 TESTS = FOLDER / "armd-alerts-test.yml"
 #: What Prometheus itself adds.
@@ -123,7 +123,7 @@ def test_an_alert_names_what_is_served_and_what_to_do(rule: dict[str, Any]) -> N
     do = rule["annotations"]["do"]
     commands = re.findall(r"`armd (\w+)", do)
     assert set(commands) <= set(COMMANDS)
-    pages = re.findall(r"docs/[\w-]+\.md", do)
+    pages = re.findall(r"docs/[\w/-]+\.md", do)
     assert all((ROOT / page).is_file() for page in pages)
     assert commands or pages or "`" in do or "cable" in do  # something that a person can do
     assert "{{ $labels." in rule["annotations"]["summary"]

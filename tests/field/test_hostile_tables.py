@@ -155,7 +155,7 @@ def test_a_reading_without_a_name_is_refused(
 
 
 def test_names_of_a_verification_need_no_target(tmp_path: Path) -> None:
-    """Those of docs/verify.md: in readings, and as ends of certified lengths."""
+    """Those of docs/how-to/verify.md: in readings, and as ends of certified lengths."""
     names = ["SPAT1", "SPHERE1.01"]
     folder = written(tmp_path, {"name": "seat"}, target=names)
     arm = load_arm(ARM)

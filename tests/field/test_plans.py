@@ -48,7 +48,7 @@ def ball(**more: object) -> Artefact:
 
 
 def test_a_certified_sphere_is_all_that_a_verification_wants() -> None:
-    """2 × 25, 5 × 5 and 3 × 9 points on it (docs/verify.md), none of them written by hand."""
+    """2 × 25, 5 × 5 and 3 × 9 points on it (docs/how-to/verify.md), none written by hand."""
     plan = plan_of("verify", arm(6), ball(), Wishes())
     names = [station.target for station in plan.stations]
     assert len(names) == len(set(names)) == 50 + 25 + 27

@@ -21,9 +21,10 @@ from armd.daemon.cli import parsers
 from armd.daemon.commands.groups import COMMANDS
 from armd.simulator import sessions
 from armd.simulator.__main__ import parser as simulated_arm
+from support.pages import DOCS
 
 ROOT = Path(__file__).parents[2]
-PAGES = ["README.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))]
+PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in DOCS.glob("**/*.md"))]
 LINK = re.compile(r"\]\((?!https?:)([\w./-]+)(?:#[\w-]*)?\)")
 
 
@@ -97,7 +98,7 @@ def test_links_lead_somewhere(page: str) -> None:
 
 
 def test_the_page_of_causes_says_what_the_catalogue_says() -> None:
-    text = (ROOT / "docs/causes.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/reference/causes.md").read_text(encoding="utf-8")
     rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| `")]
     told = [
         [f"`{effect.cause}`", effect.reason, effect.confounded_with, effect.experiment]

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from support.other_packages import TEMPLATE, armd_with, environment_with, make_package
-from support.pages import run_as_typed, shell_blocks
+from support.pages import page_path, run_as_typed, shell_blocks
 
 ROOT = Path(__file__).parents[2]
 ARM = (
@@ -154,7 +154,7 @@ def test_a_daemon_of_armds_own_drivers_looks_for_no_package(tmp_path: Path) -> N
 
 def test_the_page_installs_the_template(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As typed, but that pip installs into a folder of this test's."""
-    text = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
+    text = page_path("plugins").read_text(encoding="utf-8")
     (commands,) = shell_blocks(text)
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "installed"))

@@ -1,4 +1,4 @@
-"""The six commands of the README from Python, written by docs/python.md alone."""
+"""The six commands of the README from Python, written by docs/how-to/python.md alone."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""The examples of docs/python.md and of the public names' docstrings are run as they stand."""
+"""The examples of docs/how-to/python.md and of the public names' docstrings run as they stand."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ import pytest
 import armd
 from armd.offline.arrow_table import ArrowTable
 from support.measured_arm import measured_arm
-from support.pages import run_as_typed, shell_blocks
+from support.pages import page_path, run_as_typed, shell_blocks
 
-PAGE = Path(__file__).parents[2] / "docs" / "python.md"
+PAGE = page_path("python")
 QUICK = [
     "read_arm", "read_calibration", "read_session", "make_session", "calibrate", "evaluate",
     "Model", "Corrector",
@@ -109,7 +109,7 @@ def test_a_short_script_does_the_six_commands_of_the_readme(tmp_path: Path) -> N
         capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    readme = (PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     six = next(block for block in shell_blocks(readme) if "armd calibrate" in block)
     assert len(six.splitlines()) == 6
     (tmp_path / "commands").mkdir()

@@ -1,4 +1,4 @@
-"""docs/scale.md: its programs run as they stand, on clusters of two processes on this machine."""
+"""docs/how-to/scale.md: its programs run as they stand, on clusters of two processes here."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ import pytest
 import armd
 from armd.daemon.cli import main
 from support.measured_arm import measured_arm
+from support.pages import page_path
 from support.published import make_lake, save_lagged
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -50,7 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def page() -> str:
-    return (DOCS / "scale.md").read_text(encoding="utf-8")
+    return page_path("scale").read_text(encoding="utf-8")
 
 
 def rows_of(folder: Path) -> pa.Table:

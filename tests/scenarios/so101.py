@@ -1,4 +1,4 @@
-"""From box to certificate on a simulated SO-101, by the commands of docs/so101.md.
+"""From box to certificate on a simulated SO-101, by the commands of docs/tutorials/so101.md.
 
     python tests/scenarios/so101.py [--seed N] [--folder FOLDER]
 

@@ -1,4 +1,4 @@
-"""docs/so101.md over the wire: a simulated SO-101 on its servo bus, in the hands of an operator.
+"""docs/tutorials/so101.md over the wire: a simulated SO-101 on its servo bus, and an operator.
 
     python tests/scenarios/so101_live.py [--seed N] [--folder FOLDER]
 

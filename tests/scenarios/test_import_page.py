@@ -1,4 +1,4 @@
-"""The blocks of docs/import.md run as they stand; the files of other programs are written first."""
+"""The blocks of docs/how-to/import.md run as they stand, on files of other programs."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from rosbags.rosbag2 import StoragePlugin
 
 from armd.compensation.data.session import load_session
 from armd.compensation.model.arm import load_arm
-from support.pages import run_as_typed, shell_blocks
+from support.pages import page_path, run_as_typed, shell_blocks
 from support.robot_logs import MOTORS, bag, dataset
 
 FIELD = Path(__file__).parents[1] / "field"
 FOLLOWER = FIELD / "lerobot-wrapped-sweep" / "whole.json"
-PAGE = Path(__file__).parents[2] / "docs" / "import.md"
+PAGE = page_path("import")
 ROBOT = """<robot name="three">
 {links}
 {joints}

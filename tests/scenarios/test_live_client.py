@@ -7,15 +7,15 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from support.pages import page_path
 from support.running_daemon import Daemon, running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm
 
-PAGE = Path(__file__).parents[2] / "docs" / "python.md"
+PAGE = page_path("python")
 #: Prints one JSON object: what each kind of call gave.
 PROGRAM = """
 import asyncio, json, sys, threading

@@ -1,5 +1,5 @@
-"""The template of docs/plugins.md at work: its driver in `armd run`, its command beside it; and a
-driver that fails in every `read`, which the daemon survives."""
+"""The template of docs/developer/plugins.md at work: its driver in `armd run`, its command beside
+it; and a driver that fails in every `read`, which the daemon survives."""
 
 from __future__ import annotations
 

@@ -13,8 +13,9 @@ from armd.compensation.model.arm import load_arm
 from armd.simulator.__main__ import main
 from armd.simulator.printed import bench
 from armd.simulator.sessions import INTERIM, KINDS, PRINTED
+from support.pages import page_path
 
-DOCUMENT = Path(__file__).parents[2] / "docs/simulator.md"
+DOCUMENT = page_path("simulate")
 
 
 def test_an_arm_toml_lies_beside_the_sessions(

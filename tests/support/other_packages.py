@@ -1,5 +1,5 @@
-"""Packages that bring something to armd: the template of docs/plugins.md, installed as a person
-would, and others made of a few lines."""
+"""Packages that bring something to armd: the template of docs/developer/plugins.md, installed as a
+person would, and others made of a few lines."""
 
 from __future__ import annotations
 

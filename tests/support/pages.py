@@ -8,6 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def page_path(name: str) -> Path:
+    """Find a page of docs/ by its name, whichever folder it is in."""
+    (path,) = DOCS.glob(f"*/{name}.md")
+    return path
+
 
 def shell_blocks(text: str) -> list[str]:
     return re.findall(r"```sh\n(.*?)```", text, re.DOTALL)

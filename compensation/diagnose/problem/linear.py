@@ -156,8 +156,9 @@ class Linear:
 
         Where nothing of it is certified, its frame lies anywhere (rounding decides), and a target
         far from the origin would move by what one sensor's noise makes of that: there it is the
-        middle of the seats, and a single seat does not move (docs/diagnosis-how.md). Planes stand
-        at heights over a frame that lies anywhere, too; a sphere grows about its own centre.
+        middle of the seats, and a single seat does not move (docs/developer/diagnosis-how.md).
+        Planes stand at heights over a frame that lies anywhere, too; a sphere grows about its own
+        centre.
         """
         observations = self.rests.observations
         target_mm = self.poses.target_mm.copy()

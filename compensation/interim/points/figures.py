@@ -21,7 +21,7 @@ from armd.terminal.suggest import hint
 
 #: The serial number of an arm of which only the points are known.
 ARM = str(UNKNOWN["serial_number"])
-#: Points on a certified sphere, by the names of docs/verify.md; the part before the dot is a set.
+#: Points on a certified sphere, by the names of docs/how-to/verify.md; before the dot is a set.
 ON_SPHERE = re.compile(r"(SPHERE[12]|LDIA\.[1-5]|EFFDIA\.[1-3])\..+")
 #: The ends of a sphere's certified diameter.
 DIAMETER = frozenset(("SPHERE.a", "SPHERE.b"))

@@ -1,4 +1,4 @@
-"""An I++ DME server in manual mode, for inspection software (docs/ippdme.md).
+"""An I++ DME server in manual mode, for inspection software (docs/how-to/ippdme.md).
 
 `grammar`, `errors`, `csy` and `tools` are the standard's; `commands*` are the methods by name;
 `dialogue` is one client's dialogue, without network or clock; `machine` is the arm as a measuring

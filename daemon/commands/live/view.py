@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help=f"folder of guided measurements, with artefacts (*.toml) to choose from ({SESSIONS})",
     )
-    network = parser.add_argument_group("onto the network (docs/secure.md)")
+    network = parser.add_argument_group("onto the network (docs/how-to/secure.md)")
     network.add_argument("--certificate", type=Path, metavar="FILE", help="of this machine, PEM")
     network.add_argument("--key", type=Path, metavar="FILE", help="of the certificate, PEM")
     network.add_argument(
@@ -64,7 +64,7 @@ def _check_network(args: argparse.Namespace) -> None:
     for option in ("certificate", "key", "token", "name"):
         if not getattr(args, option):
             found = f"{args.listen[0]}:{args.listen[1]} without --{option}"
-            expected = "127.0.0.1, or certificate, key, token and name (docs/secure.md)"
+            expected = "127.0.0.1, or certificate, key, token and name (docs/how-to/secure.md)"
             raise BadInput("the command line", "--listen", found, expected)
 
 

@@ -35,14 +35,14 @@ QUESTIONS = {
 COUNTS = 1 << 20
 CONFIGURATION = OutputKind("an armd.toml", None)
 ABOUT = """\
-# What the arm is. Every key: docs/formats.md. Check it: armd check arm.toml
+# What the arm is. Every key: docs/reference/formats.md. Check it: armd check arm.toml
 # Joints stand from base to wrist; A = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta), mm and degrees.
 # Temperatures: a [[temperature_sensor]] with a name each, in the order of the wire's channels, and
 # temperature = "NAME" in each joint that follows it.
 # The tip's offset is the ball's centre in the last joint's frame; radius_mm is the ball's.
 """
 DAEMON = """\
-# The daemon's configuration. Every key: docs/configure.md. Check it: armd check armd.toml
+# The daemon's configuration. Every key: docs/reference/configure.md. Check it: armd check armd.toml
 schema = "armd.daemon/1"
 arm = "arm.toml"                        # beside this file
 # calibration = "calibration.json"      # of armd calibrate; without it points carry flag 7

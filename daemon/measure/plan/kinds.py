@@ -1,4 +1,4 @@
-"""The plan of each kind of guided measurement (docs/measure.md)."""
+"""The plan of each kind of guided measurement (docs/how-to/measure.md)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SPAT = ("SPAT1", "SPAT2", "SPAT3")
 SPAT_WHERE = ("near the column", "in the middle of the reach", "far out")
 LENGTHS = tuple(f"L{i}" for i in range(6))
 
-#: Points on a sphere by the test that they are of, as docs/verify.md counts them.
+#: Points on a sphere by the test that they are of, as docs/how-to/verify.md counts them.
 SPHERE_POINTS: dict[str, list[str]] = {
     "probing": [f"SPHERE{where}.{i:02d}" for where in (1, 2) for i in range(1, 26)],
     "l_dia": [f"LDIA.{k}.{i}" for k in range(1, 6) for i in range(1, 6)],
@@ -129,12 +129,12 @@ def _verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
             raise BadInput(COMMAND_LINE, "--tests", repr(test), expected)
         found = TESTS[test](artefact.target_names)
         if wishes.tests and not found:
-            expected = f"the targets of {test} (docs/verify.md)"
+            expected = f"the targets of {test} (docs/how-to/verify.md)"
             shown = ", ".join(artefact.target_names[:8])
             raise BadInput("the artefact", "target", shown, expected)
         made += found
     if not made:
-        expected = "targets whose names say which test they are of (docs/verify.md)"
+        expected = "targets whose names say which test they are of (docs/how-to/verify.md)"
         raise BadInput("the artefact", "target", ", ".join(artefact.target_names[:8]), expected)
     return artefact, made
 
@@ -227,7 +227,7 @@ def _on_sphere(name: str) -> str:
     """Points are numbered from the pole down, ring by ring."""
     number = int(re.sub(r"\D", "", name.rpartition(".")[2]) or "0")
     where = "at the pole" if number == 1 else "farther down, all around"
-    return f"touch the sphere {where} (docs/verify.md has the pattern)"
+    return f"touch the sphere {where} (docs/how-to/verify.md has the pattern)"
 
 
 def _poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:

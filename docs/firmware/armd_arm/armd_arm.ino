@@ -1,5 +1,5 @@
 // A measuring arm of your own: magnetic encoders and thermistors on a microcontroller, speaking
-// armd's serial wire. Choose the encoder, set the pins, give it a name. docs/firmware.md.
+// armd's serial wire. Choose the encoder, set the pins, give it a name. docs/how-to/firmware.md.
 //
 // For boards with a fast USB serial port or a 2 Mbaud UART: Teensy, RP2040, ESP32, STM32.
 #include <SPI.h>

@@ -1,4 +1,4 @@
-// armd's serial wire, version 1, for a microcontroller: docs/wire.md. Plain C99, no heap, no
+// armd's serial wire, version 1, for a microcontroller: docs/reference/wire.md. Plain C99, no heap, no
 // library. Copyright: as armd, Apache-2.0.
 #ifndef ARMD_WIRE_H
 #define ARMD_WIRE_H

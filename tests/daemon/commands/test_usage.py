@@ -63,7 +63,7 @@ def test_help_ends_with_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
         "example:\n  armd verify verify",
         "units:\n  mm",
         "  1  the arm",
-        "docs/verify.md",
+        "docs/how-to/verify.md",
     ):
         assert words in told
 
@@ -71,7 +71,12 @@ def test_help_ends_with_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize("parser", [options.parser, sessions_parser])
 def test_the_simulators_help_has_it_too(parser: Callable[[], argparse.ArgumentParser]) -> None:
     told = parser().format_help()
-    for words in ("examples:\n  armd simulate", "units:\n  mm", "exit code:\n  0", "docs/sim"):
+    for words in (
+        "examples:\n  armd simulate",
+        "units:\n  mm",
+        "exit code:\n  0",
+        "docs/how-to/sim",
+    ):
         assert words in told
     live, measured, twin = (shlex.split(example)[2:] for example in options.USAGE.examples)
     options.parser().parse_args(live)

@@ -15,8 +15,8 @@ from armd.compensation.data.session_columns import number_columns
 from armd.compensation.model.arm import Arm
 from armd.daemon.cli import main
 from armd.daemon.files.formats import FORMATS, json_schema
+from support.pages import page_path
 
-DOCS = Path(__file__).parents[3] / "docs"
 SECTIONS = {
     "arm": "arm.toml", "session": "session.toml", "mpe": "mpe.toml",
     "about": "about.toml", "calibration": "calibration.json",
@@ -40,7 +40,7 @@ def keys(table: dict[str, Any], root: dict[str, Any], above: str = "") -> Iterat
 
 
 def rows(title: str) -> dict[str, list[str]]:
-    text = (DOCS / "formats.md").read_text(encoding="utf-8")
+    text = page_path("formats").read_text(encoding="utf-8")
     section = text.split(f"\n## {title}\n")[1].split("\n## ")[0]
     cells = re.findall(r"^\| `([^`]+)` \|(.*)\|$", section, re.MULTILINE)
     return {key: [cell.strip() for cell in rest.split("|")] for key, rest in cells}
@@ -87,9 +87,9 @@ def test_the_examples_are_accepted(name: str) -> None:
 
 def test_the_daemons_page_has_every_key() -> None:
     schema = json_schema("daemon")
-    page = (DOCS / "configure.md").read_text(encoding="utf-8")
+    text = page_path("configure").read_text(encoding="utf-8")
     for key, _ in keys(schema, schema):
-        assert re.search(rf"[`\[.]{key.rsplit('.', 1)[-1]}\b", page) or key in page, key
+        assert re.search(rf"[`\[.]{key.rsplit('.', 1)[-1]}\b", text) or key in text, key
 
 
 def test_the_page_has_every_column() -> None:
@@ -97,7 +97,7 @@ def test_the_page_has_every_column() -> None:
         {"schema": "armd.arm/1", "serial_number": "A", "joint": [{}] * 3,
          "temperature_sensor": [{"name": "t1"}]}
     )  # fmt: skip
-    text = (DOCS / "formats.md").read_text(encoding="utf-8")
+    text = page_path("formats").read_text(encoding="utf-8")
     section = text.split("\n## readings.csv\n")[1].split("\n## ")[0]
     for column in number_columns(arm):
         shown = {"t1": "a sensor's name"}
