@@ -8,7 +8,7 @@ from pathlib import Path
 
 #: The lowest real-time priority, the same for both: woken, Zenoh's sending thread runs at once on
 #: another processor. Of two priorities the higher one would drive the other thread to a processor
-#: where its caches are cold, sample by sample (docs/developer/performance.md).
+#: where its caches are cold, sample by sample (docs/developer/measured.md).
 PRIORITY = 1
 #: Zenoh has one; it starts with the first subscriber.
 SENDER_NAME = "tx-0"
@@ -20,7 +20,7 @@ def go_first() -> None:
     what it starts later is ordinary again.
 
     Without the right to it (LimitRTPRIO= of the unit) all stays as it is, and points are a little
-    later: docs/developer/performance.md. So it does on a machine with one processor: Zenoh's
+    later: docs/developer/measured.md. So it does on a machine with one processor: Zenoh's
     threads, which send what this one puts, must get their turn there even when this one
     has much to do.
     """
