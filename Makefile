@@ -35,6 +35,9 @@ develop: $(VENV)/.dependencies
 $(VENV)/.dependencies: requirements-dev.txt | $(VENV)/.installed
 	@echo "armd: development tools into $(VENV): 0.9 GB on disk, some 230 MB to fetch"
 	$(call timed,development tools,$(PIP) install -r requirements.txt -r requirements-dev.txt)
+	@# which otherwise every one of the tests' workers compiles for itself
+	$(call timed,bytecode of the tests,$(BIN)/python -m pytest --collect-only --quiet > $(VENV)/tests.txt || \
+	    { tail -20 $(VENV)/tests.txt; false; })
 	@touch $@
 
 # A demo starts within a minute: its packages are installed without the compiler (0.2 GB), which
@@ -83,7 +86,7 @@ SERIAL_IN := $(if $(TEST_ARGS),,$$(grep -rl --include='test_*.py' 'mark\.serial'
 
 # Lint runs beside the serial tests, which wait most of the time, and is shown after them
 test:
-	@echo "armd: lint and tests take five to seven minutes on two cores, once armd is installed"
+	@echo "armd: lint and tests take five minutes on two cores, once armd is installed"
 	@$(MAKE) --no-print-directory develop
 	@began=$$(date +%s); $(MAKE) --no-print-directory test-parallel; parallel=$$?; \
 	    nice $(MAKE) --no-print-directory lint > $(VENV)/lint.log 2>&1 & lint=$$!; \

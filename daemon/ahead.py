@@ -25,6 +25,12 @@ import numpy as np
 
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import (
+    Calibration,
+    LoadedCalibration,
+    Noise,
+    constants_of,
+)
 from armd.compensation.model.kinematics import frames, jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import Lag, States
@@ -50,15 +56,17 @@ DEMO_JOINTS = 6
 OF_A_VERSION = re.compile(r"[0-9a-f]{12}|kernel_[0-9a-f]{12}\..*")
 
 
-def call_everything(path: Path) -> None:
-    """All compiled calls of `armd run` with this armd.toml, and of commands that work on sessions;
-    raises `ArmdError` for a bad one."""
+def call_everything(path: Path, for_tables: bool = True) -> None:
+    """All compiled calls of `armd run` with this armd.toml, and of commands that work on sessions,
+    and *for_tables*; raises `ArmdError` for a bad one."""
     config = load_config(path)
     rehearse(config, ArmInUse(config))
     if config.driver.kind != "replay":  # which opens its file; others open no port before they read
         with closing(open_driver(config.driver, config.expectation)):
             pass
     call_for_sessions(config.arm)
+    if for_tables:
+        call_for_uncertainties(config.arm)
 
 
 def call_for_sessions(arm: Arm) -> None:
@@ -70,18 +78,40 @@ def call_for_sessions(arm: Arm) -> None:
     frames(q, constants)
     jacobian(q, constants)
     Lag(1.0, 1).follow(np.zeros(1), np.zeros((1, 1)))
+    Model(arm, None).correct_states(made_up_states(arm))
+
+
+def call_for_uncertainties(arm: Arm) -> None:
+    """What `armd correct` and `armd.Corrector` call beside, whose compilation takes 10 s."""
+    known = Model(arm, made_up_calibration(arm))
+    states = made_up_states(arm)
+    known.uncertainty_rows(states, known.slow_values(states))
+
+
+def made_up_states(arm: Arm) -> States:
+    """One state of the arm, at rest at its reference temperature."""
     n = arm.n_joints
-    celsius = np.full((1, len(arm.sensors)), arm.reference_temperature_c)
-    Model(arm, None).correct_states(
-        States(
-            q=np.zeros((1, n)),
-            rate=np.zeros((1, n)),
-            temperature_c=celsius,
-            time_s=np.zeros(1),
-            approach=np.zeros((1, 3)),
-            series=np.zeros(1, np.int64),
-        )
+    return States(
+        q=np.zeros((1, n)),
+        rate=np.zeros((1, n)),
+        temperature_c=np.full((1, len(arm.sensors)), arm.reference_temperature_c),
+        time_s=np.zeros(1),
+        approach=np.zeros((1, 3)),
+        series=np.zeros(1, np.int64),
     )
+
+
+def made_up_calibration(arm: Arm) -> LoadedCalibration:
+    """That of the drawing, whose readings repeat to a micrometre."""
+    content = Calibration(
+        schema="armd.calibration/1",
+        arm=arm.serial_number,
+        created="2000-01-01T00:00:00Z",
+        reference_temperature_c=arm.reference_temperature_c,
+        constants=constants_of(arm.nominal(), arm.n_joints),
+        noise=Noise(reading_mm=1e-3),
+    )
+    return LoadedCalibration(content, sha256="", path=Path("made-up.json"))
 
 
 def made_up(folder: Path, joints: int, configuration: str = SERIAL) -> Path:
@@ -96,7 +126,7 @@ def call(files: Iterable[Path], numbers: Sequence[int], only_serial: bool = Fals
     """As the daemons of these files do, and those of arms with these numbers of joints."""
     with tempfile.TemporaryDirectory() as folder:
         for joints in numbers:
-            call_everything(made_up(Path(folder), joints))
+            call_everything(made_up(Path(folder), joints), for_tables=not only_serial)
         if (
             numbers and not only_serial
         ):  # what all wires but the serial one share is the same for any of them

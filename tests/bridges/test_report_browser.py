@@ -15,13 +15,21 @@ import pytest
 from playwright.sync_api import Browser, sync_playwright
 
 from armd import __version__
+from armd.daemon.cli import COMMANDS, parsers
 from armd.daemon.cli import main as armd
+from armd.terminal.parser import _options
 from support.browser import find_browser
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = pytest.mark.timeout(600)
 
 AXE = Path(__file__).parent / "axe" / "axe.min.js"
 REPORTS = ("calibration", "verify", "diagnosis", "design", "interim", "recorrect")
+#: That of `armd feature repeatability` has no verdict, and nothing to sign.
+PAGES = (*REPORTS, "repeatability")
+#: The command that writes each.
+COMMAND = dict(zip(REPORTS, REPORTS, strict=True)) | {
+    "calibration": "calibrate", "diagnosis": "diagnose", "repeatability": "feature",
+}  # fmt: skip
 #: What stands large at the top of each, and some of its reason.
 VERDICTS = {
     "verify": ("NOT ACCEPTED", "1 of 10 figures, partial test"),
@@ -85,6 +93,11 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "points.jsonl").write_text("".join(measurements()))
     again = ["recorrect", str(folder / "points.jsonl"), *of_arm, "--tolerance", "0.05"]
     assert armd([*again, "-o", str(folder / "again.csv"), *page("recorrect")]) == 0
+    visits = np.random.default_rng(5).normal([300.0, 0.0, 200.0], 0.02, (40, 3))
+    rows = "".join("{:.4f},{:.4f},{:.4f}\n".format(*visit) for visit in visits)
+    (folder / "visits.csv").write_text(f"x_mm,y_mm,z_mm\n{rows}")
+    visited = ["feature", "repeatability", str(folder / "visits.csv")]
+    assert armd([*visited, *page("repeatability")]) == 0
     return folder
 
 
@@ -114,7 +127,14 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
-@pytest.mark.parametrize("report", REPORTS)
+def test_there_is_no_report_that_nobody_looks_at() -> None:
+    _, commands = parsers(COMMANDS.keys() - {"simulate"})  # a program of its own
+    writing = {name for name, command in commands.items() if "--report" in _options(command)}
+    assert writing == set(COMMAND.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("report", PAGES)
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("screen", SCREENS)
 def test_it_is_readable_on_a_screen(
@@ -142,6 +162,7 @@ def test_it_is_readable_on_a_screen(
     page.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("report", REPORTS)
 @pytest.mark.parametrize("screen", SCREENS)
 def test_the_verdict_is_seen_first(
@@ -161,6 +182,7 @@ def test_the_verdict_is_seen_first(
     page.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("report", REPORTS)
 def test_every_input_is_named_by_its_hash(reports: Path, report: str) -> None:
     page = (reports / f"{report}.html").read_text(encoding="utf-8")
@@ -186,6 +208,7 @@ FACTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("report", REPORTS)
 def test_what_an_auditor_asks(reports: Path, report: str) -> None:
     text = (reports / f"{report}.html").read_text(encoding="utf-8")
@@ -196,13 +219,15 @@ def test_what_an_auditor_asks(reports: Path, report: str) -> None:
     assert len(re.findall("date, signature", text)) == (1 if report == "interim" else 2)
 
 
-@pytest.mark.parametrize("report", REPORTS)
+@pytest.mark.slow
+@pytest.mark.parametrize("report", PAGES)
 def test_no_formula_is_left_unset(reports: Path, report: str) -> None:
     """As matplotlib writes the numbers of some axes."""
     assert "\\math" not in (reports / f"{report}.html").read_text()
 
 
-@pytest.mark.parametrize("report", REPORTS)
+@pytest.mark.slow
+@pytest.mark.parametrize("report", PAGES)
 def test_it_prints(reports: Path, browser: Browser, report: str) -> None:
     page = browser.new_page(color_scheme="dark")
     page.goto((reports / f"{report}.html").as_uri())
@@ -221,6 +246,7 @@ def test_it_prints(reports: Path, browser: Browser, report: str) -> None:
     page.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("report", SIGNED)
 def test_what_decides_is_on_two_pages(reports: Path, browser: Browser, report: str) -> None:
     """Whatever stands in its head; what decides is signed before the appendix."""
@@ -238,6 +264,7 @@ def test_what_decides_is_on_two_pages(reports: Path, browser: Browser, report: s
     assert '<p class="key">' in before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("report", SIGNED)
 def test_nothing_is_cut_off_and_every_number_has_its_unit(
     reports: Path, browser: Browser, report: str

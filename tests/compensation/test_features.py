@@ -106,7 +106,7 @@ def test_no_other_shape_is_nearer_to_the_points(shape):
 
 
 @parametrize_default("shape", ["point", *SHAPES], default=2)
-@pytest.mark.parametrize("known", [True, False], ids=["points", "scatter"])
+@parametrize_default("known", [True, False], ids=["points", "scatter"])
 def test_the_uncertainty_is_that_of_many_repetitions(shape, known):
     """Stated covariance against the scatter of fits with fresh noise, alike or skewed."""
     rng = np.random.default_rng(11)

@@ -47,6 +47,7 @@ def dense_log_determinants(rows: np.ndarray, k: int, sets: np.ndarray) -> np.nda
     return np.linalg.slogdet(grams)[1] - np.linalg.slogdet(grams[:, :k, :k])[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_exchanges_come_near_the_best_of_all_choices(seed: int) -> None:
     """Of 20 postures of a small arm the best six, of 38 760 choices; 5 % in each direction."""

@@ -12,6 +12,7 @@ import pytest
 from armd.daemon import cli
 from armd.daemon.config import load_config
 from armd.drivers.config import DriverConfig
+from support.selection import parametrize_default
 
 JOINT = "[[joint]]\ncounts_per_turn = 4096\n"
 ARM = 'schema = "armd.arm/1"\nserial_number = "A-1"\n[[temperature_sensor]]\nname = "t1"\n'
@@ -161,7 +162,7 @@ def refusal(path: Path, capsys: pytest.CaptureFixture[str]) -> str:
     return err.removeprefix("armd: ").rstrip()
 
 
-@pytest.mark.parametrize(("kind", "key", "value"), of(BAD))
+@parametrize_default(("kind", "key", "value"), of(BAD), default=range(0, 1000, 4))
 def test_what_cannot_be_is_refused(tmp_path, capsys, kind, key, value):
     path = written(tmp_path, kind, **{key: value})
     said = refusal(path, capsys)

@@ -150,6 +150,7 @@ def test_silent_connections_keep_no_client_out(daemon):
     assert taken_s < 4.0  # with Zenoh's own limits ten
 
 
+@pytest.mark.slow
 def test_a_unix_socket_lets_in_whom_its_file_lets_in(tmp_path):
     (tmp_path / "arm.toml").write_text(arm_toml(SERIAL))
     path = tmp_path / "armd.sock"

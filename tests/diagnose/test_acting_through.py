@@ -190,6 +190,7 @@ class Asked:
         return SimpleNamespace(log_p=np.zeros(2))
 
 
+@pytest.mark.slow
 def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
     problem: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:

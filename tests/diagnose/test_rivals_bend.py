@@ -41,7 +41,7 @@ def told(size_rad: float, second: float) -> list[float]:
     return probabilities
 
 
-@pytest.mark.parametrize(("size_rad", "second"), [(1e-5, 0.8), (1e-5, 1.0), (2e-5, 1.0)])
+@parametrize_default(("size_rad", "second"), [(1e-5, 0.8), (1e-5, 1.0), (2e-5, 1.0)])
 def test_a_rival_is_weighed_with_its_own_shape_as_a_finding_is(
     size_rad: float, second: float
 ) -> None:

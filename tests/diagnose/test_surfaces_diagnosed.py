@@ -60,6 +60,7 @@ def diagnosed(folder: Path, name: str, plant: Sequence[str], seed: int = 1) -> a
     return armd.diagnose([kind.measure(workshop, folder / "now")], arm, before)
 
 
+@pytest.mark.slow
 def test_a_bent_joint_is_found_on_a_plate(tmp_path: Path) -> None:
     found = diagnosed(tmp_path, "plate", ["geometry_shift@joint 2=60"])
     (finding,) = found.findings

@@ -90,6 +90,7 @@ def test_a_knock_and_a_disc_since_are_both_told(years: Years) -> None:
     assert min(told.values()) > 0.95
 
 
+@pytest.mark.slow
 def test_the_calibration_counts_as_wrong_by_what_another_with_the_disc_has_taken_up(
     years: Years,
 ) -> None:

@@ -284,6 +284,7 @@ class EveryCan(EveryWire):
         assert len(after) > 20 and (after["joint_invalid"][-10:] == 0).all()
 
 
+@pytest.mark.slow
 class TestSocketcand(EveryCan):
     wire = ("--can", "socketcand")
 
@@ -477,6 +478,7 @@ class EveryServoBus(EveryWire):
         assert not run.samples["joint_warning"][-20:].any()
 
 
+@pytest.mark.slow
 class TestFeetech(EveryServoBus):
     wire = ("--servo", "feetech")
     kind = "feetech"

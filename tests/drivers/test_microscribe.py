@@ -291,6 +291,7 @@ def test_a_recording_begun_later_goes_on(run) -> None:
     assert np.array_equal(same, later)
 
 
+@pytest.mark.slow
 def test_the_baud_rate_is_found(tmp_path: Path) -> None:
     """And kept, once the fastest has been tried with the arm there."""
     with simulated_arm(tmp_path, "--baud", "57600", wire=("--microscribe",), seconds=5.0) as arm:

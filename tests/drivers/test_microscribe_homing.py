@@ -137,6 +137,7 @@ def test_a_press_away_from_the_rest_gives_no_wrong_point(tmp_path: Path, fault: 
     assert [kind for kind in events_of(again) if kind.startswith("home")] == [e.kind for e in told]
 
 
+@pytest.mark.slow
 def test_an_arm_that_kept_its_power_is_homed_by_one_press_in_its_rest(tmp_path: Path) -> None:
     MicroScribeDecoder(EXPECTED).warm_up()
     hand = ScriptedHand([(4.0, AWAY), (6.5, HOME)], presses=[2.0, 8.5])

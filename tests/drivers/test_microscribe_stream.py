@@ -376,6 +376,7 @@ def test_before_any_other_command_streaming_is_ended(spoilt) -> None:
     assert after <= {wire.STOP, bytes([wire.END])} and wire.STOP in after
 
 
+@pytest.mark.slow
 def test_a_closed_driver_leaves_a_silent_arm(tmp_path: Path) -> None:
     with simulated_arm(tmp_path, wire=("--microscribe",), seconds=20.0) as arm:
         config = MicroScribeConfig(kind="microscribe", port=arm.port)
@@ -418,6 +419,7 @@ def test_an_arm_that_cannot_stream_is_asked_and_that_is_told(tmp_path: Path, bau
     assert held_against_truth(arm, rows[rows["joint_invalid"] == 0])[1].max() < 0.5
 
 
+@pytest.mark.slow
 def test_at_a_slow_line_it_streams_as_fast_as_the_line_goes(tmp_path: Path) -> None:
     options = ("--baud", "19200")
     with simulated_arm(tmp_path, *options, wire=("--microscribe",), seconds=6.0) as arm:

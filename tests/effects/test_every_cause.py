@@ -20,6 +20,7 @@ from armd.compensation.model.pose_factors import Approach, Rate, Side
 from armd.compensation.model.slow_factors import Dated, Temperature, TemperatureRate
 from support.plain_basis import Scene, value
 from support.plain_kinematics import rotation, tip_pose
+from support.selection import parametrize_default
 from support.whole_scene import Whole, warm, whole_scene, wound
 
 #: Found by other means than the search: their columns have tests of their own.
@@ -112,7 +113,7 @@ def of_targets(change: ArtefactChange, whole: Whole) -> np.ndarray:
     return np.array(turned)
 
 
-@pytest.mark.parametrize("cause", CAUSES)
+@parametrize_default("cause", CAUSES, default=range(0, 99, 3))
 def test_it_adds_what_plain_matrices_say(cause: str, whole: Whole) -> None:
     candidates = some_of(cause, whole)
     assert candidates
@@ -172,7 +173,7 @@ def asked_of(column: Column) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("cause", CAUSES)
+@parametrize_default("cause", CAUSES, default=range(1, 99, 3))
 def test_it_asks_for_no_more_than_the_sessions_have(cause: str, whole: Whole) -> None:
     for missing, facts in without(whole.held):
         left = list(CATALOGUE[cause].candidates(facts))
@@ -182,7 +183,7 @@ def test_it_asks_for_no_more_than_the_sessions_have(cause: str, whole: Whole) ->
             assert missing in CATALOGUE[cause].needs, f"all are gone without {missing}"
 
 
-@pytest.mark.parametrize("cause", CAUSES)
+@parametrize_default("cause", CAUSES, default=range(2, 99, 3))
 def test_it_depends_on_what_it_says(cause: str, whole: Whole) -> None:
     """Angles, rates and temperatures of others may be exchanged between readings."""
     scene, rng = whole.plain, np.random.default_rng(4)

@@ -165,6 +165,7 @@ def test_what_is_wrong_with_one_session_is_said(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_check_and_diagnose_say_it_too(measured: Path, capsys: pytest.CaptureFixture[str]) -> None:
     exchanged(measured / "T26", "B2", "B3")
     words = "if its targets B2 and B3 are exchanged, expected each target under its own name"
@@ -176,6 +177,7 @@ def test_check_and_diagnose_say_it_too(measured: Path, capsys: pytest.CaptureFix
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_two_bad_sessions_are_both_named(
     measured: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -211,6 +213,7 @@ def test_lengths_between_seats_in_another_unit_are_told(
     assert f"armd: {measured / 'T26'}" in told and unit in told
 
 
+@pytest.mark.slow
 def test_lengths_between_seats_in_mm_are_not(
     measured: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -341,6 +344,7 @@ def test_another_stylus_is_told_of_the_coldest_session() -> None:
     assert "with the tip moved by (5" in told
 
 
+@pytest.mark.slow
 def test_a_joint_that_was_knocked_is_no_other_stylus() -> None:
     told = changed_once({"theta_2": 0.004})
     assert "tip" not in told and "did the arm change" in told

@@ -24,6 +24,7 @@ from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.terms import Term
 from support import synthetic
+from support.selection import parametrize_default
 
 ARM = synthetic.arm()
 TRUTH = synthetic.disturbed(ARM, np.random.default_rng(11), 0.3)
@@ -172,7 +173,7 @@ TWO_TIPS: dict[str, tuple[Callable[[], list[Session]], dict[str, list[int]]]] = 
 }
 
 
-@pytest.mark.parametrize("case", TWO_TIPS)
+@parametrize_default("case", TWO_TIPS)
 def test_the_rows_of_another_tip_are_found_and_how_far_it_is(case: str) -> None:
     make, rows = TWO_TIPS[case]
     group = found_in(make())
@@ -270,6 +271,7 @@ def test_the_certificate_names_it_and_guesses_nothing_else() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_a_tip_is_not_taken_for_growth_where_its_session_is_warmer() -> None:
     """8 mm in 6 K are no growth: the thermal model took them up, and the certificate was granted
     with 14 µm on placements left out."""

@@ -97,6 +97,7 @@ def test_an_angle_that_moves_with_temperature_is_taken_up() -> None:
     assert any(note.startswith("θ with temperature") for note in result.notes)
 
 
+@pytest.mark.slow
 def test_every_way_is_tried_on_the_same_data() -> None:
     result = calibrated(with_coefficients(length_terms(ARM, [1]), 5e-3))
     by_name = {trial.name: trial.heldout_rms_um for trial in result.trials}
@@ -105,6 +106,7 @@ def test_every_way_is_tried_on_the_same_data() -> None:
     assert max(by_name.values()) < 0.5 * without
 
 
+@pytest.mark.slow
 @parametrize_default("method", ["zones", "components"])
 def test_other_methods_can_be_chosen(method: str) -> None:
     terms = with_coefficients(length_terms(ARM, [1]), 5e-3)
@@ -194,9 +196,7 @@ def test_placements_close_to_the_next_are_not_all_of_one_temperature() -> None:
     assert found.rms_um < 10.0
 
 
-@pytest.mark.parametrize(
-    ("per_k", "width_k", "order"), [(2e-5, 2.1, 1), (0.0, 2.1, 0), (2e-5, 0.6, 0)]
-)
+@parametrize_default(("per_k", "width_k", "order"), [(2e-5, 2.1, 1), (0.0, 2.1, 0), (2e-5, 0.6, 0)])
 def test_close_temperatures_tell_expansion_where_there_is_some(
     per_k: float, width_k: float, order: int
 ) -> None:

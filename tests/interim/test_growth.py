@@ -110,6 +110,7 @@ def test_the_growth_is_reported_and_written(measured: Path, tmp_path: Path, caps
     assert grown.temperature_range_c["t2"][0] < 16 and grown.temperature_range_c["t2"][1] > 38
 
 
+@pytest.mark.slow
 def test_a_slip_beside_the_growth_is_found(measured: Path, tmp_path: Path, capsys: Any) -> None:
     def slip(check: int, row: int, values: Row) -> None:
         if check >= 4:
@@ -124,6 +125,7 @@ def test_a_slip_beside_the_growth_is_found(measured: Path, tmp_path: Path, capsy
     assert any(term.effect == "link_expansion" for term in corrected.terms)
 
 
+@pytest.mark.slow
 def test_a_moved_seat_beside_the_growth_is_bad_by_itself(
     measured: Path, tmp_path: Path, capsys: Any
 ) -> None:

@@ -147,6 +147,7 @@ def test_the_report_of_a_calibration_read_has_no_sessions(
         armd.read_calibration(tmp_path / "cal.json").report(tmp_path / "page.html")
 
 
+@pytest.mark.slow
 def test_poses_before_any_session_are_those_of_the_command(tmp_path: Path) -> None:
     measured = measured_arm(tmp_path)
     output = tmp_path / "first.json"

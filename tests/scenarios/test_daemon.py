@@ -271,6 +271,7 @@ def test_commands_are_refused_unless_enabled_and_a_killed_daemon_needs_no_cleani
             assert daemon.stop(signal.SIGINT)[0] == 0
 
 
+@pytest.mark.slow
 def test_a_foreign_arm_is_waited_out_or_ends_the_daemon(tmp_path: Path) -> None:
     with simulated_arm(tmp_path, "--serial-number", "OTHER-7", rate_hz=200) as arm:
         toml = (tmp_path / "arm.toml").read_text()

@@ -9,9 +9,11 @@ import time
 
 import pytest
 
+from support.selection import parametrize_default
 
-@pytest.mark.parametrize("after_s", [0.8, 1.5])
-@pytest.mark.parametrize("words", [["demo"], ["simulate", "--serial"]])
+
+@parametrize_default("after_s", [0.8, 1.5])
+@parametrize_default("words", [["demo"], ["simulate", "--serial"]])
 def test_an_interrupt_at_the_start_leaves_no_traceback(words: list[str], after_s: float) -> None:
     command = [sys.executable, "-m", "armd.daemon.cli", *words]
     with subprocess.Popen(

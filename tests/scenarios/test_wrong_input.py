@@ -196,7 +196,7 @@ WRONG: dict[str, bytes | Callable[[Path], object]] = {
 }
 
 
-@parametrize_default("name", RIGHT, default=6)
+@parametrize_default("name", RIGHT)
 def test_a_wrong_file_in_place_of_each_input(
     folder: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:

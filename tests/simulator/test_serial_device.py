@@ -250,6 +250,7 @@ def test_answers_with_its_clock(tmp_path: Path) -> None:
     assert np.median(late_ns) < 1e9  # by its clock, and not by another's
 
 
+@pytest.mark.slow
 def test_drops_whole_packets_when_nobody_reads(tmp_path: Path) -> None:
     with simulated_arm(tmp_path, rate_hz=5000, seconds=4) as arm:
         time.sleep(1.5)
@@ -277,6 +278,7 @@ def test_counter_wraps(tmp_path: Path) -> None:
     assert len(heard.seq) > 100  # on both sides of the wrap
 
 
+@pytest.mark.slow
 def test_warms_up_in_fast_motion(tmp_path: Path) -> None:
     options = ("--warm-up-k", "10", "--ambient-c", "18")
     with simulated_arm(tmp_path, *options, rate_hz=100, seconds=4) as arm:

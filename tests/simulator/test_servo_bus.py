@@ -60,6 +60,7 @@ def answered(port, call):
     return result, before_ns, after_ns
 
 
+@pytest.mark.slow
 def test_dynamixel_sdk_reads_what_is_true(tmp_path):
     sdk = pytest.importorskip("dynamixel_sdk")
     with simulated_arm(tmp_path, wire=("--servo", "dynamixel")) as arm:
@@ -104,7 +105,7 @@ def test_feetech_sdk_reads_what_is_true(tmp_path):
         port.closePort()
 
 
-@pytest.mark.parametrize("kind", ["feetech", "dynamixel"])
+@parametrize_default("kind", ["feetech", "dynamixel"])
 def test_rustypot_reads_what_is_true(tmp_path, kind):
     rustypot = pytest.importorskip("rustypot")
     controller = {"feetech": "Sts3215PyController", "dynamixel": "Xl330PyController"}[kind]

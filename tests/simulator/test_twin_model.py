@@ -135,7 +135,7 @@ def test_every_factor_moves_the_tip_as_the_kernel_says(seed: int) -> None:
     assert agree_within_mm(arm, calibration, states_of(arm, rng)) < 1e-9
 
 
-@parametrize_default("seed", range(8), default=3)
+@parametrize_default("seed", range(8), default=1)
 def test_calibrations_that_a_diagnosis_extended_agree(seed: int) -> None:
     """Their terms are those of five causes drawn from the catalogue, large ones."""
     scene = whole_scene()

@@ -240,6 +240,7 @@ def test_certified_lengths_between_seats_are_kept(folder: Callable[[str], Measur
     assert abs(length.as_json()["error_um"]) < 1e-3
 
 
+@pytest.mark.slow
 def test_every_other_cell_stays_and_postures_are_next_to_the_measured(
     folder: Callable[[str], Measured],
 ) -> None:
@@ -342,6 +343,7 @@ def test_files_that_are_wrong_are_named_and_nothing_is_written(
     refused("noise.encoder_rad: found -1", noise=noise)
 
 
+@pytest.mark.slow
 def test_a_measured_session_is_not_written_over(
     folder: Callable[[str], Measured], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -80,6 +80,7 @@ def test_a_table_a_result_and_a_page_of_a_trackers_points(
     assert cli.main(["correct", "poses.csv", "--arm", "arm.toml", "-o", "points.csv"]) == 0
 
 
+@pytest.mark.slow
 def test_without_a_number_as_many_as_a_certificate_wants_and_poses_is_the_older_name(
     arm: Arm,
 ) -> None:

@@ -55,6 +55,7 @@ def test_without_the_right_or_the_device_nothing_happens(tmp_path: Path) -> None
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     not os.access(DEVICE, os.W_OK), reason="this machine does not let us keep it awake"
 )

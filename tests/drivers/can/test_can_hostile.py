@@ -335,6 +335,7 @@ def visit_all(setup, network, wanting, seconds):
     return notes
 
 
+@pytest.mark.slow
 def test_an_upload_that_never_ends_holds_nothing_up(monkeypatch):
     monkeypatch.setattr(configure, "VISIT_S", 0.3)
 

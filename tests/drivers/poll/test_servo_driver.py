@@ -136,6 +136,7 @@ def test_a_silent_servo_marks_its_own_joint_for_that_cycle(tmp_path, punctuality
     assert blank and all(np.isfinite(t.celsius[[0, 2]]).all() for t in blank)
 
 
+@pytest.mark.slow
 @BOTH
 def test_an_answer_late_by_a_cycle_is_never_taken_for_the_next(tmp_path, family):
     """Servo 2's answers come one cycle late now and then: before, or after, its next one."""

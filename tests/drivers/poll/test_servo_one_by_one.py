@@ -37,6 +37,7 @@ def take_valid(taken, n, invalid=0):
     return rows
 
 
+@pytest.mark.slow
 @EITHER
 def test_they_are_read_one_by_one_and_an_event_tells_the_rate(tmp_path, family):
     with (
@@ -70,6 +71,7 @@ def test_they_are_read_one_by_one_and_an_event_tells_the_rate(tmp_path, family):
     assert not taken.told("servo_missing") and not servos.writes
 
 
+@pytest.mark.slow
 @BOTH
 def test_one_such_servo_among_others_is_read_too(tmp_path, family):
     with (
