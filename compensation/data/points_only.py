@@ -15,8 +15,8 @@ INSTEAD = {
     " it, 40 times in each placement, and `armd diagnose` says what is left to tell",
     "`armd interim`": "a check of joints repeats the same points; of surfaces add tables of points"
     " (docs/interim.md), `armd diagnose` with the calibration has what changed",
-    "`armd measure`": "it leads to points with a name; touch the surfaces under"
-    " `armd record --session S --artefact A.toml`",
+    "`armd measure`": "poses and interim checks go to points with a name; `armd measure artefact`"
+    " and `armd measure verify` lead over surfaces",
 }
 ELSEWHERE = (
     "`armd calibrate` and `armd diagnose` use them, and `armd evaluate` of fewer readings at once"

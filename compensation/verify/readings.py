@@ -37,7 +37,7 @@ class TouchedSphere:
     points_mm: F64  # (n, 3)
 
 
-class Readings:
+class VerifiedReadings:
     """A session's corrected points, by target and placement."""
 
     def __init__(

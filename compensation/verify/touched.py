@@ -20,6 +20,7 @@ LEAST_SPREAD_MM = 2.0
 class ParallelPlanes:
     """Planes with one normal, by least squares."""
 
+    normal: F64  # (3,)
     heights_mm: F64  # (k,) along the normal
     counts: tuple[int, ...]  # points on each
     form_mm: float  # standard deviation of the points across them
@@ -50,6 +51,7 @@ def fit_parallel_planes(points: Sequence[F64]) -> ParallelPlanes | None:
     freedom = len(off) - len(points) - 2
     across = float(((off @ directions[2]) ** 2).sum())
     return ParallelPlanes(
+        directions[2],
         np.array([own.mean(axis=0) @ directions[2] for own in points]),
         counts,
         math.sqrt(across / freedom) if freedom else 0.0,

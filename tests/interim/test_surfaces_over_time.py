@@ -12,6 +12,7 @@ import pytest
 from armd.arrays import F64
 from armd.compensation.data.foreign.points import read_points
 from armd.compensation.interim.points.figures import figures_of_points
+from armd.compensation.interim.points.surface_figures import sphere_figures, surface_figures
 from armd.daemon.cli import main
 from armd.daemon.files.session_folder import load_artefact
 
@@ -71,6 +72,15 @@ def test_the_figures_are_size_form_and_length(tmp_path: Path) -> None:
     for name, freedom in (("form ball", 16), ("form foot", 7), ("form head", 7)):
         assert found[name].freedom == freedom
         assert 0.4 * NOISE_MM < found[name].value_mm < 1.8 * NOISE_MM
+
+
+def test_too_few_points_on_a_surface_have_no_figure(tmp_path: Path) -> None:
+    artefact = load_artefact(artefact_file(tmp_path), [])
+    rng = np.random.default_rng(4)
+    flat = np.column_stack([rng.uniform(0.0, 40.0, (4, 2)), np.zeros(4)])
+    assert list(surface_figures(artefact, {("1", "foot"): flat}, TIP_MM)) == []
+    assert list(sphere_figures("ball", rng.normal(size=(5, 3)), 25.4, TIP_MM)) == []
+    assert list(sphere_figures("ball", np.vstack([flat, flat]), 25.4, TIP_MM)) == []
 
 
 def test_a_worn_tip_is_seen_when_it_wore(
