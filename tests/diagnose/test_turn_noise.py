@@ -9,12 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.fitting.turn_noise import (
-    MOST,
-    first_turn_ratio,
-    fitted_share,
-    turn_ratio,
-)
+from armd.compensation.diagnose.fitting.turn_noise import fitted_share, turn_ratio
+from armd.compensation.diagnose.problem.whitening import TURN_RATIOS, first_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from support.small_fit import unit_noise
 
@@ -34,7 +30,7 @@ def test_the_first_ratio_is_that_of_the_middle_ones_whatever_a_few_are() -> None
     residual[: 3 * 20] *= 1e4
     assert first_turn_ratio(residual, TURNED) == pytest.approx(RATIO, rel=0.1)
     assert first_turn_ratio(residual, np.zeros(2 * N, dtype=bool)) == 1.0
-    assert first_turn_ratio(np.where(np.repeat(TURNED, 3), 1.0, 0.0), TURNED) == MOST
+    assert first_turn_ratio(np.where(np.repeat(TURNED, 3), 1.0, 0.0), TURNED) == TURN_RATIOS[1]
 
 
 @pytest.mark.parametrize("assumed", [0.1, 1.0])

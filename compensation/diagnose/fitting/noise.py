@@ -16,9 +16,8 @@ from scipy.optimize import minimize, minimize_scalar
 
 from armd.arrays import F64
 from armd.compensation.diagnose.fitting.likelihood import Absorbing, Restricted
-from armd.compensation.diagnose.fitting.turn_noise import first_turn_ratio
 from armd.compensation.diagnose.problem.linear import Linear
-from armd.compensation.diagnose.problem.whitening import RestNoise
+from armd.compensation.diagnose.problem.whitening import RestNoise, first_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.estimate.postures import counts_as, shared_part

@@ -4,24 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from armd.arrays import F64, Mask
+from armd.arrays import F64
 from armd.compensation.diagnose.problem.linear import Linear
-from armd.compensation.diagnose.problem.whitening import RestNoise
+from armd.compensation.diagnose.problem.whitening import TURN_RATIOS, RestNoise
 from armd.compensation.estimate.linear.blocks import Blocks
 
 #: A ratio that changes by less (in its logarithm) has settled.
 SETTLED = 0.05
-#: No orientation is so much better, or worse, than a point.
-LEAST, MOST = 1e-4, 1e4
-
-
-def first_turn_ratio(residual: F64, turned: Mask) -> float:
-    """How much farther off orientations are than points, by the middle ones of a residual (N,)."""
-    if not turned.any():
-        return 1.0
-    off = np.linalg.norm(residual[: 3 * len(turned)].reshape(-1, 3), axis=1)
-    ratio = float(np.median(off[turned])) / max(float(np.median(off[~turned])), 1e-9)
-    return float(np.clip(ratio, LEAST, MOST))
 
 
 def fitted_share(columns: Blocks, covariance: F64, noise: RestNoise) -> float:
@@ -52,4 +41,4 @@ def turn_ratio(noise: RestNoise, linear: Linear, left: F64, fitted: float) -> fl
     encoders = noise.encoder_rad / noise.scale_mm
     of_encoders = encoders**2 * float((linear.joints[turned] ** 2).sum(axis=(1, 2)).mean()) / 3.0
     own = larger * (noise.turn_ratio**2 + of_encoders) - of_encoders
-    return float(np.clip(np.sqrt(max(own, 0.0)), LEAST, MOST))
+    return float(np.clip(np.sqrt(max(own, 0.0)), *TURN_RATIOS))

@@ -12,6 +12,9 @@ from armd.compensation.estimate.postures import counts_as
 from armd.compensation.estimate.robust import edge_stretch, of_three_components
 from armd.compensation.estimate.surfaces import project_on_normals
 
+#: No orientation is so much better, or worse, than a point.
+TURN_RATIOS = 1e-4, 1e4
+
 
 @dataclass(frozen=True)
 class Nuisance:
@@ -116,3 +119,12 @@ class RestNoise:
         white[: 3 * n] = (self.whitener @ flat[: 3 * n].reshape(n, 3, -1)).reshape(3 * n, -1)
         white[3 * n :] = flat[3 * n :] / self.distance_mm[:, None]
         return white.reshape(columns.shape)
+
+
+def first_turn_ratio(residual: F64, turned: Mask) -> float:
+    """How much farther off orientations are than points, by the middle ones of a residual (N,)."""
+    if not turned.any():
+        return 1.0
+    off = np.linalg.norm(residual[: 3 * len(turned)].reshape(-1, 3), axis=1)
+    ratio = float(np.median(off[turned])) / max(float(np.median(off[~turned])), 1e-9)
+    return float(np.clip(ratio, *TURN_RATIOS))
