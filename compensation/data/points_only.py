@@ -11,8 +11,9 @@ from armd.errors import BadInput
 
 #: Of each command that takes points of one tip alone: why, and what to use.
 INSTEAD = {
-    "`armd design`": "it chooses a posture at a point; touch a surface wherever the arm reaches"
-    " it, 40 times in each placement, and `armd diagnose` says what is left to tell",
+    "`armd design`": "it chooses a posture at a point, and how far a surface extends no file"
+    " states; touch it wherever the arm reaches it, 40 times in each placement, and `armd"
+    " diagnose` says what is left to tell",
     "`armd interim`": "a check of joints repeats the same points; of surfaces add tables of points"
     " (docs/interim.md), `armd diagnose` with the calibration has what changed",
     "`armd measure`": "poses and interim checks go to points with a name; `armd measure artefact`"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -86,6 +87,21 @@ def test_a_healthy_arm_has_no_more_findings_than_chance_makes(tmp_path: Path) ->
         ratios.append(found.baseline.rms_um / found.baseline.noise_floor_um)
     assert len(findings) <= 2
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.slow
+def test_an_orientation_gone_wrong_is_named_with_its_row(tmp_path: Path) -> None:
+    arm = measured(tmp_path, ["encoder_eccentricity@joint 3=4"])
+    path = tmp_path / "now" / "readings.csv"
+    rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
+    at = slice(rows[0].index("qx"), rows[0].index("qw") + 1)
+    turn = Rotation.from_rotvec([0.05, 0.0, 0.0]) * Rotation.from_quat([*map(float, rows[17][at])])
+    rows[17][at] = map(str, turn.as_quat())
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows(rows)
+    found = under_a_calibration(tmp_path, arm)
+    assert [finding.cause for finding in found.findings] == ["encoder_eccentricity", "outliers"]
+    assert "The orientation of now row 17 is off by 2.86°." in found.details.told
 
 
 def linear_of(folder: Path, poses: int = 12) -> Linear:
