@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from armd.compensation.data.points_only import require_points
+from armd.compensation.data.points_only import refuse_reflectors
 from armd.compensation.data.session import Session as StoredSession
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.report.about import About
 from armd.compensation.verify.figures import figures_of, positions_of
@@ -109,13 +110,16 @@ def verify(
     loaded = resolve_calibration(calibration, model)
     content = loaded.content if loaded else None
     (read,), _ = load_sessions(resolve_sessions(session), model.content)
-    require_points([read], "`armd verify`")
+    refuse_reflectors([read], "`armd verify`")
     # First of all: it refuses a calibration that overflows.
     position = positions_of(read, model.content, loaded)
     observations = gather([read], model.content, content.artefact if content else None)
     refuse_misnamed([read], observations, AssumedModel.under(model.content, content))
+    if surfaces := bool(read.artefact.surfaces):
+        evaluate([read], model.content, content)  # refuses those that nobody can place
     test = limits.uncertainty if limits else TestUncertainty()
-    verdict = judge(figures_of(read, model.content, position, test), limits)
+    whole = limits is not None or not surfaces
+    verdict = judge(figures_of(read, model.content, position, test, whole=whole), limits)
     require_judged(verdict, str(read.path))
     return VerificationResult(verdict, read, model, loaded, mpe)
 

@@ -11,14 +11,13 @@ from armd.errors import BadInput
 
 #: Of each command that takes points of one tip alone: why, and what to use.
 INSTEAD = {
-    "`armd design`": "it chooses a posture at a point; touch a surface wherever the arm reaches"
-    " it, 40 times in each placement, and `armd diagnose` says what is left to tell",
-    "`armd interim`": "a check repeats the same points; `armd evaluate` of each day's readings has"
-    " their RMS and certified lengths, `armd diagnose` with the calibration what changed",
-    "`armd measure`": "it leads to points with a name; touch the surfaces under"
-    " `armd record --session S --artefact A.toml`",
-    "`armd verify`": "the standards count points with names of docs/how-to/verify.md;"
-    " `armd evaluate` has the RMS of surfaces and the errors of certified lengths",
+    "`armd design`": "it chooses a posture at a point, and how far a surface extends no file"
+    " states; touch it wherever the arm reaches it, 40 times in each placement, and `armd"
+    " diagnose` says what is left to tell",
+    "`armd interim`": "a check of joints repeats the same points; of surfaces add tables of points"
+    " (docs/how-to/interim.md), `armd diagnose` with the calibration has what changed",
+    "`armd measure`": "poses and interim checks go to points with a name; `armd measure artefact`"
+    " and `armd measure verify` lead over surfaces",
 }
 ELSEWHERE = (
     "`armd calibrate` and `armd diagnose` use them, and `armd evaluate` of fewer readings at once"
@@ -41,6 +40,12 @@ def require_points(sessions: Sequence[Session], command: str) -> None:
     """Raise `BadInput` for the first session with a surface, or with readings of reflectors."""
     for session in sessions:
         refuse_surfaces(session.artefact, session.path / "session.toml", command)
+    refuse_reflectors(sessions, command)
+
+
+def refuse_reflectors(sessions: Sequence[Session], command: str) -> None:
+    """Raise `BadInput` for the first session with readings of reflectors."""
+    for session in sessions:
         if session.reflector is not None:
             raise BadInput(
                 session.path,

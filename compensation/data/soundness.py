@@ -52,8 +52,9 @@ def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
     """
     told = [remark for session in sessions for remark in session.remarks]
     mended = [_clock_on(_once(session, told), told) for session in sessions]
-    if any(session.turn is not None for session in sessions):
-        told.append("Orientations take no part here: `armd calibrate` uses them.")
+    surfaces = any(session.artefact.surfaces for session in sessions)
+    if surfaces and any(session.turn is not None for session in sessions):
+        told.append("Orientations take no part beside surfaces.")
     told += _clocks(mended)
     told += told_of_artefact(mended, arm)
     mended, arm = _without_dead_channels(mended, arm, told)

@@ -28,7 +28,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.searched import Searched
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import TURN_MM, gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import told_of_misnamed
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
@@ -78,10 +78,12 @@ def conclude(
     sessions, rests, baseline = searched.sessions, searched.rests, searched.baseline
     result, touched, last = searched.result, searched.touched, searched.result.last
     squares, groups, written = heldout.squares, heldout.groups, heldout.written
-    outliers = name_outliers(heldout.outlying, rests, last)
+    told += off_orientations(heldout.outlying, rests, last)
+    outlying = np.unique(rests.point_of[heldout.outlying])
+    outliers = name_outliers(outlying, rests, last)
     kept = np.ones(len(groups), dtype=bool)
     if not holdout:  # in which no reading was named: none is left out
-        kept[heldout.outlying] = False
+        kept[outlying] = False
     measured = [
         replace(
             written.gains.get(i, g),
@@ -194,6 +196,17 @@ def lower_odds(found: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[F
 
 def _rms_um(found: Evaluation) -> float:
     return float(np.sqrt((found.distance_um**2).mean()))
+
+
+def off_orientations(rests: I64, of: Rests, last: Fit) -> list[str]:
+    """Say of which of these *rests* the orientation is off, and by how much."""
+    observations = of.observations
+    turned = rests[observations.turned[rests]]
+    off_deg = np.degrees(np.linalg.norm(last.left_mm[turned], axis=1) / TURN_MM)
+    return [
+        f"The orientation of {observations.row_name(rest)} is off by {off:.3g}°."
+        for rest, off in zip(turned.tolist(), off_deg, strict=True)
+    ]
 
 
 def name_outliers(rests: I64, of: Rests, last: Fit) -> tuple[Outlier, ...]:

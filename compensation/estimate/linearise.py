@@ -127,9 +127,13 @@ def linearise_as_read(
     if off_tip_mm is not None:
         rows = rows.copy()
         rows[:, observations.arm.layout.tip] += off_tip_mm
-    position, columns = jacobian(observations.states.q, rows)
+    q, turned = observations.states.q, observations.turned
+    position, columns = jacobian(q, rows)
+    if turned.any():
+        position = observe(q, rows, turned)
+        columns[turned] = turn_columns(q[turned], rows[turned])
     poses = steady_poses(observations, position)
-    at = observations.states.q, position, columns
+    at = q, position, columns
     return _around(observations, poses, position, at, basis, position)
 
 

@@ -21,7 +21,7 @@ from armd.compensation.model.parameters import ParameterLayout
 
 def with_orientations(observations: Observations) -> Observations:
     """The same with a row more for each reading that has an orientation, behind all others."""
-    measured = _measured(observations)
+    measured = measured_rows(observations)
     if not len(measured):
         return observations
     n, sessions = observations.n, np.unique(observations.session[measured])
@@ -51,10 +51,10 @@ def with_orientations(observations: Observations) -> Observations:
 
 def with_orientation_rows(observations: Observations, rows: Mask) -> Mask:
     """The chosen *rows* (n,) of the observations, and their orientations behind all others."""
-    return np.append(rows, rows[_measured(observations)])
+    return np.append(rows, rows[measured_rows(observations)])
 
 
-def _measured(observations: Observations) -> I64:
+def measured_rows(observations: Observations) -> I64:
     """Rows that have an orientation."""
     return np.flatnonzero(np.isfinite(observations.measured_turn[:, 0, 0]))
 

@@ -13,12 +13,13 @@ from armd.compensation.report.head import head
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import InputFile, origin
 from armd.compensation.report.units import Unit, units_of
-from armd.compensation.verify.figures import TESTS
+from armd.compensation.verify.figures import BLOCK, TESTS
 from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged, Verdict
 from armd.terminal.counted import counted
 
 #: The figures of both standards.
-ALL_FIGURES = sum(len(keys) for keys in TESTS)
+#: Those of the standards; a gauge block against its certificate is one more.
+ALL_FIGURES = sum(len(keys) for keys in TESTS if keys != (BLOCK,))
 #: Stands where a result has no certified length.
 NO_LENGTH = "–"
 
@@ -77,7 +78,7 @@ def _draw(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
         page.figure(figure, f"{caption}; above: x and y, below: x and z")
     elif item.figure.key == "p_form" and (figure := figures.sphere_form(item, unit)):
         page.figure(figure, f"{name}: each point's distance from the fitted sphere, {unit.name}")
-    elif item.figure.key == "volumetric_max":
+    elif item.figure.key in ("volumetric_max", BLOCK):
         _lengths(page, item, verdict, unit)
 
 
@@ -90,11 +91,13 @@ def _verdict(page: Page, verdict: Verdict, unit: Unit) -> None:
         reason = "No limits were given: the figures below are not judged."
         page.verdict("NO VERDICT", reason, None)
         return
-    covered = len(verdict.covered)
+    keys = {item.figure.key for item in verdict.judged if item.outcome != "not judged"}
+    covered = len(keys - {BLOCK})
     whole = "full test" if covered == ALL_FIGURES else "partial test"
+    blocks = ", and gauge blocks" if BLOCK in keys else ""
     page.verdict(
         "ACCEPTED" if verdict.passed else "NOT ACCEPTED",
-        f"{covered} of {ALL_FIGURES} figures, {whole}",
+        f"{covered} of {ALL_FIGURES} figures, {whole}{blocks}",
         verdict.passed,
         _key_sentence(verdict, unit),
     )

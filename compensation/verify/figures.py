@@ -9,32 +9,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from armd.arrays import F64, I64
+from armd.arrays import F64
 from armd.compensation.data.overflow import overflowed, refuse_overflow
 from armd.compensation.data.session import Session
-from armd.compensation.data.session_format import Distance
 from armd.compensation.data.soundness import still_and_far
-from armd.compensation.identify.admission.far_off import without_temperature
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compensation.verify import single
 from armd.compensation.verify.limits import TestUncertainty
+from armd.compensation.verify.readings import SPHERE, NotSupported, VerifiedReadings
 from armd.compensation.verify.results import Deviation, Figure, Verification
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
 
 ISO, ASME = "ISO 10360-12:2016", "ASME B89.4.22-2004"
-SPHERE = ("SPHERE.a", "SPHERE.b")
+CERTIFICATE = "the certificate"
+BLOCK = "block_length"
 POSITIONS = ("SPHERE1", "SPHERE2")
-
-
-class NotSupported(Exception):
-    """The session does not hold what a figure needs."""
 
 
 def positions_of(session: Session, arm: Arm, calibration: LoadedCalibration | None) -> F64:
@@ -58,7 +52,7 @@ def figures_of(
     Unless *whole*, single-point articulation counts for the seats that were measured, and remarks
     name those that were not.
     """
-    readings = _Readings(session, arm, position, test, whole)
+    readings = VerifiedReadings(session, arm, position, test, whole)
     figures: list[Figure] = []
     left_out: dict[str, str] = {}
     # The matrices are small: threads of the library's own cost more than they bring.
@@ -78,101 +72,11 @@ def figures_of(
     return Verification(tuple(figures), left_out, tuple(remarks), tuple(readings.far_off()))
 
 
-class _Readings:
-    """A session's corrected points, by target and placement."""
-
-    def __init__(
-        self, session: Session, arm: Arm, position: F64, test: TestUncertainty, whole: bool
-    ) -> None:
-        self.whole = whole
-        self.tip_radius_mm = arm.tip.radius_mm
-        self.told: list[str] = []  # how readings count that a test does not ask for
-        self.test = test
-        self._session = session
-        self._position = position
-        self._names = session.artefact.target_names
-        self._usable = np.isfinite(position[:, 0])
-
-    def points(self, target: str, placement: str | None = None) -> F64:
-        """Usable points (n, 3) at a target in the order of measuring."""
-        return self._position[self._rows(target, placement)]
-
-    def one_each(self, prefix: str, count: int) -> F64:
-        """Points (count, 3), one at each target whose name starts so."""
-        names = [name for name in self._names if name.startswith(prefix)]
-        points = [self.points(name) for name in names]
-        found = sum(len(at) > 0 for at in points)
-        if found < count:
-            raise NotSupported(f"{found} of {count} points on {prefix}*")
-        self.told += [
-            f"{name}: {len(at)} readings, their mean counts"
-            for name, at in zip(names, points, strict=True)
-            if len(at) > 1
-        ]
-        return np.vstack([at.mean(axis=0) for at in points if len(at)])
-
-    def repeats(self, target: str, placement: str, count: int) -> F64:
-        """The first *count* points, or fewer, at a target in a placement."""
-        points = self.points(target, placement)
-        if len(points) > count:
-            self.told.append(
-                f"{target} in {placement}: {len(points)} readings, the first {count} count"
-            )
-        return points[:count]
-
-    def without_position(self) -> list[str]:
-        """Which readings do not count, because the model lacks something that they do not have."""
-        return without_temperature(self._session, self._usable)
-
-    def far_off(self) -> list[str]:
-        """Single readings far from where the others place them, in words."""
-        session, position = self._session, self._position
-        found = [
-            single.repeats(session, position),
-            single.ends(session, position, lambda one, where: self.length(one, where)[0]),
-        ]
-        with suppress(NotSupported):
-            radius_mm = self.length(self.certified(SPHERE))[0] / 2 + self.tip_radius_mm
-            found.append(single.on_spheres(session, position, radius_mm))
-        return [line for one in found for line in one.in_words(session)]
-
-    def placements(self, target: str) -> list[str]:
-        """Names of the placements in which a target was measured, in order of appearance."""
-        if target not in self._names:
-            return []
-        seen = self._session.placement[self._rows(target, None)]
-        return [self._session.placement_names[i] for i in dict.fromkeys(seen.tolist())]
-
-    def certified(self, between: tuple[str, str]) -> Distance:
-        for distance in self._session.artefact.distances:
-            if set(distance.between) == set(between):
-                return distance
-        raise NotSupported(f"no certified length between {between[0]} and {between[1]}")
-
-    def length(self, distance: Distance, placement: str | None = None) -> tuple[float, float]:
-        """A certified length at the temperature of its placement, and its standard uncertainty."""
-        artefact = self._session.artefact
-        rows = np.concatenate(
-            [self._rows(name, placement) for name in distance.between if placement is not None]
-            or [np.flatnonzero(self._usable)]
-        )
-        over_k = float(self._session.artefact_rise_k[rows].mean()) if len(rows) else 0.0
-        length = distance.length_mm * (1 + artefact.expansion_per_k * over_k)
-        thermal = artefact.expansion_per_k * distance.length_mm * self.test.artefact_temperature_c
-        return length, math.hypot(distance.standard_uncertainty_mm, thermal)
-
-    def _rows(self, target: str, placement: str | None) -> I64:
-        if target not in self._names:
-            return np.zeros(0, np.int64)
-        session = self._session
-        chosen = self._usable & (session.target == self._names.index(target))
-        if placement is not None:
-            chosen &= session.placement == session.placement_names.index(placement)
-        return np.flatnonzero(chosen)
-
-
-def _sphere_size(readings: _Readings) -> Iterator[Figure]:
+def _sphere_size(readings: VerifiedReadings) -> Iterator[Figure]:
     """P_Size: 25 points on the sphere, in two positions."""
+    if touched := readings.spheres():
+        yield Figure("p_size", "P_Size", ISO, tuple(map(readings.size_of, touched)))
+        return
     diameter, uncertainty = readings.length(readings.certified(SPHERE))
     size = []
     for where in POSITIONS:
@@ -182,11 +86,12 @@ def _sphere_size(readings: _Readings) -> Iterator[Figure]:
     yield Figure("p_size", "P_Size", ISO, tuple(size))
 
 
-def _sphere_form(readings: _Readings) -> Iterator[Figure]:
+def _sphere_form(readings: VerifiedReadings) -> Iterator[Figure]:
     """P_Form: of the same points; no certified diameter is needed."""
     form = []
-    for where in POSITIONS:
-        points = readings.one_each(f"{where}.", 25)
+    touched = [(one.where, one.points_mm) for one in readings.spheres()]
+    named = ((where, readings.one_each(f"{where}.", 25)) for where in POSITIONS)
+    for where, points in touched or named:
         offsets = points - fit_sphere(points)[0]
         distance = np.linalg.norm(offsets, axis=1)
         spread = float(distance.max() - distance.min())
@@ -194,7 +99,7 @@ def _sphere_form(readings: _Readings) -> Iterator[Figure]:
     yield Figure("p_form", "P_Form", ISO, tuple(form))
 
 
-def _location(readings: _Readings) -> Iterator[Figure]:
+def _location(readings: VerifiedReadings) -> Iterator[Figure]:
     """L_Dia.5×5: the sphere's centre from five points in each of five orientations."""
     centres = np.array([fit_sphere(readings.one_each(f"LDIA.{k}.", 5))[0] for k in range(1, 6)])
     diameter = 2 * smallest_sphere(centres)[1]
@@ -203,7 +108,7 @@ def _location(readings: _Readings) -> Iterator[Figure]:
     yield Figure("l_dia", "L_Dia.5×5", ISO, (deviation,))
 
 
-def _lengths(readings: _Readings) -> Iterator[Figure]:
+def _lengths(readings: VerifiedReadings) -> Iterator[Figure]:
     """E_Uni: five lengths in seven placements, three repeats."""
     placements = readings.placements("L0")
     if len(placements) < 7:
@@ -225,7 +130,15 @@ def _lengths(readings: _Readings) -> Iterator[Figure]:
     yield Figure("e_uni", "E_Uni", ISO, tuple(deviations))
 
 
-def _effective_diameter(readings: _Readings) -> Iterator[Figure]:
+def _block_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
+    """Gauge blocks: how far apart two parallel planes are, in each placement."""
+    errors = tuple(readings.block_errors())
+    if not errors:
+        raise NotSupported("no certified length between two planes")
+    yield Figure(BLOCK, "Block length", CERTIFICATE, errors)
+
+
+def _effective_diameter(readings: VerifiedReadings) -> Iterator[Figure]:
     """Nine points on the sphere, three repeats."""
     diameter, uncertainty = readings.length(readings.certified(SPHERE))
     deviations = []
@@ -236,7 +149,7 @@ def _effective_diameter(readings: _Readings) -> Iterator[Figure]:
     yield Figure("effective_diameter", "Effective diameter", ASME, tuple(deviations))
 
 
-def _articulation(readings: _Readings) -> Iterator[Figure]:
+def _articulation(readings: VerifiedReadings) -> Iterator[Figure]:
     """Single-point articulation: ten readings of a seat in each of three zones of the reach."""
     largest, spread = [], []
     missing = []
@@ -263,7 +176,7 @@ def _articulation(readings: _Readings) -> Iterator[Figure]:
     yield Figure("spat_2s", "SPAT 2s", ASME, tuple(spread))
 
 
-def _volumetric(readings: _Readings) -> Iterator[Figure]:
+def _volumetric(readings: VerifiedReadings) -> Iterator[Figure]:
     """Twenty placements of two bars."""
     deviations = []
     for bar in ("BARS", "BARL"):
@@ -288,11 +201,12 @@ def _volumetric(readings: _Readings) -> Iterator[Figure]:
     yield Figure("volumetric_range", "Volumetric range", ASME, (span,))
 
 
-TESTS: dict[tuple[str, ...], Callable[[_Readings], Iterator[Figure]]] = {
+TESTS: dict[tuple[str, ...], Callable[[VerifiedReadings], Iterator[Figure]]] = {
     ("p_size",): _sphere_size,
     ("p_form",): _sphere_form,
     ("l_dia",): _location,
     ("e_uni",): _lengths,
+    (BLOCK,): _block_lengths,
     ("effective_diameter",): _effective_diameter,
     ("spat_max", "spat_2s"): _articulation,
     ("volumetric_max", "volumetric_2rms", "volumetric_range"): _volumetric,

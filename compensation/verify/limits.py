@@ -31,6 +31,7 @@ class Mpe(Strict):
     e_uni_mm: Limit = None
     #: added to `e_uni_mm` for every metre measured: MPE = A + L·this
     e_uni_mm_per_m: Annotated[float, Field(ge=0), AfterValidator(_in_mm)] = 0.0
+    block_length_mm: Limit = None
     effective_diameter_mm: Limit = None
     spat_max_mm: Limit = None
     spat_2s_mm: Limit = None

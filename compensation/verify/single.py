@@ -9,7 +9,7 @@ No arm or artefact is fitted for it: a bar says nothing of a turn about itself, 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
@@ -72,11 +72,24 @@ def on_spheres(session: Session, position_mm: F64, radius_mm: float) -> FarOff:
     return far_off(off_mm)
 
 
-def _seats(session: Session, position_mm: F64) -> Iterator[I64]:
-    """The readings of each seat in each placement, where it is no point on a sphere."""
+def on_surfaces(session: Session, position_mm: F64, radii_mm: Mapping[str, float]) -> FarOff:
+    """The same of spheres that are surfaces, by the name and the radius of each, tip included."""
+    names, off_mm = session.artefact.target_names, np.full(session.n, np.nan)
     usable = np.isfinite(position_mm).all(axis=1)
+    for name, radius_mm in radii_mm.items():
+        for placement in range(len(session.placement_names)):
+            own = (session.target == names.index(name)) & (session.placement == placement) & usable
+            if (rows := np.flatnonzero(own)).size >= LEAST_POINTS:
+                off_mm[rows] = distances_from_sphere(position_mm[rows], radius_mm)
+    return far_off(off_mm)
+
+
+def _seats(session: Session, position_mm: F64) -> Iterator[I64]:
+    """The readings of each seat in each placement, where it is no surface or point on a sphere."""
+    usable = np.isfinite(position_mm).all(axis=1)
+    surfaces = session.artefact.surface_kinds
     for target, name in enumerate(session.artefact.target_names):
         for placement in range(len(session.placement_names)):
             own = (session.target == target) & (session.placement == placement) & usable
-            if own.any() and not ON_SPHERE.match(name):
+            if own.any() and name not in surfaces and not ON_SPHERE.match(name):
                 yield np.flatnonzero(own)

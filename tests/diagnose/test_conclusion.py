@@ -56,7 +56,7 @@ def test_nothing_explains_the_residuals_only_where_nothing_absorbs_them(
     of = SimpleNamespace(stop=0, start=0)
     last = SimpleNamespace(
         baseline=SimpleNamespace(growth=(), held=held),
-        left_mm=left_mm,
+        points_left_mm=left_mm,
         layout=SimpleNamespace(blocks={EXPANSIONS: of}),
     )
     found: Any = SimpleNamespace(rms_um=20.0, noise_floor_um=4.0, search=SimpleNamespace(last=last))

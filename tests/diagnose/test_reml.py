@@ -17,7 +17,9 @@ N = 12
 def linear(seed: int = 1, n: int = N, placements: int = 3) -> Any:
     rng = np.random.default_rng(seed)
     distances = SimpleNamespace(standard_uncertainty_mm=np.array([0.5, 2.0]))
-    observations = SimpleNamespace(placement=np.arange(n) % placements, distances=distances)
+    observations = SimpleNamespace(
+        placement=np.arange(n) % placements, distances=distances, turned=np.zeros(n, dtype=bool)
+    )
     return SimpleNamespace(
         rests=SimpleNamespace(n=n, observations=observations, posture=np.arange(n)),
         normal=None,

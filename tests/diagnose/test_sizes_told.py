@@ -25,8 +25,9 @@ CURVE = Candidate(
 
 def told(candidate: Candidate, amplitudes: np.ndarray, covariance: np.ndarray, **more: Any) -> Any:
     last = SimpleNamespace(
-        findings=(candidate,), amplitudes=(amplitudes,), covariances=(covariance,), **more
-    )
+        findings=(candidate,), amplitudes=(amplitudes,), covariances=(covariance,),
+        noise=SimpleNamespace(points=slice(None)), **more,
+    )  # fmt: skip
     return SimpleNamespace(search=SimpleNamespace(last=last))
 
 

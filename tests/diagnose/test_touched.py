@@ -45,7 +45,9 @@ def rests(target: list[int], *, timed: bool = True) -> Any:
     n = len(target)
     time_s = np.arange(n, dtype=float) if timed else np.full(n, np.nan)
     states = SimpleNamespace(time_s=time_s)
-    return SimpleNamespace(observations=SimpleNamespace(states=states, target=np.array(target)))
+    still = np.zeros(len(target), dtype=bool)
+    observations = SimpleNamespace(states=states, target=np.array(target), turned=still)
+    return SimpleNamespace(observations=observations)
 
 
 @given(st.lists(st.integers(0, 3), min_size=1, max_size=20))
@@ -128,7 +130,11 @@ def test_a_placement_is_parted_at_its_row_and_nothing_else_is() -> None:
         states=SimpleNamespace(time_s=np.concatenate([first.states.time_s, time_s])[kept]),
     )
     of: Any = SimpleNamespace(
-        observations=gathered, n=15, sessions=(first, second), rest_of=rest_of
+        observations=gathered,
+        n=15,
+        sessions=(first, second),
+        rest_of=rest_of,
+        point_of=np.arange(15),
     )
     of.in_order = Rests.in_order.func(of)
     # In time: row 7, row 1, rows 3 and 5; a step after two of these rests.
@@ -160,7 +166,7 @@ def test_of_each_rival_the_step_nearest_to_the_instant_is_compared() -> None:
     ]  # fmt: skip
     signatures = SimpleNamespace(candidates=tuple(every))
     scored: Any = SimpleNamespace(scores=SimpleNamespace(signatures=signatures))
-    of: Any = SimpleNamespace(observations=observations)
+    of: Any = SimpleNamespace(observations=observations, point_of=np.arange(12))
     of.in_order = Rests.in_order.func(of)
     found = _at_the_instant(moved(0, 6), scored, of)  # between 50 and 60 s
     assert [(c.cause, str(c.location), c.setting[0][1]) for c in found] == [

@@ -18,7 +18,6 @@ POINTS = "interim/test_points_over_time.py"
 HELD_BY = {
     "diagnose/heldout/borne_out": "hidden/test_borne_out.py",  # by squares made up
     "interim/checks/keeping": HISTORY,
-    "interim/points/figures": POINTS,
     "interim/points/history": POINTS,
     "interim/points/judge": POINTS,
     "interim/points/page": POINTS,

@@ -63,7 +63,10 @@ def small_fit(
     solution, inverse = problem.solve(columns.T @ residual)
     whole = FitLayout(layout, np.full(layout.n, np.inf))
     untimed = SimpleNamespace(time_s=np.full(n, np.nan))
-    observations = SimpleNamespace(placement=np.zeros(n, dtype=np.int64), states=untimed)
+    observations = SimpleNamespace(
+        placement=np.zeros(n, dtype=np.int64), placement_names=["P"], states=untimed,
+        turned=np.zeros(n, dtype=bool),
+    )  # fmt: skip
     rests = SimpleNamespace(n=n, observations=observations, posture=np.arange(n))
     joints = np.zeros((n, 3, 1))  # the noise is the tip's own
     linear: Any = SimpleNamespace(rests=rests, residual=residual, joints=joints)

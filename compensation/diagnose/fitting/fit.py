@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.fitting import noise as noise_model
 from armd.compensation.diagnose.fitting.nuisance import for_noise, gather_nuisance
+from armd.compensation.diagnose.fitting.turn_noise import SETTLED as TURN_SETTLED
+from armd.compensation.diagnose.fitting.turn_noise import fitted_share, turn_ratio
 from armd.compensation.diagnose.problem.amplitudes import amplitude_variance, is_sized
 from armd.compensation.diagnose.problem.baseline import moved, with_findings
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -126,14 +129,22 @@ def _clipped(
 
     clipped = noise_model.without_gross(residual, noise, fitted_to)
     for _ in range(MOST_CLIPPINGS):
-        larger, shared = noise.scale_mm, noise.shared_part
+        larger, shared, ratio = noise.scale_mm, noise.shared_part, noise.turn_ratio
         noise = noise_model.estimate(linear, clipped, blocks, variance, noise)
         fitted = fitted_to(clipped, noise)
         clipped = noise_model.winsorise(residual, fitted, noise)
         noise = noise_model.with_shared_part(noise, linear, clipped - fitted)
         alike = abs(noise.shared_part - shared) < SHARED_ALIKE
+        if noise.turned is not None:
+            problem, _ = normal_equations(
+                blocks, nuisance.ridged(noise), layout, noise, clipped - fitted
+            )
+            taken = fitted_share(nuisance.columns, problem.covariance, noise)
+            ratio = turn_ratio(noise, linear, clipped - fitted, taken)
+            alike &= abs(np.log(ratio / noise.turn_ratio)) < TURN_SETTLED
         if noise.scale_mm > SETTLED * larger and alike:
             break
+        noise = replace(noise, turn_ratio=ratio)
     return clipped, noise
 
 

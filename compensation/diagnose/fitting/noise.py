@@ -17,7 +17,7 @@ from scipy.optimize import minimize, minimize_scalar
 from armd.arrays import F64
 from armd.compensation.diagnose.fitting.likelihood import Absorbing, Restricted
 from armd.compensation.diagnose.problem.linear import Linear
-from armd.compensation.diagnose.problem.whitening import RestNoise
+from armd.compensation.diagnose.problem.whitening import RestNoise, first_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.estimate.postures import counts_as, shared_part
@@ -96,6 +96,7 @@ def drift_columns(linear: Linear) -> tuple[Blocks, F64]:
             own = np.flatnonzero(observations.placement[rows] == placement)
             known = ramps[own][:, ramps[own].any(axis=0)]  # the knots that it has come to
             values = np.einsum("kj,ab->kajb", known, np.eye(3)).reshape(len(own), 3, -1)
+            values[observations.turned[rows[own]]] = 0.0  # a base that shifts turns nothing
             if linear.normal is not None:
                 values = project_on_normals(linear.normal[rows[own]], values)
             numbers = count + np.arange(values.shape[2])
@@ -110,10 +111,10 @@ def drift_columns(linear: Linear) -> tuple[Blocks, F64]:
     return Blocks(linear.rests.n, count, tuple(pieces), distances), np.full(count, np.nan)
 
 
-def _covariance(linear: Linear, share: float) -> F64:
+def _covariance(linear: Linear, share: float, turn_ratio: float = 1.0) -> F64:
     """(n, 3, 3) of a rest for s = 1."""
-    unit = ReadingNoise(np.sqrt(share) / LEVER_MM, np.sqrt(1.0 - share))
-    return unit.covariance(linear.joints)
+    unit = ReadingNoise(np.sqrt(share) / LEVER_MM, np.sqrt(1.0 - share), turn_ratio)
+    return unit.covariance(linear.joints, linear.rests.observations.turned)
 
 
 def estimate(
@@ -151,6 +152,8 @@ def _estimate(
     """The same with lengths' standard uncertainties *distance* (D,) as if s were *scale_mm*."""
     relative = distance / scale_mm
     absorbing = Absorbing.of(nuisance.meeting, variance)
+    turned = linear.rests.observations.turned
+    turn_ratio = before.turn_ratio if before else first_turn_ratio(residual, turned)
     # Copies share all of their error, until they have shown how much: they count as one.
     shared = before.shared_part if before else 1.0
     counts = counts_as(linear.rests.posture, shared)
@@ -162,7 +165,7 @@ def _estimate(
 
     @cache
     def at_share(share: float) -> tuple[float, float, float, bool]:
-        whitener = _unit_whitener(linear, share)
+        whitener = _unit_whitener(linear, share, turn_ratio)
         products = nuisance.products(counted[:, None, None] * whitener, relative, residual)
         unlikely, scale, drift, settled = _best_scale(Restricted.of(products, absorbing, rows))
         log_det = -2.0 * float(counts @ np.log(np.einsum("nii->ni", whitener)).sum(axis=1))
@@ -188,12 +191,14 @@ def _estimate(
         drift_mm=drift,
         encoder_rad=scale * np.sqrt(share) / LEVER_MM,
         repeat_mm=scale * np.sqrt(1.0 - share),
-        whitener=counted[:, None, None] * _unit_whitener(linear, share) / scale,
+        whitener=counted[:, None, None] * _unit_whitener(linear, share, turn_ratio) / scale,
         distance_mm=distance,
         counts=counts,
         shared_part=shared,
         settled=settled,
         normal=linear.normal,
+        turned=turned if turned.any() else None,
+        turn_ratio=turn_ratio,
     )
 
 
@@ -205,9 +210,9 @@ def with_shared_part(noise: RestNoise, linear: Linear, left: F64) -> RestNoise:
     return noise.with_shared_part(part, posture)
 
 
-def _unit_whitener(linear: Linear, share: float) -> F64:
+def _unit_whitener(linear: Linear, share: float, turn_ratio: float = 1.0) -> F64:
     """(n, 3, 3) whitening for s = 1."""
-    return whitening(_covariance(linear, share), np.ones(linear.rests.n))
+    return whitening(_covariance(linear, share, turn_ratio), np.ones(linear.rests.n))
 
 
 def _best_scale(known: Restricted) -> tuple[float, float, float, bool]:

@@ -35,8 +35,8 @@ class TargetStep:
 
 def target_steps(last: Fit) -> list[TargetStep]:
     """One entry per placement and target."""
-    observations = last.linear.rests.observations
-    left, normal = 1e3 * last.left_mm, last.linear.normal
+    observations = last.linear.rests.points
+    left, normal = 1e3 * last.points_left_mm, last.linear.normal
     pairs = np.stack([observations.placement, observations.target], axis=1)
     found = []
     named, of = np.unique(pairs, axis=0, return_inverse=True)

@@ -148,11 +148,11 @@ def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> Bo
     """By whole placements left out in turn, then by targets within them; *stepwise*: gains of a
     search repeated without the placements."""
     last = result.last
-    observations = last.linear.rests.observations
-    groups = groups_of(observations)
+    rests, points = last.linear.rests, last.linear.rests.points
+    groups = groups_of(points)
     looks = [
-        Look(left_out_in_turn(last, arm, folds), groups, float(observations.freedom.mean()))
-        for folds in (folds_of(last.linear.rests), _by_target(observations))
+        Look(left_out_in_turn(last, arm, folds), groups, float(points.freedom.mean()))
+        for folds in (folds_of(rests), _by_target(points)[rests.point_of])
     ]
     able = [
         not found.candidate.told_only and stands_alone(found, step)

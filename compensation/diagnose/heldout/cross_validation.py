@@ -32,7 +32,7 @@ REPEATED_FROM = "the search repeated without parts of the readings, from cause"
 
 @dataclass(frozen=True)
 class CrossValidated:
-    """Squared held-out residuals (n,) mm² of each rest, without findings and after each."""
+    """Squared held-out residuals (n,) mm² of each point, without findings and after each."""
 
     squares: list[F64]
     groups: I64
@@ -54,7 +54,8 @@ def cross_validate(
     """
     last = result.last
     folds = folds_of(last.linear.rests)
-    squares = [np.zeros(last.linear.rests.n) for _ in range(len(result.found) + 1)]
+    points = last.linear.rests.points
+    squares = [np.zeros(points.n) for _ in range(len(result.found) + 1)]
     parts = [int(part) for part in np.unique(folds)]
     refits = refits_without(with_findings_unsolved(last, [], arm), [folds == p for p in parts])
     work = work or WorkBudget()
@@ -69,10 +70,10 @@ def cross_validate(
         give_back_freed()
         progress("gain", 0.9 + 0.1 * done / len(parts))
         for square, own in zip(squares, of_steps, strict=True):
-            square[folds == part] = own
+            square[folds[: points.n] == part] = own
     for share in shares:
         work.take(share)
-    return CrossValidated(squares, groups_of(last.linear.rests.observations))
+    return CrossValidated(squares, groups_of(points))
 
 
 def _without(

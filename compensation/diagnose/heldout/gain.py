@@ -106,7 +106,7 @@ def groups_of(observations: Observations) -> I64:
 
 
 def left_out(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
-    """Return squared residuals mm² of the rests left *out*, under the model of the others.
+    """Return squared residuals mm² of the points left *out* (n,), under the model of the others.
 
     Where a calibration is held and nothing was found, the model is that calibration as given, not
     moved within its covariance. The first link's *growth* predicts only where it is to be written:
@@ -129,12 +129,13 @@ def left_out(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
     left = current.raw_residual[:n] - taken
     # A gross error must not carry its placement away from all the others.
     clipped = current.residual[:n] - taken
+    points = out & ~current.linear.rests.observations.turned
     for rests, values in current.linear.nuisance.apart:
-        rows = (3 * rests[out[rests]][:, None] + np.arange(3)).ravel()
-        own = values[out[rests]].reshape(len(rows), values.shape[2])
+        rows = (3 * rests[points[rests]][:, None] + np.arange(3)).ravel()
+        own = values[points[rests]].reshape(len(rows), values.shape[2])
         own = own[:, own.any(axis=0)]
         left[rows] -= own @ np.linalg.lstsq(own, clipped[rows], rcond=1e-9)[0]
-    square: F64 = (left.reshape(-1, 3)[out] ** 2).sum(axis=1) * scale_kept(current, arm) ** 2
+    square: F64 = (left.reshape(-1, 3)[points] ** 2).sum(axis=1) * scale_kept(current, arm) ** 2
     return square
 
 

@@ -17,15 +17,16 @@ from armd.compensation.model.arm import Arm
 
 
 def left_out_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int], bool], F64]:
-    """Squared residuals (n,) mm² of each of the *folds* (n,) under a model of the others, by the
-    findings in it and whether the first link grows."""
+    """Squared residuals mm² of the points in each of the *folds* (n,), under a model of the others,
+    by the findings in it and whether the first link grows."""
     outs = [folds == part for part in np.unique(folds)]
     refits = refits_without(last, outs)
+    points = last.linear.rests.points.n  # which stand first
 
     def squares(some: Sequence[int], growth: bool) -> F64:
-        found = np.zeros(len(folds))
+        found = np.zeros(points)
         for out, refit in zip(outs, refits, strict=True):
-            found[out] = left_out(refit.with_some(some), out, arm, growth)
+            found[out[:points]] = left_out(refit.with_some(some), out, arm, growth)
         return found
 
     return squares
@@ -37,7 +38,7 @@ def better_by(
     """By how many standard errors readings of placements left out in turn are predicted better
     with the findings *after* than with those *before*, all amplitudes estimated without them."""
     old, new = (_squares(about, findings, arm) for findings in (before, after))
-    groups = groups_of(about.linear.rests.observations)
+    groups = groups_of(about.linear.rests.points)
     return in_standard_errors(*capped(old, new), groups)
 
 

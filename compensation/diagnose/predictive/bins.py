@@ -41,12 +41,12 @@ class Bins:
 
 
 def all_bins(rests: Rests) -> list[Bins]:
-    """Bins of every variable that was recorded and varies."""
+    """Bins of every variable that was recorded and varies, over the rests that are points."""
     return [bins for bins in _bins(rests) if len(bins.starts) >= LEAST_BINS]
 
 
 def _bins(rests: Rests) -> Iterator[Bins]:
-    observations = rests.observations
+    observations = rests.points  # the first of the rests
     states, arm = observations.states, observations.arm
     for k in range(arm.n_joints):
         yield _ordered(f"q{k + 1}", f"joint {k + 1}, °", np.degrees(states.q[:, k]), WIDEST_DEG)
@@ -55,7 +55,7 @@ def _bins(rests: Rests) -> Iterator[Bins]:
     for s, name in enumerate(arm.sensors):
         yield _ordered(name, f"{name}, °C", states.temperature_c[:, s])
     reference = [s.artefact.reference_temperature_c for s in rests.sessions]
-    artefact_c = rests.artefact_rise_c + np.array(reference)[observations.session]
+    artefact_c = rests.artefact_rise_c[: observations.n] + np.array(reference)[observations.session]
     read = np.array([np.isfinite(s.artefact_c).any() for s in rests.sessions])
     yield _ordered(
         "artefact_c", "artefact, °C", np.where(read[observations.session], artefact_c, np.nan)

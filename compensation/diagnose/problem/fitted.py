@@ -46,6 +46,11 @@ class Fit:
         n = self.linear.rests.n
         return (self.raw_residual - self.fitted)[: 3 * n].reshape(n, 3)
 
+    @property
+    def points_left_mm(self) -> F64:
+        """The same of the points alone: how far an orientation is off is no distance."""
+        return self.left_mm[self.noise.points]
+
     def across(self, columns: F64) -> F64:
         """Products (b, …) of the nuisance columns with others (N, …), both whitened."""
         return self._white.across(self.noise.whiten(columns))
@@ -63,13 +68,14 @@ class Fit:
         free, shared = self.layout.blocks.of([PLACEMENTS]), slice(self.layout.shared, None)
         taken = self.problem.only(free).amplitudes(self.problem.gram[free, shared])
         # |shared − free · taken|² by products of the columns, of the rests alone, in mm².
-        rests = np.broadcast_to(np.eye(3), (self.linear.rests.n, 3, 3))
+        points = ~self.linear.rests.observations.turned
+        rests = points[:, None, None] * np.eye(3)
         no_lengths = np.full(len(self.noise.distance_mm), np.inf)
         products = self.nuisance.columns.products(rests, no_lengths, self.residual)[:-1, :-1]
         across, within = products[free, shared], products[np.ix_(free, free)]
         left = np.diag(products)[shared] - ((2.0 * across - within @ taken) * taken).sum(axis=0)
         variance = self.nuisance.variance[shared]
-        common = float(np.maximum(left, 0.0) @ variance) / max(self.linear.rests.n, 1)
+        common = float(np.maximum(left, 0.0) @ variance) / max(int(points.sum()), 1)
         return 1e3 * float(np.sqrt(self.noise.own_mm**2 + common))
 
     def net_signature(self, index: int) -> F64:

@@ -15,7 +15,7 @@ from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
-from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.observations import TURN_MM, Observations
 from armd.compensation.estimate.poses import Poses
 from armd.compensation.estimate.postures import find_postures
 from armd.compensation.estimate.surface_kinds import POINT
@@ -36,10 +36,17 @@ class Rests:
     rest_of: I64  # (readings,) rest of each reading, through all sessions; −1 not used
     first: I64  # (n,) a reading of each rest
     target_label: tuple[str, ...]  # per target: its name within the artefact
+    point_of: I64  # (n,) the rest itself, or of an orientation the rest that it was measured at
 
     @property
     def n(self) -> int:
         return self.observations.n
+
+    @cached_property
+    def points(self) -> Observations:
+        """The rests that say where the tip is: all, or those before the orientations."""
+        turned = self.observations.turned
+        return self.observations.rows(~turned) if turned.any() else self.observations
 
     @cached_property
     def arm_instead_k(self) -> F64:
@@ -62,13 +69,14 @@ class Rests:
 
     @cached_property
     def in_order(self) -> dict[int, I64]:
-        """Of each placement its rests, in the order of time; of the rows without times."""
+        """Of each placement its rests, in the order of time; of the rows without times. An
+        orientation follows its point."""
         observations = self.observations
         found = {}
         for number in np.unique(observations.placement):
             own = np.flatnonzero(observations.placement == number)
-            order = np.argsort(observations.states.time_s[own], kind="stable")
-            found[int(number)] = own[order]
+            time_s = np.nan_to_num(observations.states.time_s[own])
+            found[int(number)] = own[np.lexsort((own, self.point_of[own], time_s))]
         return found
 
 
@@ -139,6 +147,7 @@ class Linear:
             label = np.array(self.rests.target_label)[observations.target]
             move = np.zeros((self.rests.n, 3))
             move[(label == change.target) & ~observations.has_truth, change.axis] = 1.0
+        move[observations.turned] = 0.0
         if change.artefact:
             of = np.array([s.artefact.name == change.artefact for s in self.rests.sessions])
             move = move * of[observations.session][:, None]
@@ -217,9 +226,12 @@ class Linear:
     def _motions(self, placement: int) -> F64:
         """(6, k, 3) how the targets of one placement's rests, in the order of time, move with it:
         along each axis, and about each."""
-        points = self._placed_mm[self.rests.in_order[placement]]
+        rests = self.rests.in_order[placement]
+        points, turned = self._placed_mm[rests], self.rests.observations.turned[rests]
         along = np.broadcast_to(np.eye(3)[:, None], (3, *points.shape))
-        motions = np.concatenate([along, np.cross(along, points - points.mean(axis=0))])
+        about = np.cross(along, points - points[~turned].mean(axis=0))
+        about[:, turned] = TURN_MM * np.eye(3)[:, None]
+        motions = np.concatenate([np.where(turned[:, None], 0.0, along), about])
         if self.normal is not None:
             normal = self.normal[self.rests.in_order[placement]]
             moves = project_on_normals(normal, motions.transpose(1, 2, 0))

@@ -110,7 +110,9 @@ def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
     return replace(
         observations,
         stretch=corrected.stretch[rests.first],
-        position_mm=corrected.position_mm,
+        position_mm=np.vstack(
+            [corrected.position_mm, observations.position_mm[len(corrected.position_mm) :]]
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""What was measured, one row per rest.
+"""What was measured, one row per rest; of a 6-D reading a second one, for its orientation.
 
 Readings taken one after another at one rest are not independent; they enter as their mean.
 """
@@ -15,6 +15,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.estimate.folds import blocks_of_postures, whole_groups
 from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.orientations import measured_rows, with_orientations
 from armd.compensation.identify.admission.requirements import unknowns_of_artefacts
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
@@ -23,12 +24,17 @@ from armd.errors import BadInput
 #: Readings closer than this in every joint, in sequence at one target, are one rest.
 REST_RAD = 1e-4
 
+#: The label of what orientations are measured of, among those of the targets.
+ORIENTATION = "orientation"
 MOST_FOLDS = 4
 BLOCKS = 5  # of readings, where there is one placement only
 
 
 def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
-    """Join sessions and average the readings of each rest."""
+    """Join sessions and average the readings of each rest; orientations stand behind all points.
+
+    A surface has no orientation of its own to compare with: beside surfaces they take no part.
+    """
     raw = gather(sessions, arm)
     rise = np.concatenate([session.artefact_rise_k for session in sessions])
     used = _complete(raw, arm)
@@ -63,18 +69,34 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
         truth_mm=mean(raw.truth_mm),
         stretch=mean(raw.stretch),
         reflector=raw.reflector[first],
-        measured_turn=raw.measured_turn[first],
+        measured_turn=_mean_turns(mean(raw.measured_turn)),
         turned=raw.turned[first],
     )
-    labels = tuple(name for s in sessions for name in s.artefact.target_names)
+    labels = [name for s in sessions for name in s.artefact.target_names]
+    point_of = np.arange(observations.n)
+    if not observations.on_surface.any():
+        point_of = np.append(point_of, measured_rows(observations))
+        observations = with_orientations(observations)
+    labels += [ORIENTATION] * (len(observations.target_names) - len(labels))
     return Rests(
         tuple(sessions),
         observations,
-        mean(rise),
+        mean(rise)[point_of],
         rest_of_reading,
-        np.flatnonzero(used)[first],
-        labels,
+        np.flatnonzero(used)[first][point_of],
+        tuple(labels),
+        point_of,
     )
+
+
+def _mean_turns(mean: F64) -> F64:
+    """The rotations (n, 3, 3) nearest to means of some; NaN where there are none."""
+    known = np.isfinite(mean[:, 0, 0])
+    turns = mean.copy()
+    if known.any():
+        left, _, right = np.linalg.svd(mean[known])
+        turns[known] = left @ right
+    return turns
 
 
 def spare_rows(observations: Observations) -> int:
@@ -131,4 +153,4 @@ def folds_of(rests: Rests) -> I64:
     posture in that in which it came first."""
     observations = rests.observations
     folds = whole_groups(observations.placement, MOST_FOLDS)
-    return folds if folds.any() else blocks_of_postures(observations, BLOCKS)
+    return folds if folds.any() else blocks_of_postures(rests.points, BLOCKS)[rests.point_of]

@@ -227,7 +227,9 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
         [*probes.values()], states, arm, model.reference_c, model.constants
     ).T
     if histories:
-        values[list(histories)] = evaluated([*histories.values()], states)
+        rests = linear.rests
+        of_points = evaluated([*histories.values()], rests.points.states)
+        values[list(histories)] = of_points[:, rests.point_of]
     np.nan_to_num(values, copy=False)  # of many readings a copy is hundreds of megabytes
     return Signatures(
         tuple(candidates),

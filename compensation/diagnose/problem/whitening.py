@@ -6,11 +6,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.linear.blocks import Blocks
 from armd.compensation.estimate.postures import counts_as
 from armd.compensation.estimate.robust import edge_stretch, of_three_components
 from armd.compensation.estimate.surfaces import project_on_normals
+
+#: No orientation is so much better, or worse, than a point.
+TURN_RATIOS = 1e-4, 1e4
 
 
 @dataclass(frozen=True)
@@ -46,11 +49,16 @@ class RestNoise:
     shared_part: float = 1.0
     settled: bool = True  # whether the search for the likeliest scale ended
     normal: F64 | None = None  # (n, 3) as `Linear` has them
+    turned: Mask | None = None  # (n,) orientations; None: points alone
+    turn_ratio: float = 1.0  # standard deviation of an orientation, at its lever, over the scale
 
     def sources(self, joints: F64) -> F64:
         """How rests in units of their noise move (n, 3, N + 3) with what makes it: the encoders,
         by *joints* (n, 3, N) mm/rad, and the repeat of a point."""
-        repeat = np.broadcast_to(self.repeat_mm * np.eye(3), (len(joints), 3, 3))
+        own_mm = np.full(len(joints), self.repeat_mm)
+        if self.turned is not None:
+            own_mm[self.turned] = self.turn_ratio * self.scale_mm
+        repeat = own_mm[:, None, None] * np.eye(3)
         if self.normal is not None:
             repeat = project_on_normals(self.normal, repeat)
         moves = np.concatenate([self.encoder_rad * joints, repeat], axis=2)
@@ -59,8 +67,14 @@ class RestNoise:
 
     @property
     def own_mm(self) -> float:
-        """3-D RMS of what is each rest's own, in mm."""
-        return float(np.sqrt(np.square(self.roots).sum(axis=(1, 2)).mean()))
+        """3-D RMS of what is each point's own, in mm."""
+        square = np.square(self.roots).sum(axis=(1, 2))
+        return float(np.sqrt(square[self.points].mean()))
+
+    @property
+    def points(self) -> Mask | slice:
+        """Which rests are points."""
+        return slice(None) if self.turned is None else ~self.turned
 
     @property
     def roots(self) -> F64:
@@ -105,3 +119,12 @@ class RestNoise:
         white[: 3 * n] = (self.whitener @ flat[: 3 * n].reshape(n, 3, -1)).reshape(3 * n, -1)
         white[3 * n :] = flat[3 * n :] / self.distance_mm[:, None]
         return white.reshape(columns.shape)
+
+
+def first_turn_ratio(residual: F64, turned: Mask) -> float:
+    """How much farther off orientations are than points, by the middle ones of a residual (N,)."""
+    if not turned.any():
+        return 1.0
+    off = np.linalg.norm(residual[: 3 * len(turned)].reshape(-1, 3), axis=1)
+    ratio = float(np.median(off[turned])) / max(float(np.median(off[~turned])), 1e-9)
+    return float(np.clip(ratio, *TURN_RATIOS))

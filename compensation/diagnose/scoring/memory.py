@@ -85,7 +85,10 @@ class Lasting:
     def of(cls, rests: Rests, sources: F64, absorbed: Several[tuple[I64, F64]]) -> Lasting:
         """Of rests in the order of their observations."""
         observations = rests.observations
-        sequence = Sequence.of(observations.placement, observations.states.time_s, rests.posture)
+        # Orientations follow each other, and points do.
+        apart = observations.turned * len(observations.placement_names)
+        placement, time_s = observations.placement + apart, observations.states.time_s
+        sequence = Sequence.of(placement, time_s, rests.posture)
         return cls(sources, sequence, absorbed)
 
     def memory(self, left: F64) -> NoiseMemory | None:

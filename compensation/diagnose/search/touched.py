@@ -120,6 +120,8 @@ def _possible(rests: Rests, own: I64) -> I64:
     """
     if not np.isfinite(rests.observations.states.time_s[own]).all():
         return np.zeros(0, dtype=np.int64)
+    at = np.flatnonzero(~rests.observations.turned[own])  # orientations follow their points
+    own = own[at]
     target = rests.observations.target[own]
     new = np.zeros(len(own), dtype=np.int64)
     new[np.unique(target, return_index=True)[1]] = 1
@@ -128,7 +130,7 @@ def _possible(rests: Rests, own: I64) -> I64:
     after = np.arange(LEAST_RESTS, len(own) - LEAST_RESTS + 1)
     before = np.cumsum(new)[after - 1]  # targets among the rests so far
     still = np.cumsum(last[::-1])[::-1][after]  # and to come
-    possible: I64 = after[(before >= LEAST_TARGETS) & (still >= LEAST_TARGETS)]
+    possible: I64 = at[after[(before >= LEAST_TARGETS) & (still >= LEAST_TARGETS)]]
     return possible
 
 

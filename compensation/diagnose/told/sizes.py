@@ -82,5 +82,6 @@ def row(name: str, value: float, unit: str, sigma: float) -> dict[str, str | flo
 def tip_rms_um(diagnosis: Diagnosis, index: int) -> float:
     """How far the effect moves the tip in these readings, 3-D RMS in µm: what placements,
     constants and the other findings cannot take up."""
-    moves = diagnosis.search.last.net_signature(index)
+    last = diagnosis.search.last
+    moves = last.net_signature(index)[last.noise.points]
     return 1e3 * float(np.sqrt((moves**2).sum() / max(len(moves), 1)))

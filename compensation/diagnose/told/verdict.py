@@ -158,7 +158,7 @@ def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
     """What residuals without a finding are, *but* for what the verdict says else."""
     left, floor = diagnosis.rms_um, diagnosis.noise_floor_um
     absorbing = _absorbing(diagnosis)
-    remain = 1e3 * float(np.sqrt((diagnosis.search.last.left_mm**2).sum(axis=1).mean()))
+    remain = 1e3 * float(np.sqrt((diagnosis.search.last.points_left_mm**2).sum(axis=1).mean()))
     if absorbing and left > BEYOND_NOISE * floor >= remain:
         return (
             f"The residuals, {um(left)} µm, are more than noise of {um(floor)} µm makes: they are "
@@ -192,7 +192,7 @@ def _absorbing(diagnosis: Diagnosis) -> str:
 def _few(diagnosis: Diagnosis) -> str:
     """Which readings make the residuals, where few do: too many to be single ones gone wrong."""
     last = diagnosis.search.last
-    off_mm = np.linalg.norm(last.left_mm, axis=1)
+    off_mm = np.linalg.norm(last.points_left_mm, axis=1)
     usual_mm = float(np.median(off_mm))
     far = int((off_mm > FAR_TIMES * usual_mm).sum())
     if not far:
@@ -209,11 +209,11 @@ def _few(diagnosis: Diagnosis) -> str:
 
 def _could_show(diagnosis: Diagnosis) -> str:
     """What silence is worth: whether causes of ordinary size would have been found."""
-    observations = diagnosis.search.last.linear.rests.observations
-    spare = spare_rows(observations)
+    rests = diagnosis.search.last.linear.rests
+    spare = spare_rows(rests.observations)
     if spare < LEAST_SPARE:
         return (
-            f"But {counted(observations.n, 'reading')} at rest leave only "
+            f"But {counted(rests.points.n, 'reading')} at rest leave only "
             f"{counted(spare, 'number')} beyond what their placements take up: hardly any "
             "cause could have shown."
         )

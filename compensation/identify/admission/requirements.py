@@ -10,7 +10,7 @@ from armd.arrays import Mask
 from armd.compensation.estimate.gauge import unidentifiable
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.postures import count_postures
-from armd.compensation.estimate.surface_kinds import FREEDOM, POINT
+from armd.compensation.estimate.surface_kinds import FREEDOM, POINT, TURN
 from armd.compensation.identify.admission.needed import readings_for
 from armd.compensation.identify.fit import Identification, rms_um
 from armd.compensation.identify.thermal.temperatures import temperature_groups
@@ -140,7 +140,7 @@ def unknowns_of_artefacts(observations: Observations) -> int:
     free = sum(FREEDOM[int(kind)] for kind in kinds[touched])
     targets = np.unique(observations.target[~observations.has_truth])
     unknown = targets[observations.unknown[targets]]
-    return free + int(np.where(observations.kind[unknown] == POINT, 3, 1).sum())
+    return free + int(np.where(np.isin(observations.kind[unknown], (POINT, TURN)), 3, 1).sum())
 
 
 def _placements(observations: Observations) -> int:

@@ -14,8 +14,13 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.data.foreign.points import PointTable
 from armd.compensation.data.session_format import Artefact
+from armd.compensation.interim.points.surface_figures import (
+    Groups,
+    PointFigure,
+    sphere_figures,
+    surface_figures,
+)
 from armd.compensation.verify.points import UNKNOWN
-from armd.compensation.verify.spheres import fit_sphere
 from armd.errors import BadInput
 from armd.terminal.suggest import hint
 
@@ -25,29 +30,12 @@ ARM = str(UNKNOWN["serial_number"])
 ON_SPHERE = re.compile(r"(SPHERE[12]|LDIA\.[1-5]|EFFDIA\.[1-3])\..+")
 #: The ends of a sphere's certified diameter.
 DIAMETER = frozenset(("SPHERE.a", "SPHERE.b"))
-#: A sphere has four unknowns: of fewer points nothing is left for its form.
-SPHERE_POINTS = 6
 #: Of fewer readings a spread says nothing.
 SEAT_READINGS = 4
 #: Of more targets, only lengths from the first are compared, beside the certified ones.
 MOST_IN_PAIRS = 8
 #: A certified length farther off, absolutely and in its own size, is another target, or a unit.
 FAR_OFF_MM, FAR_OFF = 5.0, 0.01
-
-
-@dataclass(frozen=True)
-class PointFigure:
-    """A figure of one check. A spread is a standard deviation of *freedom* degrees of freedom."""
-
-    name: str
-    value_mm: float
-    own_mm: float = math.nan  # its standard uncertainty from the scatter inside the check
-    freedom: int = 0  # of a spread alone
-    longest_mm: float = 0.0  # of a certified length: how long it is
-
-    @property
-    def is_spread(self) -> bool:
-        return self.freedom > 0
 
 
 @dataclass(frozen=True)
@@ -80,15 +68,24 @@ def figures_of_points(
             expected = f"a target of the artefact{hint(name, names)}"
             raise BadInput(path, f"row {row}, target", repr(name), expected)
     groups = _groups(points)
-    at_points = {key: at for key, at in groups.items() if not ON_SPHERE.fullmatch(key[1])}
+    kinds = artefact.surface_kinds
+    on_surfaces = {key: at for key, at in groups.items() if key[1] in kinds}
+    at_points = {
+        key: at
+        for key, at in groups.items()
+        if key[1] not in kinds and not ON_SPHERE.fullmatch(key[1])
+    }
     figures = list(_lengths(artefact, at_points))
     figures += _spheres(artefact, groups, tip_radius_mm)
+    figures += surface_figures(artefact, on_surfaces, tip_radius_mm)
     figures += _seats(at_points)
     if not figures:
         found = (
             f"{len(points.target)} points at {', '.join(list(dict.fromkeys(points.target))[:6])}"
         )
-        expected = "two targets, six points on a sphere, or four readings of a seat"
+        expected = (
+            "two targets, six points on a sphere, four on a plane, or four readings of a seat"
+        )
         raise BadInput(path, "the table", found, expected)
     for figure in figures:
         off = abs(figure.value_mm) > max(FAR_OFF_MM, FAR_OFF * figure.longest_mm)
@@ -97,9 +94,6 @@ def figures_of_points(
             expected = "these targets, and their unit (x [in] in the header, if inches)"
             raise BadInput(path, figure.name, found, expected)
     return figures
-
-
-Groups = dict[tuple[str, str], F64]  # (placement, target) → (n, 3) mm
 
 
 def _groups(points: PointTable) -> Groups:
@@ -190,20 +184,7 @@ def _spheres(artefact: Artefact, groups: Groups, tip_radius_mm: float) -> Iterat
             sets.setdefault(name, []).append(at)
     for name, parts in sets.items():
         on = np.vstack(parts)
-        if len(on) < SPHERE_POINTS:
-            continue
-        try:
-            centre, radius = fit_sphere(on)
-        except ArithmeticError:
-            continue
-        way = on - centre
-        distance = np.linalg.norm(way, axis=1)
-        freedom = len(on) - 4
-        form = math.sqrt(float(((distance - radius) ** 2).sum()) / freedom)
-        jacobian = np.column_stack([way / distance[:, None], np.ones(len(on))])
-        own = form * math.sqrt(float(np.linalg.inv(jacobian.T @ jacobian)[3, 3]))
-        yield PointFigure(f"size {name}", 2 * (radius - tip_radius_mm) - diameter, 2 * own)
-        yield PointFigure(f"form {name}", form, freedom=freedom)
+        yield from sphere_figures(name, on, diameter, tip_radius_mm)
 
 
 def _seats(groups: Groups) -> Iterator[PointFigure]:

@@ -14,8 +14,9 @@ from armd.daemon.measure.ending import EndOptions, Then, commands
 from armd.daemon.measure.ending import run as run_command
 from armd.daemon.measure.in_use import in_use_of
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.plan.kinds import TESTS, plan_of
+from armd.daemon.measure.plan.kinds import plan_of
 from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, Wishes
+from armd.daemon.measure.plan.verify_stations import TESTS
 from armd.daemon.measure.terminal import Terminal
 from armd.errors import BadInput
 from armd.files.inputs import check_input

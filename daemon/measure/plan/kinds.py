@@ -1,8 +1,7 @@
-"""The plan of each kind of guided measurement (docs/how-to/measure.md)."""
+"""The plan of each kind of guided measurement (docs/measure.md)."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 
 from armd.compensation.data.points_only import refuse_surfaces
@@ -21,12 +20,23 @@ from armd.daemon.measure.plan.stations import (
     rounds,
     seats_artefact,
 )
+from armd.daemon.measure.plan.surface_stations import (
+    CALIBRATION_TOUCHES,
+    SURFACE_PLACEMENTS,
+    surface_stations,
+    verified_surfaces,
+)
+from armd.daemon.measure.plan.verify_stations import (
+    SEAT_HOW,
+    SEAT_READINGS,
+    SPAT,
+    SPHERE_POINTS,
+    TESTS,
+)
 from armd.errors import BadInput
 from armd.terminal.counted import counted
 
 COMMAND_LINE = "the command line"
-#: Readings of a seat, each in another posture: as ASME B89.4.22 wants of a single point.
-SEAT_READINGS = 10
 #: Rounds over an artefact in each of its placements, or as many more as a certificate wants.
 ARTEFACT_ROUNDS = 3
 TIP_SEAT_READINGS, TIP_SPHERE_READINGS = 12, 25
@@ -35,18 +45,7 @@ TIP_NEAR_MM = 100.0
 #: Visits of one place: an hour at one each two minutes, and enough to tell drifts from scatter.
 REPEATABILITY_VISITS = 30
 INTERIM_SEATS, INTERIM_SEAT_READINGS, INTERIM_ROUNDS = ("S1", "S2"), 10, 2
-SPAT = ("SPAT1", "SPAT2", "SPAT3")
-SPAT_WHERE = ("near the column", "in the middle of the reach", "far out")
-LENGTHS = tuple(f"L{i}" for i in range(6))
 
-#: Points on a sphere by the test that they are of, as docs/how-to/verify.md counts them.
-SPHERE_POINTS: dict[str, list[str]] = {
-    "probing": [f"SPHERE{where}.{i:02d}" for where in (1, 2) for i in range(1, 26)],
-    "l_dia": [f"LDIA.{k}.{i}" for k in range(1, 6) for i in range(1, 6)],
-    "effective_diameter": [f"EFFDIA.{k}.{i}" for k in range(1, 4) for i in range(1, 10)],
-}
-
-SEAT_HOW = "the tip in the seat, the arm in another posture than before"
 VISIT_HOW = "away and back to the same place, in the same posture as the first time"
 BALL_HOW = "the tip's centre at the ball, the wrist turned otherwise than last time"
 SPHERE_HOW = "touch the sphere, all over its upper half"
@@ -58,7 +57,7 @@ def plan_of(kind: PlanKind, arm: Arm, artefact: Artefact | None, wishes: Wishes)
     Raises `BadInput` for wishes that cannot be met.
     """
     _refuse_what_is_not_asked(kind, artefact, wishes)
-    if artefact is not None:
+    if artefact is not None and kind in ("poses", "interim"):  # they go to points with a name
         refuse_surfaces(artefact, "the artefact", "`armd measure`")
     artefact, stations = _MAKERS[kind](arm, artefact, wishes)
     known = artefact.target_names
@@ -110,13 +109,23 @@ def _seats(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
 
 def _artefact(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     assert artefact is not None  # asked for
-    placements = wishes.placements or [f"P{i + 1}" for i in range(LEAST_PLACEMENTS)]
-    targets = wishes.targets or artefact.target_names
+    wanted = wishes.targets or artefact.target_names
+    targets = [name for name in wanted if name not in artefact.surface_kinds]
+    count = LEAST_PLACEMENTS if targets else SURFACE_PLACEMENTS
+    placements = wishes.placements or [f"P{i + 1}" for i in range(count)]
     positions = {target.name: target.position_mm for target in artefact.targets}
     seats = sum(positions.get(name) is None for name in targets)
     needed = certificate_readings(arm.n_joints, len(placements), seats)
-    enough = max(ARTEFACT_ROUNDS, -(-needed // (len(placements) * len(targets))))
-    return artefact, rounds(placements, targets, wishes.repeats or enough, BALL_HOW)
+    enough = max(ARTEFACT_ROUNDS, -(-needed // max(len(placements) * len(targets), 1)))
+    touches = wishes.repeats or CALIBRATION_TOUCHES
+    return artefact, [
+        station
+        for placement in placements
+        for station in (
+            *rounds([placement], targets, wishes.repeats or enough, BALL_HOW),
+            *surface_stations(artefact, placement, wanted, touches),
+        )
+    ]
 
 
 def _verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
@@ -133,6 +142,8 @@ def _verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
             shown = ", ".join(artefact.target_names[:8])
             raise BadInput("the artefact", "target", shown, expected)
         made += found
+    if not wishes.tests:
+        made += verified_surfaces(artefact)
     if not made:
         expected = "targets whose names say which test they are of (docs/how-to/verify.md)"
         raise BadInput("the artefact", "target", ", ".join(artefact.target_names[:8]), expected)
@@ -153,81 +164,6 @@ def _with_points(artefact: Artefact, tests: Sequence[str]) -> Artefact:
     if "spat" in tests:
         names += SPAT
     return artefact.with_documented(names)
-
-
-def _starting(names: Sequence[str], prefix: str) -> list[str]:
-    return [name for name in names if name.startswith(prefix)]
-
-
-def _spheres(names: Sequence[str]) -> list[Station]:
-    return [
-        Station(placement=where, target=name, how=_on_sphere(name))
-        for where in ("SPHERE1", "SPHERE2")
-        for name in _starting(names, f"{where}.")
-    ]
-
-
-def _orientations(names: Sequence[str]) -> list[Station]:
-    return [
-        Station(placement="LDIA", target=name, how=f"{_on_sphere(name)}; arm in posture {k}")
-        for k in range(1, 6)
-        for name in _starting(names, f"LDIA.{k}.")
-    ]
-
-
-def _effective(names: Sequence[str]) -> list[Station]:
-    return [
-        Station(placement="EFFDIA", target=name, how=_on_sphere(name))
-        for name in _starting(names, "EFFDIA.")
-    ]
-
-
-def _single_points(names: Sequence[str]) -> list[Station]:
-    if not set(SPAT) <= set(names):
-        return []
-    return [
-        Station(placement="SPAT", target=seat, how=f"a seat {where}: {SEAT_HOW}")
-        for seat, where in zip(SPAT, SPAT_WHERE, strict=True)
-        for _ in range(SEAT_READINGS)
-    ]
-
-
-def _lengths(names: Sequence[str]) -> list[Station]:
-    if not set(LENGTHS) <= set(names):
-        return []
-    placements = [f"E_UNI{i}" for i in range(1, 8)]
-    return rounds(placements, LENGTHS, 3, "the length bar, from one end to the other")
-
-
-def _volumetric(names: Sequence[str]) -> list[Station]:
-    if not {"BARS.a", "BARS.b", "BARL.a", "BARL.b"} <= set(names):
-        return []
-    return [
-        Station(
-            placement=f"VOL{i}", target=f"{bar}.{end}", how="one end of the bar, then the other"
-        )
-        for i in range(1, 21)
-        for bar in ["BARS" if i % 2 else "BARL"]
-        for end in "ab"
-    ]
-
-
-#: What `--tests` names, in the order of measuring.
-TESTS: dict[str, Callable[[Sequence[str]], list[Station]]] = {
-    "probing": _spheres,
-    "l_dia": _orientations,
-    "effective_diameter": _effective,
-    "spat": _single_points,
-    "e_uni": _lengths,
-    "volumetric": _volumetric,
-}
-
-
-def _on_sphere(name: str) -> str:
-    """Points are numbered from the pole down, ring by ring."""
-    number = int(re.sub(r"\D", "", name.rpartition(".")[2]) or "0")
-    where = "at the pole" if number == 1 else "farther down, all around"
-    return f"touch the sphere {where} (docs/how-to/verify.md has the pattern)"
 
 
 def _poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:

@@ -21,6 +21,7 @@ from armd.compensation.model.arm import Arm
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.plan.stations import Plan
 from armd.daemon.measure.so_far.progress import Progress, Reading
+from armd.daemon.measure.so_far.surface_scatter import surface_residuals
 from armd.errors import BadInput
 
 
@@ -105,8 +106,8 @@ def _scatter(plan: Plan, progress: Progress) -> dict[str, Any]:
 
 
 def _residuals(artefact: Artefact, readings: Sequence[Reading]) -> list[tuple[F64, int]]:
-    """Of one placement: residuals (n, 3) mm and how many unknowns they took, in parts that share
-    none: the certified targets, and each seat."""
+    """Of one placement: residuals mm, (n, 3) or on a surface (n,), and how many unknowns they
+    took, in parts that share none: the certified targets, each seat and each surface."""
     certified = {
         target.name: target.position_mm for target in artefact.targets if target.position_mm
     }
@@ -118,9 +119,13 @@ def _residuals(artefact: Artefact, readings: Sequence[Reading]) -> list[tuple[F6
         group, weight = np.zeros(len(placed), np.int64), np.ones(len(placed))
         rotation, translation = kabsch(local, base, weight, group, 1)
         parts.append((base - local @ rotation[0].T - translation[0], 6))
+    kinds = artefact.surface_kinds
     for name in {reading.target for reading in readings} - set(certified):
         points = _points([reading for reading in readings if reading.target == name])
-        if len(points) > 1:
+        if name in kinds:
+            if (part := surface_residuals(kinds[name], points)) is not None:
+                parts.append(part)
+        elif len(points) > 1:
             parts.append((points - points.mean(axis=0), 3))
     return parts
 

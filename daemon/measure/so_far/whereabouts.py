@@ -18,15 +18,21 @@ ON_LINE_MM = 2.0
 
 
 class Whereabouts:
-    """Of one placement; *measured* maps a target's name to the points (k, 3) mm taken there."""
+    """Of one placement; *measured* maps a target's name to the points (k, 3) mm taken there.
+
+    A surface is touched anywhere: nothing is said of where.
+    """
 
     def __init__(self, artefact: Artefact, measured: Mapping[str, F64]) -> None:
-        self._seen = {name: points.mean(axis=0) for name, points in measured.items()}
+        kinds = artefact.surface_kinds
+        self._seen = {
+            name: points.mean(axis=0) for name, points in measured.items() if name not in kinds
+        }
         positions = artefact.positions_mm()
         self._certified = {
             name: position
             for name, position in zip(artefact.target_names, positions, strict=True)
-            if np.isfinite(position).all()
+            if np.isfinite(position).all() and name not in kinds
         }
         self._lengths = {
             frozenset(distance.between): distance.length_mm for distance in artefact.distances

@@ -1,0 +1,44 @@
+"""The noise of orientations beside that of points, by what a fit leaves of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.linear import Linear
+from armd.compensation.diagnose.problem.whitening import TURN_RATIOS, RestNoise
+from armd.compensation.estimate.linear.blocks import Blocks
+
+#: A ratio that changes by less (in its logarithm) has settled.
+SETTLED = 0.05
+
+
+def fitted_share(columns: Blocks, covariance: F64, noise: RestNoise) -> float:
+    """Of the orientations' squares, how many a fit by *columns* takes, by the covariance (b, b) of
+    its solution."""
+    turned, total = noise.turned, 0.0
+    if turned is None:
+        return total
+    for piece in columns.pieces:
+        own = turned[piece.rests]
+        white = noise.whitener[piece.rests[own]] @ piece.values[own]
+        known = covariance[np.ix_(piece.columns, piece.columns)]
+        total += float(((white @ known) * white).sum())
+    return total
+
+
+def turn_ratio(noise: RestNoise, linear: Linear, left: F64, fitted: float) -> float:
+    """The ratio by what is *left* (N,), *fitted* of the squares being taken by the fit.
+
+    What exceeds the part of the encoders is the orientations' own.
+    """
+    turned = noise.turned
+    if turned is None:
+        return noise.turn_ratio
+    white = noise.whitener[turned] @ left[: 3 * len(turned)].reshape(-1, 3, 1)[turned]
+    freedom = max(3.0 * float(noise.counts[turned].sum()) - fitted, 1.0)
+    larger = float((white**2).sum()) / freedom
+    encoders = noise.encoder_rad / noise.scale_mm
+    of_encoders = encoders**2 * float((linear.joints[turned] ** 2).sum(axis=(1, 2)).mean()) / 3.0
+    own = larger * (noise.turn_ratio**2 + of_encoders) - of_encoders
+    return float(np.clip(np.sqrt(max(own, 0.0)), *TURN_RATIOS))

@@ -1,0 +1,95 @@
+"""What points on spheres and planes say of an arm: size, form, and how far two faces are apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.verify.spheres import fit_sphere
+from armd.compensation.verify.touched import fit_parallel_planes
+
+Groups = dict[tuple[str, str], F64]  # (placement, target) → (n, 3) mm
+
+#: A sphere has four unknowns, a plane three: of fewer points too little is left for its form.
+SPHERE_POINTS, PLANE_POINTS = 6, 5
+
+
+@dataclass(frozen=True)
+class PointFigure:
+    """A figure of one check. A spread is a standard deviation of *freedom* degrees of freedom."""
+
+    name: str
+    value_mm: float
+    own_mm: float = math.nan  # its standard uncertainty from the scatter inside the check
+    freedom: int = 0  # of a spread alone
+    longest_mm: float = 0.0  # of a certified length: how long it is
+
+    @property
+    def is_spread(self) -> bool:
+        return self.freedom > 0
+
+
+def surface_figures(
+    artefact: Artefact, groups: Groups, tip_radius_mm: float
+) -> Iterator[PointFigure]:
+    """Figures of the artefact's surfaces by the points of each placement; of a cylinder none."""
+    for surface in artefact.surfaces:
+        for (placement, target), at in groups.items():
+            if target != surface.name:
+                continue
+            name = _named(target, placement)
+            if surface.kind == "sphere":
+                yield from sphere_figures(name, at, 2 * (surface.radius_mm or 0.0), tip_radius_mm)
+            elif surface.kind == "plane" and len(at) >= PLANE_POINTS:
+                planes = fit_parallel_planes([at])
+                if planes is not None:
+                    yield PointFigure(f"form {name}", planes.form_mm, freedom=planes.freedom)
+    yield from _blocks(artefact, groups, tip_radius_mm)
+
+
+def sphere_figures(
+    name: str, on: F64, diameter_mm: float, tip_radius_mm: float
+) -> Iterator[PointFigure]:
+    """Size and form of a sphere by the tip's centre (n, 3) *on* it; none of too few points."""
+    if len(on) < SPHERE_POINTS:
+        return
+    try:
+        centre, radius = fit_sphere(on)
+    except ArithmeticError:
+        return
+    way = on - centre
+    distance = np.linalg.norm(way, axis=1)
+    freedom = len(on) - 4
+    form = math.sqrt(float(((distance - radius) ** 2).sum()) / freedom)
+    jacobian = np.column_stack([way / distance[:, None], np.ones(len(on))])
+    own = form * math.sqrt(float(np.linalg.inv(jacobian.T @ jacobian)[3, 3]))
+    yield PointFigure(f"size {name}", 2 * (radius - tip_radius_mm) - diameter_mm, 2 * own)
+    yield PointFigure(f"form {name}", form, freedom=freedom)
+
+
+def _blocks(artefact: Artefact, groups: Groups, tip_radius_mm: float) -> Iterator[PointFigure]:
+    """Error of each certified length between two planes, touched from outside."""
+    kinds = artefact.surface_kinds
+    for distance in artefact.distances:
+        one, other = distance.between
+        if kinds.get(one) != "plane" or kinds.get(other) != "plane":
+            continue
+        for placement in [place for place, name in groups if name == one]:
+            if (placement, other) not in groups:
+                continue
+            planes = fit_parallel_planes([groups[placement, name] for name in distance.between])
+            if planes is None:
+                continue
+            error = planes.apart_mm - 2 * tip_radius_mm - distance.length_mm
+            name = _named(f"{one} to {other}", placement)
+            own = planes.apart_uncertainty_mm
+            yield PointFigure(f"length {name}", error, own, longest_mm=distance.length_mm)
+
+
+def _named(name: str, placement: str) -> str:
+    return name if placement == "1" else f"{name} in {placement}"

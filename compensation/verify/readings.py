@@ -1,0 +1,194 @@
+"""The readings of a verification: corrected points by target and placement, surfaces among them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_format import Distance, Surface
+from armd.compensation.identify.admission.far_off import without_temperature
+from armd.compensation.model.arm import Arm
+from armd.compensation.verify import single
+from armd.compensation.verify.limits import TestUncertainty
+from armd.compensation.verify.results import Deviation
+from armd.compensation.verify.spheres import fit_sphere
+from armd.compensation.verify.touched import SPHERE_POINTS, fit_parallel_planes
+
+SPHERE = ("SPHERE.a", "SPHERE.b")
+
+
+class NotSupported(Exception):
+    """The session does not hold what a figure needs."""
+
+
+@dataclass(frozen=True)
+class TouchedSphere:
+    """A sphere of the artefact's surfaces in one placement: where the tip's centre stood on it."""
+
+    where: str
+    placement: str
+    surface: Surface
+    points_mm: F64  # (n, 3)
+
+
+class VerifiedReadings:
+    """A session's corrected points, by target and placement."""
+
+    def __init__(
+        self, session: Session, arm: Arm, position: F64, test: TestUncertainty, whole: bool
+    ) -> None:
+        self.whole = whole
+        self.tip_radius_mm = arm.tip.radius_mm
+        self.told: list[str] = []  # how readings count that a test does not ask for
+        self.test = test
+        self._session = session
+        self._position = position
+        self._names = session.artefact.target_names
+        self._usable = np.isfinite(position[:, 0])
+
+    def points(self, target: str, placement: str | None = None) -> F64:
+        """Usable points (n, 3) at a target in the order of measuring."""
+        return self._position[self._rows(target, placement)]
+
+    def one_each(self, prefix: str, count: int) -> F64:
+        """Points (count, 3), one at each target whose name starts so."""
+        names = [name for name in self._names if name.startswith(prefix)]
+        points = [self.points(name) for name in names]
+        found = sum(len(at) > 0 for at in points)
+        if found < count:
+            raise NotSupported(f"{found} of {count} points on {prefix}*")
+        self.told += [
+            f"{name}: {len(at)} readings, their mean counts"
+            for name, at in zip(names, points, strict=True)
+            if len(at) > 1
+        ]
+        return np.vstack([at.mean(axis=0) for at in points if len(at)])
+
+    def repeats(self, target: str, placement: str, count: int) -> F64:
+        """The first *count* points, or fewer, at a target in a placement."""
+        points = self.points(target, placement)
+        if len(points) > count:
+            self.told.append(
+                f"{target} in {placement}: {len(points)} readings, the first {count} count"
+            )
+        return points[:count]
+
+    def without_position(self) -> list[str]:
+        """Which readings do not count, because the model lacks something that they do not have."""
+        return without_temperature(self._session, self._usable)
+
+    def far_off(self) -> list[str]:
+        """Single readings far from where the others place them, in words."""
+        session, position = self._session, self._position
+        found = [
+            single.repeats(session, position),
+            single.ends(session, position, lambda one, where: self.length(one, where)[0]),
+        ]
+        radii_mm = {
+            surface.name: surface.radius_mm + self.tip_radius_mm
+            for surface in session.artefact.surfaces
+            if surface.kind == "sphere" and surface.radius_mm is not None
+        }
+        found.append(single.on_surfaces(session, position, radii_mm))
+        with suppress(NotSupported):
+            radius_mm = self.length(self.certified(SPHERE))[0] / 2 + self.tip_radius_mm
+            found.append(single.on_spheres(session, position, radius_mm))
+        return [line for one in found for line in one.in_words(session)]
+
+    def placements(self, target: str) -> list[str]:
+        """Names of the placements in which a target was measured, in order of appearance."""
+        if target not in self._names:
+            return []
+        seen = self._session.placement[self._rows(target, None)]
+        return [self._session.placement_names[i] for i in dict.fromkeys(seen.tolist())]
+
+    def certified(self, between: tuple[str, str]) -> Distance:
+        for distance in self._session.artefact.distances:
+            if set(distance.between) == set(between):
+                return distance
+        raise NotSupported(f"no certified length between {between[0]} and {between[1]}")
+
+    def length(self, distance: Distance, placement: str | None = None) -> tuple[float, float]:
+        """A certified length at the temperature of its placement, and its standard uncertainty."""
+        names = () if placement is None else distance.between
+        return self._warm(distance.length_mm, distance.standard_uncertainty_mm, names, placement)
+
+    def _warm(
+        self, length_mm: float, uncertainty_mm: float, names: tuple[str, ...], placement: str | None
+    ) -> tuple[float, float]:
+        """The same of any length, by the readings at *names*; all of them without names."""
+        artefact = self._session.artefact
+        rows = np.concatenate(
+            [self._rows(name, placement) for name in names] or [np.flatnonzero(self._usable)]
+        )
+        over_k = float(self._session.artefact_rise_k[rows].mean()) if len(rows) else 0.0
+        length = length_mm * (1 + artefact.expansion_per_k * over_k)
+        thermal = artefact.expansion_per_k * length_mm * self.test.artefact_temperature_c
+        return length, math.hypot(uncertainty_mm, thermal)
+
+    def spheres(self) -> list[TouchedSphere]:
+        """Each sphere of the artefact's surfaces in each placement; none without such a surface.
+
+        Raises `NotSupported` where one has too few points, or, for a whole test, one position.
+        """
+        found = []
+        for surface in self._session.artefact.surfaces:
+            for placement in self.placements(surface.name) if surface.kind == "sphere" else ():
+                points = self.points(surface.name, placement)
+                where = f"{placement} {surface.name}"
+                if len(points) < SPHERE_POINTS:
+                    raise NotSupported(f"{len(points)} of {SPHERE_POINTS} points on {where}")
+                if len(points) > SPHERE_POINTS:
+                    told = f"{where}: all {len(points)} points count, of {SPHERE_POINTS} wanted"
+                    self.told.append(told)
+                found.append(TouchedSphere(where, placement, surface, points))
+        if len(found) == 1:
+            if self.whole:
+                raise NotSupported("1 of 2 positions of a sphere")
+            self.told.append(f"{found[0].where}: one position; ISO 10360-12 wants two")
+        return found
+
+    def size_of(self, touched: TouchedSphere) -> Deviation:
+        """The error of a sphere's diameter; raises `NotSupported` without a certified radius."""
+        surface = touched.surface
+        if surface.radius_mm is None:
+            raise NotSupported(f"no certified radius_mm of {surface.name}")
+        size, uncertainty = self._warm(
+            2 * surface.radius_mm, 2 * surface.standard_uncertainty_mm, (surface.name,),
+            touched.placement,
+        )  # fmt: skip
+        measured = 2 * (fit_sphere(touched.points_mm)[1] - self.tip_radius_mm)
+        return Deviation(touched.where, measured - size, uncertainty, placement=touched.placement)
+
+    def block_errors(self) -> Iterator[Deviation]:
+        """Error of each certified length between two planes, in each placement that has both;
+        raises `NotSupported` where the places do not tell a plane."""
+        kinds = self._session.artefact.surface_kinds
+        for distance in self._session.artefact.distances:
+            one, other = distance.between
+            if kinds.get(one) != "plane" or kinds.get(other) != "plane":
+                continue
+            for placement in self.placements(one):
+                faces = [self.points(name, placement) for name in distance.between]
+                where = f"{placement} {one}, {other}"
+                planes = fit_parallel_planes(faces)
+                if planes is None:
+                    raise NotSupported(f"{where}: touched at too few places, or too near together")
+                length, uncertainty = self.length(distance, placement)
+                error = planes.apart_mm - 2 * self.tip_radius_mm - length
+                yield Deviation(where, error, uncertainty, length, placement)
+
+    def _rows(self, target: str, placement: str | None) -> I64:
+        if target not in self._names:
+            return np.zeros(0, np.int64)
+        session = self._session
+        chosen = self._usable & (session.target == self._names.index(target))
+        if placement is not None:
+            chosen &= session.placement == session.placement_names.index(placement)
+        return np.flatnonzero(chosen)

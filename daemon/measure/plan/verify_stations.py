@@ -1,0 +1,97 @@
+"""Stations of the tests that `armd verify` counts, by the names of targets (docs/verify.md)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+
+from armd.daemon.measure.plan.stations import Station, rounds
+
+#: Readings of a seat, each in another posture: as ASME B89.4.22 wants of a single point.
+SEAT_READINGS = 10
+SPAT = ("SPAT1", "SPAT2", "SPAT3")
+SPAT_WHERE = ("near the column", "in the middle of the reach", "far out")
+LENGTHS = tuple(f"L{i}" for i in range(6))
+SEAT_HOW = "the tip in the seat, the arm in another posture than before"
+
+#: Points on a sphere by the test that they are of, as docs/verify.md counts them.
+SPHERE_POINTS: dict[str, list[str]] = {
+    "probing": [f"SPHERE{where}.{i:02d}" for where in (1, 2) for i in range(1, 26)],
+    "l_dia": [f"LDIA.{k}.{i}" for k in range(1, 6) for i in range(1, 6)],
+    "effective_diameter": [f"EFFDIA.{k}.{i}" for k in range(1, 4) for i in range(1, 10)],
+}
+
+
+def _starting(names: Sequence[str], prefix: str) -> list[str]:
+    return [name for name in names if name.startswith(prefix)]
+
+
+def _spheres(names: Sequence[str]) -> list[Station]:
+    return [
+        Station(placement=where, target=name, how=_on_sphere(name))
+        for where in ("SPHERE1", "SPHERE2")
+        for name in _starting(names, f"{where}.")
+    ]
+
+
+def _orientations(names: Sequence[str]) -> list[Station]:
+    return [
+        Station(placement="LDIA", target=name, how=f"{_on_sphere(name)}; arm in posture {k}")
+        for k in range(1, 6)
+        for name in _starting(names, f"LDIA.{k}.")
+    ]
+
+
+def _effective(names: Sequence[str]) -> list[Station]:
+    return [
+        Station(placement="EFFDIA", target=name, how=_on_sphere(name))
+        for name in _starting(names, "EFFDIA.")
+    ]
+
+
+def _single_points(names: Sequence[str]) -> list[Station]:
+    if not set(SPAT) <= set(names):
+        return []
+    return [
+        Station(placement="SPAT", target=seat, how=f"a seat {where}: {SEAT_HOW}")
+        for seat, where in zip(SPAT, SPAT_WHERE, strict=True)
+        for _ in range(SEAT_READINGS)
+    ]
+
+
+def _lengths(names: Sequence[str]) -> list[Station]:
+    if not set(LENGTHS) <= set(names):
+        return []
+    placements = [f"E_UNI{i}" for i in range(1, 8)]
+    return rounds(placements, LENGTHS, 3, "the length bar, from one end to the other")
+
+
+def _volumetric(names: Sequence[str]) -> list[Station]:
+    if not {"BARS.a", "BARS.b", "BARL.a", "BARL.b"} <= set(names):
+        return []
+    return [
+        Station(
+            placement=f"VOL{i}", target=f"{bar}.{end}", how="one end of the bar, then the other"
+        )
+        for i in range(1, 21)
+        for bar in ["BARS" if i % 2 else "BARL"]
+        for end in "ab"
+    ]
+
+
+#: What `--tests` names, in the order of measuring.
+TESTS: dict[str, Callable[[Sequence[str]], list[Station]]] = {
+    "probing": _spheres,
+    "l_dia": _orientations,
+    "effective_diameter": _effective,
+    "spat": _single_points,
+    "e_uni": _lengths,
+    "volumetric": _volumetric,
+}
+
+
+def _on_sphere(name: str) -> str:
+    """Points are numbered from the pole down, ring by ring."""
+    number = int(re.sub(r"\D", "", name.rpartition(".")[2]) or "0")
+    where = "at the pole" if number == 1 else "farther down, all around"
+    return f"touch the sphere {where} (docs/verify.md has the pattern)"

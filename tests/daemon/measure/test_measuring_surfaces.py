@@ -1,0 +1,106 @@
+"""Guided measuring of surfaces: touched anywhere, written as a session, scatter told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armd import Flag
+from armd.arrays import F64
+from armd.compensation.data.session import load_session
+from armd.compensation.data.session_format import Artefact
+from armd.daemon.measure.in_use import MeasuredWith
+from armd.daemon.measure.measuring import Measuring
+from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.stations import Wishes
+from armd.errors import BadInput
+from armd.files.schema import validate
+from support.small_arm import small_arm
+
+ARM = small_arm()
+IN_USE = MeasuredWith(ARM, None, None, None)
+CORNER = validate(
+    "corner",
+    {
+        "name": "corner",
+        "surface": [
+            {"name": "ball", "kind": "sphere", "radius_mm": 12.7},
+            {"name": "foot", "kind": "plane"},
+            {"name": "head", "kind": "plane"},
+        ],
+        "distance": [{"between": ["foot", "head"], "length_mm": 25.0}],
+    },
+    Artefact,
+)
+SEATED = validate(
+    "seated",
+    {"name": "seated", "target": [{"name": "S"}], "surface": [{"name": "plate", "kind": "plane"}]},
+    Artefact,
+)
+
+
+def press(number: int, point_mm: F64) -> dict[str, Any]:
+    """A measurement as the daemon publishes it."""
+    return {
+        "trigger": "button", "seq": 1000 * number,
+        "stamp_ns": 1_800_000_000_250_000_000 + number * 10**9,
+        "count": 251, "flags": int(Flag.AT_REST), "position_mm": point_mm.tolist(),
+        "standard_deviation_mm": [0.001, 0.002, 0.002], "orientation": [0.0, 0.0, 0.0, 1.0],
+        "angles_rad": [0.1 + 0.01 * number, 0.2, 0.3], "rates_rad_s": [0.0, 0.0, 0.0],
+        "approach": [0.0, 0.0, -1.0], "temperatures_c": {"a": 21.5, "b": 21.6, "c": None},
+        "calibration": None, "tip": None,
+    }  # fmt: skip
+
+
+def test_surfaces_are_touched_anywhere_and_their_scatter_is_told(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    plan = plan_of("artefact", ARM, CORNER, Wishes(placements=["P1"], repeats=12))
+    assert len(plan.stations) == 36
+    heights = {"foot": 100.0, "head": 131.0}
+    with Measuring(tmp_path / "corner", plan, IN_USE) as measuring:
+        for number in range(1, 37):
+            following = measuring.state()["next"]
+            assert following["position_mm"] is None  # anywhere
+            if (name := following["target"]) == "ball":
+                way = rng.normal(size=3)
+                point = np.array([400.0, 0.0, 200.0]) + 15.7 * way / np.linalg.norm(way)
+            else:
+                point = np.array([*rng.uniform(0.0, 40.0, 2), heights[name]])
+            point += 0.01 * rng.normal(size=3)
+            assert measuring.offer(press(number, point))["event"] == "reading"
+        assert measuring.complete
+        told = measuring.state()["estimate"]
+    # Three components as large as the one across, 0.01 mm; unknowns of a sphere and two planes.
+    assert told["freedom"] == 36 - 4 - 3 - 3
+    assert told["rms_um"] == pytest.approx(1e1 * np.sqrt(3.0), rel=0.3)
+    session = load_session(tmp_path / "corner", ARM)
+    assert session.artefact.surfaces == CORNER.surfaces
+    assert session.artefact.distances == CORNER.distances
+    assert [session.artefact.target_names[k] for k in session.target[:3]] == [
+        "ball", "foot", "head",
+    ]  # fmt: skip
+
+
+def test_plans_for_calibration_and_verification() -> None:
+    plan = plan_of("artefact", ARM, CORNER, Wishes())
+    assert len(plan.stations) == 6 * 3 * 40  # six placements, each surface 40 times
+    assert len({station.placement for station in plan.stations}) == 6
+    assert all("anywhere" in station.how for station in plan.stations)
+    mixed = plan_of("artefact", ARM, SEATED, Wishes(repeats=2))
+    assert [s.target for s in mixed.stations[:4]] == ["S", "S", "plate", "plate"]
+    verify = plan_of("verify", ARM, CORNER, Wishes())
+    counted = [(s.placement, s.target) for s in verify.stations]
+    assert counted.count(("SPHERE1", "ball")) == counted.count(("SPHERE2", "ball")) == 25
+    assert counted.count(("BLOCK1", "foot")) == counted.count(("BLOCK1", "head")) == 8
+    assert len(counted) == 66
+
+
+@pytest.mark.parametrize("kind", ["poses", "interim"])
+def test_what_goes_to_named_points_refuses_surfaces(kind: Any, tmp_path: Path) -> None:
+    poses = tmp_path / "poses.csv"
+    wishes = Wishes(poses=poses) if kind == "poses" else Wishes()
+    with pytest.raises(BadInput, match=r"'ball', a sphere, expected points: `armd measure`"):
+        plan_of(kind, ARM, CORNER, wishes)
