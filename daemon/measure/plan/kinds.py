@@ -1,4 +1,4 @@
-"""The plan of each kind of guided measurement (docs/measure.md)."""
+"""The plan of each kind of guided measurement (docs/how-to/measure.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stations of the tests that `armd verify` counts, by the names of targets (docs/verify.md)."""
+"""Stations of the tests that `armd verify` counts, by the names of targets (docs/how-to/verify.md)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SPAT_WHERE = ("near the column", "in the middle of the reach", "far out")
 LENGTHS = tuple(f"L{i}" for i in range(6))
 SEAT_HOW = "the tip in the seat, the arm in another posture than before"
 
-#: Points on a sphere by the test that they are of, as docs/verify.md counts them.
+#: Points on a sphere by the test that they are of, as docs/how-to/verify.md counts them.
 SPHERE_POINTS: dict[str, list[str]] = {
     "probing": [f"SPHERE{where}.{i:02d}" for where in (1, 2) for i in range(1, 26)],
     "l_dia": [f"LDIA.{k}.{i}" for k in range(1, 6) for i in range(1, 6)],
@@ -94,4 +94,4 @@ def _on_sphere(name: str) -> str:
     """Points are numbered from the pole down, ring by ring."""
     number = int(re.sub(r"\D", "", name.rpartition(".")[2]) or "0")
     where = "at the pole" if number == 1 else "farther down, all around"
-    return f"touch the sphere {where} (docs/verify.md has the pattern)"
+    return f"touch the sphere {where} (docs/how-to/verify.md has the pattern)"
