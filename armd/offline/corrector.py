@@ -18,7 +18,6 @@ from armd.compensation.data.header import check_header
 from armd.compensation.data.in_order import in_order
 from armd.compensation.data.offline import Corrector as FileCorrector
 from armd.compensation.data.offline import Taken
-from armd.compensation.data.pieces import PIECE_ROWS
 from armd.compensation.data.point_columns import COLUMNS, make_point_columns
 from armd.compensation.data.readings import Readings, cast_columns
 from armd.compensation.data.recorded import RECORDED_TYPES, STAMP, drop_published, is_recorded
@@ -34,6 +33,9 @@ from armd.offline.arrow_input import arrow_table
 from armd.offline.calibration import Calibration, resolve_calibration
 from armd.offline.display import Displayed, Facts
 
+#: Rows worked off at once: few enough for a processor's cache, many enough that the calls of a
+#: piece do not count. A table is in memory anyway; of a file, smaller pieces are read.
+PIECE_ROWS = 1 << 15
 #: What messages call the table.
 TABLE = "table"
 #: Beyond so many time constants nothing of an earlier temperature shows in a double: e^-40.

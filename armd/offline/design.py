@@ -25,6 +25,7 @@ from armd.offline.first_design import FirstDesignResult, design_without_sessions
 from armd.offline.session import Sessions, load_sessions, resolve_sessions
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -71,12 +72,15 @@ class DesignResult(Reported):
             "poses": self.rows,
         }
 
-    def plot(self) -> Figure:
-        """Draw the arm in each pose; return the matplotlib figure."""
+    def plot(self, *, ax: Axes | None = None) -> Figure:
+        """Draw the arm in each pose, from above and from the side; return the matplotlib figure.
+
+        *ax*: axes to draw on, from the side; in space where they have three dimensions.
+        """
         from armd.compensation.report.design import poses_picture
 
         experiment = self.experiment
-        return poses_picture(experiment.states.q, experiment.tip_mm, experiment.parameters)
+        return poses_picture(experiment.states.q, experiment.tip_mm, experiment.parameters, ax)
 
     def page(self) -> str:
         """Return the report. Not public."""

@@ -19,6 +19,7 @@ from armd.offline.session import artefact_content
 from armd.terminal.counted import counted
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -89,12 +90,15 @@ class FirstDesignResult(Reported):
             "poses": self.rows,
         }
 
-    def plot(self) -> Figure:
-        """Draw the arm in each pose; return the matplotlib figure."""
+    def plot(self, *, ax: Axes | None = None) -> Figure:
+        """Draw the arm in each pose, from above and from the side; return the matplotlib figure.
+
+        *ax*: axes to draw on, from the side; in space where they have three dimensions.
+        """
         from armd.compensation.report.design import poses_picture
 
         experiment = self.experiment
-        return poses_picture(experiment.q, experiment.tip_mm, experiment.parameters)
+        return poses_picture(experiment.q, experiment.tip_mm, experiment.parameters, ax)
 
     def page(self) -> str:
         """Return the report. Not public."""

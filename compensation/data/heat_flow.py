@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.within import is_within
 
 #: A link drifts to its surroundings with this time constant at the fastest: a carbon tube of 1.5 mm
 #: (1.9 kJ/m²K) in a draught (20 W/m²K) takes 95 s; 3 mm of aluminium take minutes.
@@ -57,7 +56,10 @@ class History:
 
     def reaches(self, celsius: float, time_s: float) -> bool:
         """Whether heat can have led from its end to there."""
-        return abs(celsius - self.last_c) <= float(reachable_k(np.array(time_s - self.last_s)))
+        apart_k = abs(celsius - self.last_c)
+        if apart_k <= LEAST_K:
+            return True
+        return apart_k <= float(reachable_k(np.array(time_s - self.last_s)))
 
 
 class SensorHeat:
@@ -75,15 +77,17 @@ class SensorHeat:
         The longest course that a link can have had is believed, the readings beside it are not.
         """
         bad = np.zeros(len(celsius), dtype=bool)
-        if len(celsius) and is_within(celsius, low := celsius.min(), low + NO_JUMP_K):
-            known, value, time = np.arange(len(celsius)), celsius, time_s
-            edges = np.array([0, len(celsius)])
-        else:
+        if not len(celsius):
+            return bad
+        known: I64 | slice = slice(None)
+        span_k = float(celsius.max() - celsius.min())
+        if not math.isfinite(span_k):
             known = np.flatnonzero(np.isfinite(celsius))
             if not len(known):
                 return bad
-            value, time = celsius[known], time_s[known]
-            edges = np.concatenate([[0], _jumps(value, time), [len(known)]])
+        value, time = celsius[known], time_s[known]
+        jumps = [] if span_k <= NO_JUMP_K else _jumps(value, time).tolist()
+        edges = [0, *jumps, len(value)]
         owners = [self._extend(value[a:b], time[a:b]) for a, b in itertools.pairwise(edges)]
         believed = max(self._histories, key=lambda h: (h.n, -abs(h.last_c - self._usual_c)))
         if len(owners) == 1 and owners[0] is believed:

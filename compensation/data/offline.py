@@ -10,6 +10,7 @@ import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from armd import Flag
-from armd.arrays import F64, Mask
+from armd.arrays import F64, I64, Mask
 from armd.compensation.data.readings import (
     Readings,
 )
@@ -29,6 +30,7 @@ from armd.compensation.data.recorded import (
     published_flags,
 )
 from armd.compensation.data.session_columns import (
+    APPROACH,
     LikeRadians,
     angles,
     approaches,
@@ -107,7 +109,7 @@ class Corrector:
         self._temperature_columns = TemperatureColumns(arm, "F")
         self._open_joints = np.flatnonzero(~are_decided(arm))
         self._lowest, self._highest = np.full((2, arm.n_joints), np.nan)
-        self._no_rates = np.empty((0, arm.n_joints))
+        self._sames: dict[str, npt.NDArray[Any]] = {}
         #: sentences: what was read and does not count as it stands
         self.remarks: list[str] = []
 
@@ -129,7 +131,11 @@ class Corrector:
             self.remarks += describe_turns(str(readings.path), turns)
         rate = self._rates(readings)
         recorded = is_recorded(readings.header)
-        time_s = instants_s(readings) if recorded else readings.optional("time_s")
+        if recorded:
+            time_s = instants_s(readings)
+        else:
+            timed = readings.has("time_s")
+            time_s = readings.number("time_s") if timed else self._same(readings.n, np.nan)
         measured_c, _, remarks = self._temperature_columns.take(readings, time_s, "")
         self.remarks += remarks
         for k in self._open_joints:
@@ -140,10 +146,10 @@ class Corrector:
             rate=rate,
             temperature_c=self._hold(measured_c),
             time_s=time_s if recorded else self._time_s(readings),
-            approach=approaches(readings, arm, q, rate, from_motion=self._needs_approach),
-            series=np.zeros(readings.n, np.int64),
+            approach=self._approaches(readings, q, rate),
+            series=self._same(readings.n, 0),
         )
-        slow = np.ascontiguousarray(self._model.slow_values(states, onwards=True))
+        slow = self._slow_values(states)
         stale: Mask = np.zeros(readings.n, bool)
         if states.temperature_c is not measured_c:  # some are missing
             stale = np.logical_or.reduce(np.isnan(measured_c[:, self._used]), axis=1)
@@ -196,17 +202,40 @@ class Corrector:
             (Flag.TEMPERATURE_STALE, taken.stale),
             (Flag.END_STOP, near_end),
         ):
-            np.bitwise_or(flags, np.uint32(flag), out=flags, where=rows)
+            if rows.any():
+                flags |= np.where(rows, np.uint32(flag), np.uint32(0))
         return figures, flags
 
+    def _slow_values(self, states: States) -> F64:
+        """Values (n, L+T) of the slow factors: of temperatures alone, once for rows that repeat
+        those of the row before."""
+        if self._needs_time:
+            return np.ascontiguousarray(self._model.slow_values(states, onwards=True))
+        first = _firsts(states.temperature_c)
+        values = np.ascontiguousarray(self._model.slow_values(states.rows(first), onwards=True))
+        return np.repeat(values, np.diff(first, append=states.n), axis=0)
+
+    def _approaches(self, readings: Readings, q: F64, rate: F64) -> F64:
+        if not self._needs_approach and not any(map(readings.has, APPROACH)):
+            return self._same(readings.n, np.nan, 3)
+        return approaches(readings, self._arm, q, rate, from_motion=self._needs_approach)
+
     def _rates(self, readings: Readings) -> F64:
-        """Joint rates (n, N); of tables without them always the same NaN, which nobody changes."""
-        n, n_joints = readings.n, self._arm.n_joints
+        """Joint rates (n, N), NaN in tables without them."""
+        n_joints = self._arm.n_joints
         if any(readings.has(f"w{k}") for k in range(1, n_joints + 1)):
             return rates(readings, n_joints)
-        if n > len(self._no_rates):
-            self._no_rates = np.full((n, n_joints), np.nan)
-        return self._no_rates[:n]
+        return self._same(readings.n, np.nan, n_joints)
+
+    def _same(self, n: int, value: float, *width: int) -> npt.NDArray[Any]:
+        """An array (n, …) of this value: the same one for piece after piece, which nobody changes.
+
+        A table without a column needs many of them, and to fill them anew takes long.
+        """
+        name = f"{value!r} {width}"
+        if name not in self._sames or n > len(self._sames[name]):
+            self._sames[name] = np.full((n, *width), value)
+        return self._sames[name][:n]
 
     def _hold(self, measured_c: F64) -> F64:
         """Temperatures (n, S), the last one held where one is missing; at first the reference."""
@@ -222,7 +251,7 @@ class Corrector:
 
     def _time_s(self, readings: Readings) -> F64:
         if not self._needs_time:
-            return np.zeros(readings.n)
+            return self._same(readings.n, 0.0)
         if self._needs_date and self._started_unix_s is None:
             found = "nothing"
             expected = "an instant: the calibration has terms that depend on the date"
@@ -237,3 +266,12 @@ def _beyond(values: F64, low: F64, high: F64, columns: Iterable[int]) -> Mask:
         if not is_within(values[:, k], low[k], high[k]):
             beyond |= (values[:, k] < low[k]) | (values[:, k] > high[k])
     return beyond
+
+
+def _firsts(values: F64) -> I64:
+    """The rows of *values* (n, K) that differ from the row before; the first one, too."""
+    differs = np.zeros(len(values), bool)
+    differs[:1] = True
+    for column in values.T:
+        differs[1:] |= column[1:] != column[:-1]
+    return np.flatnonzero(differs)

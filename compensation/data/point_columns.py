@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
@@ -15,7 +17,10 @@ DECIMALS = 9
 
 def make_point_columns(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:
     """The columns that a correction adds, of figures (n, 3) or (n, 6) and flags (n,)."""
-    columns = [pa.array(np.round(column, DECIMALS), from_pandas=True) for column in figures.T]
+    columns = np.ascontiguousarray(figures.T)
+    np.round(columns, DECIMALS, out=columns)
+    # Looking for NaN, which is missing, takes Arrow longer than a sum does, in which it would show.
+    arrays = [pa.array(column, from_pandas=math.isnan(column.sum())) for column in columns]
     return pa.Table.from_arrays(
-        [*columns, pa.array(flags)], names=[*COLUMNS[: len(columns)], COLUMNS[-1]]
+        [*arrays, pa.array(flags)], names=[*COLUMNS[: len(arrays)], COLUMNS[-1]]
     )

@@ -57,7 +57,7 @@ def angles(
             scale = joint.direction * math.tau / turn
         else:
             turn, scale = (math.tau, 1.0) if unit == "rad" else (360.0, math.radians(1.0))
-        q[:, k] = scale * values
+        np.multiply(scale, values, out=q[:, k])
         # Unwrapped counts may stand a turn or two off; more than that is another unit.
         low, high = joint.min_deg, joint.max_deg
         low = -360.0 * MOST_TURNS if low is None else low - 720.0
@@ -110,9 +110,10 @@ class LikeRadians:
 
 def temperatures(readings: Readings, sensors: list[str], order: MemoryOrder = "C") -> F64:
     """Columns of °C (n, S); NaN where a value or the whole column is missing."""
-    columns = np.full((readings.n, len(sensors)), np.nan, order=order)
+    columns = np.empty((readings.n, len(sensors)), order=order)
     for s, name in enumerate(sensors):
         if not readings.has(name):
+            columns[:, s] = np.nan
             continue
         columns[:, s] = values = readings.unchecked(name)
         if is_within(values, LEAST_C, MOST_C):

@@ -32,7 +32,7 @@ def whole_turns(q: F64, arm: Arm) -> I64:
     for k, (least, most) in enumerate(zip(low, high, strict=True)):
         if not (math.isfinite(least) and math.isfinite(most)):
             continue
-        if is_within(q[:, k], least + AT_A_LIMIT_RAD, most - AT_A_LIMIT_RAD):
+        if _leaves_no_doubt(q[:, k], least, most):
             continue
         if most - least <= math.tau * (1 + 1e-9):
             off = np.floor((q[:, k] - (least + most) / 2) / math.tau + 0.5)
@@ -49,10 +49,16 @@ def are_within_limits(q: F64, arm: Arm) -> bool:
     """Whether no angle of (n, N) rad can be a turn off, where limits decide that; much faster."""
     low, high = arm.limits_rad
     return all(
-        not (math.isfinite(least) and math.isfinite(most))
-        or is_within(column, least + AT_A_LIMIT_RAD, most - AT_A_LIMIT_RAD)
+        not (math.isfinite(least) and math.isfinite(most)) or _leaves_no_doubt(column, least, most)
         for column, least, most in zip(q.T, low, high, strict=True)
     )
+
+
+def _leaves_no_doubt(q: F64, least: float, most: float) -> bool:
+    """Whether none of *q* (n,) rad is a turn off: it is within the limits or, if these are at most
+    a turn apart, nearer to their middle than half a turn."""
+    beyond = max(math.pi - (most - least) / 2, 0.0)
+    return is_within(q, least - beyond + AT_A_LIMIT_RAD, most + beyond - AT_A_LIMIT_RAD)
 
 
 def are_decided(arm: Arm) -> Mask:

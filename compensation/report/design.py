@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from armd.arrays import F64
@@ -13,7 +14,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.design.design import Experiment
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
-from armd.compensation.report.drawing import views
+from armd.compensation.report.drawing import set_view, views
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import InputFile, origin
 from armd.terminal.counted import counted
@@ -61,13 +62,32 @@ def _narrow(row: Mapping[str, Any]) -> dict[str, str]:
     return place | {"turn last towards": sides, "sensors, °C": warm}
 
 
-def poses_picture(q: F64, tip_mm: F64, parameters: F64) -> Figure:
-    """The arm in every pose (n, N) rad, base to tip (n, 3), in mm of the base frame."""
-    origins = frames(q, parameters)[0]
-    figure, panels = views()
-    for panel, across, up in panels:
-        for i, (joints, tip) in enumerate(zip(origins, tip_mm, strict=True), 1):
-            arm = np.vstack([joints, tip])
-            panel.plot(arm[:, across], arm[:, up], marker="o", markersize=2.5, linewidth=1.0)
-            panel.annotate(str(i), (tip[across], tip[up]), weight="bold")
-    return figure
+def poses_picture(q: F64, tip_mm: F64, parameters: F64, ax: Axes | None = None) -> Figure:
+    """The arm in every pose (n, N) rad, base to tip (n, 3), in mm of the base frame.
+
+    From above and from the side; on *ax* from the side, or in space where it has three dimensions.
+    """
+    chains = np.concatenate([frames(q, parameters)[0], tip_mm[:, None]], axis=1)
+    if ax is None:
+        figure, panels = views()
+        for panel, across, up in panels:
+            _draw_chains(panel, chains[:, :, [across, up]])
+        return figure
+    found = ax.get_figure(root=True)
+    assert found is not None
+    if ax.name == "3d":
+        _draw_chains(ax, chains)
+        for axis in "xyz":
+            getattr(ax, f"set_{axis}label")(f"{axis}, mm")
+        ax.set_aspect("equal")
+    else:
+        set_view(ax, 0, 2)
+        _draw_chains(ax, chains[:, :, [0, 2]])
+    return found
+
+
+def _draw_chains(panel: Axes, chains: F64) -> None:
+    """Arms (n, K, 2) or (n, K, 3) mm as lines from base to tip, where each has its number."""
+    for i, chain in enumerate(chains, 1):
+        panel.plot(*chain.T, marker="o", markersize=2.5, linewidth=1.0)
+        panel.text(*chain[-1], str(i), weight="bold")  # type: ignore[call-arg]

@@ -77,12 +77,17 @@ def views(height_in: float = 5.0) -> tuple[Figure, Sequence[tuple[Axes, int, int
     """
     figure, axes = drawing(1, 2, height_in)
     shown = [(axes[0], 0, 1), (axes[1], 0, 2)]
-    for (panel, across, up), title in zip(shown, ("from above", "from the side"), strict=True):
-        panel.set_aspect("equal", adjustable="datalim")
-        panel.set_title(title)
-        panel.set_xlabel(f"{'xyz'[across]}, mm")
-        panel.set_ylabel(f"{'xyz'[up]}, mm")
+    for panel, across, up in shown:
+        set_view(panel, across, up)
     return figure, shown
+
+
+def set_view(panel: Axes, across: int, up: int) -> None:
+    """Make *panel* show these two columns of positions in mm, to one scale."""
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_title("from above" if up == 1 else "from the side")
+    panel.set_xlabel(f"{'xyz'[across]}, mm")
+    panel.set_ylabel(f"{'xyz'[up]}, mm")
 
 
 def cloud(panel: Axes, x: F64, y: F64, label: str = "") -> None:

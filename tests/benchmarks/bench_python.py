@@ -1,18 +1,20 @@
 """armd in Python: what imports take, a call beside its command, and tables beside the kernel.
 
-Times of tables are processor times of one core and wall-clock times on all, each the best of some
-rounds taken in turn, so that a busy machine slows all alike.
+Times of tables are processor times on one core, the least and the median of some rounds taken in
+turn, so that a busy machine slows all alike.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -95,32 +97,45 @@ def _table(arm_file: Path, calibration: Path) -> dict[str, Any]:
         def correct_with_uncertainty(table: pa.Table = table) -> object:
             return whole(table)
 
-        figures[kind] = _beside(
-            {
-                "position": position,
-                "corrector": correct,
-                "corrector_with_uncertainty": correct_with_uncertainty,
-            }
-        )
+        ways = {
+            "position": position,
+            "corrector": correct,
+            "corrector_with_uncertainty": correct_with_uncertainty,
+        }
+        with _one_core():
+            figures[kind] = _beside(ways)
     return figures
 
 
 def _beside(ways: dict[str, Callable[[], object]]) -> dict[str, float]:
-    """Seconds of each on all cores and of processors, and how many times the first's."""
-    wall_s, processor_s = (dict.fromkeys(ways, float("inf")) for _ in range(2))
+    """Processor seconds of each, the least and the median, and how many times the first's."""
+    used_s: dict[str, list[float]] = {name: [] for name in ways}
     for _ in range(ROUNDS):
         for name, way in ways.items():
-            began_s, used_s = time.perf_counter(), time.process_time()
+            way()  # so that the memory which it frees is near when it is timed
+            began_s = time.process_time()
             way()
-            processor_s[name] = min(processor_s[name], time.process_time() - used_s)
-            wall_s[name] = min(wall_s[name], time.perf_counter() - began_s)
+            used_s[name].append(time.process_time() - began_s)
     first, *rest = ways
+    least_s = {name: min(rounds) for name, rounds in used_s.items()}
+    median_s = {name: statistics.median(rounds) for name, rounds in used_s.items()}
     return {
-        **{f"{name}_s": seconds for name, seconds in wall_s.items()},
-        **{f"{name}_processor_s": seconds for name, seconds in processor_s.items()},
-        **{f"{name}_ratio": wall_s[name] / wall_s[first] for name in rest},
-        **{f"{name}_processor_ratio": processor_s[name] / processor_s[first] for name in rest},
+        **{f"{name}_s": seconds for name, seconds in least_s.items()},
+        **{f"{name}_median_s": seconds for name, seconds in median_s.items()},
+        **{f"{name}_ratio": least_s[name] / least_s[first] for name in rest},
+        **{f"{name}_median_ratio": median_s[name] / median_s[first] for name in rest},
     }
+
+
+@contextmanager
+def _one_core() -> Iterator[None]:
+    """Within this `with`, the process has one core."""
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(cores)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, cores)
 
 
 def _lake(folder: Path, arm: Path, calibration: Path) -> dict[str, float]:
@@ -132,9 +147,7 @@ def _lake(folder: Path, arm: Path, calibration: Path) -> dict[str, float]:
     make_lake(folder / "lake", "SIM-0001", ["2026-03-01"], LAKE_ROWS, files=20)
     size = sum(path.stat().st_size for path in (folder / "lake" / DAY).iterdir())
     figures = {"bytes_a_row": size / LAKE_ROWS}
-    cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(cores)})
-    try:
+    with _one_core():
         for name, uncertainty in (("with_uncertainty", True), ("without", False)):
             corrector = armd.Corrector(arm, calibration, uncertainty=uncertainty)
             best_s = float("inf")
@@ -148,8 +161,6 @@ def _lake(folder: Path, arm: Path, calibration: Path) -> dict[str, float]:
             figures[f"core_hours_for_1e12_rows_{name}"] = 1e12 * best_s / LAKE_ROWS / 3600
         written = folder / "without-0" / DAY / "points.parquet"
         assert pq.ParquetFile(written).metadata.num_rows == LAKE_ROWS
-    finally:
-        os.sched_setaffinity(0, cores)
     return figures
 
 

@@ -128,6 +128,30 @@ def test_without_uncertainties_the_rest_is_the_same(files: tuple[Path, Path]) ->
     assert short.equals(whole.drop_columns(POINTS[3:6]))
 
 
+def test_rows_together_are_what_each_is_alone(files: tuple[Path, Path], tmp_path: Path) -> None:
+    """What is worked out once for rows of equal temperatures, or left out where no row asks for
+    it, changes no bit: NaN, a turn off and a jump of temperature stand among the rows."""
+    calibration = Calibration.model_validate_json(files[1].read_text())
+    terms = [
+        term("a_2", 1e-3, {"kind": "temperature", "weights": {"t2": 1.0}, "order": 3}),
+        term("theta_3", 1e-5, {"kind": "temperature", "weights": {"t3": 1.0}}, CURVED),
+    ]
+    content = calibration.content() | {"terms": terms, "covariance_of": [], "covariance": []}
+    save_calibration(tmp_path / "cal.json", Calibration.model_validate(content))
+    corrector = armd.Corrector(files[0], tmp_path / "cal.json")
+    rng = np.random.default_rng(3)
+    columns = {f"q{k}": rng.uniform(-1, 1, 40) for k in range(1, 7)}
+    columns |= {f"t{k}": np.repeat([20.0, 20.0, 23.0, 21.0], 10) + k for k in range(1, 7)}
+    columns["q1"][7] += 2 * np.pi
+    columns["q5"][20] = np.nan
+    columns["t2"][33] = 26.0
+    table = pa.table({name: pa.array(v, from_pandas=True) for name, v in columns.items()})
+    together = corrector(table)
+    alone = pa.concat_tables([corrector(table.slice(row, 1)) for row in range(40)])
+    assert together.combine_chunks().equals(alone.combine_chunks())
+    assert together["x_mm"].null_count == 1 and len(set(together["x_mm"].to_pylist())) == 40
+
+
 def test_a_part_with_its_lead_in_is_as_in_the_whole(files: tuple[Path, Path]) -> None:
     table = readings(2000)
     corrector = armd.Corrector(*files, started=STARTED)

@@ -80,7 +80,8 @@ def test_design_gives_what_the_command_writes(tmp_path: Path) -> None:
     found = armd.design(arm, sessions, readings=3)
     assert plain(found.to_dict()) == json.loads(Path(out).read_text())
     assert found.poses["pose"].tolist() == [1, 2, 3]
-    assert isinstance(found.plot(), Figure)
+    axes = Figure().subplots()
+    assert found.plot(ax=axes) is axes.figure and len(axes.lines) == 3
     found.report(tmp_path / "page.html")
     assert "MEASURE 3 POSES" in (tmp_path / "page.html").read_text()
 
@@ -157,5 +158,12 @@ def test_poses_before_any_session_are_those_of_the_command(tmp_path: Path) -> No
     assert chosen.to_dict() == json.loads(output.read_text())
     assert len(chosen.poses) == 20 and set(chosen.observability) == {"O1", "O2", "O3", "O4", "O5"}
     assert chosen.rank <= chosen.structural_rank
+    assert len(chosen.plot().axes) == 2
+    whole = Figure()
+    flat, space = whole.add_subplot(121), whole.add_subplot(122, projection="3d")
+    assert chosen.plot(ax=flat) is whole and len(flat.lines) == 20
+    assert flat.get_ylabel() == "z, mm"
+    assert chosen.plot(ax=space) is whole and len(space.lines) == 20
+    assert len(whole.axes) == 2
     with pytest.raises(armd.BadInput, match="found 3, expected"):
         armd.design(measured.arm_file, readings=3)

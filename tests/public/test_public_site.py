@@ -85,10 +85,14 @@ def test_every_public_name_has_an_entry_of_the_site() -> None:
         if kind.startswith("py:")
         for name, item in objects.items()
     }
+    index = Page(site() / "genindex.html").links
+    searched = (site() / "searchindex.js").read_text(encoding="utf-8")
     for name in armd.__all__:
         page, _, anchor = entries[f"armd.{name}"].replace("#$", f"#armd.{name}").partition("#")
         assert page.startswith("docs/reference/"), name
         assert anchor in Page(site() / page).anchors, name
+        assert f"{page}#{anchor}" in index, name
+        assert f'"{name}"' in searched, name
 
 
 @pytest.mark.slow
