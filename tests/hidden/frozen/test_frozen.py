@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden.frozen.case import Cause, Truth, digest, fingerprint, read_truth, sessions
+from hidden.frozen.case import Cause, Truth, digest, fingerprint, read_truth, rounded, sessions
 from hidden.frozen.freeze import COUNTS, Wanted, draw_case, read_recorded, wanted_cases
 from hidden.frozen.oracle import BEFORE, DIAGNOSED, FURTHER, Problem
 from hidden.frozen.revision import check_out, commit_of, is_dirty
@@ -65,6 +65,13 @@ def test_a_fingerprint_is_of_more_than_last_digits(tmp_path: Path) -> None:
         assert fingerprint(tmp_path / "case").agrees(drawn) is same
     path.write_text(text.replace("P1", "P2", 1))
     assert not fingerprint(tmp_path / "case").agrees(drawn)
+    path.write_text(text)
+    told = tmp_path / "case" / "truth.json"
+    truth = told.read_text()
+    assert '"oracle_um": 3.66,' in truth
+    for oracle, same in (("3.661", True), ("3.76", False)):
+        told.write_text(truth.replace('"oracle_um": 3.66,', f'"oracle_um": {oracle},'))
+        assert fingerprint(tmp_path / "case").agrees(drawn) is same
 
 
 def problem(effects: list[np.ndarray], noise: np.ndarray) -> Problem:
@@ -95,6 +102,22 @@ def test_a_fit_that_is_told_the_cause_takes_it_out() -> None:
     assert problem([], noise + 0.05 * effect).oracle_um() > 1.5 * exact.oracle_um()
     # 10 µm on each of 30 figures, six of which the placement's pose takes
     assert exact.oracle_um() == pytest.approx(10 * np.sqrt(3 * 24 / 30), rel=0.3)
+
+
+def test_a_constant_that_the_poses_take_up_is_no_direction_to_fit() -> None:
+    """What the poses leave of a shift is rounding, another one on each processor."""
+    rng = np.random.default_rng(2)
+    plain = problem([], 0.01 * rng.standard_normal((40, 3)))
+    shifts = np.zeros((40, 3, 4))
+    shifts[:, 0] = [1.0, 1.0, 1.0, 0.0]  # the last is a column of zeros
+    shifts[:, 1, :2] = 1e-9 * rng.standard_normal((40, 2))  # as large as what a difference errs by
+    shifted = replace(plain, constants=np.concatenate([plain.constants, shifts], axis=2))
+    assert shifted.oracle_um() == pytest.approx(plain.oracle_um(), rel=1e-9)
+    effect = np.where(np.arange(40)[:, None] >= 10, rng.standard_normal((40, 3)), 0.0)
+    absorbed = shifts[:, :, 0]
+    units = replace(shifted, effects=[effect, absorbed]).noise_units()
+    assert units[0] == pytest.approx(replace(plain, effects=[effect]).noise_units()[0], rel=1e-9)
+    assert rounded(units[1]) == 0.0
 
 
 def test_findings_are_own_near_or_foreign() -> None:
