@@ -12,6 +12,7 @@ import pytest
 from hidden.frozen.case import Cause, Truth, digest, fingerprint, read_truth, rounded, sessions
 from hidden.frozen.freeze import COUNTS, Wanted, draw_case, read_recorded, wanted_cases
 from hidden.frozen.oracle import BEFORE, DIAGNOSED, FURTHER, Problem
+from hidden.frozen.other_kinds import _rounded
 from hidden.frozen.revision import check_out, commit_of, is_dirty
 from hidden.frozen.run import Ran
 from hidden.frozen.score import compare, score
@@ -59,7 +60,7 @@ def test_a_fingerprint_is_of_more_than_last_digits(tmp_path: Path) -> None:
     drawn, text = fingerprint(tmp_path / "case"), path.read_text()
     angle = re.search(r"\d\.\d{12}", text)
     assert angle is not None
-    for off, same in ((1e-12, True), (1e-5, False)):
+    for off, same in ((1e-12, True), (1e-4, False)):
         other = f"{float(angle[0]) + off:.12f}"
         path.write_text(text.replace(angle[0], other, 1))
         assert fingerprint(tmp_path / "case").agrees(drawn) is same
@@ -180,3 +181,8 @@ def test_a_revision_from_before_the_package_is_importable(tmp_path: Path) -> Non
     assert not is_dirty(root)
     (root / "daemon" / "cli.py").write_text("")
     assert is_dirty(root)
+
+
+def test_a_half_turn_has_one_sign_in_a_robots_file() -> None:
+    told = "theta_deg = -180.0\nalpha_deg = -0.0\nd_mm = -180.0\na_mm = 0.12345678901"
+    assert _rounded(told) == "theta_deg = 180.0\nalpha_deg = 0.0\nd_mm = -180.0\na_mm = 0.123456789"
