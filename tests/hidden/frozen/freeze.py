@@ -99,12 +99,15 @@ def _draw(task: tuple[Wanted, int, Path]) -> str:
 
 
 def differing_from_record(seed: int, drawn: Mapping[str, Fingerprint]) -> list[str]:
-    """The names of cases that are not as recorded; raises `SystemExit` for a seed not recorded."""
-    recorded = read_recorded()
-    if str(seed) not in recorded:
-        sys.exit(f"armd: seed {seed} is not recorded; make hidden-freeze SEED={seed} RECORD=1")
-    known = recorded[str(seed)]
-    return [name for name, one in drawn.items() if name not in known or not known[name].agrees(one)]
+    """The names of cases that are not as recorded; raises `SystemExit` for any not recorded."""
+    known = read_recorded().get(str(seed), {})
+    unknown = [name for name in drawn if name not in known]
+    if unknown:
+        sys.exit(
+            f"armd: {CHECKSUMS.name}: found no record of {len(unknown)} of {len(drawn)} cases of "
+            f"seed {seed} ({unknown[0]}), expected all; make hidden-freeze SEED={seed} RECORD=1"
+        )
+    return [name for name, one in drawn.items() if not known[name].agrees(one)]
 
 
 def record(seed: int, drawn: Mapping[str, Fingerprint]) -> None:
