@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from hidden.frozen import other_kinds, outsider_kinds, simulated_kinds
-from hidden.frozen.case import Fingerprint, fingerprint
+from hidden.frozen.case import Fingerprint, Sums, fingerprint
 from hidden.frozen.from_simulator import write_case as write_simulated
 
 ROOT = Path(__file__).parents[3]
@@ -99,12 +99,15 @@ def _draw(task: tuple[Wanted, int, Path]) -> str:
 
 
 def differing_from_record(seed: int, drawn: Mapping[str, Fingerprint]) -> list[str]:
-    """The names of cases that are not as recorded; raises `SystemExit` for a seed not recorded."""
-    recorded = read_recorded()
-    if str(seed) not in recorded:
-        sys.exit(f"armd: seed {seed} is not recorded; make hidden-freeze SEED={seed} RECORD=1")
-    known = recorded[str(seed)]
-    return [name for name, one in drawn.items() if name not in known or not known[name].agrees(one)]
+    """The names of cases that are not as recorded; raises `SystemExit` for any not recorded."""
+    known = read_recorded().get(str(seed), {})
+    unknown = [name for name in drawn if name not in known]
+    if unknown:
+        sys.exit(
+            f"armd: {CHECKSUMS.name}: found no record of {len(unknown)} of {len(drawn)} cases of "
+            f"seed {seed} ({unknown[0]}), expected all; make hidden-freeze SEED={seed} RECORD=1"
+        )
+    return [name for name, one in drawn.items() if not known[name].agrees(one)]
 
 
 def record(seed: int, drawn: Mapping[str, Fingerprint]) -> None:
@@ -115,11 +118,19 @@ def record(seed: int, drawn: Mapping[str, Fingerprint]) -> None:
         case.name: known[case.name] for case in wanted_cases() if case.name in known
     }
     lines = {
-        seed: {name: [one.text, one.size, *one.sums] for name, one in sorted(cases.items())}
+        seed: {name: _line(one) for name, one in sorted(cases.items())}
         for seed, cases in recorded.items()
     }
-    text = json.dumps(lines, indent=0).replace(",\n", ", ").replace("], ", "],\n")
+    each = {
+        seed: ",\n".join(f"{json.dumps(name)}: {json.dumps(line)}" for name, line in cases.items())
+        for seed, cases in lines.items()
+    }
+    text = "{\n" + ",\n".join(f'"{seed}": {{\n{cases}\n}}' for seed, cases in each.items()) + "\n}"
     CHECKSUMS.write_text(text + "\n", encoding="utf-8")
+
+
+def _line(one: Fingerprint) -> list[str | list[float]]:
+    return [one.text, *([sums.size, *sums.weighted] for sums in (one.read, one.judged))]
 
 
 def read_recorded() -> dict[str, dict[str, Fingerprint]]:
@@ -127,8 +138,8 @@ def read_recorded() -> dict[str, dict[str, Fingerprint]]:
         return {}
     return {
         seed: {
-            name: Fingerprint(text, tuple(sums), size)
-            for name, (text, size, *sums) in cases.items()
+            name: Fingerprint(text, *(Sums(size, tuple(sums)) for size, *sums in both))
+            for name, (text, *both) in cases.items()
         }
         for seed, cases in json.loads(CHECKSUMS.read_text(encoding="utf-8")).items()
     }

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from hidden.frozen.case import Cause, Names, Truth, write_truth
+from hidden.frozen.case import Cause, Names, Truth, rounded, write_truth
 from hidden.frozen.oracle import BEFORE, DIAGNOSED, F64, FURTHER, Problem
 
 from armd.simulator.campaigns.hidden import NOISE, Design
@@ -68,8 +68,8 @@ def write_case(folder: Path, kind: str, seed: int, made: Made) -> Truth:
         made.words or " + ".join(f"{p.cause} {p.location} {p.size:.3g}" for p in made.plants),
         tuple(causes),
         "calibrate" if case.before else "",
-        _digits(problem.noise_um()) if certain else None,
-        _digits(problem.oracle_um()) if certain else None,
+        rounded(problem.noise_um()) if certain else None,
+        rounded(problem.oracle_um()) if certain else None,
         made.neutral,
         made.neutral_variables,
         refusable=made.refusable,
@@ -78,16 +78,12 @@ def write_case(folder: Path, kind: str, seed: int, made: Made) -> Truth:
     return truth
 
 
-def _digits(value: float) -> float:
-    return float(f"{value:.4g}")
-
-
 def _cause(plant: Plant, units: float) -> Cause:
     names: Names = ()
     if plant.cause == "thermal_lag":
         names = (("thermal_lag", f"sensor t{plant.number}"),)
     return Cause(
-        plant.cause, plant.location, _digits(units), names, variables=tuple(depends_on(plant)),
+        plant.cause, plant.location, rounded(units), names, variables=tuple(depends_on(plant)),
         needs="time_s" if "course" in plant.detail else "",
     )  # fmt: skip
 
@@ -98,7 +94,7 @@ def _growth(arm: TrueArm, units: float) -> Cause:
     links = [f"link {k + 1}" for k in np.argsort(-per_k) if per_k[k] > 5e-4]
     names = tuple(("link_expansion", link) for link in links)
     variables = tuple(f"t{link.split()[-1]}" for link in links)
-    return Cause("link_expansion", links[0], _digits(units), names, variables=variables)
+    return Cause("link_expansion", links[0], rounded(units), names, variables=variables)
 
 
 def _problem(case: HiddenCase, made: Made) -> Problem:

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 BEFORE, DIAGNOSED, FURTHER = 0, 1, 2
-#: Directions weaker than this, of columns of length 1, hold nothing.
-WEAKEST = 1e-8
+#: Of what a constant moves, what the poses leave; below it there is no direction to fit. Columns
+#: are differences of positions, good to 1e-10: what is left of less is the processor's rounding,
+#: and some 50 mm of such a constant would be one noise unit.
+WEAKEST = 1e-5
 
 
 @dataclass(frozen=True)
@@ -34,12 +36,12 @@ class Problem:
     def noise_units(self) -> list[float]:
         """The norm of each effect, clear of constants, poses and the other effects."""
         rows = self.part != FURTHER
-        white = self._white([*self.effects], rows)
-        constants = _basis(self._white_constants(rows))
+        white, whole = self._white([*self.effects], rows)
+        constants = _basis(*self._white_constants(rows))
         clear = white - constants @ (constants.T @ white)
         units = []
         for i in range(clear.shape[1]):
-            others = _basis(np.delete(clear, i, axis=1))
+            others = _basis(np.delete(clear, i, axis=1), np.delete(whole, i))
             remains = clear[:, i] - others @ (others.T @ clear[:, i])
             units.append(float(np.linalg.norm(remains)))
         return units
@@ -47,10 +49,11 @@ class Problem:
     def oracle_um(self) -> float:
         """3-D RMS on the further sessions of a fit to all others that is told the causes."""
         rows = self.part != FURTHER
-        columns = np.hstack([self._white_constants(rows), self._white([*self.effects], rows)])
-        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
-        wanted = self._white([self.remainder], rows)[:, 0]
-        found = np.linalg.lstsq(columns / scale, wanted, rcond=WEAKEST)[0] / scale
+        both = self._white_constants(rows), self._white([*self.effects], rows)
+        columns, whole = (np.concatenate(one, axis=-1) for one in zip(*both, strict=True))
+        wanted = self._white([self.remainder], rows)[0][:, 0]
+        left, values, right = _directions(columns, whole)
+        found = right.T @ ((left.T @ wanted) / values) / whole
         m = self.constants.shape[2]
         predicted = self.constants @ found[:m]
         for effect, amplitude in zip(self.effects, found[m:], strict=True):
@@ -67,24 +70,27 @@ class Problem:
         noise = self.remainder[self.part == FURTHER]
         return 1e3 * float(np.sqrt((noise**2).sum() / len(noise)))
 
-    def _white_constants(self, rows: NDArray[np.bool_]) -> F64:
+    def _white_constants(self, rows: NDArray[np.bool_]) -> tuple[F64, F64]:
         return self._white(list(np.moveaxis(self.constants, 2, 0)), rows)
 
-    def _white(self, displacements: list[F64], rows: NDArray[np.bool_]) -> F64:
-        """(3 rows, columns) in noise units, clear of the placements' poses."""
+    def _white(self, displacements: list[F64], rows: NDArray[np.bool_]) -> tuple[F64, F64]:
+        """(3 rows, columns) in noise units, clear of the placements' poses; and the length of each
+        column before it was clear of them, 1 for one of zeros."""
         sigma = self.sigma_mm[rows]
         if not displacements:
-            return np.empty((3 * len(sigma), 0))
+            return np.empty((3 * len(sigma), 0)), np.empty(0)
         stacked = np.stack([one[rows] / sigma[:, None] for one in displacements], axis=2)
         flat = stacked.reshape(3 * len(sigma), -1)
-        return _clear_of_poses(flat, self.lever[rows], self.placement[rows], sigma)
+        clear = _clear_of_poses(flat, self.lever[rows], self.placement[rows], sigma)
+        return clear, _lengths(flat)
 
 
 def _clear_of_poses(columns: F64, lever: F64, placement: I64, sigma: F64) -> F64:
     clear = columns.reshape(len(lever), 3, -1).copy()
     for number in np.unique(placement):
         rows = placement == number
-        basis = _basis((_pose(lever[rows]) / sigma[rows, None, None]).reshape(-1, 6))
+        pose = (_pose(lever[rows]) / sigma[rows, None, None]).reshape(-1, 6)
+        basis = _basis(pose, _lengths(pose))
         part = clear[rows].reshape(len(basis), -1)
         clear[rows] = (part - basis @ (basis.T @ part)).reshape(-1, 3, clear.shape[2])
     return clear.reshape(columns.shape)
@@ -97,11 +103,20 @@ def _pose(lever: F64) -> F64:
     return np.concatenate([shifts, np.swapaxes(turned, 1, 2)], axis=2)
 
 
-def _basis(columns: F64) -> F64:
-    """Orthonormal, of all that the columns hold."""
-    if not columns.shape[1]:
-        return columns
+def _basis(columns: F64, whole: F64) -> F64:
+    """Orthonormal, of all that the columns hold; *whole*: the columns' lengths, or what they were
+    before they were clear of others."""
+    return _directions(columns, whole)[0]
+
+
+def _directions(columns: F64, whole: F64) -> tuple[F64, F64, F64]:
+    """U, s and Vᵀ of the columns by their whole lengths, without what is weaker than WEAKEST."""
+    left, values, right = np.linalg.svd(columns / whole, full_matrices=False)
+    held = values > WEAKEST
+    return left[:, held], values[held], right[held]
+
+
+def _lengths(columns: F64) -> F64:
+    """Of each column; 1 for one of zeros."""
     length = np.linalg.norm(columns, axis=0)
-    left, values, _ = np.linalg.svd(columns / np.maximum(length, 1e-30), full_matrices=False)
-    basis: F64 = left[:, values > WEAKEST * max(values[0], 1e-30)]
-    return basis
+    return np.where(length > 0.0, length, 1.0)

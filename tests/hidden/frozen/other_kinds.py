@@ -76,9 +76,11 @@ def write_real(folder: Path, kind: str, seed: int, rng: np.random.Generator, num
 
 
 def _rounded(text: str) -> str:
-    """Numbers to nine digits and without a negative zero: what reads drawings may change there."""
+    """Numbers to nine digits, without a negative zero or half turn: what reads drawings may change
+    there, and another processor has -180° where this one has 180°."""
     number = re.compile(r"-?\d+\.\d+(e-?\d+)?")
-    return number.sub(lambda found: repr(float(f"{float(found[0]):.9g}") + 0.0), text)
+    text = number.sub(lambda found: repr(float(f"{float(found[0]):.9g}") + 0.0), text)
+    return re.sub(r"_deg = -180\.0$", "_deg = 180.0", text, flags=re.MULTILINE)
 
 
 def _read(session: Path) -> Rows:

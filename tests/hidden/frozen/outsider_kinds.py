@@ -8,7 +8,7 @@ from functools import reduce
 from pathlib import Path
 
 import numpy as np
-from hidden.frozen.case import Cause, Truth, write_truth
+from hidden.frozen.case import Cause, Truth, rounded, write_truth
 from hidden.frozen.oracle import BEFORE, DIAGNOSED, F64, FURTHER, Problem
 from outsider import case as outside
 from outsider.angles import warmed
@@ -236,22 +236,18 @@ def write_case(folder: Path, kind: str, seed: int, drawn: Drawn) -> Truth:
     problem = _problem_of(drawn)
     units = problem.noise_units() if drawn.effects else [one.noise_units for one in each]
     causes = tuple(
-        Cause(one.cause, one.location, _digits(value), one.beside, one.same_signal,
+        Cause(one.cause, one.location, rounded(value), one.beside, one.same_signal,
               one.depends_on, one.needs, one.placement)
         for one, value in zip(each, units, strict=True)
     )  # fmt: skip
     plain = case.mess in ("", told.kind) and told.kind not in outside.MESSES
     truth = Truth(
         kind, seed, f"{told.kind}: {told.words}", causes, "calibrate" if told.held else "",
-        _digits(told.noise_um), _digits(problem.oracle_um()) if plain else None,
+        rounded(told.noise_um), rounded(problem.oracle_um()) if plain else None,
         told.mess_names, told.mess_depends_on, refusable=told.mistaken.partition(" ")[0],
     )  # fmt: skip
     write_truth(folder, truth)
     return truth
-
-
-def _digits(value: float) -> float:
-    return float(f"{value:.4g}")
 
 
 def _problem_of(drawn: Drawn) -> Problem:
