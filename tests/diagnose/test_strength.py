@@ -51,6 +51,10 @@ def test_strength_is_of_what_varies_and_does_not_grow_with_the_bins() -> None:
         assert none.noise_units < 3.5, kind
     flat = strength_of(over("temperature", values), 1.0 + noise)
     assert flat.flat > flat.best - 10.0 and flat.noise_units > 20.0
+    names = replace(over("time", values), labels=("a",) * 40, values=None, kind="name")
+    loosened = noise + 2.5 * (np.arange(480) // 12 == 7)
+    alone = strength_of(names, loosened)
+    assert alone.best > 40.0 and strength_of(names, noise).best < 12.0
     many = replace(over("time", values), starts=np.arange(480), labels=("a",) * 480, values=None)
     assert strength_of(many, noise).noise_units < 5.0  # independent, each bin by itself
 

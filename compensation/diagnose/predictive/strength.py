@@ -21,7 +21,7 @@ from armd.compensation.diagnose.predictive.bins import Bins
 #: A direction that keeps less than this of its variance in a refit is absorbed: what stays of it is
 #: rounding, and what is not linear.
 LEAST_SHARE = 0.02
-#: An instant, or a second variable, that is searched for is one more unknown.
+#: A second variable that is searched for is one more unknown.
 SEARCHED = 1
 
 
@@ -104,6 +104,8 @@ def strength(bins: Bins, values: F64, scatter: Scatter, joint: float = -np.inf) 
     if bins.kind == "time":
         every = np.arange(count, len(values))
         tried.append(_step(values[every], scatter.of(every)))
+    if bins.kind == "name":
+        tried.append(_single(values, scatter, count))
     return Strength(max(joint, *tried), tried[0])
 
 
@@ -152,7 +154,15 @@ def _step(sums: F64, scatter: Scatter) -> float:
         sides = np.zeros((2, len(sums)))
         sides[0, :end] = sides[1, end:] = 1.0
         found.append(beyond(sides @ sums, scatter.along(sides)))
-    return max(found, default=-np.inf) - 2.0 * SEARCHED
+    return max(found, default=-np.inf) - 2.0 * float(np.log(max(len(sums), 1)))
+
+
+def _single(values: F64, scatter: Scatter, first: int) -> float:
+    """χ² − 2 k of the one bin that stands out most by itself: a target that was loosened."""
+    variance = np.diag(scatter.covariance)[first:]
+    known = variance > LEAST_SHARE * scatter.unabsorbed[first:]
+    square = np.where(known, values[first:] ** 2 / np.maximum(variance, 1e-300), 0.0)
+    return float(square.max()) - 2.0 - 2.0 * float(np.log(len(square)))
 
 
 def _scaled(values: F64) -> F64:
