@@ -8,7 +8,7 @@ BIN    := $(VENV)/bin
 # Hundreds of tests start a process each; without these files each would compile all of armd
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep hidden-predictive outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
 .PHONY: develop notebooks docs
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # A command, and after it what it did and the seconds it took: $(call timed,WHAT,COMMAND)
@@ -163,6 +163,10 @@ interim-reliability: develop
 # make hidden-sweep CASES=4 SEED=7 SWEEP_ARGS="--only OFF ALPHA"
 hidden-sweep: develop
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/sweep.py --cases $(CASES) --seed $(SEED) $(SWEEP_ARGS)
+
+# Does the planted cause's own variable leave its band most? make hidden-predictive CASES=5 SEED=7
+hidden-predictive: develop
+	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/predictive_numbers.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
 
 # Simulator, daemon and subscribers under random faults, every point accounted for:
 # make soak MINUTES=60 SEED=3

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.predictive.curves import ResidualComparison
+from armd.compensation.diagnose.predictive.curves import CURVES, ResidualComparison
 from armd.compensation.report.about import About
 from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.drawing import one_drawing
@@ -55,13 +55,13 @@ def diagnosis_report(
     head(page, arm, sessions, about)
     _at_a_glance(page, result, units.length)
     add_coverage(page, arm, sessions)
-    _measured_against_simulated(page, comparisons, units.angle)
+    _measured_against_simulated(page, comparisons, units)
     page.text(page.in_brief("Next experiment", f"Next: {result['next_experiment']}"))
     page.signatures("Measured by", "Checked by")
     page.appendix()
     page.text(RULE)
     _model_under_test(page, diagnosis, result)
-    _rest_of_overview(page, comparisons, units.angle)
+    _rest_of_overview(page, comparisons, units)
     touched = len(diagnosis.touched)  # they stand first among the findings
     for number, finding in enumerate(result["findings"][:touched], 1):
         page.heading(f"{number}. {name_finding(finding)}")
@@ -70,7 +70,7 @@ def diagnosis_report(
         add_finding(page, diagnosis, index, touched + index + 1, finding)
         if shown := of_finding(comparisons, finding):
             caption = f"What the simulation gets wrong over {shown.bins.variable}, before and after"
-            page.figure(draw_rows([shown], units.angle), caption)
+            page.figure(draw_rows([shown], units), caption)
     if diagnosis.outliers:
         page.heading("Readings that belong to no effect")
         page.table(
@@ -194,37 +194,39 @@ def _model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) 
 def _most_telling(comparisons: Sequence[ResidualComparison]) -> list[ResidualComparison]:
     """Of the overview those that noise explains least, in the overview's order."""
     shown = overview(comparisons)
-    kept = sorted(shown, key=lambda one: (one.before.p_value, -one.before.outside))[:MOST_ROWS]
+    kept = sorted(shown, key=lambda one: one.order)[:MOST_ROWS]
     return [one for one in shown if any(one is own for own in kept)]
 
 
-def _rest_of_overview(page: Page, comparisons: Sequence[ResidualComparison], unit: Unit) -> None:
+def _rest_of_overview(page: Page, comparisons: Sequence[ResidualComparison], units: Units) -> None:
     if not comparisons:
         return
     told = _most_telling(comparisons)
     if rest := [one for one in overview(comparisons) if all(one is not own for own in told)]:
         names = ", ".join(one.bins.variable for one in rest)
         page.heading(f"Measured against simulated: {names}")
-        page.figure(draw_rows(rest, unit), f"Mean residual along a joint's motion over {names}")
+        page.figure(draw_rows(rest, units), f"Mean residual over {names}")
 
 
 def _measured_against_simulated(
-    page: Page, comparisons: Sequence[ResidualComparison], unit: Unit
+    page: Page, comparisons: Sequence[ResidualComparison], units: Units
 ) -> None:
     """What the simulation gets wrong stands out of the band; afterwards it lies inside."""
     if not comparisons:
         return
     page.heading("Measured against simulated")
     page.figure(
-        draw_rows(_most_telling(comparisons), unit, OVERVIEW_ROW_IN),
-        f"Mean residual along a joint's motion, {unit.name} at that joint: of joint angles, "
-        "temperatures, time and placements what leaves its band most; the rest in the appendix",
+        draw_rows(_most_telling(comparisons), units, OVERVIEW_ROW_IN),
+        f"Mean residual along a joint's motion ({units.angle.name} at that joint), a link or an "
+        "axis: of joint angles, temperatures, time and placements what leaves its band most; the "
+        "rest in the appendix",
     )
     draws = min(comparisons[0].before.draws, comparisons[0].after.draws)
     page.text(
         f"Band: 95 % of {draws} data sets that the model gives by the noise found, each refitted "
         "as the readings were; grey: some of them. A point outside of it is what the simulation "
-        "gets wrong; 5 % lie there by chance. p: share of the sets with as much outside."
+        f"gets wrong; 5 % lie there by chance. p: share with as much outside of {CURVES} curves "
+        "that scatter as these sets do."
     )
 
 

@@ -1,8 +1,8 @@
 """Measured against simulated residuals: what a model leaves, beside what noise alone would leave.
 
-Each panel shows the mean residual (tip minus target) along one joint's motion, in ″ at that joint,
-over one variable; the band in which 95 % of the data sets lie that the model gives by the noise
-found; and a few of these sets.
+Each panel shows the mean residual (tip minus target) along one component (a joint's motion in ″, a
+link or an axis in µm, the artefact's scale in µm/m) over one variable; the band in which 95 % of
+the data sets lie that the model gives by the noise found; and a few of these sets.
 """
 
 from __future__ import annotations
@@ -14,14 +14,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from armd.compensation.diagnose.predictive.curves import ResidualComparison, ResidualCurve
+from armd.compensation.diagnose.predictive.curves import (
+    CURVES,
+    ResidualComparison,
+    ResidualCurve,
+)
 from armd.compensation.report.drawing import COLOURS, drawing
-from armd.compensation.report.units import SECONDS, Unit
+from armd.compensation.report.units import MICROMETRES, SECONDS, Unit, Units
 
 #: More names than these have no room below an axis.
 MOST_LABELS = 24
 ROW_IN = 2.3
 GREY = "#8c959f"
+UNITS = Units(MICROMETRES, SECONDS)
 
 
 def draw_overview(comparisons: Sequence[ResidualComparison]) -> Figure:
@@ -31,43 +36,44 @@ def draw_overview(comparisons: Sequence[ResidualComparison]) -> Figure:
 
 
 def overview(comparisons: Sequence[ResidualComparison]) -> Sequence[ResidualComparison]:
-    """The one of each group that leaves its band most under the model under test."""
+    """The one of each group that leaves its band most under the model under test; and what does so
+    of all of them, if it is of no such group."""
     groups: dict[str, list[ResidualComparison]] = {}
     for one in comparisons:
         groups.setdefault(_group(one.bins.variable), []).append(one)
-    order = ("joint angle", "temperature", "time", "placement")
+    order = ["joint angle", "temperature", "time", "placement"]
+    if comparisons and (first := _group(most_outside(comparisons).bins.variable)) not in order:
+        order.insert(0, first)
     return [most_outside(groups[group]) for group in order if group in groups]
 
 
 def most_outside(comparisons: Sequence[ResidualComparison]) -> ResidualComparison:
-    """The one that explains most of the residuals, of those that are least likely noise."""
-    least = min(one.before.p_value for one in comparisons)
-    unlikely = [one for one in comparisons if one.before.p_value == least]
-    return max(unlikely, key=lambda one: one.before.rms_um)
+    """The one that stands out of noise most under the model under test."""
+    return min(comparisons, key=lambda one: one.order)
 
 
 def of_finding(
     comparisons: Sequence[ResidualComparison], finding: Mapping[str, Any]
 ) -> ResidualComparison | None:
-    """What shows a *finding* (of `diagnose --json`) best: of the variables that it depends on, in
-    its own joint where it has one; None where none of them was recorded."""
+    """What shows a *finding* (of `diagnose --json`) best: of the variables that it depends on, at
+    its own place where it has one; None where none of them was recorded."""
     names = {"approach" if name.startswith("approach") else name for name in finding["depends_on"]}
     own = [one for one in comparisons if one.bins.variable in names]
-    at_joint = [one for one in own if f"joint {one.joint}" == finding["location"]]
-    found = at_joint or own
+    at_place = [one for one in own if one.component.place == finding["location"]]
+    found = at_place or own
     return most_outside(found) if found else None
 
 
 def draw_rows(
-    shown: Sequence[ResidualComparison], unit: Unit = SECONDS, row_in: float = ROW_IN
+    shown: Sequence[ResidualComparison], units: Units = UNITS, row_in: float = ROW_IN
 ) -> Figure:
     """Draw comparisons below each other: before, and after."""
     figure, axes = drawing(max(len(shown), 1), 2, row_in * max(len(shown), 1))
     for row, one in enumerate(shown):
         pair = axes[2 * row : 2 * row + 2]
-        reach = max(_reach(one.before), _reach(one.after)) * unit.per_base
-        draw_curve(pair[0], one, one.before, "model under test", unit)
-        draw_curve(pair[1], one, one.after, "with the findings", unit)
+        reach = max(_reach(one.before), _reach(one.after)) * unit_of(one, units).per_base
+        draw_curve(pair[0], one, one.before, "model under test", units)
+        draw_curve(pair[1], one, one.after, "with the findings", units)
         for panel in pair:
             panel.set_ylim(-reach, reach)
     if shown:
@@ -80,9 +86,10 @@ def draw_curve(
     comparison: ResidualComparison,
     curve: ResidualCurve,
     name: str,
-    unit: Unit = SECONDS,
+    units: Units = UNITS,
 ) -> None:
     """Draw one comparison under one model on *panel*."""
+    unit = unit_of(comparison, units)
     bins, x = comparison.bins, comparison.bins.middle
     low, high, mean = (values * unit.per_base for values in (curve.low, curve.high, curve.mean))
     panel.fill_between(x, low, high, color=COLOURS[5], alpha=0.35, linewidth=0, label="noise, 95 %")
@@ -95,16 +102,27 @@ def draw_curve(
     panel.axhline(0.0, color="black", linewidth=0.5)
     share, p = 100 * curve.outside, _p(curve)
     panel.set_title(f"{name}: {share:.0f} % outside, {p}", fontsize=9.0)
-    panel.set(xlabel=bins.title, ylabel=f"residual, joint {comparison.joint}, {unit.name}")
+    panel.set(xlabel=bins.title, ylabel=f"residual, {comparison.component.title}, {unit.name}")
     if bins.labels:
         few = len(bins.labels) <= MOST_LABELS
         shown = [_short(label) for label in bins.labels] if few else []
         panel.set_xticks(x if few else [], shown, rotation=90, fontsize=7.0)
 
 
+def unit_of(comparison: ResidualComparison, units: Units) -> Unit:
+    """The unit of a comparison's residuals; a scale's is a length's per metre."""
+    length = units.length
+    match comparison.component.quantity:
+        case "angle":
+            return units.angle
+        case "length":
+            return length
+    return Unit(f"{length.name}/m", 1e3 * length.per_base, length.decimals)
+
+
 def _p(curve: ResidualCurve) -> str:
-    """A p-value of 0 is one below what the drawn sets resolve."""
-    least = 1.0 / curve.draws
+    """A p-value of 0 is one below what the drawn curves resolve."""
+    least = 1.0 / CURVES
     return f"p = {curve.p_value:.2g}" if curve.p_value >= least else f"p < {least:.1g}"
 
 

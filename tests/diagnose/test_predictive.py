@@ -17,8 +17,15 @@ from armd.compensation.diagnose.predictive.bins import (
     _ordered,
     all_bins,
 )
-from armd.compensation.diagnose.predictive.curves import ResidualComparison, ResidualCurve, _curves
+from armd.compensation.diagnose.predictive.components import Component, components
+from armd.compensation.diagnose.predictive.curves import (
+    ResidualComparison,
+    ResidualCurve,
+    _curves,
+    _noise_scale,
+)
 from armd.compensation.diagnose.predictive.replicates import AT_ONCE, Refitted, refit
+from armd.compensation.diagnose.predictive.strength import Strength
 from armd.compensation.report.predictive_plot import draw_rows, of_finding, overview
 from support.small_fit import small_fit, unit_noise
 from support.whole_scene import whole_scene
@@ -38,6 +45,13 @@ def a_fit(rng: np.random.Generator, error: np.ndarray | None = None) -> Any:
     return replace(fit, linear=linear, baseline=held)
 
 
+@pytest.fixture
+def along_the_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The small fit has joints alone."""
+    named = [Component(f"angle joint {k}", "angle", f"joint {k}") for k in (1, 2)]
+    monkeypatch.setattr(curves, "components", lambda linear: (named, linear.joints))
+
+
 def ten_bins(rng: np.random.Generator) -> Bins:
     return Bins("q1", "joint 1, °", rng.permutation(N), 12 * np.arange(10), np.arange(10.0))
 
@@ -45,15 +59,15 @@ def ten_bins(rng: np.random.Generator) -> Bins:
 def test_bins_are_of_equal_count_and_an_angles_are_not_wide() -> None:
     rng = np.random.default_rng(1)
     values = np.concatenate([rng.uniform(0, 40, 600), rng.uniform(0, 360, 40), [np.nan] * 5])
-    plain = _ordered("q1", "", values)
+    plain = _ordered("q1", "", values, "angle")
     counts = np.diff(np.append(plain.starts, len(plain.order)))
     assert len(plain.order) == 640 and counts.min() >= counts.max() // 2 >= LEAST_RESTS // 2
-    narrow = _ordered("q1", "", values, WIDEST_DEG)
+    narrow = _ordered("q1", "", values, "angle", WIDEST_DEG)
     groups = np.split(values[narrow.order], narrow.starts[1:])
     assert max(np.ptp(group) for group in groups) <= WIDEST_DEG
     assert max(map(len, groups)) == counts.max()  # where they lie close, as many as before
     assert np.allclose(narrow.middle, [group.mean() for group in groups])
-    tied = _ordered("t1", "", np.repeat([20.0, 21.0, 22.0], 100))
+    tied = _ordered("t1", "", np.repeat([20.0, 21.0, 22.0], 100), "temperature")
     assert [len(g) for g in np.split(tied.order, tied.starts[1:])] == [100, 100, 100]
 
 
@@ -118,16 +132,19 @@ def test_copies_of_a_posture_share_their_error_by_the_part_found(
     assert pairs == pytest.approx(0.6, abs=0.03)
 
 
+@pytest.mark.usefixtures("along_the_joints")
 def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(replicates, "MOST_DRAWS", 2 * AT_ONCE)
+    monkeypatch.setattr(curves, "CURVES", 1000)
+    even = np.ones(JOINTS)
     low, high = [], []
     for seed in range(60):
         rng = np.random.default_rng([seed, 5])
         fit = a_fit(rng)
         bins = ten_bins(rng)
-        for curve in _curves(refit(fit, fit.noise), [bins]):
+        for curve in _curves(refit(fit, fit.noise), [bins], even):
             low.append(curve.p_value <= 0.1)
             high.append(curve.p_value > 0.3)
     # Of few bins the share is coarse: p-values stand on few steps, none too small too often.
@@ -138,46 +155,94 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     step = np.zeros((N, 3))
     step[bins.order[:48]] = 3.0 * fit.linear.joints[bins.order[:48], :, 1]
     planted = replace(fit, residual=fit.residual + step.ravel())
-    first, second = _curves(refit(planted, fit.noise), [bins])
+    first, second = _curves(refit(planted, fit.noise), [bins], even)
     assert second.outside >= 0.4 and second.p_value <= 0.01
     assert (np.abs(second.mean[:4] - 3.0) < 1.0).all() and second.draws == 2 * AT_ONCE
     assert second.outside > first.outside and second.rms_um > 2 * first.rms_um
+    assert second.strength.noise_units > 20 and first.strength.noise_units < 8
+    # Where the last fit's residuals scatter more along a joint, so does its band.
+    scale = _noise_scale(refit(planted, fit.noise))
+    assert scale[1] > 1.5 and scale[1] > 1.2 * scale[0]
+    wide = _curves(refit(planted, fit.noise), [bins], scale)[1]
+    assert wide.high == pytest.approx(scale[1] * second.high)
 
 
-def test_the_report_picks_what_leaves_most_of_each_group_and_of_a_finding() -> None:
-    def curve(outside: float, p: float) -> ResidualCurve:
-        line = np.zeros(3)
-        sets = np.zeros((2, 3))
-        return ResidualCurve(
-            line + outside, line - 0.1, line + 0.1, outside, p, sets, 400, line + 1.0, 3
-        )
+def test_components_are_how_the_tip_moves() -> None:
+    linear = whole_scene().linear
+    named, moves = components(linear)
+    by_name = {one.name: moves[:, :, k] for k, one in enumerate(named)}
+    assert np.array_equal(by_name["angle joint 3"], linear.joints[:, :, 2])
+    along = {f"{axis} artefact" for axis in "xyz"} | {f"{axis} base" for axis in "xyz"}
+    assert {*along, "length link 2", "length stylus", "scale artefact"} < {*by_name}
+    for name in (*along, "length link 2", "length stylus"):  # a mm of each moves the tip by one
+        assert np.linalg.norm(by_name[name], axis=1) == pytest.approx(1.0, abs=1e-6), name
 
-    def one(variable: str, joint: int, outside: float, p: float) -> ResidualComparison:
-        labels = ("a", "b", "c") if variable == "placement" else ()
-        bins = Bins(variable, variable, np.arange(3), np.arange(3), np.arange(3.0), labels)
-        return ResidualComparison(bins, joint, curve(outside, p), curve(0.0, 1.0))
 
-    every = [one("q1", 1, 0.3, 0.0), one("q3", 3, 0.6, 0.0), one("q3", 5, 0.9, 0.0),
-             one("t1", 2, 0.1, 0.4), one("artefact_c", 1, 0.2, 0.2), one("time_s", 4, 0.5, 0.0),
-             one("placement", 2, 0.4, 0.1), one("approach", 1, 0.7, 0.0)]  # fmt: skip
-    assert [(c.bins.variable, c.joint) for c in overview(every)] == [
-        ("q3", 5), ("artefact_c", 1), ("time_s", 4), ("placement", 2)]  # fmt: skip
+def compared(
+    variable: str, component: Component, outside: float, best: float, flat: float = 0.0
+) -> ResidualComparison:
+    line, sets = np.zeros(3), np.zeros((2, 3))
+    curve = ResidualCurve(
+        line + outside, line - 0.1, line + 0.1, outside, 0.0, sets, 400, line + 1.0, 3,
+        Strength(best, flat))  # fmt: skip
+    after = replace(curve, mean=line, outside=0.0, p_value=1.0, strength=Strength(-2.0, -2.0))
+    named = variable in ("placement", "target", "approach")
+    bins = Bins(
+        variable, variable, np.arange(3), np.arange(3), np.arange(3.0),
+        ("a", "b", "c") if named else (), kind="name" if named else "angle")  # fmt: skip
+    return ResidualComparison(bins, component, curve, after)
+
+
+def joint(number: int) -> Component:
+    return Component(f"angle joint {number}", "angle", f"joint {number}")
+
+
+def test_the_report_picks_what_stands_out_most_of_each_group_and_of_a_finding() -> None:
+    every = [compared("q1", joint(1), 0.3, 30.0), compared("q3", joint(3), 0.6, 60.0),
+             compared("q3", joint(5), 0.9, 90.0), compared("t1", joint(2), 0.1, 10.0),
+             compared("artefact_c", joint(1), 0.2, 20.0), compared("time_s", joint(4), 0.5, 50.0),
+             compared("placement", joint(2), 0.4, 40.0), compared("approach", joint(1), 0.7, 70.0),
+             compared("target", Component("x artefact", "length", "artefact"), 0.2, 5.0),
+             ]  # fmt: skip
+
+    def picked(of: list[ResidualComparison]) -> list[tuple[str, str]]:
+        return [(one.bins.variable, one.component.name.split()[-1]) for one in overview(of)]
+
+    groups = [("q3", "5"), ("artefact_c", "1"), ("time_s", "4"), ("placement", "2")]
+    assert picked(every) == groups
+    strong = compared("target", every[-1].component, 0.2, 500.0)
+    assert picked([*every, strong]) == [("target", "artefact"), *groups]
     at_joint = of_finding(every, {"depends_on": ["q3"], "location": "joint 3"})
     assert at_joint is every[1]
     assert of_finding(every, {"depends_on": ["approach_z"], "location": "tip"}) is every[7]
     assert of_finding(every, {"depends_on": [], "location": "rows"}) is None
-    figure = draw_rows(overview(every))
-    assert [panel.get_title() for panel in figure.axes[:2]] == [
-        "model under test: 90 % outside, p < 0.003",
+    figure = draw_rows(overview([*every, strong]))
+    assert [panel.get_title() for panel in figure.axes[2:4]] == [
+        "model under test: 90 % outside, p < 0.0001",
         "with the findings: 0 % outside, p = 1",
     ]
+    assert [panel.get_ylabel() for panel in figure.axes[:4:2]] == [
+        "residual, x artefact, µm", "residual, joint 5, ″"]  # fmt: skip
     assert every[1].as_json() == {
         "variable": "q3", "component": "angle joint 3", "outside_before": 0.6,
         "outside_after": 0.0, "p_before": 0.0, "p_after": 1.0,
+        "noise_units_before": pytest.approx(np.sqrt(60.0)), "noise_units_after": 0.0,
         "curve_um_before": pytest.approx(1e3 * np.sqrt(0.6**2 - (0.1 / 1.96) ** 2)),
         "curve_um_after": 0.0}  # fmt: skip
 
 
+def test_what_is_the_same_all_over_is_of_the_time_and_names_give_way_to_values() -> None:
+    flat = [compared("q1", joint(1), 1.0, 105.0, 100.0), compared("time_s", joint(1), 1.0, 100.0)]
+    assert min(flat, key=lambda one: one.order).bins.variable == "time_s"
+    varies = compared("q1", joint(1), 1.0, 150.0, 100.0)
+    assert min([varies, *flat], key=lambda one: one.order) is varies
+    names = compared("placement", joint(1), 1.0, 155.0)
+    assert min([names, varies], key=lambda one: one.order) is varies
+    clear = compared("target", joint(1), 1.0, 200.0)
+    assert min([clear, varies], key=lambda one: one.order) is clear
+
+
+@pytest.mark.usefixtures("along_the_joints")
 def test_a_model_without_findings_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = a_fit(np.random.default_rng(7))
     monkeypatch.setattr(replicates, "MOST_DRAWS", AT_ONCE)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -21,6 +22,7 @@ _SIGNS = np.array([*itertools.product((1.0, 0.0, -1.0), repeat=3)])
 _FULL = np.isin(np.abs(_SIGNS).sum(axis=1), (1.0, 3.0))
 #: (14, 3) unit vectors along the axes and into the octants.
 DIRECTIONS: F64 = _SIGNS[_FULL] / np.linalg.norm(_SIGNS[_FULL], axis=1, keepdims=True)
+VariableKind = Literal["angle", "rate", "temperature", "time", "name"]
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Bins:
     starts: I64  # (B,) where each bin begins in `order`
     middle: F64  # (B,) mean value, in the axis' unit
     labels: tuple[str, ...] = ()  # (B,) of what has names instead of values
+    values: F64 | None = None  # (k,) of the rests in `order`, in the axis' unit
+    kind: VariableKind = "name"
 
     def sums(self, values: F64) -> F64:
         """(B, …) sums over each bin of values (n, …)."""
@@ -49,19 +53,19 @@ def _bins(rests: Rests) -> Iterator[Bins]:
     observations = rests.points  # the first of the rests
     states, arm = observations.states, observations.arm
     for k in range(arm.n_joints):
-        yield _ordered(f"q{k + 1}", f"joint {k + 1}, °", np.degrees(states.q[:, k]), WIDEST_DEG)
+        degrees = np.degrees(states.q[:, k])
+        yield _ordered(f"q{k + 1}", f"joint {k + 1}, °", degrees, "angle", WIDEST_DEG)
     for k in range(arm.n_joints):
-        yield _ordered(f"w{k + 1}", f"rate of joint {k + 1}, rad/s", states.rate[:, k])
+        yield _ordered(f"w{k + 1}", f"rate of joint {k + 1}, rad/s", states.rate[:, k], "rate")
     for s, name in enumerate(arm.sensors):
-        yield _ordered(name, f"{name}, °C", states.temperature_c[:, s])
+        yield _ordered(name, f"{name}, °C", states.temperature_c[:, s], "temperature")
     reference = [s.artefact.reference_temperature_c for s in rests.sessions]
     artefact_c = rests.artefact_rise_c[: observations.n] + np.array(reference)[observations.session]
     read = np.array([np.isfinite(s.artefact_c).any() for s in rests.sessions])
-    yield _ordered(
-        "artefact_c", "artefact, °C", np.where(read[observations.session], artefact_c, np.nan)
-    )
+    known_c = np.where(read[observations.session], artefact_c, np.nan)
+    yield _ordered("artefact_c", "artefact, °C", known_c, "temperature")
     hours = (states.time_s - np.nanmin(states.time_s, initial=np.inf)) / 3600.0
-    yield _ordered("time_s", "time since the first reading, h", hours)
+    yield _ordered("time_s", "time since the first reading, h", hours, "time")
     yield _named("placement", observations.placement, observations.placement_names)
     labels = list(dict.fromkeys(rests.target_label))
     place = np.array([labels.index(label) for label in rests.target_label])
@@ -69,7 +73,9 @@ def _bins(rests: Rests) -> Iterator[Bins]:
     yield _approach(states.approach)
 
 
-def _ordered(variable: str, title: str, values: F64, widest: float = np.inf) -> Bins:
+def _ordered(
+    variable: str, title: str, values: F64, kind: VariableKind, widest: float = np.inf
+) -> Bins:
     """Bins of equal count, or nearly where values tie or a bin would be wider than *widest*."""
     order = np.flatnonzero(np.isfinite(values))
     order = order[np.argsort(values[order], kind="stable")]
@@ -84,7 +90,12 @@ def _ordered(variable: str, title: str, values: F64, widest: float = np.inf) -> 
             starts.append(i)
     if len(starts) > 1 and np.isinf(widest) and len(order) - starts[-1] < count // 2:
         starts.pop()  # the last one takes the rest
-    return _made(variable, title, order, starts, ascending)
+    at = np.array(starts, dtype=np.int64)
+    if not len(at):
+        return Bins(variable, title, order, at, np.zeros(0))
+    counts = np.diff(np.append(at, len(order)))
+    middle = np.add.reduceat(ascending, at) / counts
+    return Bins(variable, title, order, at, middle, values=ascending, kind=kind)
 
 
 def _named(variable: str, number: I64, names: list[str]) -> Bins:
@@ -108,11 +119,3 @@ def _direction_in_words(direction: F64) -> str:
     """As "+x −z"."""
     parts = zip(direction, "xyz", strict=True)
     return " ".join(f"{'+' if part > 0 else '−'}{axis}" for part, axis in parts if part)
-
-
-def _made(variable: str, title: str, order: I64, starts: list[int], values: F64) -> Bins:
-    at = np.array(starts, dtype=np.int64)
-    if not len(at):
-        return Bins(variable, title, order, at, np.zeros(0))
-    counts = np.diff(np.append(at, len(order)))
-    return Bins(variable, title, order, at, np.add.reduceat(values, at) / counts)

@@ -1,36 +1,56 @@
-"""Residuals along each joint's motion over each variable, inside or outside of what noise makes."""
+"""Residuals along each component over each variable, inside or outside of what noise makes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import bdtrc
 
 from armd.arrays import F64
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.predictive.bins import Bins, all_bins
+from armd.compensation.diagnose.predictive.components import Component, components
+from armd.compensation.diagnose.predictive.moments import MOST_TOGETHER, Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
+from armd.compensation.diagnose.predictive.strength import (
+    Scatter,
+    Strength,
+    features,
+    lines_together,
+    of_pairs,
+    strength,
+)
 
-#: The pointwise band holds 95 % of the drawn sets.
-BAND = (0.025, 0.975)
-HALF_WIDTH = 1.96  # of it, in standard deviations
-#: So many drawn sets are kept to be shown.
-SHOWN = 12
+#: The pointwise band holds 95 % of the drawn sets: so many of their standard deviations.
+HALF_WIDTH, BEYOND = 1.96, 0.05
+#: Curves drawn by the sets' covariance, for the p-values: the smallest of 400 must be below 0.05
+#: divided by their number.
+CURVES = 10_000
+SEED = 0xC0E
+#: What varies over a variable must explain so much more (χ² − 2 k, and this share of it) than what
+#: is the same all over: else it is of the time since the calibration.
+BEYOND_FLAT, SHARE_BEYOND = 10.0, 0.1
+#: A name (placement, target, approach) explains as much of whatever was the same there as a value
+#: does: it must explain so much more, and this share.
+BEYOND_VALUES, SHARE_OF_NAMES = 10.0, 0.05
 
 
 @dataclass(frozen=True)
 class ResidualCurve:
-    """What a model leaves along one joint's motion over one variable, rad, and drawn sets' band."""
+    """What a model leaves along one component over one variable, and drawn sets' band: in rad, mm
+    or without a unit, as the component."""
 
     mean: F64  # (B,) of each bin
     low: F64  # (B,)
     high: F64  # (B,)
     outside: float  # the share of bins outside of the band
     p_value: float  # that a drawn set has so large a share
-    sets: F64  # (SHOWN, B) a few drawn sets
+    sets: F64  # (r, B) a few drawn sets
     draws: int  # sets in all
-    weight: F64  # (B,) mm²/rad²: square of the tip's motion with the angle, summed over each bin
+    weight: F64  # (B,) square of the tip's motion with the component, summed over each bin
     rests: int
+    strength: Strength
 
     @property
     def rms_um(self) -> float:
@@ -46,77 +66,152 @@ class ResidualComparison:
     """One variable and component, under the model under test and with the findings."""
 
     bins: Bins
-    joint: int  # from 1
+    component: Component
     before: ResidualCurve
     after: ResidualCurve
 
     @property
-    def component(self) -> str:
-        return f"angle joint {self.joint}"
+    def order(self) -> tuple[float, bool]:
+        """What comparisons are sorted by: what stands out most stands first. What is the same all
+        over is of the time since the calibration."""
+        found, name = self.before.strength, self.bins.variable
+        if name != "time_s" and found.best <= (1.0 + SHARE_BEYOND) * found.flat + BEYOND_FLAT:
+            return (-round(found.flat, 3), True)
+        if self.bins.kind == "name":
+            return (-round((1.0 - SHARE_OF_NAMES) * found.best - BEYOND_VALUES, 3), True)
+        return (-round(found.best, 3), name != "time_s")
 
     def as_json(self) -> dict[str, str | float]:
         """An entry of `predictive`."""
         return {
             "variable": self.bins.variable,
-            "component": self.component,
+            "component": self.component.name,
             "outside_before": self.before.outside,
             "outside_after": self.after.outside,
             "p_before": self.before.p_value,
             "p_after": self.after.p_value,
+            "noise_units_before": self.before.strength.noise_units,
+            "noise_units_after": self.after.strength.noise_units,
             "curve_um_before": self.before.rms_um,
             "curve_um_after": self.after.rms_um,
         }
 
 
 def compare(diagnosis: Diagnosis) -> list[ResidualComparison]:
-    """Every variable with every joint's motion, by the noise that the last fit found; what
-    explains most of the residuals under the model under test stands first."""
+    """Every variable with every component, by the noise that the last fit found; what stands out
+    of noise most under the model under test stands first."""
     search = diagnosis.search
     last = search.last
     bins = all_bins(last.linear.rests)
-    after = _curves(refit(last, last.noise), bins)
+    fitted = refit(last, last.noise)
+    scale = _noise_scale(fitted)
+    after = _curves(fitted, bins, scale)
     alike = not last.findings and search.first is last
-    before = after if alike else _curves(refit(search.first, last.noise), bins)
-    joints = range(1, diagnosis.arm.n_joints + 1)
-    places = [(one, joint) for one in bins for joint in joints]
+    before = after if alike else _curves(refit(search.first, last.noise), bins, scale)
+    named, _ = components(last.linear)
+    places = [(one, component) for one in bins for component in named]
     made = [
-        ResidualComparison(one, joint, first, second)
-        for (one, joint), first, second in zip(places, before, after, strict=True)
+        ResidualComparison(one, component, first, second)
+        for (one, component), first, second in zip(places, before, after, strict=True)
     ]
-    return sorted(made, key=lambda one: -one.before.rms_um)
+    return sorted(made, key=lambda one: one.order)
 
 
-def _curves(model: Refitted, bins: list[Bins]) -> list[ResidualCurve]:
-    """Bins by bins, joint by joint."""
-    joints = model.fit.linear.joints  # (n, 3, N) mm/rad
-    square = (joints**2).sum(axis=1)
-    weight = [np.maximum(one.sums(square), 1e-12) for one in bins]  # (B, N)
-    measured = np.einsum("nij,ni->nj", joints, model.left_mm)
-    mean = [one.sums(measured) / own for one, own in zip(bins, weight, strict=True)]
-    drawn: list[list[F64]] = [[] for _ in bins]
+def _noise_scale(last: Refitted) -> F64:
+    """(K,) by how much more the last fit's residuals scatter along each component than drawn sets
+    do: the noise found is right over all, not along each."""
+    _, moves = components(last.fit.linear)
+    measured = (np.einsum("nij,ni->jn", moves, last.left_mm) ** 2).sum(axis=1)
+    drawn = np.einsum("nij,nir->jnr", moves, next(last.replicates()))
+    expected = (drawn**2).sum(axis=1).mean(axis=1)
+    scale: F64 = np.sqrt(np.maximum(measured, 1e-30) / np.maximum(expected, 1e-30))
+    return scale
+
+
+def _curves(model: Refitted, bins: list[Bins], scale: F64) -> list[ResidualCurve]:
+    """Bins by bins, component by component, whose noise is so many times that found."""
+    linear = model.fit.linear
+    _, moves = components(linear)  # (n, 3, K)
+    square = (moves**2).sum(axis=1)
+    measured = np.einsum("nij,ni->jn", moves, model.left_mm)[:, :, None]
+    moves_of_noise = moves * scale
+    drawn = [Moments(features(one), one.order, one.starts) for one in bins]
+    warm = [one for one in bins if one.kind == "temperature" and one.variable != "artefact_c"]
+    lines = lines_together(warm, linear.rests.n)
+    together = Moments(lines, np.arange(len(lines)), np.zeros(0, dtype=np.int64))
     for left in model.replicates():
-        along = np.einsum("nij,nir->njr", joints, left)
-        for one, own, kept in zip(bins, weight, drawn, strict=True):
-            kept.append((one.sums(along) / own[:, :, None]).astype(np.float32))
+        along = np.einsum("nij,nir->jnr", moves_of_noise, left)
+        for kept in (*drawn, together):
+            kept.add(along)
+    rng = np.random.default_rng(SEED)
+    normal = rng.normal(size=(MOST_TOGETHER, CURVES))
+    own_mm = model.fit.noise.own_mm / np.sqrt(3.0)
+    variance = (own_mm * scale[:, None]) ** 2 * square.T  # (K, n)
+    joint = [
+        of_pairs(warm, values, scatter) if len(warm) > 1 else {}
+        for values, scatter in _each(together, measured, variance)
+    ]
     found = []
-    for one, levers, own, kept in zip(bins, weight, mean, drawn, strict=True):
-        sets = np.concatenate(kept, axis=2)  # (B, N, R)
-        low, high = np.quantile(sets, BAND, axis=2)
-        share = ((sets < low[:, :, None]) | (sets > high[:, :, None])).mean(axis=0)  # (N, R)
-        outside = ((own < low) | (own > high)).mean(axis=0)  # (N,)
-        p_value = (share >= outside[:, None] - 1e-9).mean(axis=1)
-        for k in range(own.shape[1]):
-            found.append(
-                ResidualCurve(
-                    own[:, k],
-                    low[:, k],
-                    high[:, k],
-                    float(outside[k]),
-                    float(p_value[k]),
-                    sets[:, k, :SHOWN].T.astype(np.float64),
-                    sets.shape[2],
-                    levers[:, k],
-                    len(one.order),
-                )
-            )
+    for one, kept in zip(bins, drawn, strict=True):
+        levers = np.maximum(one.sums(square), 1e-12)  # (B, K)
+        for k, (values, scatter) in enumerate(_each(kept, measured, variance)):
+            also = joint[k].get(one.variable, -np.inf)
+            shown = kept.shown[k]
+            found.append(_curve(one, levers[:, k], values, scatter, shown, normal, also))
     return found
+
+
+def _each(kept: Moments, measured: F64, variance: F64) -> list[tuple[F64, Scatter]]:
+    """Of each component the measured sums, and how drawn ones scatter."""
+    sums, covariance = kept.sums(measured)[:, :, 0], kept.covariance
+    unabsorbed = kept.unabsorbed(variance)
+    return [
+        (own, Scatter(scatter, free, kept.draws))
+        for own, scatter, free in zip(sums, covariance, unabsorbed, strict=True)
+    ]
+
+
+def _curve(
+    bins: Bins,
+    lever: F64,
+    values: F64,
+    scatter: Scatter,
+    shown: F64,
+    normal: F64,
+    joint: float,
+) -> ResidualCurve:
+    """Of one component, by measured *values* (m + B,)."""
+    at = slice(len(values) - len(bins.starts), None)
+    sums, moments = values[at], scatter.covariance[at]
+    variance = moments
+    if moments.ndim == 2:
+        moments = moments[:, at]
+        variance = np.diag(moments)
+    sigma = np.sqrt(variance)
+    outside = float((np.abs(sums) > HALF_WIDTH * sigma).mean())
+    band = HALF_WIDTH * sigma / lever
+    return ResidualCurve(
+        sums / lever,
+        -band,
+        band,
+        outside,
+        _p_value(outside, moments, normal),
+        (shown / lever[:, None]).T,
+        scatter.draws,
+        lever,
+        len(bins.order),
+        strength(bins, values, scatter, joint),
+    )
+
+
+def _p_value(outside: float, moments: F64, normal: F64) -> float:
+    """That a curve of noise has so large a share *outside* its band: of curves drawn by the
+    covariance (B, B) of the sets, or of independent bins (B,)."""
+    if moments.ndim == 1:
+        least = round(outside * len(moments))
+        return float(bdtrc(least - 1, len(moments), BEYOND)) if least else 1.0
+    sigma = np.sqrt(np.maximum(np.diag(moments), 1e-300))
+    root, turned = np.linalg.eigh(moments / np.outer(sigma, sigma))
+    factor = turned * np.sqrt(np.maximum(root, 0.0))
+    share = (np.abs(factor @ normal[: len(factor)]) > HALF_WIDTH).mean(axis=0)
+    return float((share >= outside - 1e-9).mean())

@@ -17,9 +17,9 @@ from armd.compensation.diagnose.fitting.fit import normal_equations
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 
-#: Sets drawn: the smallest p-value among a hundred curves must be below 0.05 divided by their
-#: number; where readings and columns are many, fewer, but so many at least.
-MOST_DRAWS, LEAST_DRAWS = 4000, 400
+#: Sets drawn: they tell the covariance of a hundred bins;
+#: where readings and columns are many, fewer, but so many at least.
+MOST_DRAWS, LEAST_DRAWS = 1000, 400
 #: Products of rows and columns, and rests, in all sets: some ten seconds of one processor.
 MOST_PRODUCTS, MOST_RESTS = 5e9, 5e6
 AT_ONCE = 200

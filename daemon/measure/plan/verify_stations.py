@@ -1,4 +1,4 @@
-"""Stations of the tests that `armd verify` counts, by the names of targets (docs/how-to/verify.md)."""
+"""Stations of the tests that `armd verify` counts, by targets' names (docs/how-to/verify.md)."""
 
 from __future__ import annotations
 

@@ -1,0 +1,90 @@
+"""Along what residuals are looked at: a joint's angle, a link's length, base and artefact.
+
+What a joint does shows along its motion. What a link's growth does shows along the link, and what
+a wrong artefact does in the artefact's frame, where no joint's angle has a clear curve of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.linear import Linear
+from armd.compensation.effects.effect import ArtefactChange
+from armd.compensation.estimate.surfaces import project_on_normals
+from armd.compensation.model.parameters import BASE_PARAMETERS, TIP_PARAMETERS
+
+#: A shorter link has no component of its own.
+SHORTEST_MM = 20.0
+
+
+@dataclass(frozen=True)
+class Component:
+    """One way in which residuals are looked at."""
+
+    name: str  # as `predictive` has it
+    quantity: Literal["angle", "length", "scale"]  # in rad, mm, and without a unit
+    place: str  # as a finding's location has it
+
+    @property
+    def title(self) -> str:
+        """As an axis has it."""
+        return self.place if self.quantity == "angle" else self.name.replace("scale", "scale of")
+
+
+def components(linear: Linear) -> tuple[list[Component], F64]:
+    """Every component, and the tip's motion (n, 3, K) in mm per unit of each."""
+    named = [*_angles(linear), *_lengths(linear), *_of_base(linear), *_of_artefact(linear)]
+    return [one for one, _ in named], np.stack([moves for _, moves in named], axis=2)
+
+
+def _angles(linear: Linear) -> list[tuple[Component, F64]]:
+    return [
+        (Component(f"angle joint {k + 1}", "angle", f"joint {k + 1}"), linear.joints[:, :, k])
+        for k in range(linear.joints.shape[2])
+    ]
+
+
+def _lengths(linear: Linear) -> list[tuple[Component, F64]]:
+    """Of each link that has a length, and of the stylus."""
+    layout = linear.rests.observations.arm.layout
+    bodies = [
+        (f"link {k + 1}", f"link {k + 1}", layout.indices([f"d_{k + 1}", f"a_{k + 1}"]))
+        for k in range(linear.joints.shape[2])
+    ]
+    bodies.append(("stylus", "tip", layout.indices(TIP_PARAMETERS)))
+    found = []
+    for name, place, parameters in bodies:
+        parts_mm = linear.model.constants[parameters]
+        length_mm = float(np.linalg.norm(parts_mm))
+        if length_mm >= SHORTEST_MM:
+            column = parts_mm / length_mm @ linear.jacobian[parameters]
+            moves = column[: 3 * linear.rests.n].reshape(-1, 3)
+            found.append((Component(f"length {name}", "length", place), moves))
+    return found
+
+
+def _of_base(linear: Linear) -> list[tuple[Component, F64]]:
+    layout = linear.rests.observations.arm.layout
+    return [
+        (Component(f"{axis} base", "length", "base"), column[: 3 * linear.rests.n].reshape(-1, 3))
+        for axis, column in (
+            (name[-1], linear.jacobian[layout.index(name)]) for name in BASE_PARAMETERS[:3]
+        )
+    ]
+
+
+def _of_artefact(linear: Linear) -> list[tuple[Component, F64]]:
+    rests = linear.rests
+    scale = linear.artefact_column(ArtefactChange("scale"))[: 3 * rests.n].reshape(-1, 3)
+    axes = linear.poses.rotation[rests.observations.placement]  # its columns, in the base frame
+    if linear.normal is not None:
+        axes = project_on_normals(linear.normal, axes)
+    found = [(Component("scale artefact", "scale", "artefact"), scale)]
+    return found + [
+        (Component(f"{axis} artefact", "length", "artefact"), axes[:, :, i])
+        for i, axis in enumerate("xyz")
+    ]
