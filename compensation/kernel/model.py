@@ -181,7 +181,8 @@ class Model:
         if self.states_uncertainty:
             row_variances(
                 np.ascontiguousarray(slow_values),
-                np.ascontiguousarray(states.temperature_c),
+                # writeable, as the ready library has it: another kind is compiled for 10 s
+                np.require(states.temperature_c, requirements="CW"),
                 states.time_s if self.dated else np.zeros(states.n),
                 self._uncertainty.temperature_c,
                 self._slow.apart(),

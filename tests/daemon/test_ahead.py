@@ -252,7 +252,11 @@ def test_without_a_file_it_is_for_every_number_of_joints(
 def test_every_made_up_arm_is_one_that_a_daemon_takes(monkeypatch: pytest.MonkeyPatch) -> None:
     """`make install` calls them all: one that a check refuses would stop it."""
     called = []
-    monkeypatch.setattr(program, "call_everything", lambda path: called.append(load_config(path)))
+
+    def take(path: Path, for_tables: bool) -> None:
+        called.append(load_config(path))
+
+    monkeypatch.setattr(program, "call_everything", take)
     program.call([], range(3, 10))
     assert {config.arm.n_joints for config in called} == {*range(3, 10)}
     assert {config.driver.kind for config in called} == {"serial", "microscribe"}
