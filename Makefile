@@ -10,8 +10,6 @@ export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep hidden-predictive outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
 .PHONY: develop notebooks docs
-# Without bytecode on disk every worker and every daemon of the tests compiles 700 files by itself
-unexport PYTHONDONTWRITEBYTECODE
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # A command, and after it what it did and the seconds it took: $(call timed,WHAT,COMMAND)
 timed = @from=$$(date +%s); $(2) && echo "armd: $(1): $$(($$(date +%s) - from)) s"

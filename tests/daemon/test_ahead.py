@@ -253,7 +253,7 @@ def test_every_made_up_arm_is_one_that_a_daemon_takes(monkeypatch: pytest.Monkey
     """`make install` calls them all: one that a check refuses would stop it."""
     called = []
 
-    def take(path: Path, for_tables: bool) -> None:
+    def take(path: Path, for_tables: bool = True) -> None:
         called.append(load_config(path))
 
     monkeypatch.setattr(program, "call_everything", take)
