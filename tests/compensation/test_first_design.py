@@ -170,6 +170,7 @@ def artefact(known: bool, targets: int, length_mm: float | None = None) -> Artef
     return Artefact.model_validate(content)
 
 
+@pytest.mark.slow
 @parametrize_default(
     ("known", "targets", "length_mm", "structural"),
     [(True, 4, None, 21), (False, 1, None, 20), (False, 2, None, 20), (False, 2, 300.0, 21)],

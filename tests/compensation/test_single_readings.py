@@ -78,6 +78,7 @@ def worst(verification: Verification) -> dict[str, float]:
     return {figure.key: abs(figure.worst.value_mm) for figure in verification.figures}
 
 
+@pytest.mark.slow
 def test_good_readings_are_not_told(good: Path, tmp_path: Path) -> None:
     verification = verified(good, tmp_path, lambda rows: None)
     assert verification.far_off == () and verification.remarks == ()

@@ -200,6 +200,7 @@ def test_calibrate_keeps_the_other_sensors_of_an_arm(stuck_at: float) -> None:
     assert result.heldout.rms_um < 6.0  # 12 with the stuck one as it stands, or without any
 
 
+@pytest.mark.slow
 def test_a_table_pasted_twice_calibrates_no_better() -> None:
     """Copies scatter no more than their originals, and know no more."""
     given = sessions()

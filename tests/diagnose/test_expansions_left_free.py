@@ -77,6 +77,7 @@ def found(sessions: tuple[Session, ...], order: int) -> list[tuple[str, str]]:
     return [finding.candidate.place for finding in diagnosis.found]
 
 
+@pytest.mark.slow
 @parametrize_default(("celsius", "order"), [(ONE_C, 0), (CLOSE_C, 1)])
 def test_plain_expansion_of_all_links_is_no_finding(celsius: tuple[float, ...], order: int) -> None:
     assert found(measured(2, celsius), order) == []

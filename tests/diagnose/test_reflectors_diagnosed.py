@@ -29,6 +29,7 @@ def measured(folder: Path, given: Sequence[str], plant: str, poses: int = 60) ->
     return folder / "arm.toml"
 
 
+@pytest.mark.slow
 def test_a_bad_encoder_is_found_by_reflectors_of_unknown_place(tmp_path: Path) -> None:
     arm = measured(tmp_path, (), "encoder_eccentricity@joint 3=4", poses=30)
     found = armd.diagnose([tmp_path / "now"], arm)

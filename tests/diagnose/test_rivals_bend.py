@@ -50,6 +50,7 @@ def test_a_rival_is_weighed_with_its_own_shape_as_a_finding_is(
     assert sum(told(size_rad, second)) == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.slow
 @parametrize_default("size_rad", [2e-4, 1e-3, 5e-3])
 def test_a_rival_far_from_likely_stays_so_with_its_own_shape(size_rad: float) -> None:
     """An eccentric disc that is hundreds of noise units strong: an oval one gains thousands by

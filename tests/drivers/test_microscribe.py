@@ -181,7 +181,13 @@ def test_home_that_is_not_acknowledged_is_given_up() -> None:
 # --- the driver and the simulated arm ----------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=[True, False], ids=["streamed", "asked"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(True, id="streamed"),
+        pytest.param(False, id="asked", marks=pytest.mark.slow),
+    ],
+)
 def run(
     request: pytest.FixtureRequest,
     tmp_path_factory: pytest.TempPathFactory,

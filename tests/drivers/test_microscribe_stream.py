@@ -132,6 +132,7 @@ def test_a_whole_line_gives_each_packet_once_however_it_is_cut(first: int, cuts:
     assert [t.lost for t in taken] == [None] + [0] * 18
 
 
+@pytest.mark.slow
 @settings(max_examples=400)
 @given(FIRST, CUTS, st.integers(0, 279), st.integers(1, 90))
 def test_lost_bytes_cost_what_they_touched_and_make_nothing(
@@ -161,6 +162,7 @@ def test_inserted_bytes_cost_what_they_touched_and_make_nothing(
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=400)
 @given(FIRST, CUTS, st.integers(0, 279), st.integers(128, 255))
 def test_a_false_beginning_makes_no_packet(first: int, cuts: list[int], at: int, mark: int) -> None:

@@ -232,6 +232,7 @@ def test_a_decimal_comma_is_named(
     assert "line 10: found" in said and "expected a decimal point:" in said and "300.5" in said
 
 
+@pytest.mark.slow
 def test_a_simulated_operators_plan_is_checked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

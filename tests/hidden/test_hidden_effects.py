@@ -231,6 +231,7 @@ def test_a_confounded_design_gives_alternatives() -> None:
     assert any(found.rivals for found in judged.diagnosis.found)
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_the_contract_says(tmp_path) -> None:
     plant = Plant("encoder_eccentricity", "joint 3", 1.5)
     case = generate_case(tmp_path / "case", 707, [plant], replace(SMALL, sessions=4))

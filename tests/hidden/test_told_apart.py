@@ -46,6 +46,7 @@ def columns_of(diagnosis, place) -> np.ndarray:
     return only
 
 
+@pytest.mark.slow
 def test_an_effect_is_clear_of_what_the_other_cause_may_do_at_any_size_and_phase(planted) -> None:
     diagnosis, errors = planted
     two = [errors[DISC], errors[GAIN]]

@@ -134,6 +134,7 @@ def test_one_temperature_gives_geometry_and_says_so(measured: Path, tmp_path: Pa
     assert any("one temperature only" in note for note in figures["notes"])
 
 
+@pytest.mark.slow
 def test_readings_without_a_temperature_are_left_out_and_counted(
     measured: Path, tmp_path: Path
 ) -> None:

@@ -29,6 +29,7 @@ def rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+@pytest.mark.slow
 @parametrize_default(("readings", "wrong"), [(24, 0), (200, 0), (200, 8)])
 def test_readings_of_a_tracker(readings: int, wrong: int) -> None:
     printed, without, elsewhere = [], [], []

@@ -39,6 +39,7 @@ def growth(result: Result) -> list[Term]:
     return [term for term in result.calibration.terms if term.parameter == "d_1"]
 
 
+@pytest.mark.slow
 def test_ramps_show_how_the_first_link_grows_and_nothing_else(tmp_path: Path) -> None:
     """In the simulator's own physics every link grows, the first as well. While it was not in the
     model, three sessions on ramps of 8 K/h made every length a cubic of its temperature."""

@@ -295,6 +295,7 @@ def test_a_tip_that_grows_as_it_may_is_none() -> None:
     assert result.certificate.granted and result.second_group is None
 
 
+@pytest.mark.slow
 def test_of_two_sessions_one_is_calibrated_alone() -> None:
     certificate = calibrate([touched(TRUTH, "S"), touched(OTHER_TIP, "U", 6)], ARM).certificate
     assert "session U: measured with another tip than the 120 other readings" in certificate.reason

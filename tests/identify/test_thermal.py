@@ -50,6 +50,7 @@ def calibrated(true_terms: list[Term], options: Options | None = None) -> Result
     return result
 
 
+@pytest.mark.slow
 def test_no_expansion_no_thermal_model() -> None:
     result = calibrated([])
     assert result.thermal_order == 0
@@ -118,6 +119,7 @@ def test_other_methods_can_be_chosen(method: str) -> None:
         assert all(len(basis.weights) == 6 for basis in bases)
 
 
+@pytest.mark.slow
 @parametrize_default("offset", [False, True])
 def test_the_papers_own_way_can_be_chosen(offset: bool) -> None:
     terms = with_coefficients(length_terms(ARM, [1]), 5e-3)

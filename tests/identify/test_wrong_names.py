@@ -146,6 +146,7 @@ def test_a_reading_in_the_air_is_named_as_why_there_is_no_certificate(
     assert "no set of constants describes this arm" not in said
 
 
+@pytest.mark.slow
 @parametrize_default(("names", "turn"), [(["T20"], 0.35), (NAMES, 0.35), (NAMES, 0.0005)])
 def test_check_names_a_reading_in_the_air(
     measured: Path, capsys: pytest.CaptureFixture[str], names: list[str], turn: float

@@ -127,12 +127,14 @@ def test_good_checks_name_none(checks: Path, tmp_path: Path) -> None:
     assert added(checks, tmp_path, checks / DAY)["far_off"] == []
 
 
+@pytest.mark.slow
 def test_a_row_many_times_makes_no_other_one_far_off(checks: Path, tmp_path: Path) -> None:
     session = edited(checks, tmp_path, lambda _, rows: [*rows[:8], *[rows[7]] * 20, *rows[8:]])
     result = added(checks, tmp_path, session)
     assert result["far_off"] == [] and result["checks"][-1]["verdict"] == "in_control"
 
 
+@pytest.mark.slow
 def test_readings_without_a_temperature_are_named(
     checks: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -420,6 +420,7 @@ def test_a_folder_without_the_right_to_write_is_named(checks: Path, kept: Path, 
     assert {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()} == before
 
 
+@pytest.mark.slow
 @parametrize_default(("file", "after"), [("statistics.json", 1), ("history.jsonl", 0)])
 def test_a_full_disk_keeps_nothing_half(
     checks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, after: int
@@ -446,6 +447,7 @@ def test_a_full_disk_keeps_nothing_half(
     assert add(checks, history, 2, 4) == 0
 
 
+@pytest.mark.slow
 def test_no_room_for_the_report_says_that_the_check_is_kept(
     checks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

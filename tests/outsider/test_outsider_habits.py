@@ -147,6 +147,7 @@ def test_links_follow_the_air_that_one_sensor_reads(tmp_path: Path) -> None:
     assert "t2" not in rows_of(tmp_path / "further")[0]
 
 
+@pytest.mark.slow
 def test_placements_may_be_of_5_12_and_all_other_readings_at_three_targets() -> None:
     case = draw("uneven", 0)
     first = case.readings.only(case.readings.session == 0)

@@ -61,6 +61,7 @@ def _run(folder: Path, cache: str, before: Callable[[], None] | None = None) -> 
     return cached, hits
 
 
+@pytest.mark.slow
 def test_what_was_compiled_is_found_again(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     assert _run(tmp_path, str(cache)) == ("True", "0")

@@ -100,6 +100,7 @@ def test_a_tip_calibrated_now_is_in_force_and_stays_so(
             assert tips["ruby"]["offset_mm"] == [0.0, 0.0, 151.0]
 
 
+@pytest.mark.slow
 def test_a_reader_that_has_seen_enough_ends_the_read_out(
     live: tuple[SimulatedArm, Daemon],
 ) -> None:

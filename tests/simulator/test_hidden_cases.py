@@ -123,6 +123,7 @@ def test_the_standard_design_is_that_of_the_facts_without_its_payload(tmp_path: 
     assert not case.effects
 
 
+@pytest.mark.slow
 def test_kinds_of_noise_are_what_they_say(tmp_path: Path) -> None:
     noises = {
         "plain": NOISE,

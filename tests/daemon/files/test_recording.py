@@ -125,6 +125,7 @@ def test_another_file_is_refused(tmp_path):
         Recording(tmp_path / "nothing.mcap")
 
 
+@pytest.mark.slow
 def test_it_is_published_like_a_live_arm(recorded, tmp_path):
     endpoint = free_endpoint()
     command = [sys.executable, "-m", "armd.daemon.cli"]

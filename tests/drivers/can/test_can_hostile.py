@@ -379,6 +379,7 @@ def test_a_visit_that_outlives_its_bus_leaves_no_node_to_the_next(monkeypatch):
     assert old.added and setup._nodes == {}
 
 
+@pytest.mark.slow
 def test_the_stream_goes_on_through_cut_lines(tmp_path):
     """A whole arm behind an adapter that cuts a line now and then."""
     with simulated_arm(tmp_path, wire=("--can", "slcan"), rate_hz=100) as arm:

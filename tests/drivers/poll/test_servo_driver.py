@@ -206,6 +206,7 @@ def test_stale_bytes_echo_and_noise_are_no_answers(tmp_path, family):
     assert counters["echoes"] > 200 and counters["bad_sum"] > 20 and counters["junk"] > 0
 
 
+@pytest.mark.slow
 @BOTH
 def test_the_seam_and_many_turns(tmp_path, punctuality, family):
     with (

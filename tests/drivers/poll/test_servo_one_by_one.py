@@ -131,6 +131,7 @@ def test_a_servo_that_falls_silent_marks_its_own_joint(tmp_path, family):
     assert "servo 2 (joint 2) does not answer" in hindrance
 
 
+@pytest.mark.slow
 @EITHER
 @parametrize_default("late_by", ["a request", "a cycle"])
 def test_a_late_answer_is_never_taken_for_the_next_cycles(tmp_path, family, late_by):

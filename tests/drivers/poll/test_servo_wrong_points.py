@@ -23,6 +23,7 @@ def put_off(family, registers, counts):
     family.put_position(registers, 2048 + counts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fast", [False, True], ids=["sync", "fast"])
 def test_data_that_come_with_a_refusal_are_no_position(tmp_path, fast):
     """e-Manual, status packet: the low seven bits tell that the instruction was not done."""
