@@ -407,6 +407,7 @@ def test_an_arm_that_ceases_to_stream_is_asked_and_that_is_told(tmp_path: Path) 
     assert later.sum() > 20
 
 
+@pytest.mark.slow
 @pytest.mark.serial  # an answer that a starved machine reads late is taken for a timer's
 @parametrize_default("baud", ["115200", "19200"])
 def test_an_arm_that_cannot_stream_is_asked_and_that_is_told(tmp_path: Path, baud: str) -> None:

@@ -114,6 +114,7 @@ def test_servos_are_held_against_armd_toml(
     assert bus.writes == []
 
 
+@pytest.mark.slow
 @pytest.mark.serial
 def test_dynamixel_as_from_the_factory(capsys: pytest.CaptureFixture[str]) -> None:
     with FakeServos("dynamixel", {i: xl330() for i in range(11, 17)}) as bus:
@@ -145,6 +146,7 @@ def test_servos_that_cannot_be_used_are_named(capsys: pytest.CaptureFixture[str]
     assert all(f"do: {finding.mend}" in printed for finding in found.findings)
 
 
+@pytest.mark.slow
 @pytest.mark.serial
 def test_a_servo_that_speaks_at_another_rate_is_found(capsys: pytest.CaptureFixture[str]) -> None:
     """In the gap of a row: it was new, and still has the factory's rate."""
@@ -158,6 +160,7 @@ def test_a_servo_that_speaks_at_another_rate_is_found(capsys: pytest.CaptureFixt
     assert finding["mend"] == "set its rate to 1000000 with the maker's tool"
 
 
+@pytest.mark.slow
 @pytest.mark.serial
 @pytest.mark.parametrize("family", ["feetech", pytest.param("dynamixel", marks=pytest.mark.slow)])
 @parametrize_default("fault", ["servo_alert", "echo", "stale_bytes"])
