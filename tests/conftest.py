@@ -1,6 +1,6 @@
 """For all tests: the user's home stays untouched, and no test fails because a machine is slow.
 
-``make test`` runs a file's tests in one of five workers (pytest-xdist, ``--dist loadfile``), then
+``make test`` runs a file's tests in one of three workers (pytest-xdist, ``--dist loadfile``), then
 the tests marked `serial`, two files at a time and nothing beside them. A test waits until something
 happens, with a generous limit, and asserts what must never happen. Only a `serial` test may measure
 seconds, and `support.punctuality` judges them by what the machine gave. `support.budget` reports
