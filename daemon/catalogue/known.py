@@ -44,8 +44,10 @@ KNOWN: dict[str, Bus | None] = {
 
 
 def canonical(name: str) -> str:
-    """The table's spelling of *name*; raises `BadInput` for an arm that is not in it."""
+    """The table's spelling of *name*, as SO-100; raises `BadInput` for an arm not in it."""
     found = name.lower().replace("_", "-")
+    plain = {known.replace("-", ""): known for known in KNOWN}
+    found = plain.get(found.replace("-", "").replace(" ", ""), found)
     if found not in KNOWN:
         names = [*KNOWN, "microscribe"]
         expected = f"one of {', '.join(names)}{did_you_mean(found, names)}"

@@ -298,8 +298,9 @@ class CanDecoder:
 
     def _limits(self, node: Node, note: dict[str, Any], now_ns: int) -> list[Event]:
         """What cannot be checked of an encoder that lacks an object; once, until it is another."""
-        event = news.limited(node, "serial_number" in note and note["serial_number"] is None,
-                             note.get("alarms"), now_ns)  # fmt: skip
+        nameless = "serial_number" in note and note["serial_number"] is None
+        counts_told = note.get("counts_told", True)
+        event = news.limited(node, nameless, counts_told, note.get("alarms"), now_ns)
         before, self._limited[node.number] = self._limited.get(node.number, ""), event.text
         return [event] if event.detail["lacks"] and event.text != before else []
 

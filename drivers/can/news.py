@@ -18,11 +18,17 @@ def warned(node: Node, now_ns: int) -> Event:
     return Event("joint_warning", text, now_ns, "warning", detail)
 
 
-def limited(node: Node, nameless: bool, alarms: int | None, now_ns: int) -> Event:
-    """*node* is *nameless* without a serial number; *alarms*: what it said when it was asked."""
+def limited(
+    node: Node, nameless: bool, counts_told: bool, alarms: int | None, now_ns: int
+) -> Event:
+    """*node* is *nameless* without a serial number; *counts_told*: it says its counts per turn;
+    *alarms*: what it said when it was asked."""
     lacks = []
     if nameless:
         lacks.append("no serial number (1018:4): another encoder in its place goes unnoticed")
+    if not counts_told:
+        of = f"the {node.counts_per_turn} of arm.toml are taken unchecked"
+        lacks.append(f"no counts per turn (6501): {of}")
     if node.layout.alarms_at is None:
         how = "asked for by SDO instead" if alarms is not None else "not to be had by SDO either"
         lacks.append(f"no room for its alarms (6503) in TPDO1: they are {how}")

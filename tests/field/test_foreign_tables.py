@@ -237,6 +237,18 @@ def test_joints_that_are_named_in_cells(importer: Importer) -> None:
     assert "field.position0 is elbow, field.position1 is shoulder_lift" in said
 
 
+def test_joints_of_a_known_arm_that_are_named_in_cells(importer: Importer) -> None:
+    joints = ["elbow_flex", "shoulder_lift", "shoulder_pan", "wrist_flex", "wrist_roll"]
+    header = [f"field.name{k}" for k in range(5)] + [f"field.position{k}" for k in range(5)]
+    rows = [[*joints, "0.3", "0.2", "0.1", "0.4", "0.5"], [*joints, "1", "1", "1", "1", "1"]]
+    code, said = importer.text("\n".join(map(",".join, [header, *rows])), FIVE)
+    assert code == 0, said
+    assert importer.session(FIVE).states.q[0].tolist() == [0.1, 0.2, 0.3, 0.4, 0.5]
+    rows[1][0] = "shoulder_pan"  # another joint in another row: no column is any joint's
+    code, said = importer.text("\n".join(map(",".join, [header, *rows])), FIVE)
+    assert (code, "q1: found no such column" in said) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("text", "seconds", "started"),
     [

@@ -192,12 +192,13 @@ def _as_word(word: str) -> str | None:
 
 
 def _put_named_joints(places: Places) -> None:
-    """Joints that have names, where all those of a known arm are there."""
+    """Joints that have names, in the header or in cells, where all of a known arm are there."""
     if any(f"q{k}" in places.at for k in range(1, places.arm.n_joints + 1)):
         return
     columns: dict[str, list[int]] = defaultdict(list)
+    named = _named_in_cells(places.table)
     for at, header in places.free():
-        columns[joint_name(header)].append(at)
+        columns[joint_name(named.get(header, header))].append(at)
     for names in NAMED_JOINTS:
         if len(names) == places.arm.n_joints and all(columns[name] for name in names):
             for k, name in enumerate(names, 1):
@@ -276,12 +277,19 @@ def without_joint(places: Places, k: int) -> BadInput:
     """No column is joint *k*; where the names are in cells, as ROS writes them, it says which."""
     table = places.table
     expected = f"a column for joint {k}: --column q{k}=HEADER"
-    pairs = []
-    for at, header in enumerate(table.header):
-        named = _ROS_NAME.fullmatch(header)
-        value = _ROS_POSITION.format(named[1], named[2]) if named else ""
-        if named and value in table.header and table.rows:
-            pairs.append(f"{value} is {table.rows[0][at]}")
+    pairs = [f"{value} is {name}" for value, name in _named_in_cells(table).items()]
     if pairs:
         expected += f" ({few(pairs)}, by the names in the table)"
     return BadInput(table.path, f"q{k}", f"no such column among {few(table.header)}", expected)
+
+
+def _named_in_cells(table: ForeignTable) -> dict[str, str]:
+    """Header of a position → its joint's name, as ROS writes it in a column beside it, where that
+    is the same in every row."""
+    found = {}
+    for at, header in enumerate(table.header):
+        like = _ROS_NAME.fullmatch(header)
+        value = _ROS_POSITION.format(like[1], like[2]) if like else ""
+        if value in table.header and len({row[at] for row in table.rows}) == 1:
+            found[value] = table.rows[0][at]
+    return found

@@ -42,6 +42,7 @@ class EncoderFacts:
     serial_number: int | None  # None: it has none
     layout: can.EncoderLayout = can.ENCODER_LAYOUT
     alarms: int | None = None  # where the layout has none: 6503 as asked, None if it has none
+    counts_told: bool = True  # False: it has no 6501, and arm.toml's are taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +103,7 @@ def configure_encoder(node: PromptNode, expected_counts: int | None) -> EncoderF
     try:
         _stop(node)
         _check_profile(node, can.ENCODER_PROFILE)
-        encoder = _read_encoder(node)
+        encoder = _read_encoder(node, expected_counts)
         if expected_counts is not None and encoder.counts_per_turn != expected_counts:
             raise NodeRefused(
                 f"counts per turn: found {encoder.counts_per_turn}, expected {expected_counts}"
@@ -166,20 +167,30 @@ def _check_profile(node: PromptNode, expected: int) -> None:
         raise NodeRefused(f"device profile: found {found}, expected {expected}")
 
 
-def _read_encoder(node: PromptNode) -> EncoderFacts:
-    """6501 tells the steps of a turn; with scaling switched on, 6001 tells the units instead."""
+def _read_encoder(node: PromptNode, expected_counts: int | None) -> EncoderFacts:
+    """6501 tells the steps of a turn; with scaling switched on, 6001 tells the units instead.
+
+    An encoder of class C1 need have neither: *expected_counts* must say it then.
+    """
     sdo = node.sdo
+    told: int | None
     if (read_optional(sdo, can.OPERATING_PARAMETERS, 0, 2) or 0) & can.SCALING:
-        per_turn = read_object(sdo, can.UNITS_PER_TURN, 0, 4)
+        told = per_turn = read_object(sdo, can.UNITS_PER_TURN, 0, 4)
         total = read_object(sdo, can.TOTAL_RANGE, 0, 4) or 1 << 32  # 32 bits cannot say 2^32
     else:
-        per_turn = read_object(sdo, can.PHYSICAL_RESOLUTION, 0, 4)
+        told = read_optional(sdo, can.PHYSICAL_RESOLUTION, 0, 4)
+        given = expected_counts if told is None else told
+        if given is None:
+            raise NodeRefused(
+                "object 6501, counts per turn: found none, expected counts_per_turn in arm.toml"
+            )
+        per_turn = given
         turns = read_optional(sdo, can.TURNS, 0, 2)
         total = per_turn * max(1, 1 if turns is None else turns)
     if per_turn < 2 or total < per_turn:
         raise NodeRefused(f"counts per turn {per_turn} and range {total} make no encoder")
     serial_number = read_optional(sdo, *can.SERIAL_NUMBER, 4)
-    return EncoderFacts(per_turn, min(total, 1 << 32), serial_number)
+    return EncoderFacts(per_turn, min(total, 1 << 32), serial_number, counts_told=told is not None)
 
 
 def _set_heartbeat(node: PromptNode) -> None:

@@ -144,6 +144,7 @@ class NodeSetup:
                 serial_number=outcome.serial_number,
                 layout=outcome.layout,
                 alarms=outcome.alarms,
+                counts_told=outcome.counts_told,
             )
         ]
 

@@ -15,7 +15,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import frames
 from armd.daemon import cli
-from armd.daemon.catalogue.known import KNOWN, known_arm
+from armd.daemon.catalogue.known import KNOWN, arm_text, known_arm
 from armd.daemon.config import load_config
 from armd.drivers.ports import serial_ports
 
@@ -222,6 +222,15 @@ def test_a_wrong_name_or_serial_number_is_refused(
     assert cli.main(["arm", "so101", "-o", str(path), "--serial-number", "two words"]) == 2
     assert "--serial-number: serial_number: found 'two words'" in capsys.readouterr().err
     assert not path.exists()
+
+
+@pytest.mark.parametrize("name", ["SO-100", "so_100", "SO 100", "Gello YAM"])
+def test_a_name_may_be_written_as_its_makers_write_it(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["arm", name]) == 0
+    known = "gello-yam" if "YAM" in name else "so100"
+    assert capsys.readouterr().out == arm_text(known)
 
 
 def test_ports_have_their_lasting_names(tmp_path: Path) -> None:

@@ -36,13 +36,13 @@ def quirky_arm(folder, quirk, *options):
             arm.terminate()
 
 
-def drive(port, seconds, until, **keys):
+def drive(port, seconds, until, counts_per_turn=None, **keys):
     """Samples and events of the driver until *until* of these holds, *seconds* at the most."""
     config = CanConfig(
         kind="can", interface="socketcand", host="127.0.0.1", port=port, channel="can0",
         rate_hz=200, **keys,
     )  # fmt: skip
-    driver = CanDriver(config, Expectation("SIM-0001", N, N, (None,) * N))
+    driver = CanDriver(config, Expectation("SIM-0001", N, N, (counts_per_turn,) * N))
     driver.open()
     items, end_s = [], time.monotonic() + seconds
     try:
@@ -80,6 +80,29 @@ def test_an_encoder_of_class_c1_is_read(tmp_path):
     assert not [event for event in events if event.severity == "error"]
     counts = np.concatenate([each["count"][each["joint_invalid"] == 0] for each in samples])
     assert np.abs(np.diff(counts, axis=0)).max() < TURN / 20  # a hand moves it, nothing jumps
+
+
+def test_an_encoder_that_tells_no_counts_per_turn_is_read_by_arm_tomls(tmp_path):
+    with quirky_arm(tmp_path, "bare_c1") as port:
+        samples, events = drive(
+            port, 10.0, lambda samples, events: valid(samples) >= 20, counts_per_turn=TURN
+        )
+    limited = [event.text for event in events if event.kind == "encoder_limited"]
+    assert len(limited) == N
+    assert all(f"(6501): the {TURN} of arm.toml are taken unchecked" in text for text in limited)
+    counts = np.concatenate([each["count"][each["joint_invalid"] == 0] for each in samples])
+    assert np.abs(np.diff(counts, axis=0)).max() < TURN / 20
+
+
+def test_an_encoder_that_tells_no_counts_per_turn_needs_arm_tomls(tmp_path):
+    def refused(samples, events):
+        return any(event.kind == "foreign_arm" for event in events)
+
+    with quirky_arm(tmp_path, "bare_c1") as port:
+        samples, events = drive(port, 10.0, refused)
+    text = next(event.text for event in events if event.kind == "foreign_arm")
+    assert "6501, counts per turn: found none, expected counts_per_turn in arm.toml" in text
+    assert valid(samples) == 0
 
 
 @pytest.mark.parametrize("quirk", LACKS)
