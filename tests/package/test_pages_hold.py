@@ -25,6 +25,8 @@ from support.pages import DOCS
 
 ROOT = Path(__file__).parents[2]
 PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in DOCS.glob("**/*.md"))]
+MOST_WORDS = 25_000
+MOST_WORDS_OF_A_PARAGRAPH = 120
 LINK = re.compile(r"\]\((?!https?:)([\w./-]+)(?:#[\w-]*)?\)")
 
 
@@ -95,6 +97,39 @@ def test_every_page_is_reached_from_the_readme() -> None:
 @pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page: str) -> None:
     assert [target for target in links(page) if not (ROOT / target).exists()] == []
+
+
+def page_words() -> int:
+    """Words of docs/ but the decisions, which have a limit each; as `wc -w` counts them."""
+    pages = [page for page in PAGES if "docs/decisions/" not in page and page != "README.md"]
+    return sum(len((ROOT / page).read_text(encoding="utf-8").split()) for page in pages)
+
+
+def long_paragraphs(text: str) -> list[str]:
+    """The beginnings of those over the limit; blocks, tables and lists are no paragraphs."""
+    prose = re.sub(r"^ *```.*?^ *```$", "", text, flags=re.DOTALL | re.MULTILINE)
+    paragraphs = [part.split() for part in re.split(r"\n\s*\n", prose)]
+    return [
+        " ".join(words[:8])
+        for words in paragraphs
+        if len(words) > MOST_WORDS_OF_A_PARAGRAPH and not re.match(r"[|*-]$|\d+\.$", words[0])
+    ]
+
+
+def test_the_pages_are_short() -> None:
+    assert page_words() <= MOST_WORDS, "docs/: say each thing once, and link to it"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_no_paragraph_is_long(page: str) -> None:
+    assert long_paragraphs((ROOT / page).read_text(encoding="utf-8")) == []
+
+
+def test_long_paragraphs_are_found() -> None:
+    long = "many words " * 61
+    beside = f"- {long}\n\n| {long} |\n\n1. {long}\n\n```\n{long}\n```\n\nfew words\n"
+    assert long_paragraphs(beside) == []
+    assert long_paragraphs(f"few words\n\n{long}\n\n{beside}") == ["many words " * 3 + "many words"]
 
 
 def test_the_page_of_causes_says_what_the_catalogue_says() -> None:
