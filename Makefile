@@ -160,7 +160,7 @@ interim-reliability: develop
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/interim/reliability.py --changes $(CASES) --seed $(SEED)
 
 # How the marks move when each constant of the search is halved and doubled:
-# make hidden-sweep CASES=4 SEED=7 SWEEP_ARGS="--only OFF ALPHA"
+# make hidden-sweep CASES=4 SEED=7 SWEEP_ARGS="--only SHAPE_OFF ALPHA"
 hidden-sweep: develop
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/sweep.py --cases $(CASES) --seed $(SEED) $(SWEEP_ARGS)
 

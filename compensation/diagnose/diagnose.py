@@ -17,6 +17,13 @@ from threadpoolctl import threadpool_limits
 from armd.compensation.data.session import Session
 from armd.compensation.data.soundness import make_sound
 from armd.compensation.diagnose.conclusion import HeldoutJudgement, conclude, describe_readings
+from armd.compensation.diagnose.constants import (
+    GAIN_BEGINS,
+    HELD_OUT_BEGINS,
+    MOST_EXPLAINING,
+    MOST_REPEATED,
+    MOST_TOUCHED,
+)
 from armd.compensation.diagnose.diagnosis import Diagnosis, Touched
 from armd.compensation.diagnose.fitting.outliers import find_outliers
 from armd.compensation.diagnose.fitting.taken_up import beside_what_it_took_up
@@ -25,7 +32,6 @@ from armd.compensation.diagnose.heldout.borne_out import by_placement, by_sessio
 from armd.compensation.diagnose.heldout.cross_validation import cross_validate
 from armd.compensation.diagnose.heldout.gain import gains, groups_of
 from armd.compensation.diagnose.heldout.refuted import (
-    MOST_REPEATED,
     is_refuted,
     predicts_better,
     refuted_findings,
@@ -41,7 +47,7 @@ from armd.compensation.diagnose.search.again import (
     quieter,
 )
 from armd.compensation.diagnose.search.search import Search
-from armd.compensation.diagnose.search.touched import MOST_TOUCHED, beside, find_touched
+from armd.compensation.diagnose.search.touched import beside, find_touched
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.searched import Searched, is_farther_off, without_sessions
 from armd.compensation.effects.effect import Candidate
@@ -51,9 +57,6 @@ from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.progress import TellShare
-
-#: Causes that may explain a session which does not fit the others.
-MOST_EXPLAINING = 6
 
 
 def diagnose(
@@ -127,12 +130,12 @@ def _concluded(
     """What a search found, judged by readings held out; *told*: what there is to say of these."""
     told = [*told, *describe_readings(searched, arm)]
     give_back_freed()
-    progress("gain", 0.9)
+    progress("gain", GAIN_BEGINS)
     result, sessions = searched.result, searched.sessions
     calibration = searched.baseline.calibration
     outlying, outlier_p = find_outliers(result.last)
     if holdout:
-        progress("held out", 0.95)
+        progress("held out", HELD_OUT_BEGINS)
         readings = evaluate(holdout, arm, calibration).observations
         groups = groups_of(readings)
         written = by_session(result, arm, sessions, holdout, readings)
@@ -146,7 +149,7 @@ def _concluded(
         squares, groups = checked.squares, checked.groups
         measured = gains(squares, groups, np.ones(len(groups), dtype=bool))
         give_back_freed()
-        progress("held out", 0.95)
+        progress("held out", HELD_OUT_BEGINS)
         written = by_placement(result, arm, measured)
     heldout = HeldoutJudgement(squares, groups, measured, written, outlying, outlier_p)
     return conclude(searched, heldout, arm, holdout, told, work, command)

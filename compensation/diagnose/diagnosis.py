@@ -8,21 +8,14 @@ from typing import Literal
 
 from armd.arrays import F64
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.constants import ALPHA, ENOUGH
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.evidence import Scores
-from armd.compensation.diagnose.scoring.threshold import ALPHA
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-
-#: Causes looked for at most.
-MOST_FINDINGS = 10
-#: A cause that accounts for less than this of what goes with its variables is a guess. A disc whose
-#: shape is off by 30 % accounts for 0.92, by half for 0.8.
-ENOUGH = 0.8
-
 
 #: What judges the findings: left out of their fit only, or ("") of the search for them, too.
 JudgedBy = Literal["", "placements left out", "targets left out within placements"]

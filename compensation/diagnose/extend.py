@@ -11,6 +11,7 @@ import numpy as np
 from armd import __version__
 from armd.arrays import F64
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.constants import NEGLIGIBLE
 from armd.compensation.diagnose.fitting.curves import as_curve
 from armd.compensation.diagnose.fitting.neighbourhood import moved_model
 from armd.compensation.diagnose.fitting.nuisance import mount_term
@@ -22,8 +23,6 @@ from armd.compensation.identify.thermal.terms import GROWTH_KNOWN
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration, constants_of
 from armd.compensation.model.terms import Term
-
-NEGLIGIBLE = 1e-9  # of an effect's largest term
 
 
 def extended(

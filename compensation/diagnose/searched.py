@@ -8,15 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.constants import AS_FAR_OFF
 from armd.compensation.diagnose.diagnosis import SearchResult, Touched
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
 from armd.compensation.identify.admission.odd_session import Odd
-
-#: The middle reading of a session that is explained is no more than so many times as far off as
-#: that of the others.
-AS_FAR_OFF = 3.0
 
 
 @dataclass

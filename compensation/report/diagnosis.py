@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from armd.compensation.diagnose.constants import CURVES
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.predictive.curves import CURVES, ResidualComparison
+from armd.compensation.diagnose.predictive.curves import ResidualComparison
 from armd.compensation.report.about import About
 from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.drawing import one_drawing

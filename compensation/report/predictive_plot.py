@@ -14,11 +14,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from armd.compensation.diagnose.predictive.curves import (
-    CURVES,
-    ResidualComparison,
-    ResidualCurve,
-)
+from armd.compensation.diagnose.constants import CURVES
+from armd.compensation.diagnose.predictive.curves import ResidualComparison, ResidualCurve
 from armd.compensation.report.drawing import COLOURS, drawing
 from armd.compensation.report.units import MICROMETRES, SECONDS, Unit, Units
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.fitting.expansions import EXPANSION_PER_K, expansion_columns
+from armd.compensation.diagnose.fitting.expansions import expansion_columns
 from armd.compensation.diagnose.fitting.under_test import model_under_test
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linearise import linearise

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from armd.compensation.diagnose.constants import CURVE_POINTS, SHAPE_OFF
 from armd.compensation.diagnose.diagnosis import Finding, Rival
-from armd.compensation.diagnose.fitting.curves import CURVE_POINTS, as_curve, orders_of
-from armd.compensation.diagnose.scoring.shape import OFF, is_shape, shape_candidate, shape_place
+from armd.compensation.diagnose.fitting.curves import as_curve, orders_of
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
 from armd.compensation.diagnose.search.findings import _honest as honest
 from armd.compensation.diagnose.search.findings import likelier_rival
 from armd.compensation.diagnose.search.findings import nearest_step as nearest
@@ -100,7 +101,7 @@ def test_a_shape_is_the_signature_times_harmonics_of_the_joints_at_its_place() -
     signature = 3.0 * moved(own.columns[0]) + 4.0 * moved(own.columns[1])
     expected = np.sqrt(2.0) * signature * np.sin(q[:, 1])
     np.testing.assert_allclose(moved(shape.columns[0]), expected)
-    assert {column.typical for column in shape.columns} == {OFF}
+    assert {column.typical for column in shape.columns} == {SHAPE_OFF}
     assert shape_candidate(shape, np.ones(4), 6) is None  # a shape has none of its own
     shifted = Candidate("geometry_shift", location.joint(2), own.columns[:1], ())
     assert shape_candidate(shifted, np.ones(1), 6) is None  # one number, whatever the angle

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from test_expansions_left_free import ARM, ECCENTRIC, MATERIALS, ONE_C, measured
 
+from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis, Finding
-from armd.compensation.diagnose.fitting.expansions import EXPANSION_PER_K
 from armd.compensation.diagnose.fitting.growth_open import (
     told_of_growth,
     with_growth_open,

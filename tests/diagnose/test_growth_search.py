@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from scipy.stats import chi2, multivariate_normal
 
 from armd.arrays import F64
-from armd.compensation.diagnose.scoring.evidence import EXPECTED_PRIOR
+from armd.compensation.diagnose.constants import EXPECTED_PRIOR
 from armd.compensation.diagnose.search import growth as module
 from armd.compensation.diagnose.search.growth import _grown, _Growth
 from armd.compensation.effects.effect import SCALES, Candidate

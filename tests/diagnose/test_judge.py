@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.heldout.gain import MOST_SQUARES
-from armd.compensation.diagnose.heldout.judge import CHANGED, MOST_WORSE, Judge, Look
+from armd.compensation.diagnose.constants import CHANGED_PRIOR, MOST_SQUARES, MOST_WORSE
+from armd.compensation.diagnose.heldout.judge import Judge, Look
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.slow_factors import Time
@@ -104,7 +104,7 @@ def test_doubt_is_a_likelihood_ratio_down_to_that_the_arm_changed() -> None:
     share = 1.0 / 300.0  # worse by so much everywhere: beyond doubt, and a nat in all
     found = judge({NOTHING: 1.0, ONE: 1.0 + share}).doubt(0, NOTHING, ONE)
     assert found == pytest.approx(math.exp(-0.5 * 3.0 * N * share))
-    assert judge({NOTHING: 1.0, ONE: 1.5}).doubt(0, NOTHING, ONE) == CHANGED
+    assert judge({NOTHING: 1.0, ONE: 1.5}).doubt(0, NOTHING, ONE) == CHANGED_PRIOR
     assert judge({NOTHING: 1.0, ONE: 1.5}, deaf=True).doubt(0, NOTHING, ONE) == 1.0
 
 

@@ -30,8 +30,8 @@ def drawn(rng: np.random.Generator) -> list[list[list[Part]]]:
 def test_elements_are_the_upper_triangles_of_each_ones_products(
     monkeypatch: pytest.MonkeyPatch, seed: int, at_once: tuple[int, int]
 ) -> None:
-    monkeypatch.setattr(pairs, "CHUNK", at_once[0])
-    monkeypatch.setattr(pairs, "PIECE", at_once[1])
+    monkeypatch.setattr(pairs, "PAIRS_CHUNK", at_once[0])
+    monkeypatch.setattr(pairs, "PAIRS_PIECE", at_once[1])
     rng = np.random.default_rng(seed)
     candidates = drawn(rng)
     jacobian, bases = rng.normal(size=(PARAMETERS, N, 3)), rng.normal(size=(BASES, N))

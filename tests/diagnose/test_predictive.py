@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from armd.compensation.diagnose.constants import DRAWS_AT_ONCE, LEAST_BIN_RESTS, WIDEST_DEG
 from armd.compensation.diagnose.predictive import curves, replicates
-from armd.compensation.diagnose.predictive.bins import (
-    LEAST_RESTS,
-    WIDEST_DEG,
-    Bins,
-    _ordered,
-    all_bins,
-)
+from armd.compensation.diagnose.predictive.bins import Bins, _ordered, all_bins
 from armd.compensation.diagnose.predictive.components import Component, components
 from armd.compensation.diagnose.predictive.curves import (
     ResidualComparison,
@@ -24,7 +19,7 @@ from armd.compensation.diagnose.predictive.curves import (
     _curves,
     _noise_scale,
 )
-from armd.compensation.diagnose.predictive.replicates import AT_ONCE, Refitted, refit
+from armd.compensation.diagnose.predictive.replicates import Refitted, refit
 from armd.compensation.diagnose.predictive.strength import Strength
 from armd.compensation.report.predictive_plot import draw_rows, of_finding, overview
 from support.small_fit import small_fit, unit_noise
@@ -61,7 +56,7 @@ def test_bins_are_of_equal_count_and_an_angles_are_not_wide() -> None:
     values = np.concatenate([rng.uniform(0, 40, 600), rng.uniform(0, 360, 40), [np.nan] * 5])
     plain = _ordered("q1", "", values, "angle")
     counts = np.diff(np.append(plain.starts, len(plain.order)))
-    assert len(plain.order) == 640 and counts.min() >= counts.max() // 2 >= LEAST_RESTS // 2
+    assert len(plain.order) == 640 and counts.min() >= counts.max() // 2 >= LEAST_BIN_RESTS // 2
     narrow = _ordered("q1", "", values, "angle", WIDEST_DEG)
     groups = np.split(values[narrow.order], narrow.starts[1:])
     assert max(np.ptp(group) for group in groups) <= WIDEST_DEG
@@ -107,14 +102,14 @@ def test_drawn_sets_scatter_as_the_algebra_of_the_refit_says(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Covariance (I − H) of the rests, H the projection on the free columns."""
-    monkeypatch.setattr(replicates, "MOST_DRAWS", 4 * AT_ONCE)
+    monkeypatch.setattr(replicates, "MOST_DRAWS", 4 * DRAWS_AT_ONCE)
     rng = np.random.default_rng(3)
     fit = a_fit(rng)
     columns = fit.nuisance.columns.dense()[:, :6]
     basis = np.linalg.qr(columns)[0]
     left = np.eye(3 * N) - basis @ basis.T
     drawn = np.concatenate([*Refitted(fit, fit.left_mm).replicates()], axis=2).reshape(3 * N, -1)
-    assert drawn.shape[1] == 4 * AT_ONCE
+    assert drawn.shape[1] == 4 * DRAWS_AT_ONCE
     assert np.abs(basis.T @ drawn).max() < 1e-9
     ratio = (drawn**2).mean(axis=1) / np.diag(left)
     assert np.abs(ratio.mean() - 1.0) < 0.01 and np.abs(ratio - 1.0).max() < 0.25
@@ -123,7 +118,7 @@ def test_drawn_sets_scatter_as_the_algebra_of_the_refit_says(
 def test_copies_of_a_posture_share_their_error_by_the_part_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(replicates, "MOST_DRAWS", 4 * AT_ONCE)
+    monkeypatch.setattr(replicates, "MOST_DRAWS", 4 * DRAWS_AT_ONCE)
     fit = a_fit(np.random.default_rng(4))
     fit.linear.rests.posture = np.arange(N) // 2
     shared = replace(fit, noise=replace(fit.noise, shared_part=0.6, counts=np.ones(N)))
@@ -136,7 +131,7 @@ def test_copies_of_a_posture_share_their_error_by_the_part_found(
 def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(replicates, "MOST_DRAWS", 2 * AT_ONCE)
+    monkeypatch.setattr(replicates, "MOST_DRAWS", 2 * DRAWS_AT_ONCE)
     monkeypatch.setattr(curves, "CURVES", 1000)
     even = np.ones(JOINTS)
     low, high = [], []
@@ -157,7 +152,7 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     planted = replace(fit, residual=fit.residual + step.ravel())
     first, second = _curves(refit(planted, fit.noise), [bins], even)
     assert second.outside >= 0.4 and second.p_value <= 0.01
-    assert (np.abs(second.mean[:4] - 3.0) < 1.0).all() and second.draws == 2 * AT_ONCE
+    assert (np.abs(second.mean[:4] - 3.0) < 1.0).all() and second.draws == 2 * DRAWS_AT_ONCE
     assert second.outside > first.outside and second.rms_um > 2 * first.rms_um
     assert second.strength.noise_units > 20 and first.strength.noise_units < 8
     # Where the last fit's residuals scatter more along a joint, so does its band.
@@ -245,7 +240,7 @@ def test_what_is_the_same_all_over_is_of_the_time_and_names_give_way_to_values()
 @pytest.mark.usefixtures("along_the_joints")
 def test_a_model_without_findings_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = a_fit(np.random.default_rng(7))
-    monkeypatch.setattr(replicates, "MOST_DRAWS", AT_ONCE)
+    monkeypatch.setattr(replicates, "MOST_DRAWS", DRAWS_AT_ONCE)
     monkeypatch.setattr(curves, "all_bins", lambda _: [ten_bins(np.random.default_rng(1))])
     search = SimpleNamespace(first=fit, last=fit)
     diagnosis: Any = SimpleNamespace(search=search, arm=SimpleNamespace(n_joints=JOINTS))

@@ -6,12 +6,8 @@ import math
 
 import pytest
 
-from armd.compensation.diagnose.search.replacing import (
-    BEYOND_CHANCE,
-    BEYOND_DOUBT,
-    CONTRADICTED,
-    required_of,
-)
+from armd.compensation.diagnose.constants import BEYOND_CHANCE, CONTRADICTED, REPLACING_SIGMAS
+from armd.compensation.diagnose.search.replacing import required_of
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.slow_factors import After
@@ -49,7 +45,7 @@ def test_what_says_more_needs_to_be_likelier_and_not_contradicted(
 def test_other_names_must_predict_beyond_doubt(findings: list[Candidate]) -> None:
     instead_of = [GAIN, NAMELESS] if len(findings) > 1 else [GAIN]
     required = required_of(findings, instead_of)
-    assert required.held_out(100.0) == BEYOND_DOUBT
+    assert required.held_out(100.0) == REPLACING_SIGMAS
     assert required.held_out(0.0) is None
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.problem.session_facts import MOST_INSTANTS
+from armd.compensation.diagnose.constants import MOST_INSTANTS
 from armd.compensation.diagnose.problem.session_facts import _grid as grid
 from armd.compensation.diagnose.problem.session_facts import _moments as moments
 from armd.compensation.diagnose.problem.session_facts import _span as span
@@ -83,7 +83,7 @@ def test_products_without_the_rows_are_products_with_them(compiled, monkeypatch)
     jacobian = linear.jacobian[:, : 3 * N].reshape(-1, N, 3)
     expected = one_by_one(linear, q)[:, : 3 * N] @ others.reshape(3 * N, 5)
     np.testing.assert_allclose(signatures.products(jacobian, others, slice(None)), expected)
-    monkeypatch.setattr("armd.compensation.diagnose.problem.signatures.PIECE", 7)
+    monkeypatch.setattr("armd.compensation.diagnose.problem.signatures.SIGNATURES_PIECE", 7)
     np.testing.assert_allclose(signatures.products(jacobian, others, slice(None)), expected)
     some = np.array([3, 11, 4])
     rows = (3 * some[:, None] + np.arange(3)).ravel()
@@ -99,8 +99,8 @@ def test_products_within_candidates_are_those_of_their_columns(
     signatures, linear, q = compiled
     columns = one_by_one(linear, q)[:, : 3 * N].reshape(4, N, 3)[:, some].reshape(4, -1)
     jacobian = linear.jacobian[:, : 3 * N].reshape(-1, N, 3)[:, some]
-    monkeypatch.setattr("armd.compensation.diagnose.problem.pairs.PIECE", 7)
-    monkeypatch.setattr("armd.compensation.diagnose.problem.pairs.CHUNK", 2)
+    monkeypatch.setattr("armd.compensation.diagnose.problem.pairs.PAIRS_PIECE", 7)
+    monkeypatch.setattr("armd.compensation.diagnose.problem.pairs.PAIRS_CHUNK", 2)
     found = signatures.grams(jacobian, some)
     gram = columns @ columns.T
     np.testing.assert_allclose(found[2], [gram[:2, :2]])

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import f as f_distribution
 
-from armd.compensation.diagnose.fitting.target_steps import LEAST_PART, TargetStep, steps
+from armd.compensation.diagnose.constants import LEAST_PART
+from armd.compensation.diagnose.fitting.target_steps import TargetStep, steps
 from armd.compensation.diagnose.fitting.target_steps import _clearest_step as clearest_step
 
 

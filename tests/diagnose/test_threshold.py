@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.scoring.threshold import ALPHA, family_wise, significant
+from armd.compensation.diagnose.constants import ALPHA
+from armd.compensation.diagnose.scoring.threshold import family_wise, significant
 
 
 @pytest.mark.parametrize("tests", [1, 20, 300])

@@ -13,16 +13,18 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.constants import (
+    LEAST_RESTS_BESIDE,
+    LEAST_TARGETS,
+    MOST_MOUNT_STEP,
+    TOUCHED_GRID,
+)
 from armd.compensation.diagnose.fitting.under_test import model_under_test
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.touched import (
-    GRID,
-    LEAST_RESTS,
-    LEAST_TARGETS,
-    MOST_STEP,
     _at_the_instant,
     _distance,
     _grid,
@@ -54,7 +56,7 @@ def rests(target: list[int], *, timed: bool = True) -> Any:
 def test_targets_stand_on_both_sides(target: list[int]) -> None:
     wanted = [
         k
-        for k in range(LEAST_RESTS, len(target) - LEAST_RESTS + 1)
+        for k in range(LEAST_RESTS_BESIDE, len(target) - LEAST_RESTS_BESIDE + 1)
         if min(len(set(target[:k])), len(set(target[k:]))) >= LEAST_TARGETS
     ]
     assert _possible(rests(target), np.arange(len(target))).tolist() == wanted
@@ -86,7 +88,7 @@ def test_one_gross_error_among_four_rests_moves_no_artefact() -> None:
 def test_few_instants_are_tried_all_and_many_evenly() -> None:
     assert _grid(np.array([4, 7, 9])) == [4, 7, 9]
     tried = _grid(np.arange(100, 500))
-    assert len(tried) == GRID and tried[0] == 100 and tried[-1] == 499
+    assert len(tried) == TOUCHED_GRID and tried[0] == 100 and tried[-1] == 499
     assert np.ptp(np.diff(tried)) <= 1
     assert _grid(np.zeros(0, np.int64)) == []
 
@@ -175,7 +177,7 @@ def test_of_each_rival_the_step_nearest_to_the_instant_is_compared() -> None:
         ("mount_drift", "joint 1", 60.0),
     ]
     # A mount that steps farther is an artefact that was moved.
-    assert [c.columns[0].reach for c in found] == [np.inf, np.inf, MOST_STEP]
+    assert [c.columns[0].reach for c in found] == [np.inf, np.inf, MOST_MOUNT_STEP]
 
 
 def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:

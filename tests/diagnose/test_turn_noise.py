@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from armd.compensation.diagnose.constants import TURN_RATIOS
 from armd.compensation.diagnose.fitting.turn_noise import fitted_share, turn_ratio
-from armd.compensation.diagnose.problem.whitening import TURN_RATIOS, first_turn_ratio
+from armd.compensation.diagnose.problem.whitening import first_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from support.small_fit import unit_noise
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.diagnosis import ENOUGH, Explained, Finding
+from armd.compensation.diagnose.constants import ENOUGH
+from armd.compensation.diagnose.diagnosis import Explained, Finding
 from armd.compensation.diagnose.scoring.shape import shape_place
 from armd.compensation.diagnose.search import explains, findings
 from armd.compensation.diagnose.search.explains import explain

@@ -8,18 +8,19 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from armd.compensation.diagnose.constants import (
+    AS_FAR_OFF,
+    LEAST_REPEATED,
+    MOST_PRODUCTS,
+    STEP_WORK,
+    TRIAL_WORK,
+)
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.search import search
-from armd.compensation.diagnose.search.work import (
-    LEAST_REPEATED,
-    MOST_PRODUCTS,
-    STEP,
-    TRIAL,
-    WorkBudget,
-)
-from armd.compensation.diagnose.searched import AS_FAR_OFF, is_farther_off
+from armd.compensation.diagnose.search.work import WorkBudget
+from armd.compensation.diagnose.searched import is_farther_off
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
@@ -44,9 +45,9 @@ def look(columns: int = 100, shared: int = 40, rests: int = 0) -> ScoredCandidat
 
 def test_a_step_counts_the_products_of_candidates_and_shared_columns() -> None:
     work = WorkBudget(most=8000.0)
-    work.add(look().n_products, STEP)
+    work.add(look().n_products, STEP_WORK)
     assert work.done == 4000.0 and work.may_go_on and work.may_try_sets
-    work.add(look().n_products, STEP)
+    work.add(look().n_products, STEP_WORK)
     assert not work.may_go_on and not work.may_try_sets
     assert work.in_words() == []
     work.skip("this")
@@ -62,7 +63,7 @@ def test_many_readings_have_one_bound_and_few_a_higher_one() -> None:
 def test_other_sets_leave_work_for_what_follows() -> None:
     work = WorkBudget(most=8000.0)
     while work.may_try_sets:
-        work.add(look().n_products, TRIAL)
+        work.add(look().n_products, TRIAL_WORK)
     assert work.may_go_on and work.done < 0.7 * work.most
 
 

@@ -16,9 +16,10 @@ from cases import HELD
 from armd.compensation.data.session import load_session
 from armd.compensation.design.conditions import HEATED_K
 from armd.compensation.design.design import Experiment, design
+from armd.compensation.diagnose.constants import SURE
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.told.advice import SURE, Doubt, most_doubtful
+from armd.compensation.diagnose.told.advice import Doubt, most_doubtful
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design

@@ -2,8 +2,9 @@
 and doubled; of a share, when it is halved, and its distance to one.
 
 Every fixed constant that decides what is found stands here once, with its reason; its value stands
-where it is used. The same cases are diagnosed with each value, so that what moves is the constant's
-doing. `SWEEP_ARGS="--only OFF ALPHA"` takes some of them.
+in `diagnose/constants.py` or, of causes, in `effects/`. The same cases are diagnosed with each
+value, so that what moves is the constant's doing. `SWEEP_ARGS="--only SHAPE_OFF ALPHA"` takes some
+of them.
 """
 
 from __future__ import annotations
@@ -42,92 +43,76 @@ class Constant:
 
 
 CONSTANTS = (
-    Constant("diagnose.scoring.threshold", "ALPHA", "false alarms on clean data: one in a hundred"),
-    Constant("diagnose.scoring.evidence", "UNKNOWN_PRIOR", "one error in twenty has no name", True),
-    Constant("diagnose.scoring.candidates", "SHAPE_PRIOR", "a strong cause's shape is off or not"),
-    Constant("diagnose.scoring.shape", "OFF", "discs and bearings err by 10 to 30 % in form"),
-    Constant("diagnose.scoring.unevenness", "OF_A_WALK", "what wanders does so between knots, too"),
-    Constant("diagnose.scoring.unevenness", "OF_A_COURSE", "no creep is quite an exponential"),
-    Constant("diagnose.scoring.unevenness", "LEAST_SHOWN", "what shows less is no finding"),
-    Constant("diagnose.scoring.unevenness", "OF_A_LENGTH", "lengths are late by a third more"),
-    Constant("diagnose.scoring.scatter", "MOST_LEVERAGE", "such a rest has no residual", True),
-    Constant("diagnose.scoring.evidence", "MOST_COUNTED", "χ² of more columns is mostly noise"),
-    Constant("diagnose.scoring.memory", "BEYOND_DOUBT", "one in a million sets of even noise"),
-    Constant("diagnose.scoring.robust_refit", "MOST_GAINED", "Huber's loss against the clipped"),
+    Constant("diagnose.constants", "ALPHA", "false alarms on clean data: one in a hundred"),
+    Constant("diagnose.constants", "UNKNOWN_PRIOR", "one error in twenty has no name", True),
+    Constant("diagnose.constants", "SHAPE_PRIOR", "a strong cause's shape is off or not"),
+    Constant("diagnose.constants", "SHAPE_OFF", "discs and bearings err by 10 to 30 % in form"),
+    Constant("diagnose.constants", "OF_A_WALK", "what wanders does so between knots, too"),
+    Constant("diagnose.constants", "OF_A_COURSE", "no creep is quite an exponential"),
+    Constant("diagnose.constants", "LEAST_UNEVEN", "what shows less is no finding"),
+    Constant("diagnose.constants", "OF_A_LENGTH", "lengths are late by a third more"),
+    Constant("diagnose.constants", "MOST_LEVERAGE", "such a rest has no residual", True),
+    Constant("diagnose.constants", "MOST_COUNTED", "χ² of more columns is mostly noise"),
+    Constant("diagnose.constants", "CORRELATION_SIGMAS", "one in a million sets of even noise"),
+    Constant("diagnose.constants", "MOST_GAINED", "Huber's loss against the clipped"),
+    Constant("diagnose.constants", "MOST_REFINED", "grids worth refining: the likeliest places"),
+    Constant("diagnose.constants", "MOST_RICHER", "a rich function swallows several causes"),
+    Constant("diagnose.constants", "AS_WELL", "a rich function must explain as well: e to the 10"),
     Constant(
-        "diagnose.search.selection", "MOST_REFINED", "grids worth refining: the likeliest places"
-    ),
-    Constant("diagnose.search.selection", "MOST_RICHER", "a rich function swallows several causes"),
-    Constant(
-        "diagnose.scoring.threshold", "AS_WELL", "a rich function must explain as well: e to the 10"
-    ),
-    Constant(
-        "diagnose.search.selection",
+        "diagnose.constants",
         "STRONG",
         "from nine noise units on, tails are clipped too much",
     ),
     Constant(
-        "diagnose.scoring.evidence",
-        "LEAST_SHARE",
+        "diagnose.constants",
+        "LEAST_EXPLAINED_SHARE",
         "explains a quarter of what the best one does",
         True,
     ),
+    Constant("diagnose.constants", "MOST_ALIKE", "kinds compared with their own tails: time"),
+    Constant("diagnose.constants", "MOST_BENT", "causes tried with another shape: time"),
+    Constant("diagnose.constants", "CLEARLY", "Jeffreys' strong evidence: ten times likelier"),
+    Constant("diagnose.constants", "ENOUGH", "a shape half off leaves a name with 0.8", True),
+    Constant("diagnose.constants", "INDISTINGUISHABLE_P", "nothing significant is left"),
+    Constant("diagnose.constants", "MOST_MOUNT_STEP", "mounts step by microns, hands by more"),
+    Constant("diagnose.constants", "MOST_TOUCHED", "more is not now and then"),
+    Constant("diagnose.constants", "RANGE_PARTS", "parts of a range with rests enough in each"),
+    Constant("diagnose.constants", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
     Constant(
-        "diagnose.search.selection", "MOST_ALIKE", "kinds compared with their own tails: time"
+        "diagnose.constants", "REPLACING_SIGMAS", "chosen by what is held out: no chance of 2.5"
     ),
-    Constant("diagnose.search.selection", "MOST_BENT", "causes tried with another shape: time"),
+    Constant("diagnose.constants", "CONTRADICTED", "names say the same with a cause"),
+    Constant("diagnose.constants", "BEYOND_CHANCE", "evidence knows no size of a walk"),
+    Constant("diagnose.constants", "MOST_IN_PLACE", "one cause stands for two or three"),
+    Constant("diagnose.constants", "MOST_FIRST", "two are not the likeliest and another"),
     Constant(
-        "diagnose.scoring.threshold", "CLEARLY", "Jeffreys' strong evidence: ten times likelier"
+        "diagnose.constants", "MOST_SEARCH_STEPS", "ten findings, and some renamed or refused"
     ),
-    Constant("diagnose.diagnosis", "ENOUGH", "a shape half off leaves a name with 0.8", True),
-    Constant("diagnose.search.findings", "INDISTINGUISHABLE_P", "nothing significant is left"),
-    Constant("diagnose.search.touched", "MOST_STEP", "mounts step by microns, hands by more"),
-    Constant("diagnose.search.touched", "MOST_TOUCHED", "more is not now and then"),
-    Constant("diagnose.search.explains", "PARTS", "parts of a range with rests enough in each"),
-    Constant("diagnose.diagnosis", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
-    Constant(
-        "diagnose.search.replacing", "BEYOND_DOUBT", "chosen by what is held out: no chance of 2.5"
-    ),
-    Constant("diagnose.search.replacing", "CONTRADICTED", "names say the same with a cause"),
-    Constant("diagnose.search.replacing", "BEYOND_CHANCE", "evidence knows no size of a walk"),
-    Constant("diagnose.search.revisit", "MOST_IN_PLACE", "one cause stands for two or three"),
-    Constant("diagnose.search.revisit", "MOST_FIRST", "two are not the likeliest and another"),
-    Constant("diagnose.search.search", "MOST_STEPS", "ten findings, and some renamed or refused"),
-    Constant("diagnose.search.search", "MOST_RENAMINGS", "a name that changes thrice is a circle"),
-    Constant(
-        "diagnose.heldout.borne_out", "SURE_P", "one that a search without the rows would find too"
-    ),
-    Constant(
-        "diagnose.heldout.borne_out", "IN_ONE", "what one placement shows, others cannot teach"
-    ),
-    Constant("diagnose.heldout.gain", "SIGN_P", "most groups improve, beyond chance"),
-    Constant("diagnose.heldout.gain", "MOST_SQUARES", "a gross error must not decide by itself"),
-    Constant(
-        "diagnose.heldout.judge", "MOST_WORSE", "gross errors move the error over all by less"
-    ),
-    Constant("diagnose.heldout.judge", "CHANGED", "an arm may change between two measurements"),
+    Constant("diagnose.constants", "MOST_RENAMINGS", "a name that changes thrice is a circle"),
+    Constant("diagnose.constants", "SURE_P", "one that a search without the rows would find too"),
+    Constant("diagnose.constants", "IN_ONE", "what one placement shows, others cannot teach"),
+    Constant("diagnose.constants", "SIGN_P", "most groups improve, beyond chance"),
+    Constant("diagnose.constants", "MOST_SQUARES", "a gross error must not decide by itself"),
+    Constant("diagnose.constants", "MOST_WORSE", "gross errors move the error over all by less"),
+    Constant("diagnose.constants", "CHANGED_PRIOR", "an arm may change between two measurements"),
     Constant("identify.thermal.terms", "GROWTH_KNOWN", "a growth known to a fifth of its size"),
-    Constant("diagnose.fitting.expansions", "EXPANSION_PER_K", "carbon, steel, aluminium: 0 to 23"),
-    Constant("diagnose.fitting.follow", "MOST_ROUNDS", "most cases settle in three to six"),
-    Constant("diagnose.fitting.follow", "STAYS", "a tenth of what the readings tell"),
-    Constant("diagnose.fitting.fit", "CURVED_SHARE", "linear to a tenth of the noise"),
-    Constant("diagnose.fitting.fit", "CURVE_SCALE", "a curve's size before the data have it"),
-    Constant(
-        "diagnose.fitting.neighbourhood", "MOST_SIGMAS", "three deviations of the broadest prior"
-    ),
+    Constant("diagnose.constants", "EXPANSION_PER_K", "carbon, steel, aluminium: 0 to 23"),
+    Constant("diagnose.constants", "MOST_FOLLOW_ROUNDS", "most cases settle in three to six"),
+    Constant("diagnose.constants", "STAYS", "a tenth of what the readings tell"),
+    Constant("diagnose.constants", "CURVED_SHARE", "linear to a tenth of the noise"),
+    Constant("diagnose.constants", "CURVE_SCALE", "a curve's size before the data have it"),
+    Constant("diagnose.constants", "MOST_SIGMAS", "three deviations of the broadest prior"),
     Constant("diagnose.fitting.neighbourhood", "MOST_OFF", "a certified length is lost"),
-    Constant("diagnose.fitting.neighbourhood", "CLEARLY_MORE", "less is what a length moves by"),
-    Constant("diagnose.fitting.growth_open", "STANDS_OUT", "a growth is twice what hides it"),
-    Constant("diagnose.fitting.taken_up", "LEAST_SHOWN", "less than one noise unit is nothing"),
-    Constant("diagnose.fitting.taken_up", "PARTS", "about as many as there are constants"),
-    Constant("diagnose.fitting.target_steps", "STEP_P", "one in a thousand sets of noise"),
-    Constant("diagnose.fitting.noise", "KNOT_S", "a base wanders in minutes, not in seconds"),
-    Constant("diagnose.fitting.noise", "GROSS", "a gross error is four noise units off"),
-    Constant("diagnose.problem.amplitudes", "MOST_FREE_COLUMNS", "more amplitudes share a size"),
-    Constant(
-        "diagnose.problem.session_facts", "MOST_INSTANTS", "instants of the first, coarse grid"
-    ),
-    Constant("diagnose.problem.session_facts", "PAUSE", "a pause of ten usual ones parts sessions"),
+    Constant("diagnose.constants", "CLEARLY_MORE", "less is what a length moves by"),
+    Constant("diagnose.constants", "STANDS_OUT", "a growth is twice what hides it"),
+    Constant("diagnose.constants", "LEAST_TAKEN_UP", "less than one noise unit is nothing"),
+    Constant("diagnose.constants", "LEFT_OUT_PARTS", "about as many as there are constants"),
+    Constant("diagnose.constants", "STEP_P", "one in a thousand sets of noise"),
+    Constant("diagnose.constants", "KNOT_S", "a base wanders in minutes, not in seconds"),
+    Constant("diagnose.constants", "GROSS", "a gross error is four noise units off"),
+    Constant("diagnose.constants", "MOST_FREE_COLUMNS", "more amplitudes share a size"),
+    Constant("diagnose.constants", "MOST_INSTANTS", "instants of the first, coarse grid"),
+    Constant("diagnose.constants", "PAUSE", "a pause of ten usual ones parts sessions"),
     Constant("effects.largest", "ANGLE_RAD", "a disc of 50 mm that sits 0.1 mm off its axis"),
     Constant("effects.largest", "COMPLIANCE_RAD_PER_NM", "by 100 Nm a joint would turn by 7°"),
     Constant("effects.largest", "GROWTH_PER_K", "ten times what plastics grow by"),

@@ -14,10 +14,10 @@ from convert import convert
 from rich.console import Console
 
 from armd.compensation.data.session import Session, load_session
+from armd.compensation.diagnose.constants import LEAST_MM
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.neighbourhood import possible
-from armd.compensation.diagnose.fitting.noise import LEAST_MM
 from armd.compensation.diagnose.fitting.under_test import model_under_test
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import ModelState, Rests

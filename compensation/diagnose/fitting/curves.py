@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.diagnose.constants import CURVE_POINTS, SEEN_POINTS
 from armd.compensation.diagnose.problem.amplitudes import is_curve
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.effects.effect import Candidate, Column
@@ -18,9 +19,6 @@ from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.pose_factors import Curve, Harmonic
 from armd.compensation.model.terms import Term
 
-#: Points of a curve over the turn: over ten to the shortest period there is.
-CURVE_POINTS = 360
-SEEN_POINTS = 3  # to either side of an angle measured
 TURN = np.linspace(0.0, 2 * np.pi, CURVE_POINTS, endpoint=False)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.problem.linear import Baseline, Linear
 from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.arm import Arm
@@ -14,10 +15,6 @@ from armd.compensation.model.basis import basis_values
 from armd.compensation.model.parameters import LEAST_LENGTH_MM
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
-
-#: A priori standard deviation of a length's growth: carbon fibre 0 to 2e-6, steel 12e-6, aluminium
-#: 23e-6 per kelvin.
-EXPANSION_PER_K = 20e-6
 
 
 def expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64, F64]:

@@ -8,9 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import (
+    CURVE_SCALE,
+    CURVE_SCALES,
+    CURVED_LENGTH_MM,
+    CURVED_SHARE,
+    MOST_CLIPPINGS,
+    MOST_FIT_STEPS,
+    NOISE_SETTLED,
+    SHARED_ALIKE,
+    SIZING_STEPS,
+    TURN_SETTLED,
+)
 from armd.compensation.diagnose.fitting import noise as noise_model
 from armd.compensation.diagnose.fitting.nuisance import for_noise, gather_nuisance
-from armd.compensation.diagnose.fitting.turn_noise import SETTLED as TURN_SETTLED
 from armd.compensation.diagnose.fitting.turn_noise import fitted_share, turn_ratio
 from armd.compensation.diagnose.problem.amplitudes import amplitude_variance, is_sized
 from armd.compensation.diagnose.problem.baseline import moved, with_findings
@@ -24,23 +35,6 @@ from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.blocks import Blocks, in_blocks
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
-
-#: A step errs by about its square over the arm's length; beyond this share of the noise the
-#: model is linearised anew.
-CURVED_SHARE = 0.1
-LENGTH_MM = 200.0
-MOST_STEPS = 6
-#: A curve's likely size: this many times the catalogue's to begin with, then the data's own
-#: (empirical Bayes).
-CURVE_SCALE = 3.0
-CURVE_SCALES = (0.3, 100.0)
-SIZING_STEPS = 6
-#: Gross errors are in the first estimate of the noise: it is made again with them clipped, until it
-#: falls by less than a tenth. Noise without them settles at once.
-MOST_CLIPPINGS = 10
-SETTLED = 0.9
-#: Nor does what copies of a posture share change by more.
-SHARED_ALIKE = 0.05
 
 
 def fit(
@@ -88,8 +82,8 @@ def fit(
             step = -solution[layout.identified]
             shift.append(nuisance.columns.dense(layout.identified) @ step)
         largest = max((float(np.abs(part).max()) for part in shift), default=0.0)
-        near = largest**2 / LENGTH_MM < CURVED_SHARE * noise.scale_mm
-        if near or step_number == MOST_STEPS or largest > before_this:
+        near = largest**2 / CURVED_LENGTH_MM < CURVED_SHARE * noise.scale_mm
+        if near or step_number == MOST_FIT_STEPS or largest > before_this:
             break  # a step longer than the last one leads away: the linear answer stands
         before_this = largest
         if not baseline.held:
@@ -142,7 +136,7 @@ def _clipped(
             taken = fitted_share(nuisance.columns, problem.covariance, noise)
             ratio = turn_ratio(noise, linear, clipped - fitted, taken)
             alike &= abs(np.log(ratio / noise.turn_ratio)) < TURN_SETTLED
-        if noise.scale_mm > SETTLED * larger and alike:
+        if noise.scale_mm > NOISE_SETTLED * larger and alike:
             break
         noise = replace(noise, turn_ratio=ratio)
     return clipped, noise

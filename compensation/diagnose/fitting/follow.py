@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from armd.compensation.diagnose.constants import MOST_FOLLOW_ROUNDS, STAYS
 from armd.compensation.diagnose.fitting.fit import kinematic_part, normal_equations
 from armd.compensation.diagnose.fitting.nuisance import gather_nuisance
 from armd.compensation.diagnose.fitting.refit import solved
@@ -21,12 +22,6 @@ from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
 from armd.compensation.model.arm import Arm
-
-#: A solution that changes by less than so many standard uncertainties stays.
-STAYS = 0.1
-#: Most cases settle in three to six. Where a direction is hardly told at all, the way bends along a
-#: valley: whole steps leave it, and shorter ones follow it down.
-MOST_ROUNDS = 30
 
 
 def followed(last: Fit, arm: Arm) -> Fit:
@@ -42,7 +37,7 @@ def followed(last: Fit, arm: Arm) -> Fit:
     start[last.layout.identified] = 0.0
     point = replace(last, solution=start)
     here, share = _about_its_solution(point, arm), 1.0
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_FOLLOW_ROUNDS):
         if _change(point, here) < STAYS:
             return here
         tried = _part_of_the_way(point, here, share)

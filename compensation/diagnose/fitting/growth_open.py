@@ -17,6 +17,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import EVENLY, STANDS_OUT
 from armd.compensation.diagnose.fitting.expansions import growth_mm_per_k
 from armd.compensation.diagnose.problem.baseline import root_of
 from armd.compensation.diagnose.problem.linear import Baseline
@@ -29,12 +30,6 @@ from armd.compensation.wording import plain
 
 #: What readings left out of a calibration missed by is in its provenance by this name.
 LEFT_UM = "heldout_without_outliers_um"
-#: Growth that makes less than so many times what is left does not stand out of it: of a disc far
-#: off its axis 22 µm were left, growth would have made 22, and what there was of it, 13, was not
-#: worth a term.
-STANDS_OUT = 2.0
-#: Standard deviation of what is spread evenly over a range of one.
-EVENLY = 1.0 / math.sqrt(12.0)
 
 
 def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:

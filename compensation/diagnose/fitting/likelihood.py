@@ -13,11 +13,8 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.diagnose.constants import GAUGE_SQUARED, LEAST_RELATIVE, MOST_RELATIVE
 from armd.compensation.estimate.linear.bordered import BorderedParts, root_along_known
-
-#: A direction of what absorbs freely this short (squared), beside the longest, is a gauge.
-_TINY = 1e-10
-LEAST_RELATIVE, MOST_RELATIVE = 1e-8, 1e6  # variance of a shared column over that of one rest
 
 
 @dataclass(frozen=True)
@@ -129,5 +126,7 @@ def _root_of_free(gram: F64, square: F64) -> F64:
     trace. *square* (f,): their squared lengths before anything was eliminated."""
     size = np.sqrt(square)
     size[size == 0.0] = 1.0
-    root: F64 = root_along_known(gram / np.outer(size, size), _TINY, beside=1.0) / size[:, None]
+    root: F64 = (
+        root_along_known(gram / np.outer(size, size), GAUGE_SQUARED, beside=1.0) / size[:, None]
+    )
     return root

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64, Mask
+from armd.compensation.diagnose.constants import CLEARLY_MORE, LEAST_SIZE_MM, MOST_SIGMAS
 from armd.compensation.diagnose.problem.amplitudes import is_sized, most_plausible
 from armd.compensation.diagnose.problem.baseline import moved, with_findings
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -28,12 +29,6 @@ from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.wording import plain
-
-#: An amplitude so many standard deviations of its broadest prior from zero is none of that cause.
-MOST_SIGMAS = 3.0
-#: By less than one standard uncertainty more than before a length misses by chance: of a dozen one
-#: is near its limit under any model, and what moves it over by a hair did not lose it.
-CLEARLY_MORE = 1.0
 
 
 def refused(fit: Fit, before: Fit, arm: Arm) -> str:
@@ -82,7 +77,7 @@ def scale_kept(fit: Fit, arm: Arm) -> float:
     observations = fit.linear.rests.observations
     if observations.has_truth.any() or observations.says_size.any():
         return 1.0
-    return 1.0 / max(size(fit, arm), 1e-3)
+    return 1.0 / max(size(fit, arm), LEAST_SIZE_MM)
 
 
 def _too_far(fit: Fit, arm: Arm) -> str:

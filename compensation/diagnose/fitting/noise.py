@@ -15,6 +15,33 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import (
+    AXES,
+    FAR_LIKELIER,
+    FIRST_SHARE_STEPS,
+    GROSS,
+    KNOT_S,
+    LEAST_DRIFT_ROWS,
+    LEAST_ENCODER_SHARE,
+    LEAST_MM,
+    LEVER_MM,
+    MOST_DRIFT,
+    MOST_ENCODER_SHARE,
+    MOST_EVALUATIONS,
+    MOST_KNOTS,
+    MOST_ROBUST,
+    MOST_SCALES,
+    NEAR_SHARE,
+    NEXT_SHARE_STEPS,
+    NOISE_DRIFTS,
+    NOISE_SCALES,
+    NOISE_SETTLED,
+    SAME_SCALE,
+    SCALE_SETTLED,
+    SCALE_STEPS,
+    SHARE_SETTLED,
+    USUAL_DRIFT,
+)
 from armd.compensation.diagnose.fitting.likelihood import Absorbing, Restricted
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise, first_turn_ratio
@@ -24,26 +51,7 @@ from armd.compensation.estimate.postures import counts_as, shared_part
 from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights, monstrous
 from armd.compensation.estimate.surfaces import project_on_normals
 
-LEVER_MM = 500.0
-#: Slow drift is a random walk from knot to knot, this far apart (and at most so many per session).
-KNOT_S = 450.0
-MOST_KNOTS = 8
-#: Where the mean squared residual is so many times what the middle one of the rests tells, gross
-#: errors have made it (tails of Student's t of 3 degrees of freedom make it 2 to 3 times).
-GROSS = 4.0
-MIDDLE_TO_MEAN = 3.0 / MEDIAN_D2
-MOST_ROBUST = 12
-LEAST_MM = 1e-6  # no reading is better than a nanometre, even where everything is absorbed
-#: The drift is weighed as a multiple of the noise: 0.3 of it to begin with, or whichever of these
-#: is likelier by so much in −2 log likelihood. Beyond the largest multiple, products of columns
-#: hold nothing of the noise any more.
-USUAL_DRIFT, FAR_LIKELIER, MOST_DRIFT = 0.3, 10.0, 1e3
-SCALES, DRIFTS = (1.0, 0.1, 0.01, 0.001), (0.03, 0.3, 3.0, 30.0, 300.0)
-#: First steps in the logarithms of both, and when they have settled: most do within 40 evaluations.
-STEPS = (0.1, 0.5)
-SETTLED, MOST_EVALUATIONS = 0.02, 400
-#: Lengths are weighed by a scale this near to the one found (in its logarithm), in so many tries.
-SAME_SCALE, MOST_SCALES = 0.05, 6
+MIDDLE_TO_MEAN = AXES / MEDIAN_D2
 
 
 def target_nuisance(linear: Linear) -> tuple[F64, F64]:
@@ -88,7 +96,7 @@ def drift_columns(linear: Linear) -> tuple[Blocks, F64]:
         rows = np.flatnonzero(observations.session == session)
         time = observations.states.time_s[rows]
         span = float(np.ptp(time))
-        if len(rows) < 6 or not span > 0:  # NaN: no times
+        if len(rows) < LEAST_DRIFT_ROWS or not span > 0:  # NaN: no times
             continue
         knots = np.linspace(time.min(), time.max(), min(MOST_KNOTS, 2 + int(span / KNOT_S)))
         ramps = np.clip(1.0 + (time[:, None] - knots) / (knots[1] - knots[0]), 0.0, 1.0)
@@ -127,7 +135,7 @@ def estimate(
     rest's noise: where there are some, the search is repeated until both units are one.
     """
     lengths = linear.rests.observations.distances.standard_uncertainty_mm
-    distance = np.maximum(lengths, 1e-6)
+    distance = np.maximum(lengths, LEAST_MM)
     if not len(distance):
         return _estimate(linear, residual, nuisance, variance, distance, 1.0, before)
     rests = residual[: 3 * linear.rests.n]
@@ -161,7 +169,7 @@ def _estimate(
     counted, across = np.sqrt(counts), 0.0
     if linear.normal is not None:
         across = 2.0 * float(counts[linear.normal.any(axis=1)].sum())
-    rows = 3.0 * float(counts.sum()) - across + len(distance)
+    rows = AXES * float(counts.sum()) - across + len(distance)
 
     @cache
     def at_share(share: float) -> tuple[float, float, float, bool]:
@@ -173,15 +181,16 @@ def _estimate(
             log_det -= across * float(np.log1p(-share))
         return unlikely + log_det, scale, drift, settled
 
-    low, high, steps = 0.01, 0.99, 7
+    low, high, steps = LEAST_ENCODER_SHARE, MOST_ENCODER_SHARE, FIRST_SHARE_STEPS
     if before is not None:
-        low, high = max(low, before.encoder_share - 0.15), min(high, before.encoder_share + 0.15)
-        steps = 3
+        low = max(low, before.encoder_share - NEAR_SHARE)
+        high = min(high, before.encoder_share + NEAR_SHARE)
+        steps = NEXT_SHARE_STEPS
     found = minimize_scalar(
         lambda share: at_share(float(share))[0],
         bounds=(low, high),
         method="bounded",
-        options={"maxiter": steps, "xatol": 0.03},
+        options={"maxiter": steps, "xatol": SHARE_SETTLED},
     )
     share = float(found.x)
     _, scale, drift, settled = at_share(share)
@@ -206,7 +215,7 @@ def with_shared_part(noise: RestNoise, linear: Linear, left: F64) -> RestNoise:
     """Return the noise with what copies of a posture share, by what is *left* (N,) of them."""
     posture, n = linear.rests.posture, linear.rests.n
     white = noise.whiten_rests(left[: 3 * n].reshape(n, 3))
-    part = shared_part(white, posture, 3 if noise.normal is None else noise.freedom)
+    part = shared_part(white, posture, AXES if noise.normal is None else noise.freedom)
     return noise.with_shared_part(part, posture)
 
 
@@ -229,17 +238,19 @@ def _best_scale(known: Restricted) -> tuple[float, float, float, bool]:
 
     begin = np.array([np.log(first), np.log(USUAL_DRIFT)])[: 1 + drifts]
     if drifts:  # where it makes nearly all of the residual, the noise is far smaller than that
-        others = [np.log([first * scale, drift]) for scale in SCALES for drift in DRIFTS]
+        others = [
+            np.log([first * scale, drift]) for scale in NOISE_SCALES for drift in NOISE_DRIFTS
+        ]
         best = min(others, key=cost)
         begin = best if cost(best) < cost(begin) - FAR_LIKELIER else begin
-    corners = begin + np.vstack([np.zeros(len(begin)), np.diag(STEPS[: len(begin)])])
+    corners = begin + np.vstack([np.zeros(len(begin)), np.diag(SCALE_STEPS[: len(begin)])])
     found = minimize(
         cost,
         begin,
         method="Nelder-Mead",
         options={
-            "xatol": SETTLED,
-            "fatol": SETTLED,
+            "xatol": SCALE_SETTLED,
+            "fatol": SCALE_SETTLED,
             "maxfev": MOST_EVALUATIONS,
             "initial_simplex": corners,
         },
@@ -264,12 +275,12 @@ def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise
         return winsorise(residual, fitted, noise)
     for _ in range(MOST_ROBUST):
         before = usual
-        clipped = winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / 3.0)))
+        clipped = winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / AXES)))
         fitted = fit(clipped, noise)
         usual = MIDDLE_TO_MEAN * float(np.median(noise.squares(_apart(residual, fitted, noise))))
-        if usual > 0.9 * before:
+        if usual > NOISE_SETTLED * before:
             break
-    return winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / 3.0)))
+    return winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / AXES)))
 
 
 def _apart(residual: F64, fitted: F64, noise: RestNoise) -> F64:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import GAUGE, PER_KELVIN
 from armd.compensation.diagnose.fitting import noise as noise_model
 from armd.compensation.diagnose.fitting.expansions import expansion_columns
 from armd.compensation.diagnose.problem.amplitudes import amplitude_variance
@@ -29,11 +30,6 @@ from armd.compensation.identify.thermal.terms import growth_terms
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.terms import Term
-
-#: Where the data leave constants open (the last joint's turn against the tip's offset), the
-#: solution nearest to the model under test is taken: as if each were known this well.
-GAUGE = {"mm": 1.0, "rad": 2e-3}
-PER_KELVIN = 0.1  # of that, for the slope of a term
 
 
 def gather_nuisance(

@@ -8,12 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64, Mask
-from armd.compensation.diagnose.fitting.fit import (
-    CURVE_SCALE,
-    columns_told_of,
-    normal_equations,
-    sized,
-)
+from armd.compensation.diagnose.constants import CURVE_SCALE
+from armd.compensation.diagnose.fitting.fit import columns_told_of, normal_equations, sized
 from armd.compensation.diagnose.fitting.nuisance import with_other_findings
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import (

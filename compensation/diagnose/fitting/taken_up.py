@@ -16,6 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.diagnose.constants import (
+    LEAST_TAKEN_UP,
+    LEFT_OUT_PARTS,
+    OF_THEIR_OWN,
+    WEAKEST,
+)
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import PLACEMENTS
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
@@ -27,18 +33,6 @@ from armd.compensation.estimate.gauge import PLAUSIBLE
 from armd.compensation.estimate.unknowns import PLAUSIBLE_TERM
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
-
-#: A finding of which the constants and terms under test leave less than this share (of its length,
-#: poses fitted along) is a change of theirs.
-OF_THEIR_OWN = 0.05
-#: Directions weaker than this hold nothing.
-WEAKEST = 1e-7
-#: A direction that, gone as far as is plausible, shows by less than one noise unit took nothing up
-#: (the last joint's turn against the tip's offset; the first joint's, which is the placement's).
-LEAST_SHOWN = 1.0
-#: Rests are left out in so many parts: about as many as a calibration has constants, so that each
-#: of them may differ in its own way.
-PARTS = 24
 
 
 def beside_what_it_took_up(last: Fit, arm: Arm) -> Baseline | None:
@@ -92,7 +86,7 @@ class _Shares:
         ways = [plausible[:, None] * _taken_by(own, white)]
         # It was made of other readings, at other temperatures and in other poses. How much that
         # changes, these readings in parts tell: placements, and rests of all of them.
-        for folds in (folds_of(self.rests), self.rests.posture % PARTS):
+        for folds in (folds_of(self.rests), self.rests.posture % LEFT_OUT_PARTS):
             ways += [plausible[:, None] * way for way in _differs(own, white, folds)]
         return replace(given, root=_as_few(np.hstack([given.root, *ways]), plausible))
 
@@ -126,7 +120,7 @@ def _differs(own: F64, white: F64, folds: I64) -> Iterator[F64]:
 def _taken_by(own: F64, white: F64) -> F64:
     """(identified, m) how far what was identified would have gone for each of *white* (N, m)."""
     strongest = float(np.linalg.svd(own, compute_uv=False)[0])
-    least = LEAST_SHOWN / max(strongest, LEAST_SHOWN)
+    least = LEAST_TAKEN_UP / max(strongest, LEAST_TAKEN_UP)
     taken: F64 = np.asarray(np.linalg.lstsq(own, white, rcond=least)[0], dtype=np.float64)
     return taken
 

@@ -12,12 +12,8 @@ import numpy as np
 from scipy.special import fdtrc
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import LEAST_PART, LEAST_SQUARE, STEP_P
 from armd.compensation.diagnose.problem.fitted import Fit
-
-#: Rests whose mean says where a target stood.
-LEAST_PART = 3
-#: Chance that noise makes any step of all those looked for.
-STEP_P = 1e-3
 
 
 @dataclass(frozen=True)
@@ -83,7 +79,7 @@ def _clearest_step(own: F64) -> tuple[float, int, float]:
     rest = (sums[-1] - sums[after - 1]) / (n - after)[:, None]
     square = ((rest - first) ** 2).sum(axis=1)
     between = after * (n - after) / n * square
-    within = np.maximum((own**2).sum() - (sums[-1] ** 2).sum() / n - between, 1e-12)
+    within = np.maximum((own**2).sum() - (sums[-1] ** 2).sum() / n - between, LEAST_SQUARE)
     c = own.shape[1]
     freedom = c * (n - 2)
     p = fdtrc(c, freedom, (between / c) / (within / freedom))

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import MOST_TURNS
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState, Rests
@@ -17,9 +18,6 @@ from armd.compensation.diagnose.problem.through import acting, made_anew
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.model.arm import Arm
-
-#: Two turns do; what does not settle stays as it is.
-MOST_TURNS = 5
 
 
 def fit_by_turns(

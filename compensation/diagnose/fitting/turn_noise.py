@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import AXES, TURN_RATIOS
 from armd.compensation.diagnose.problem.linear import Linear
-from armd.compensation.diagnose.problem.whitening import TURN_RATIOS, RestNoise
+from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.estimate.linear.blocks import Blocks
-
-#: A ratio that changes by less (in its logarithm) has settled.
-SETTLED = 0.05
 
 
 def fitted_share(columns: Blocks, covariance: F64, noise: RestNoise) -> float:
@@ -36,9 +34,9 @@ def turn_ratio(noise: RestNoise, linear: Linear, left: F64, fitted: float) -> fl
     if turned is None:
         return noise.turn_ratio
     white = noise.whitener[turned] @ left[: 3 * len(turned)].reshape(-1, 3, 1)[turned]
-    freedom = max(3.0 * float(noise.counts[turned].sum()) - fitted, 1.0)
+    freedom = max(AXES * float(noise.counts[turned].sum()) - fitted, 1.0)
     larger = float((white**2).sum()) / freedom
     encoders = noise.encoder_rad / noise.scale_mm
-    of_encoders = encoders**2 * float((linear.joints[turned] ** 2).sum(axis=(1, 2)).mean()) / 3.0
+    of_encoders = encoders**2 * float((linear.joints[turned] ** 2).sum(axis=(1, 2)).mean()) / AXES
     own = larger * (noise.turn_ratio**2 + of_encoders) - of_encoders
     return float(np.clip(np.sqrt(max(own, 0.0)), *TURN_RATIOS))

@@ -19,6 +19,7 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.constants import IN_ONE, LEAST_POSITIVE, SURE_P, TARGET_FOLDS
 from armd.compensation.diagnose.diagnosis import BorneOut, Finding, Gain, JudgedBy, SearchResult
 from armd.compensation.diagnose.extend import extended, knows_growth
 from armd.compensation.diagnose.fitting.follow import followed
@@ -39,15 +40,7 @@ from armd.compensation.estimate.postures import find_postures
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 
-#: Where placements are left out, the finding was chosen with them too. That hardly flatters one so
-#: sure: chance does not make it. A weaker one must not have done harm when the search was repeated
-#: without them. What has no name is never so sure: its form, not its size alone, was chosen with
-#: them.
-SURE_P = 1e-6
-TARGET_FOLDS = 4
 TARGETS: Final = "targets left out within placements"
-#: A finding that shows so much in placements left out together cannot be learnt from the others.
-IN_ONE = 0.75
 
 
 def choose(
@@ -197,7 +190,7 @@ def _in_one_fold(last: Fit, moves: F64) -> bool:
     """Whether nearly all of what *moves* (n, 3) the tip does so in placements left out together."""
     white = last.noise.whiten_rests(moves)
     told = np.bincount(folds_of(last.linear.rests), (white**2).sum(axis=1))
-    return bool(told.max() > IN_ONE * max(float(told.sum()), 1e-300))
+    return bool(told.max() > IN_ONE * max(float(told.sum()), LEAST_POSITIVE))
 
 
 def _by_target(observations: Observations) -> I64:

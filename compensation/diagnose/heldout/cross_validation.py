@@ -8,6 +8,7 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.data.in_order import in_order
+from armd.compensation.diagnose.constants import GAIN_BEGINS, GAIN_TAKES, REPEATED_WORK
 from armd.compensation.diagnose.diagnosis import SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import possible, stays_near
 from armd.compensation.diagnose.fitting.refit import (
@@ -20,7 +21,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey, ScoredCandidates
 from armd.compensation.diagnose.search.selection import next_finding
-from armd.compensation.diagnose.search.work import REPEATED, WorkBudget
+from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects.effect import joined
 from armd.compensation.freed import give_back_freed
 from armd.compensation.model.arm import Arm
@@ -68,7 +69,7 @@ def cross_validate(
     found = in_order(lambda start: _without(*start, folds, result, parted, arm), starts)
     for done, (part, of_steps) in enumerate(zip(parts, found, strict=True), 1):
         give_back_freed()
-        progress("gain", 0.9 + 0.1 * done / len(parts))
+        progress("gain", GAIN_BEGINS + GAIN_TAKES * done / len(parts))
         for square, own in zip(squares, of_steps, strict=True):
             square[folds[: points.n] == part] = own
     for share in shares:
@@ -97,7 +98,7 @@ def _without(
             work.skip(f"{REPEATED_FROM} {len(squares)} on")
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break
-        work.add(scored.n_products, REPEATED)
+        work.add(scored.n_products, REPEATED_WORK)
         found = next_finding(scored, result.tests)
         if found is None:  # nothing is gained by what the search on all readings found further
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))

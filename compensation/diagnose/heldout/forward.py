@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import KNOWN_PARTS, TIME_PARTS
 from armd.compensation.diagnose.fitting.refit import refits_without
 from armd.compensation.diagnose.heldout.gain import left_out
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -21,9 +22,6 @@ from armd.compensation.effects.courses import is_drift
 from armd.compensation.estimate.folds import blocks_of_time
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
-
-#: Parts of the time; what follows the second and the third is predicted from what is before.
-PARTS, KNOWN = 4, (2, 3)
 
 
 def later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F64]:
@@ -35,7 +33,7 @@ def later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F64]:
     part = parts_in_time(last.linear.rests.observations)
     time_s = last.linear.rests.observations.states.time_s
     refits = []
-    for known in KNOWN:
+    for known in KNOWN_PARTS:
         out = part >= known
         if not 0 < out.sum() < len(out):
             continue
@@ -56,12 +54,12 @@ def parts_in_time(observations: Observations) -> I64:
     blocks where there are fewer placements than parts."""
     placement = observations.placement
     numbers = np.unique(placement)
-    if len(numbers) < PARTS:
-        return blocks_of_time(observations.states.time_s, PARTS)
+    if len(numbers) < TIME_PARTS:
+        return blocks_of_time(observations.states.time_s, TIME_PARTS)
     begin = np.array([observations.states.time_s[placement == p].min() for p in numbers])
     turn = np.empty(len(numbers), dtype=np.int64)
     turn[np.argsort(begin, kind="stable")] = np.arange(len(numbers))
-    parts: I64 = (turn * PARTS // len(numbers))[np.searchsorted(numbers, placement)]
+    parts: I64 = (turn * TIME_PARTS // len(numbers))[np.searchsorted(numbers, placement)]
     return parts
 
 

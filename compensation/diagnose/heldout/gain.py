@@ -12,6 +12,16 @@ import numpy as np
 from scipy.special import bdtrc, ndtr, stdtrit
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.diagnose.constants import (
+    EVEN_CHANCE,
+    INTERVAL_TAIL,
+    LEAST_GAIN_SHARE,
+    MOST_SQUARES,
+    RANK_SHARE,
+    RESAMPLES,
+    SIGN_P,
+    TRUTH_BLOCKS,
+)
 from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.curves import as_written
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
@@ -19,16 +29,6 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.estimate.folds import blocks_of_postures
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
-
-#: Readings with truth of their own share nothing but their time: they are resampled in blocks.
-TRUTH_BLOCKS = 40
-RESAMPLES = 1000
-SIGN_P = 0.01
-#: Less than this share of the error is rounding, no gain.
-LEAST_SHARE = 1e-6
-#: In a decision a reading six noise units off counts as one that is further off: so many times the
-#: usual squared residual.
-MOST_SQUARES = 15.0
 
 
 def gains(squares: Sequence[F64], groups: I64, kept: Mask) -> list[Gain]:
@@ -57,7 +57,7 @@ def gain(before: F64, after: F64, groups: I64, use: Mask | None = None, seed: in
     change = np.sqrt(drawn[0] / drawn[1]) - np.sqrt(drawn[2] / np.maximum(drawn[3], 1.0))
     low, high = np.quantile(1e3 * change, _tails(len(names)))
     rms = _rms(before), _rms(after[use])
-    better = rms[1] < (1.0 - LEAST_SHARE) * rms[0]
+    better = rms[1] < (1.0 - LEAST_GAIN_SHARE) * rms[0]
     shown = better and (low > 0 or _most_improve(index, before, after))
     return Gain(*rms, (float(low), float(high)), bool(shown))
 
@@ -74,7 +74,7 @@ def _most_improve(index: I64, before: F64, after: F64) -> bool:
     shown anything like may spoil a mean that is right for all the others."""
     change = np.bincount(index, before) - np.bincount(index, after)
     better, worse = int((change > 0).sum()), int((change < 0).sum())
-    return bool(bdtrc(better - 1, better + worse, 0.5) < SIGN_P) if better else False
+    return bool(bdtrc(better - 1, better + worse, EVEN_CHANCE) < SIGN_P) if better else False
 
 
 def _tails(n: int) -> tuple[float, float]:
@@ -86,7 +86,7 @@ def _tails(n: int) -> tuple[float, float]:
     """
     if n < 2:  # every resampling is the same: nothing is known of the scatter
         return 0.0, 1.0
-    low = float(ndtr(np.sqrt(n / (n - 1.0)) * stdtrit(n - 1, 0.025)))
+    low = float(ndtr(np.sqrt(n / (n - 1.0)) * stdtrit(n - 1, INTERVAL_TAIL)))
     return low, 1.0 - low
 
 
@@ -134,7 +134,7 @@ def left_out(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
         rows = (3 * rests[points[rests]][:, None] + np.arange(3)).ravel()
         own = values[points[rests]].reshape(len(rows), values.shape[2])
         own = own[:, own.any(axis=0)]
-        left[rows] -= own @ np.linalg.lstsq(own, clipped[rows], rcond=1e-9)[0]
+        left[rows] -= own @ np.linalg.lstsq(own, clipped[rows], rcond=RANK_SHARE)[0]
     square: F64 = (left.reshape(-1, 3)[points] ** 2).sum(axis=1) * scale_kept(current, arm) ** 2
     return square
 

@@ -7,18 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import AXES, CHANGED_PRIOR, MOST_WORSE, TINY_MM2
 from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.heldout.gain import capped, gain
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.effects.courses import is_slow
-
-#: Gross errors have no voice in the decision, and they move the error over all readings by chance,
-#: of noise-sized findings by far less than this share: beyond it a finding does harm somewhere.
-MOST_WORSE = 0.02
-#: How likely it is that an arm was no longer the same when the readings held out were taken: so far
-#: these can make a finding of the others doubtful, and no further.
-CHANGED = 0.05
-TINY_MM2 = 1e-18
 
 
 @dataclass(frozen=True)
@@ -28,7 +21,7 @@ class Look:
 
     squares: Callable[[Sequence[int], bool], F64]
     groups: I64
-    axes: float = 3.0  # how many directions a reading has, on the mean; on a surface one
+    axes: float = float(AXES)  # how many directions a reading has, on the mean; on a surface one
 
 
 #: Findings in a model, by number, and whether the first link grows in it.
@@ -107,7 +100,7 @@ class Judge:
             return 1.0
         variance_mm2 = max(float(old.mean()) / self._looks[0].axes, TINY_MM2)  # of one direction
         nats = 0.5 * float((new - old).sum()) / variance_mm2
-        return max(math.exp(-max(nats, 0.0)), CHANGED)
+        return max(math.exp(-max(nats, 0.0)), CHANGED_PRIOR)
 
     def predicts_better(self, some: tuple[int, ...]) -> bool:
         """Whether the last look predicts better where the first link grows beside *some*, all

@@ -19,6 +19,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.constants import MOVE_DIGITS
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.refit import Refits
 from armd.compensation.diagnose.problem.baseline import LEFT_OPEN, identified
@@ -49,7 +50,7 @@ def saying_what_is_open(
         ways.append(
             {
                 "finding": f"{finding.cause} {finding.location}",
-                "moves": dict(zip(names, np.round(moves, 12).tolist(), strict=True)),
+                "moves": dict(zip(names, np.round(moves, MOVE_DIGITS).tolist(), strict=True)),
             }
         )
     diagnosis = {**written.provenance["diagnosis"], LEFT_OPEN: ways}

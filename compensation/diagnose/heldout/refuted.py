@@ -13,9 +13,6 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.slow_factors import Dated
 
-#: So often a search without what was refuted is made.
-MOST_REPEATED = 2
-
 
 def refuted_findings(diagnosis: Diagnosis) -> tuple[Candidate, ...]:
     """The named findings that are not written since held-out readings are predicted worse with

@@ -10,16 +10,17 @@ from typing import Literal
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import (
+    AXES,
+    LEAST_BIN_RESTS,
+    LEAST_BINS,
+    MOST_BINS,
+    WIDEST_DEG,
+)
 from armd.compensation.diagnose.problem.linear import Rests
 
-#: No bin of an angle is wider.
-WIDEST_DEG = 10.0
-#: Bins of equal count: so many at most, with so many rests at least.
-MOST_BINS, LEAST_RESTS = 36, 8
-#: Nothing is told by fewer bins.
-LEAST_BINS = 2
-_SIGNS = np.array([*itertools.product((1.0, 0.0, -1.0), repeat=3)])
-_FULL = np.isin(np.abs(_SIGNS).sum(axis=1), (1.0, 3.0))
+_SIGNS = np.array([*itertools.product((1.0, 0.0, -1.0), repeat=AXES)])
+_FULL = np.isin(np.abs(_SIGNS).sum(axis=1), (1, AXES))
 #: (14, 3) unit vectors along the axes and into the octants.
 DIRECTIONS: F64 = _SIGNS[_FULL] / np.linalg.norm(_SIGNS[_FULL], axis=1, keepdims=True)
 VariableKind = Literal["angle", "rate", "temperature", "time", "name"]
@@ -80,7 +81,7 @@ def _ordered(
     order = np.flatnonzero(np.isfinite(values))
     order = order[np.argsort(values[order], kind="stable")]
     ascending = values[order]
-    count = max(LEAST_RESTS, -(-len(order) // MOST_BINS))
+    count = max(LEAST_BIN_RESTS, -(-len(order) // MOST_BINS))
     starts: list[int] = []
     for i, value in enumerate(ascending):
         full = not starts or i - starts[-1] >= count

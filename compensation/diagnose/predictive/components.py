@@ -12,13 +12,11 @@ from typing import Literal
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import SHORTEST_MM
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.surfaces import project_on_normals
 from armd.compensation.model.parameters import BASE_PARAMETERS, TIP_PARAMETERS
-
-#: A shorter link has no component of its own.
-SHORTEST_MM = 20.0
 
 
 @dataclass(frozen=True)

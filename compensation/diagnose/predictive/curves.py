@@ -8,10 +8,27 @@ import numpy as np
 from scipy.special import bdtrc
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import (
+    AXES,
+    BEYOND,
+    BEYOND_FLAT,
+    BEYOND_VALUES,
+    CURVES,
+    CURVES_SEED,
+    HALF_WIDTH,
+    LEAST_POSITIVE,
+    LEAST_SQUARE,
+    LEAST_SUM,
+    MOST_TOGETHER,
+    ORDER_DIGITS,
+    ROUNDING,
+    SHARE_BEYOND,
+    SHARE_OF_NAMES,
+)
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.predictive.bins import Bins, all_bins
 from armd.compensation.diagnose.predictive.components import Component, components
-from armd.compensation.diagnose.predictive.moments import MOST_TOGETHER, Moments
+from armd.compensation.diagnose.predictive.moments import Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
 from armd.compensation.diagnose.predictive.strength import (
     Scatter,
@@ -21,19 +38,6 @@ from armd.compensation.diagnose.predictive.strength import (
     of_pairs,
     strength,
 )
-
-#: The pointwise band holds 95 % of the drawn sets: so many of their standard deviations.
-HALF_WIDTH, BEYOND = 1.96, 0.05
-#: Curves drawn by the sets' covariance, for the p-values: the smallest of 400 must be below 0.05
-#: divided by their number.
-CURVES = 10_000
-SEED = 0xC0E
-#: What varies over a variable must explain so much more (χ² − 2 k, and this share of it) than what
-#: is the same all over: else it is of the time since the calibration.
-BEYOND_FLAT, SHARE_BEYOND = 10.0, 0.1
-#: A name (placement, target, approach) explains as much of whatever was the same there as a value
-#: does: it must explain so much more, and this share.
-BEYOND_VALUES, SHARE_OF_NAMES = 10.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -76,10 +80,10 @@ class ResidualComparison:
         over is of the time since the calibration."""
         found, name = self.before.strength, self.bins.variable
         if name != "time_s" and found.best <= (1.0 + SHARE_BEYOND) * found.flat + BEYOND_FLAT:
-            return (-round(found.flat, 3), True)
+            return (-round(found.flat, ORDER_DIGITS), True)
         if self.bins.kind == "name":
-            return (-round((1.0 - SHARE_OF_NAMES) * found.best - BEYOND_VALUES, 3), True)
-        return (-round(found.best, 3), name != "time_s")
+            return (-round((1.0 - SHARE_OF_NAMES) * found.best - BEYOND_VALUES, ORDER_DIGITS), True)
+        return (-round(found.best, ORDER_DIGITS), name != "time_s")
 
     def as_json(self) -> dict[str, str | float]:
         """An entry of `predictive`."""
@@ -124,7 +128,7 @@ def _noise_scale(last: Refitted) -> F64:
     measured = (np.einsum("nij,ni->jn", moves, last.left_mm) ** 2).sum(axis=1)
     drawn = np.einsum("nij,nir->jnr", moves, next(last.replicates()))
     expected = (drawn**2).sum(axis=1).mean(axis=1)
-    scale: F64 = np.sqrt(np.maximum(measured, 1e-30) / np.maximum(expected, 1e-30))
+    scale: F64 = np.sqrt(np.maximum(measured, LEAST_SUM) / np.maximum(expected, LEAST_SUM))
     return scale
 
 
@@ -143,9 +147,9 @@ def _curves(model: Refitted, bins: list[Bins], scale: F64) -> list[ResidualCurve
         along = np.einsum("nij,nir->jnr", moves_of_noise, left)
         for kept in (*drawn, together):
             kept.add(along)
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(CURVES_SEED)
     normal = rng.normal(size=(MOST_TOGETHER, CURVES))
-    own_mm = model.fit.noise.own_mm / np.sqrt(3.0)
+    own_mm = model.fit.noise.own_mm / np.sqrt(AXES)
     variance = (own_mm * scale[:, None]) ** 2 * square.T  # (K, n)
     joint = [
         of_pairs(warm, values, scatter) if len(warm) > 1 else {}
@@ -153,7 +157,7 @@ def _curves(model: Refitted, bins: list[Bins], scale: F64) -> list[ResidualCurve
     ]
     found = []
     for one, kept in zip(bins, drawn, strict=True):
-        levers = np.maximum(one.sums(square), 1e-12)  # (B, K)
+        levers = np.maximum(one.sums(square), LEAST_SQUARE)  # (B, K)
         for k, (values, scatter) in enumerate(_each(kept, measured, variance)):
             also = joint[k].get(one.variable, -np.inf)
             shown = kept.shown[k]
@@ -210,8 +214,8 @@ def _p_value(outside: float, moments: F64, normal: F64) -> float:
     if moments.ndim == 1:
         least = round(outside * len(moments))
         return float(bdtrc(least - 1, len(moments), BEYOND)) if least else 1.0
-    sigma = np.sqrt(np.maximum(np.diag(moments), 1e-300))
+    sigma = np.sqrt(np.maximum(np.diag(moments), LEAST_POSITIVE))
     root, turned = np.linalg.eigh(moments / np.outer(sigma, sigma))
     factor = turned * np.sqrt(np.maximum(root, 0.0))
     share = (np.abs(factor @ normal[: len(factor)]) > HALF_WIDTH).mean(axis=0)
-    return float((share >= outside - 1e-9).mean())
+    return float((share >= outside - ROUNDING).mean())

@@ -5,11 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64, I64
-
-#: Sums whose covariance is known as a whole; more are taken as independent.
-MOST_TOGETHER = 120
-#: So many drawn sets are kept to be shown.
-SHOWN = 12
+from armd.compensation.diagnose.constants import MOST_TOGETHER, SETS_SHOWN
 
 
 class Moments:
@@ -47,7 +43,7 @@ class Moments:
         """Residuals (K, n, r) of drawn sets more."""
         sums = self.sums(along)
         if not self.draws:
-            self.shown = sums[:, self.n_features :, :SHOWN].copy()
+            self.shown = sums[:, self.n_features :, :SETS_SHOWN].copy()
             self._sum = np.zeros(1)
         more = sums @ sums.transpose(0, 2, 1) if self._together else (sums**2).sum(axis=2)
         self._sum = self._sum + more

@@ -13,17 +13,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import (
+    AXES,
+    DRAWS_AT_ONCE,
+    DRAWS_SEED,
+    LEAST_DRAWS,
+    LEAST_VARIANCE_MM2,
+    MOST_DRAWN_PRODUCTS,
+    MOST_DRAWN_RESTS,
+    MOST_DRAWS,
+)
 from armd.compensation.diagnose.fitting.fit import normal_equations
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
-
-#: Sets drawn: they tell the covariance of a hundred bins;
-#: where readings and columns are many, fewer, but so many at least.
-MOST_DRAWS, LEAST_DRAWS = 1000, 400
-#: Products of rows and columns, and rests, in all sets: some ten seconds of one processor.
-MOST_PRODUCTS, MOST_RESTS = 5e9, 5e6
-AT_ONCE = 200
-SEED = 0x9E9
 
 
 @dataclass(frozen=True)
@@ -36,18 +38,20 @@ class Refitted:
     @property
     def draws(self) -> int:
         rows, columns = len(self.fit.residual), self.fit.nuisance.columns.size
-        fitting = min(MOST_PRODUCTS / (rows * max(columns, 1)), MOST_RESTS / (rows / 3))
-        return AT_ONCE * (int(min(max(fitting, LEAST_DRAWS), MOST_DRAWS)) // AT_ONCE)
+        fitting = min(
+            MOST_DRAWN_PRODUCTS / (rows * max(columns, 1)), MOST_DRAWN_RESTS / (rows / AXES)
+        )
+        return DRAWS_AT_ONCE * (int(min(max(fitting, LEAST_DRAWS), MOST_DRAWS)) // DRAWS_AT_ONCE)
 
     def replicates(self) -> Iterator[F64]:
         """(n, 3, r) mm left of drawn sets, some at a time; the same at each call."""
-        rng = np.random.default_rng(SEED)
-        for _ in range(self.draws // AT_ONCE):
-            drawn = self._drawn(rng, AT_ONCE)
+        rng = np.random.default_rng(DRAWS_SEED)
+        for _ in range(self.draws // DRAWS_AT_ONCE):
+            drawn = self._drawn(rng, DRAWS_AT_ONCE)
             taken = self.fit.problem.amplitudes(self.fit.across(drawn))
             left = drawn - self.fit.nuisance.columns.times(taken)
             n = self.fit.linear.rests.n
-            yield left[: 3 * n].reshape(n, 3, AT_ONCE)
+            yield left[: 3 * n].reshape(n, 3, DRAWS_AT_ONCE)
 
     def _drawn(self, rng: np.random.Generator, count: int) -> F64:
         """(N, count) mm: each rest's own noise, what copies of a posture share, certified lengths,
@@ -76,7 +80,7 @@ def refit(fit: Fit, noise: RestNoise) -> Refitted:
     """The same model solved again by *noise*: that of the model that explains the data best, so
     that what a model lacks does not pass for noise."""
     variance = fit.nuisance.variance.copy()
-    variance[fit.layout.drift] = max(noise.drift_mm**2, 1e-14)
+    variance[fit.layout.drift] = max(noise.drift_mm**2, LEAST_VARIANCE_MM2)
     nuisance = Nuisance(fit.nuisance.columns, variance)
     # Winsorised as it was: one gross error would bend the whole curve.
     problem, side = normal_equations(nuisance.columns, nuisance, fit.layout, noise, fit.residual)

@@ -16,13 +16,14 @@ from itertools import combinations
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import (
+    DEPENDENT_SHARE,
+    LEAST_POSITIVE,
+    LEAST_VARIANCE_SHARE,
+    SEARCHED_VARIABLES,
+    SHAPES_BY_KIND,
+)
 from armd.compensation.diagnose.predictive.bins import Bins
-
-#: A direction that keeps less than this of its variance in a refit is absorbed: what stays of it is
-#: rounding, and what is not linear.
-LEAST_SHARE = 0.02
-#: A second variable that is searched for is one more unknown.
-SEARCHED = 1
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ def features(bins: Bins) -> F64:
     if values is None:
         return flat
     if bins.kind == "rate":
-        x = values / max(float(np.abs(values).max()), 1e-300)
+        x = values / max(float(np.abs(values).max()), LEAST_POSITIVE)
         return _across(np.column_stack([flat, x, np.abs(x), np.sign(x)]))
     x = _scaled(values)
     if bins.kind == "angle":
@@ -60,15 +61,14 @@ def _across(columns: F64) -> F64:
     of its own is 0."""
     length = np.linalg.norm(columns, axis=0)
     basis, upper = np.linalg.qr(columns)
-    own = np.abs(np.diag(upper)) > 1e-6 * length
+    own = np.abs(np.diag(upper)) > DEPENDENT_SHARE * length
     apart: F64 = basis * own * np.sqrt(len(columns))
     return apart
 
 
 def shapes(bins: Bins, count: int) -> list[I64]:
     """Places of each shape in the vector of a variable's features, *count*, and then its bins."""
-    by_kind = {"angle": (3, 5, 6), "rate": (2, 3, 4), "temperature": (2, 3, 4), "time": (2,)}
-    first = by_kind.get(bins.kind, ()) if bins.values is not None else ()
+    first = SHAPES_BY_KIND.get(bins.kind, ()) if bins.values is not None else ()
     every = count + np.arange(len(bins.starts))
     return [*(np.arange(k) for k in (1, *first)), every]
 
@@ -95,9 +95,9 @@ def strength(bins: Bins, values: F64, scatter: Scatter, joint: float = -np.inf) 
     """Of a variable's *values* (m + B,); *joint*: what it explains with another of its kind."""
     covariance = scatter.covariance
     if covariance.ndim == 1:
-        known = covariance > LEAST_SHARE * scatter.unabsorbed
-        square = np.where(known, values**2 / np.maximum(covariance, 1e-300), 2.0)
-        flat = float(values.sum()) ** 2 / max(float(covariance.sum()), 1e-300) - 2.0
+        known = covariance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
+        square = np.where(known, values**2 / np.maximum(covariance, LEAST_POSITIVE), 2.0)
+        flat = float(values.sum()) ** 2 / max(float(covariance.sum()), LEAST_POSITIVE) - 2.0
         return Strength(max(float(square.sum()) - 2.0 * len(values), flat), flat)
     count = len(values) - len(bins.starts)
     tried = [beyond(values[at], scatter.of(at)) for at in shapes(bins, count)]
@@ -111,9 +111,9 @@ def strength(bins: Bins, values: F64, scatter: Scatter, joint: float = -np.inf) 
 
 def beyond(values: F64, scatter: Scatter) -> float:
     """χ² − 2 k of *values* (m,), by a covariance that draws have told (Hotelling)."""
-    scale = np.sqrt(np.maximum(scatter.unabsorbed, 1e-300))
+    scale = np.sqrt(np.maximum(scatter.unabsorbed, LEAST_POSITIVE))
     root, turned = np.linalg.eigh(scatter.covariance / np.outer(scale, scale))
-    kept = root > LEAST_SHARE
+    kept = root > LEAST_VARIANCE_SHARE
     freedom = int(kept.sum())
     along = turned[:, kept].T @ (values / scale)
     square = float((along**2 / root[kept]).sum())
@@ -138,7 +138,7 @@ def of_pairs(bins: Sequence[Bins], values: F64, scatter: Scatter) -> dict[str, f
     found: dict[str, float] = {}
     for i, j in combinations(range(len(bins)), 2):
         name = bins[i if alone[i] >= alone[j] else j].variable
-        both = _part(values, scatter, [0, i + 1, j + 1]) - 2.0 * SEARCHED
+        both = _part(values, scatter, [0, i + 1, j + 1]) - 2.0 * SEARCHED_VARIABLES
         found[name] = max(found.get(name, -np.inf), both)
     return found
 
@@ -160,12 +160,12 @@ def _step(sums: F64, scatter: Scatter) -> float:
 def _single(values: F64, scatter: Scatter, first: int) -> float:
     """χ² − 2 k of the one bin that stands out most by itself: a target that was loosened."""
     variance = np.diag(scatter.covariance)[first:]
-    known = variance > LEAST_SHARE * scatter.unabsorbed[first:]
-    square = np.where(known, values[first:] ** 2 / np.maximum(variance, 1e-300), 0.0)
+    known = variance > LEAST_VARIANCE_SHARE * scatter.unabsorbed[first:]
+    square = np.where(known, values[first:] ** 2 / np.maximum(variance, LEAST_POSITIVE), 0.0)
     return float(square.max()) - 2.0 - 2.0 * float(np.log(len(square)))
 
 
 def _scaled(values: F64) -> F64:
     """To −1 … 1."""
-    scaled: F64 = 2.0 * (values - values.min()) / max(float(np.ptp(values)), 1e-300) - 1.0
+    scaled: F64 = 2.0 * (values - values.min()) / max(float(np.ptp(values)), LEAST_POSITIVE) - 1.0
     return scaled

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import MOST_FREE_COLUMNS
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import SCALES, Candidate, Column
-
-#: Functions of more columns than this have amplitudes that share one likely size.
-MOST_FREE_COLUMNS = 6
 
 
 def is_sized(candidate: Candidate) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import LEAST_POSITIVE, LEAST_SQUARE
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.identify.reflectors import FoundReflector
@@ -81,9 +82,9 @@ def root_of(covariance: F64) -> F64:
     """R (n, r) with R Rᵀ the covariance; tiny negative eigenvalues of rounding are dropped."""
     if covariance.size == 0:
         return np.zeros((len(covariance), 0))
-    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    size = np.sqrt(np.maximum(np.diag(covariance), LEAST_POSITIVE))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    kept = values > 1e-12
+    kept = values > LEAST_SQUARE
     root: F64 = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
     return root
 

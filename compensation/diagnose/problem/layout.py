@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import BLOCKS_AFTER, BLOCKS_BEFORE
 from armd.compensation.estimate.linear import linear_model
 
 PLACEMENTS, IDENTIFIED, MOUNT, EXPANSIONS, TARGETS, DRIFT = (
@@ -18,8 +19,6 @@ PLACEMENTS, IDENTIFIED, MOUNT, EXPANSIONS, TARGETS, DRIFT = (
     "targets",
     "drift",
 )
-#: How many of the blocks that are always there stand before those of the findings, and after.
-BEFORE, AFTER = 2, 4
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class FitLayout:
 
     @property
     def _n_findings(self) -> int:
-        return len(self.blocks.sizes) - BEFORE - AFTER
+        return len(self.blocks.sizes) - BLOCKS_BEFORE - BLOCKS_AFTER
 
     def with_findings(self, counts: Sequence[int]) -> FitLayout:
         """With findings of so many columns each in the place of those that it has."""
@@ -65,7 +64,9 @@ class FitLayout:
         drawing = np.concatenate([self.drawing[:first], open_, self.drawing[stop:]])
         sizes = self.blocks.sizes
         own = tuple((finding(i), int(count)) for i, count in enumerate(counts))
-        return FitLayout(linear_model.Layout((*sizes[:BEFORE], *own, *sizes[-AFTER:])), drawing)
+        return FitLayout(
+            linear_model.Layout((*sizes[:BLOCKS_BEFORE], *own, *sizes[-BLOCKS_AFTER:])), drawing
+        )
 
 
 def finding(index: int) -> str:
@@ -77,6 +78,6 @@ def with_some_findings(layout: FitLayout, some: Sequence[int]) -> tuple[I64, Fit
     """Which nuisance columns stay with *some* of the findings, and their layout."""
     names = [name for name, _ in layout.blocks.sizes]
     own = [finding(i) for i in some]
-    kept = layout.blocks.of([*names[:BEFORE], *own, *names[-AFTER:]])
+    kept = layout.blocks.of([*names[:BLOCKS_BEFORE], *own, *names[-BLOCKS_AFTER:]])
     sizes = dict(layout.blocks.sizes)
     return kept, layout.with_findings([sizes[name] for name in own])

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import LEAST_LENGTH_MM
 from armd.compensation.diagnose.problem.linear import Linear, ModelState, Rests
 from armd.compensation.estimate.linear.blocks import Blocks, Piece, in_blocks
 from armd.compensation.estimate.linearise import Linearisation, linearise_as_read
@@ -17,9 +18,6 @@ from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.parameters import ParameterLayout
 from armd.errors import BadInput
-
-#: A length that a temperature would change.
-LEAST_LENGTH_MM = 1.0
 
 
 def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:

@@ -16,11 +16,9 @@ from scipy.sparse import csr_array
 
 from armd.arrays import F64, I64
 from armd.compensation.data.in_order import in_order
+from armd.compensation.diagnose.constants import MANY_INDICES, PAIRS_CHUNK, PAIRS_PIECE
 
 Part = tuple[int, float, int]  # parameter, weight, row of the bases
-
-CHUNK = 256  # pairs of basis functions at once, at
-PIECE = 1024  # so many rests: what stays in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -73,19 +71,19 @@ class Within:
         one, other = self.parameters.T
 
         def of(begin: int) -> F64:
-            some = slice(begin, begin + PIECE)
+            some = slice(begin, begin + PAIRS_PIECE)
             columns, values = jacobian[:, some], np.ascontiguousarray(bases[:, some])
             of_parameters = np.einsum("dna,dna->dn", columns[one], columns[other])
             found = [np.empty(0)]
             for group, those in self.groups:
                 turned = of_parameters[those].T
-                for low in range(0, len(group), CHUNK):
-                    a, c = group[low : low + CHUNK].T
+                for low in range(0, len(group), PAIRS_CHUNK):
+                    a, c = group[low : low + PAIRS_CHUNK].T
                     found.append(((values[a] * values[c]) @ turned).ravel())
             return np.concatenate(found)
 
         total = np.zeros(self.weights.shape[1])
-        for found in in_order(of, range(0, bases.shape[1], PIECE)):
+        for found in in_order(of, range(0, bases.shape[1], PAIRS_PIECE)):
             total += found
         elements: F64 = self.weights @ total
         return elements
@@ -113,18 +111,14 @@ def _elements(candidates: Sequence[Sequence[Sequence[Part]]], first: I64) -> tup
     return rows, one, other
 
 
-#: More than there are parameters, or basis functions.
-_MANY = 1 << 20
-
-
 def _pair(one: F64, other: F64) -> I64:
     """A number for two, in either order."""
-    pair: I64 = np.minimum(one, other).astype(np.int64) * _MANY + np.maximum(one, other).astype(
-        np.int64
-    )
+    pair: I64 = np.minimum(one, other).astype(np.int64) * MANY_INDICES + np.maximum(
+        one, other
+    ).astype(np.int64)
     return pair
 
 
 def _apart(pairs: I64) -> I64:
     """(…, 2) the two of each."""
-    return np.stack(np.divmod(pairs, _MANY), axis=-1)
+    return np.stack(np.divmod(pairs, MANY_INDICES), axis=-1)

@@ -12,6 +12,7 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.constants import BLOCKS, MOST_FOLDS, REST_RAD
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.estimate.folds import blocks_of_postures, whole_groups
 from armd.compensation.estimate.observations import Observations, gather
@@ -21,13 +22,8 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.errors import BadInput
 
-#: Readings closer than this in every joint, in sequence at one target, are one rest.
-REST_RAD = 1e-4
-
 #: The label of what orientations are measured of, among those of the targets.
 ORIENTATION = "orientation"
-MOST_FOLDS = 4
-BLOCKS = 5  # of readings, where there is one placement only
 
 
 def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:

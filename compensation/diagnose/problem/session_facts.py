@@ -7,19 +7,19 @@ import itertools
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import (
+    LEAST_SPAN_K,
+    LEVER_MM,
+    MOST_INSTANTS,
+    MOST_SPELLS,
+    MOST_TELL,
+    PAUSE,
+    POSE_TARGETS,
+)
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.effects.effect import SessionFacts
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.model.arm import Arm
-
-#: Moments at which something may have stepped, on the first, coarse grid.
-MOST_INSTANTS = 40
-#: Between readings so many times as long apart as usual nobody measured; at most so many spells.
-PAUSE, MOST_SPELLS = 10.0, 8
-#: A temperature that varies by less did not vary.
-LEAST_SPAN_K = 0.05
-#: From a joint to the tip, roughly: there a scatter in mm is an angle.
-LEVER_MM = 500.0
 
 
 def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
@@ -55,11 +55,11 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         lost_links=frozenset(k for session in rests.sessions for k in session.lost_links),
         timed=timed,
         rates=bool(rate.size and np.any(rate != 0.0)),
-        approach=bool(np.isfinite(states.approach).all(axis=1).mean() > 0.5),
+        approach=bool(np.isfinite(states.approach).all(axis=1).mean() > MOST_TELL),
         artefact_c=bool(artefact_k > LEAST_SPAN_K),
         artefact_unread=bool(instead_k > LEAST_SPAN_K),
         artefacts=tuple(dict.fromkeys(s.artefact.name for s in rests.sessions)),
-        targets=tuple(named) if len(named) > 3 else (),
+        targets=tuple(named) if len(named) > POSE_TARGETS else (),
         distances=_checked_distances(rests, baseline),
         start_unix_s=float(states.time_s.min()) if timed else 0.0,
         end_unix_s=float(states.time_s.max()) if timed else 0.0,

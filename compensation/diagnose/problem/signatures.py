@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import SIGNATURES_PIECE
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.pairs import Part, Within
 from armd.compensation.diagnose.problem.use import evaluated
@@ -18,8 +19,6 @@ from armd.compensation.effects.effect import ArtefactChange, Candidate, Use, Win
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.terms import Factor, Term
-
-PIECE = 512  # rests at once
 
 
 @dataclass(frozen=True)
@@ -91,8 +90,8 @@ class Signatures:
         named, first, basis, _ = self._pairs
         values = self.bases[:, rests]
         found = np.zeros((len(basis), others.shape[2]))
-        for begin in range(0, len(others), PIECE):
-            some = slice(begin, begin + PIECE)
+        for begin in range(0, len(others), SIGNATURES_PIECE):
+            some = slice(begin, begin + SIGNATURES_PIECE)
             turned = jacobian[named, some].transpose(1, 0, 2) @ others[some]  # (·, named, u)
             for j, (low, high) in enumerate(itertools.pairwise(first)):
                 found[low:high] += values[basis[low:high], some] @ turned[:, j]

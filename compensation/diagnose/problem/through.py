@@ -15,16 +15,13 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from armd.compensation.diagnose.constants import COLUMNS_CHANGED
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Acting, Candidate, SessionFacts
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.slow_factors import Temperature
-
-#: Columns are made anew where amplitudes have changed by more than this share of the largest: of
-#: an offset that shows a hundred noise units through them, that is one.
-CHANGED = 0.01
 
 
 def acting(fit: Fit) -> tuple[Acting, ...]:
@@ -96,4 +93,4 @@ def _hardly_changed(before: Acting, now: Acting) -> bool:
         return False
     typical = np.array([column.typical for column in now.candidate.columns])
     old, new = (np.array(one.amplitudes) / typical for one in (before, now))
-    return bool(np.abs(new - old).max() <= CHANGED * np.abs(new).max())
+    return bool(np.abs(new - old).max() <= COLUMNS_CHANGED * np.abs(new).max())

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import LEAST_APART_S
 from armd.compensation.effects.effect import Use, Winding
 from armd.compensation.model.state import States
 
@@ -47,7 +48,7 @@ def _warmth(uses: Sequence[Use], states: States, rows: I64) -> F64:
     joints = [use.joint - 1 for use in uses]
     q, rate = states.q[rows][:, joints], np.nan_to_num(states.rate[rows][:, joints])
     apart_s = np.diff(states.time_s[rows])[:, None]
-    way = np.abs(np.diff(q, axis=0)) / np.maximum(apart_s, 1e-3)
+    way = np.abs(np.diff(q, axis=0)) / np.maximum(apart_s, LEAST_APART_S)
     work = np.where([use.by_rate for use in uses], np.abs(rate[1:]), way)
     left = np.exp(-apart_s / [use.time_constant_s for use in uses])
     found = np.zeros(q.shape)

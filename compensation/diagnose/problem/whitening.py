@@ -7,13 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.diagnose.constants import AXES, LEAST_VARIANCE_MM2, ROUNDING, TURN_RATIOS
 from armd.compensation.estimate.linear.blocks import Blocks
 from armd.compensation.estimate.postures import counts_as
 from armd.compensation.estimate.robust import edge_stretch, of_three_components
 from armd.compensation.estimate.surfaces import project_on_normals
-
-#: No orientation is so much better, or worse, than a point.
-TURN_RATIOS = 1e-4, 1e4
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ class Nuisance:
     def ridged(self, noise: RestNoise) -> Nuisance:
         """With the drift's variance filled in."""
         variance = np.where(np.isnan(self.variance), noise.drift_mm**2, self.variance)
-        return Nuisance(self.columns, np.maximum(variance, 1e-14))
+        return Nuisance(self.columns, np.maximum(variance, LEAST_VARIANCE_MM2))
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,8 @@ class RestNoise:
     def freedom(self) -> I64:
         """(n,) how many equations each rest gives."""
         if self.normal is None:
-            return np.full(len(self.whitener), 3)
-        return np.where(self.normal.any(axis=1), 1, 3)
+            return np.full(len(self.whitener), AXES)
+        return np.where(self.normal.any(axis=1), 1, AXES)
 
     def squares(self, moves: F64) -> F64:
         """(n,) of rests (n, 3) in units of their own noise, as of three components each."""
@@ -126,5 +124,5 @@ def first_turn_ratio(residual: F64, turned: Mask) -> float:
     if not turned.any():
         return 1.0
     off = np.linalg.norm(residual[: 3 * len(turned)].reshape(-1, 3), axis=1)
-    ratio = float(np.median(off[turned])) / max(float(np.median(off[~turned])), 1e-9)
+    ratio = float(np.median(off[turned])) / max(float(np.median(off[~turned])), ROUNDING)
     return float(np.clip(ratio, *TURN_RATIOS))

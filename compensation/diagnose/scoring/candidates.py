@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.diagnose.constants import ROWS_A_COLUMN, SHAPE_PRIOR, SLOWER_LAGS
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
@@ -20,14 +21,6 @@ from armd.compensation.diagnose.scoring.unevenness import may_have_begun_anyhow,
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
-
-#: That a strong finding's shape is off is as likely as not.
-SHAPE_PRIOR = 0.5
-#: A lag whose sessions began on a ramp looks shorter than it is, if they are taken as settled: 10
-#: and 25 min as 1 to 10. So many times longer ones are tried where that is left open.
-SLOWER = (4.0, 16.0)
-#: In the work of scoring, so many rows together count as one shared column.
-ROWS_A_COLUMN = 60.0
 
 
 @dataclass(frozen=True)
@@ -168,7 +161,7 @@ def slower_than(candidate: Candidate) -> list[Candidate]:
     """The same with longer time constants, of what may have begun anyhow."""
     if not may_have_begun_anyhow(candidate) or candidate.elsewhere is None:
         return []
-    return [candidate.elsewhere(times * candidate.setting[0][1]) for times in SLOWER]
+    return [candidate.elsewhere(times * candidate.setting[0][1]) for times in SLOWER_LAGS]
 
 
 def _own_shape(candidate: Candidate, amplitudes: F64, projection: Projection) -> Candidate | None:

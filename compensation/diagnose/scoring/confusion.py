@@ -10,10 +10,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import ABSORBED, RIGHT_ANGLE_DEG
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import finding
 from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.scoring.evidence import ABSORBED
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
@@ -81,6 +81,6 @@ def _left(products: F64, mine: slice, other: F64) -> float:
 
 def _angle(products: F64, a: F64, b: F64) -> float:
     if a.shape[1] == 0 or b.shape[1] == 0:
-        return 90.0
+        return RIGHT_ANGLE_DEG
     largest = np.linalg.svd(a.T @ products @ b, compute_uv=False)[0]
     return float(np.degrees(np.arccos(min(float(largest), 1.0))))

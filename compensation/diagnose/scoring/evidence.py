@@ -16,22 +16,18 @@ import numpy as np
 from scipy.special import chdtrc, logsumexp
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.diagnose.constants import (
+    ABSORBED,
+    EXPECTED_PRIOR,
+    LEAST_EXPLAINED_SHARE,
+    MOST_COUNTED,
+    ROUNDING,
+    UNKNOWN_PRIOR,
+)
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import SCALES
 from armd.compensation.estimate.linear.linear_model import LinearModel
-
-#: A candidate of which less than this share of its squared norm survives projection is absorbed.
-ABSORBED = 1e-6
-#: χ² of more columns than this counts mostly noise: a walk's many small steps go one way or none.
-#: There the Bayes factor tells, too: it is over B once in B cases at most by chance (Markov).
-MOST_COUNTED = 12
-#: What explains alone at least such a share of what another does may be what that one stands for.
-LEAST_SHARE = 0.25
-#: What the catalogue does not know gets this prior share.
-UNKNOWN_PRIOR = 0.05
-#: What a calibration could not know, and every arm may have, is there as likely as not.
-EXPECTED_PRIOR = 0.5
 
 
 @dataclass(frozen=True)
@@ -113,7 +109,7 @@ class Scores:
 
     def explain_as_well(self, statistic: float) -> Mask:
         """(C,) which explain alone a good part of what a *statistic* stands for."""
-        well: Mask = self.statistic >= LEAST_SHARE * statistic
+        well: Mask = self.statistic >= LEAST_EXPLAINED_SHARE * statistic
         return well
 
     def silent(self, causes: Iterable[str]) -> tuple[str, ...]:
@@ -239,7 +235,7 @@ def _log_prior(scores: Scores) -> F64:
     of_place = Counter((cause, location) for cause, location, *_ in grid)
     places = Counter(cause for cause, _ in of_place)
     common = {cause: CATALOGUE[cause].commonness for cause in places if cause != "unknown"}
-    named = max(sum(common.values()), 1e-9)
+    named = max(sum(common.values()), ROUNDING)
     prior = np.full(len(scores.freedom), -np.inf)
     for i, own in zip(alive, kinds, strict=True):
         cause, location, *_ = own

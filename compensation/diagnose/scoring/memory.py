@@ -22,17 +22,15 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import (
+    CORRELATION_SIGMAS,
+    CORRELATIONS_TRIED,
+    LEAST_CORRELATION,
+    LEAST_POSITIVE,
+    LONGEST_GAPS,
+    MOST_MEMORY_RESTS,
+)
 from armd.compensation.diagnose.problem.linear import Rests
-
-#: Standard deviations from which on a correlation is beyond doubt: of independent rests one in a
-#: million data sets. Rests further apart than so many usual gaps tell nothing of it.
-BEYOND_DOUBT, LONGEST_GAPS = 5.0, 3.0
-#: More than this is no noise but something that drifts; less than that has no weight.
-MOST, LEAST = 0.9, 0.01
-#: Correlations of which it is worked out what is left; between them it goes along a line.
-TRIED = (0.3, 0.5, 0.65, 0.8, MOST)
-#: In a placement of more rests too small a share is absorbed to hide a memory.
-MOST_RESTS = 400
 
 
 @dataclass(frozen=True)
@@ -101,13 +99,13 @@ class Lasting:
             return None
         seen = products / square * self._size
         shown, share = self._shown(0.0)
-        if share <= LEAST or (seen - shown) * np.sqrt(self._alike) < BEYOND_DOUBT:
+        if share <= LEAST_CORRELATION or (seen - shown) * np.sqrt(self._alike) < CORRELATION_SIGMAS:
             return None
         expected, kept = self._curve
         rising = slice(int(np.argmax(expected)) + 1)  # what lasts still longer shows less
-        tried = np.array([0.0, *TRIED])
+        tried = np.array([0.0, *CORRELATIONS_TRIED])
         correlation = float(np.interp(seen, expected[rising], tried[rising]))
-        if correlation < LEAST:  # so much is absorbed that none would show
+        if correlation < LEAST_CORRELATION:  # so much is absorbed that none would show
             return None
         variance = float(kept[0] / np.interp(correlation, tried, kept))
         return NoiseMemory(-self._usual_s / float(np.log(correlation)), variance)
@@ -146,7 +144,9 @@ class Lasting:
     @cached_property
     def _curve(self) -> tuple[F64, F64]:
         """For no correlation and those `TRIED`, what is shown of it, and of the variance."""
-        shown, kept = np.array([self._shown(correlation) for correlation in (0.0, *TRIED)]).T
+        shown, kept = np.array(
+            [self._shown(correlation) for correlation in (0.0, *CORRELATIONS_TRIED)]
+        ).T
         return shown, kept
 
     def _shown(self, correlation: float) -> tuple[float, float]:
@@ -156,7 +156,7 @@ class Lasting:
         following = np.full(len(self.sources), -1)
         following[self._pairs[0]] = self._pairs[1]
         for rests, own in self.absorbed:
-            if not 0 < len(rests) <= MOST_RESTS or not own.size:
+            if not 0 < len(rests) <= MOST_MEMORY_RESTS or not own.size:
                 continue  # certified lengths have errors of their own, and no rests
             sources = self.sources[rests]
             white = own
@@ -174,7 +174,7 @@ class Lasting:
             taken = u[one] @ half[two].transpose(0, 2, 1) + half[one] @ u[two].transpose(0, 2, 1)
             stayed = np.einsum("nis,njs->nij", sources[one], sources[two])
             product += float((taken * stayed).sum())
-        share = max(1.0 - square / self._size, LEAST)
+        share = max(1.0 - square / self._size, LEAST_CORRELATION)
         return (correlation - product / self._alike) / share, share
 
 
@@ -188,7 +188,7 @@ def variance_of_sums(weights: F64, sources: F64, tau_s: float, sequence: Sequenc
     for apart in range(1, len(weights)):
         first, gap_s = sequence.pairs(apart)
         share = np.exp(-gap_s / tau_s)
-        if share.max(initial=0.0) < LEAST:
+        if share.max(initial=0.0) < LEAST_CORRELATION:
             break
         total += 2.0 * float(share @ (ordered[first] * ordered[first + apart]).sum(axis=1))
-    return total / max(alone, 1e-300)
+    return total / max(alone, LEAST_POSITIVE)

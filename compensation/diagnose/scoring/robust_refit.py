@@ -14,17 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import LEAST_GAINED, MOST_GAINED, REWEIGHTINGS
 from armd.compensation.diagnose.problem.amplitudes import most_plausible
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.estimate.robust import WINSOR_AT, huber_loss, huber_weights
-
-#: Rounds of reweighting at most; one that gains less log likelihood was the last.
-REWEIGHTINGS, LEAST_GAINED = 8, 0.01
-#: A candidate hardly gains more by its own tails than so many times what was clipped.
-MOST_GAINED = 2.0
 
 
 def unclipped(candidates: Sequence[Candidate], weight: F64, projection: Projection) -> F64:

@@ -13,15 +13,20 @@ import numpy as np
 from scipy.special import fdtrc
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import (
+    ABSORBED,
+    AXES,
+    LEAST_P,
+    LEAST_POSITIVE,
+    MOST_COUNTED,
+    MOST_LEVERAGE,
+)
 from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.scoring.evidence import ABSORBED, MOST_COUNTED, log_bayes_factors
+from armd.compensation.diagnose.scoring.evidence import log_bayes_factors
 from armd.compensation.diagnose.scoring.memory import variance_of_sums
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.bordered import root_along_known
-
-#: A rest that alone decides this much of an amplitude has no residual to be judged by.
-MOST_LEVERAGE = 0.9
 
 
 def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
@@ -46,11 +51,12 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     if memory := lasting.memory(left):
         larger = variance_of_sums(rests, lasting.sources, memory.tau_s, lasting.sequence)
         scatter *= max(memory.variance * larger, 1.0)
-    speaking = leverage.sum() ** 2 / max(float((leverage**2).sum()), 1e-300)  # rests, effectively
+    # How many rests speak, effectively
+    speaking = leverage.sum() ** 2 / max(float((leverage**2).sum()), LEAST_POSITIVE)
     axes = _axes(rests, projection)
     freedom = max((speaking - 1.0) * min(m, axes), 1.0)
     tail = float(fdtrc(m, freedom, float(score @ score) / (m * scatter)))
-    log_p = float(np.log(max(tail, 1e-300)))
+    log_p = float(np.log(max(tail, LEAST_P)))
     if m > MOST_COUNTED:  # with noise as large as these rests scatter
         side = plain.T @ residual / np.sqrt(max(scatter, 1.0))
         typical, reach = np.array([(c.typical, c.reach) for c in candidate.columns]).T
@@ -63,9 +69,9 @@ def _axes(rests: F64, projection: Projection) -> float:
     """How many equations those of *rests* (n, 3, m) give that decide."""
     noise = projection.fit.noise
     if noise.normal is None:
-        return 3.0
+        return float(AXES)
     decides = (rests**2).sum(axis=(1, 2))
-    return float(decides @ noise.freedom) / max(float(decides.sum()), 1e-300)
+    return float(decides @ noise.freedom) / max(float(decides.sum()), LEAST_POSITIVE)
 
 
 def by_posture(values: F64, posture: I64) -> F64:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import SHAPE_OFF, SHAPE_ORDERS
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import finding_columns
@@ -24,9 +25,6 @@ from armd.compensation.effects.location import TIP, Location, shape_of
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.pose_factors import Harmonic
 
-#: Standard deviation of each harmonic's share, root mean square over the turn.
-OFF = 0.15
-ORDERS = (1, 2)
 #: A length or a zero that is another is one number, whatever the angle: it has no shape.
 ONE_NUMBER = frozenset({"geometry_shift"})
 
@@ -73,7 +71,9 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
     )
     bent = iter(finding_columns(current.linear, [c for c in candidates if c is not None], arm))
     blocks = [
-        uneven(current.linear, current.noise, c, values, arm) / OFF if shape is None else next(bent)
+        uneven(current.linear, current.noise, c, values, arm) / SHAPE_OFF
+        if shape is None
+        else next(bent)
         for shape, c, values in zip(candidates, current.findings, current.amplitudes, strict=True)
     ]
     at, columns = current.nuisance.columns.size, []
@@ -82,7 +82,7 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
         at += block.shape[1]
     nothing = np.empty((len(current.residual), 0))
     joined = np.hstack([nothing, *blocks])
-    return Shapes(joined, np.full(joined.shape[1], OFF**2), candidates, tuple(columns))
+    return Shapes(joined, np.full(joined.shape[1], SHAPE_OFF**2), candidates, tuple(columns))
 
 
 def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:
@@ -98,14 +98,14 @@ def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Can
     waves = [
         Harmonic(kind=kind, joint=joint, order=order)
         for joint in joints
-        for order in ORDERS
+        for order in SHAPE_ORDERS
         for kind in ("sin", "cos")
     ]
     columns = tuple(
         Column(
             f"share × {wave.kind} {wave.order}q{wave.joint}",
             "1",
-            OFF,
+            SHAPE_OFF,
             tuple(term.model_copy(update={"basis": [*term.basis, wave]}) for term in own),
         )
         for wave in waves

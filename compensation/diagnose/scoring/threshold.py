@@ -6,12 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64, Mask
-
-ALPHA = 0.01  # family-wise false-alarm rate on clean data
-#: Another name, or none, is clearly likelier when it is so many times as probable.
-CLEARLY = 10.0
-#: What is less likely by up to so many nats still explains as well.
-AS_WELL = 10.0
+from armd.compensation.diagnose.constants import ALPHA, BELOW_ONE
 
 
 def family_wise(log_p: F64 | float, tests: int) -> F64:
@@ -22,7 +17,7 @@ def family_wise(log_p: F64 | float, tests: int) -> F64:
     but to 3000 at the 1 % level, where the threshold stands; a count taken at the median lets
     1.7 % through. Tails of Student's t with 4 degrees of freedom, winsorised, change nothing in it.
     """
-    return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(np.exp(log_p), 1.0 - 1e-15))))
+    return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(np.exp(log_p), 1.0 - BELOW_ONE))))
 
 
 def significant(log_p: F64 | float, tests: int) -> Mask:

@@ -18,6 +18,17 @@ import math
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.constants import (
+    LEAST_UNEVEN,
+    LONGER_LAGS,
+    MOST_FUNCTIONS,
+    OF_A_COURSE,
+    OF_A_LENGTH,
+    OF_A_WALK,
+    ROUNDING,
+    WALK_MOMENTS,
+    WALK_RANGE,
+)
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.courses import is_drift, is_walk, swing
@@ -28,24 +39,6 @@ from armd.compensation.model.basis import basis_values
 from armd.compensation.model.slow_factors import After, Period, Relaxation, Temperature
 from armd.compensation.model.terms import Factor, Term
 
-#: How far it may stray over the time seen, as a share of how far it went.
-OF_A_WALK, OF_A_COURSE = 1.0, 0.3
-#: The found time constant is short where sessions begin on a ramp: what fades does so within it, or
-#: within several times as long.
-LONGER = (1.0, 5.0)
-#: A length of a link that is late may be so by as much more or less than the others.
-OF_A_LENGTH = 0.3
-#: The difference between highest and lowest of a random walk, in standard deviations of its end
-#: (Feller 1951: √(8/π)).
-RANGE = 1.6
-#: A walk's principal functions: so many leave 1/(π² m) of its variance, a twentieth of its size.
-#: Each session may need several: one that goes far walks visibly within each, too.
-MOST_FUNCTIONS = 40
-#: In units of the noise, over all readings: what shows less is left out.
-LEAST_SHOWN = 0.5
-#: Moments at which the walk's covariance is taken; between them it goes straight.
-MOMENTS = 160
-
 
 def uneven(linear: Linear, noise: RestNoise, found: Candidate, amplitudes: F64, arm: Arm) -> F64:
     """Columns (N, m) in mm, for amplitudes of unit variance; none for what is neither."""
@@ -53,7 +46,7 @@ def uneven(linear: Linear, noise: RestNoise, found: Candidate, amplitudes: F64, 
         return np.zeros((len(linear.residual), 0))
     of = _unsettled if begins_unsettled(found) else _strayed
     columns = np.stack(of(linear, found, amplitudes, arm), axis=1)
-    shown: F64 = columns[:, np.linalg.norm(noise.whiten(columns), axis=0) > LEAST_SHOWN]
+    shown: F64 = columns[:, np.linalg.norm(noise.whiten(columns), axis=0) > LEAST_UNEVEN]
     return shown
 
 
@@ -63,7 +56,7 @@ def may_be_uneven(found: Candidate) -> bool:
 
 
 def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> list[F64]:
-    share = (OF_A_WALK if is_walk(drift) else OF_A_COURSE) / RANGE
+    share = (OF_A_WALK if is_walk(drift) else OF_A_COURSE) / WALK_RANGE
     functions = _principal(linear.rests.observations.states.time_s)
     columns = []
     for group in _together(drift):
@@ -100,7 +93,7 @@ def unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> Cand
     sessions = sorted((float(own.min()), float(own.max())) for own in times)
     columns = []
     for (start_s, end_s), after in zip(sessions, [*sessions[1:], None], strict=True):
-        for longer in LONGER:
+        for longer in LONGER_LAGS:
             pieces = _fading(start_s, end_s, after and after[0], longer * lag.setting[0][1])
             terms = [
                 term
@@ -138,7 +131,7 @@ def _unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> lis
     for session in np.unique(observations.session):
         own_rests = observations.session == session
         since_s = states.time_s - states.time_s[own_rests].min()
-        for longer in LONGER:
+        for longer in LONGER_LAGS:
             fading = np.exp(-np.maximum(since_s, 0.0) / (longer * lag.setting[0][1])) * own_rests
             moved = [
                 mm * linear.signature(arm.layout.index(name), fading)
@@ -189,9 +182,9 @@ def _turns(parameter: str) -> bool:
 def _principal(time_s: F64) -> F64:
     """(n, m) principal functions of a random walk over the time seen, its end of unit variance."""
     times = np.unique(time_s)
-    if len(times) > MOMENTS:
-        times = times[np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)]
-    since = (times - times[0]) / max(float(times[-1] - times[0]), 1e-9)
+    if len(times) > WALK_MOMENTS:
+        times = times[np.linspace(0, len(times) - 1, WALK_MOMENTS).round().astype(int)]
+    since = (times - times[0]) / max(float(times[-1] - times[0]), ROUNDING)
     values, vectors = np.linalg.eigh(np.minimum(since[:, None], since[None, :]))
     some = slice(-MOST_FUNCTIONS, None)
     scaled = vectors[:, some] * np.sqrt(np.maximum(values[some], 0.0))

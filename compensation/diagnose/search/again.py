@@ -8,19 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from armd.compensation.diagnose.constants import AS_QUIET_AGAIN, AS_WELL
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.taken_up import wrong_only_by
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.scoring.threshold import AS_WELL, significant
+from armd.compensation.diagnose.scoring.threshold import significant
 from armd.compensation.diagnose.search.revisit import log_weight
 from armd.compensation.model.arm import Arm
-
-#: A search leaves no more to the noise than another if its readings' own is at most so many times
-#: as large. False causes made it smaller by 8 %, lost ones larger by a factor of 5.8.
-AS_QUIET = 1.25
 
 
 def counts_instead(again: SearchResult, before: SearchResult, arm: Arm) -> bool:
@@ -80,7 +77,7 @@ def is_likely_beside(again: SearchResult, before: SearchResult, arm: Arm) -> boo
 
 def quieter(one: Fit, other: Fit) -> bool:
     """Whether *one* leaves clearly less to the noise than the *other*."""
-    return AS_QUIET * one.noise.own_mm <= other.noise.own_mm
+    return AS_QUIET_AGAIN * one.noise.own_mm <= other.noise.own_mm
 
 
 def no_surer(found: Sequence[Finding], again: SearchResult) -> tuple[Finding, ...]:

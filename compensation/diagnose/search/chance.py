@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from armd.compensation.diagnose.constants import EVEN_CHANCE
 from armd.compensation.diagnose.diagnosis import Finding
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
@@ -45,7 +46,7 @@ def surest(p: float) -> float:
     before: the Bayes factor of nothing is at least −e p ln p (Sellke, Bayarri and Berger, American
     Statistician 55, 2001)."""
     if p >= np.exp(-1.0):
-        return 0.5
+        return EVEN_CHANCE
     return 1.0 / (1.0 - np.e * p * np.log(p)) if p > 0.0 else 1.0
 
 

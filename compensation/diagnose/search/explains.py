@@ -16,19 +16,13 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import ALPHA, LEAST_PART_SHOWN, MOST_PARTS, RANGE_PARTS
 from armd.compensation.diagnose.diagnosis import Explained, PartCheck
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
-from armd.compensation.diagnose.scoring.threshold import ALPHA, significant
+from armd.compensation.diagnose.scoring.threshold import significant
 from armd.compensation.effects.effect import Candidate
-
-#: Parts of equally many rests that a variable's range is looked at in, and of the time.
-PARTS = 8
-#: More sessions, placements or targets than this say nothing that a person reads.
-MOST_PARTS = 40
-#: A part in which less than this share of the cause shows says nothing of its size.
-LEAST_SHOWN = 0.005
 
 
 def explain(last: Fit, statistics: Sequence[float], scores: Scores, tests: int) -> list[Explained]:
@@ -122,7 +116,7 @@ def _checks(last: Fit, index: int) -> tuple[PartCheck, ...]:
     checks = []
     for by, labels, names in _partitions(last, last.findings[index]):
         size = np.bincount(labels, shown, len(names))
-        told = np.flatnonzero(size > LEAST_SHOWN * shown.sum())
+        told = np.flatnonzero(size > LEAST_PART_SHOWN * shown.sum())
         if len(told) < 2:
             continue
         change = np.bincount(labels, more, len(names))[told] / size[told]
@@ -166,7 +160,7 @@ def _partitions(last: Fit, candidate: Candidate) -> Iterator[tuple[str, I64, lis
     for name, values in columns.items():
         if np.isfinite(values).all() and np.ptp(values) > 0.0:
             order = np.argsort(np.argsort(values, kind="stable"), kind="stable")
-            labels = order * PARTS // len(order)
+            labels = order * RANGE_PARTS // len(order)
             yield name, labels, [_range(values[labels == k]) for k in range(labels.max() + 1)]
 
 

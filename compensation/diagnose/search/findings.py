@@ -9,6 +9,15 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import logsumexp
 
+from armd.compensation.diagnose.constants import (
+    CLEARLY,
+    INDISTINGUISHABLE_P,
+    LEAST_P,
+    LEAST_PROBABILITY,
+    LEAST_WORTH_EXCLUDING,
+    MOST_COMPARED,
+    MOST_RIVALS,
+)
 from armd.compensation.diagnose.diagnosis import Explained, Finding, Rival
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import kind
@@ -16,22 +25,10 @@ from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, scor
 from armd.compensation.diagnose.scoring.confusion import compare
 from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
-from armd.compensation.diagnose.scoring.threshold import CLEARLY, family_wise
+from armd.compensation.diagnose.scoring.threshold import family_wise
 from armd.compensation.diagnose.search.explains import explain, variables_of
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.unknown import without_a_name
-
-#: A place this much less probable than the best is still told as an alternative.
-LEAST_PROBABILITY = 0.01
-#: So many are told, and weighed with their own shapes.
-MOST_RIVALS = 8
-#: Many less probable ones together can keep a finding in doubt.
-LEAST_WORTH_EXCLUDING = 1e-4
-MOST_COMPARED = 20
-#: So is one that would leave the finding nothing significant to add.
-INDISTINGUISHABLE_P = 0.01
-#: The least p value told: less is what the arithmetic cannot hold, not nothing.
-LEAST_P = 1e-300
 
 
 def judge(scored: ScoredCandidates, found: Sequence[Finding], tests: int) -> tuple[Finding, ...]:

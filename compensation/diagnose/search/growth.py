@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import AS_QUIET_GROWN, EXPECTED_PRIOR, MOST_GROWTH_ROUNDS
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.growth_open import without_growth
 from armd.compensation.diagnose.fitting.neighbourhood import refused
@@ -21,21 +22,12 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.scoring.candidates import weakest
-from armd.compensation.diagnose.scoring.evidence import (
-    EXPECTED_PRIOR,
-    log_bayes_factors,
-    log_tail,
-)
+from armd.compensation.diagnose.scoring.evidence import log_bayes_factors, log_tail
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.threshold import significant
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.older import OLDER, since_the_calibration
 from armd.compensation.model.arm import Arm
-
-#: Noise larger by no more than this share is the same.
-AS_QUIET = 1.02
-#: Rounds over all links; three settle.
-MOST_ROUNDS = 10
 
 
 def with_growth(
@@ -79,7 +71,7 @@ def _or_newer(weighed: Fit, grown: int, arm: Arm, tests: int) -> Fit:
         findings, start = [fitted.findings[i] for i in kept], [fitted.amplitudes[i] for i in kept]
         fitted = _fitted(fitted, fitted.baseline, findings, start, arm)
     fewer = len(fitted.findings) < len(weighed.findings)
-    as_quiet = fitted.noise.own_mm < AS_QUIET * weighed.noise.own_mm
+    as_quiet = fitted.noise.own_mm < AS_QUIET_GROWN * weighed.noise.own_mm
     return fitted if fewer and as_quiet else weighed
 
 
@@ -138,7 +130,7 @@ class _Growth:
     def likeliest(self, start: Sequence[int | None]) -> list[int | None]:
         """The ways to grow from *start* on, one link changed at a time while that is likelier."""
         chosen, weight = list(start), self.log_weight(start)
-        for _ in range(MOST_ROUNDS):
+        for _ in range(MOST_GROWTH_ROUNDS):
             before = list(chosen)
             for link, ways in enumerate(self.links):
                 for way in (None, *range(len(ways))):

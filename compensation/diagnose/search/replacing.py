@@ -10,19 +10,15 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from armd.compensation.diagnose.scoring.threshold import AS_WELL, CLEARLY
+from armd.compensation.diagnose.constants import (
+    AS_WELL,
+    BEYOND_CHANCE,
+    CLEARLY,
+    CONTRADICTED,
+    REPLACING_SIGMAS,
+)
 from armd.compensation.effects.by_session import follows_anything
 from armd.compensation.effects.effect import Candidate
-
-#: By so many standard errors other names must predict readings held out better. True sets did by
-#: 4.9 to 12, false ones on a real arm by 2.3.
-BEYOND_DOUBT = 3.0
-#: What takes no name away, and gives one to what has none or was a part of another, joins as any
-#: cause does: it is enough that what is held out does not contradict it by so many.
-CONTRADICTED = 1.0
-#: What follows anything in time is as likely as its amplitudes are let be large: which is there, it
-#: or causes that say why, what is held out decides, if it tells them apart by so many.
-BEYOND_CHANCE = 1.0
 
 
 @dataclass(frozen=True)
@@ -46,7 +42,7 @@ def required_of(findings: Sequence[Candidate], instead_of: Sequence[Candidate]) 
     keeps_all = {c.place for c in instead_of} <= {c.place for c in findings}
     says_more = tells_why or names or keeps_all
     return Required(
-        -CONTRADICTED if says_more else BEYOND_DOUBT, BEYOND_CHANCE if tells_why else None
+        -CONTRADICTED if says_more else REPLACING_SIGMAS, BEYOND_CHANCE if tells_why else None
     )
 
 

@@ -19,34 +19,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, Mask
+from armd.compensation.diagnose.constants import (
+    MOST_FIRST,
+    MOST_IN_PLACE,
+    SHAPE_PRIOR,
+    TRIAL_WORK,
+    UNKNOWN_PRIOR,
+)
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import compile_candidates, kind
 from armd.compensation.diagnose.scoring.candidates import (
-    SHAPE_PRIOR,
     PartedSurvey,
     ScoredCandidates,
     slower_than,
     through_it,
     weakest,
 )
-from armd.compensation.diagnose.scoring.evidence import UNKNOWN_PRIOR, Scores
+from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place, with_shapes
 from armd.compensation.diagnose.scoring.threshold import significant
-from armd.compensation.diagnose.search.work import TRIAL, WorkBudget
+from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects.by_session import follows_anything, is_by_session
 from armd.compensation.effects.effect import SCALES, Candidate, joined
 from armd.compensation.model.arm import Arm
 
-#: So many causes may take the place of one.
-MOST_IN_PLACE = 3
-
 #: What joins the findings of a projection, of the candidates with these scores in so many tests.
 Choose = Callable[[Projection, Scores, int], Candidate | None]
-#: And so many are tried as the first of them, of what follows anything in time.
-MOST_FIRST = 6
 
 #: Whether a candidate is one of those asked about.
 Which = Callable[[Candidate], bool]
@@ -154,7 +155,7 @@ class Revisit:
         """
         for _ in range(MOST_IN_PLACE):
             scored = self._survey(findings)
-            self._work.add(scored.n_products, TRIAL)
+            self._work.add(scored.n_products, TRIAL_WORK)
             held = self._held(scored.sums.signatures.candidates, barred)
             more = self._choose(scored.projection, scored.scores.without(held), self._tests)
             if more is None:

@@ -13,17 +13,13 @@ from dataclasses import replace
 
 from scipy.special import ndtr
 
+from armd.compensation.diagnose.constants import LEAST_PROBABILITY, MOST_RIVAL_SET
 from armd.compensation.diagnose.diagnosis import Finding, Rival
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.confusion import compare
 from armd.compensation.diagnose.scoring.shape import is_shape
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
-
-#: A set that has not replaced the one there is is at most as probable.
-MOST = 0.5
-#: One this improbable is not told.
-LEAST = 0.01
 
 
 def beside_rival_sets(
@@ -45,9 +41,9 @@ def beside_rival_sets(
         every = 0.0
         for candidates, better in rivals:
             others = [c for c in candidates if c.place not in own and not is_shape(c)]
-            chance = min(float(ndtr(better)), MOST)
+            chance = min(float(ndtr(better)), MOST_RIVAL_SET)
             lacks = candidate.place not in {c.place for c in candidates}
-            if not (lacks and others) or is_shape(candidate) or chance < LEAST:
+            if not (lacks and others) or is_shape(candidate) or chance < LEAST_PROBABILITY:
                 continue
             odds = chance / (1.0 - chance)
             every += odds

@@ -12,7 +12,16 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from armd.compensation.diagnose.diagnosis import MOST_FINDINGS, Finding, SearchResult
+from armd.compensation.diagnose.constants import (
+    AS_WELL,
+    CLEARLY,
+    CONTRADICTED,
+    MOST_FINDINGS,
+    MOST_RENAMINGS,
+    MOST_SEARCH_STEPS,
+    STEP_WORK,
+)
+from armd.compensation.diagnose.diagnosis import Finding, SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import refused
 from armd.compensation.diagnose.fitting.refit import solve_again, with_findings_unsolved
 from armd.compensation.diagnose.fitting.through import fit_by_turns
@@ -28,12 +37,7 @@ from armd.compensation.diagnose.scoring.candidates import (
     weakest,
 )
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.scoring.threshold import (
-    AS_WELL,
-    CLEARLY,
-    family_wise,
-    significant,
-)
+from armd.compensation.diagnose.scoring.threshold import family_wise, significant
 from armd.compensation.diagnose.search.chance import beside_lasting_noise
 from armd.compensation.diagnose.search.findings import (
     as_told,
@@ -43,7 +47,7 @@ from armd.compensation.diagnose.search.findings import (
 )
 from armd.compensation.diagnose.search.growth import with_growth
 from armd.compensation.diagnose.search.refusals import Refusals
-from armd.compensation.diagnose.search.replacing import CONTRADICTED, required_of
+from armd.compensation.diagnose.search.replacing import required_of
 from armd.compensation.diagnose.search.revisit import (
     Revisit,
     RivalSet,
@@ -59,7 +63,7 @@ from armd.compensation.diagnose.search.selection import (
     strongest_left,
     with_their_causes,
 )
-from armd.compensation.diagnose.search.work import STEP, WorkBudget
+from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, joined
 from armd.compensation.effects.setup.mount_drift import steady_drift
@@ -67,8 +71,6 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
 from armd.terminal.counted import counted
 
-MOST_STEPS = 16
-MOST_RENAMINGS = 3
 #: What is found otherwise, or is no cause.
 NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
 
@@ -122,8 +124,8 @@ class Search:
         untold = scored.scores.silent(set(catalogue.CATALOGUE) - NOT_SOUGHT)
         would_show = scored.scores.shown_at_typical_size()
         seen: set[str] = set()
-        for step in range(MOST_STEPS):
-            self._progress(f"{len(current.findings)} found", step / MOST_STEPS)
+        for step in range(MOST_SEARCH_STEPS):
+            self._progress(f"{len(current.findings)} found", step / MOST_SEARCH_STEPS)
             if len(current.findings) >= MOST_FINDINGS:
                 break
             if not self._work.may_go_on:
@@ -354,5 +356,5 @@ class Search:
             scored = score_candidates(make_projection(current, self.arm), signatures)
         if not counted:
             self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
-        self._work.add(scored.n_products, STEP)
+        self._work.add(scored.n_products, STEP_WORK)
         return scored

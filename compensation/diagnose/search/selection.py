@@ -10,6 +10,15 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armd.arrays import F64, I64
+from armd.compensation.diagnose.constants import (
+    AS_WELL,
+    MOST_ALIKE,
+    MOST_AT_ONCE,
+    MOST_BENT,
+    MOST_REFINED,
+    MOST_RICHER,
+    STRONG,
+)
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.signatures import kind
 from armd.compensation.diagnose.scoring.candidates import (
@@ -22,21 +31,8 @@ from armd.compensation.diagnose.scoring.projection import Projection, make_proje
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
 from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
-from armd.compensation.diagnose.scoring.threshold import AS_WELL, significant
+from armd.compensation.diagnose.scoring.threshold import significant
 from armd.compensation.effects.effect import Candidate, joined
-
-#: Places whose grids are refined before they are compared, and such of the general basis that get
-#: a richer one: only what explains the data as well as any cause, to within so much log evidence.
-#: A rich function that may always compete swallows several causes at once.
-MOST_REFINED = 5
-MOST_RICHER = 3
-#: Values that are weighed at once; of more, some first.
-MOST_AT_ONCE = 64
-#: From about nine noise units on, the likeliest kinds are compared with the tails clipped about
-#: each one's own fit, and causes are tried with another shape: those that explain almost as well.
-STRONG = -40.0
-MOST_ALIKE = 12
-MOST_BENT = 8
 
 
 def next_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:

@@ -15,13 +15,27 @@ from scipy.special import softmax
 
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.constants import (
+    ABSORBED,
+    LEAST_P,
+    LEAST_PROBABILITY,
+    LEAST_RESTS_BESIDE,
+    LEAST_TARGETS,
+    LIKELY_TIMES,
+    MOST_MOUNT_STEP,
+    RANK_SHARE,
+    REWEIGHTINGS,
+    TOUCHED_COMPARED,
+    TOUCHED_FINER,
+    TOUCHED_GRID,
+)
 from armd.compensation.diagnose.diagnosis import Touched
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.signatures import Signatures, finding_columns, kind
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
-from armd.compensation.diagnose.scoring.evidence import ABSORBED, estimates
+from armd.compensation.diagnose.scoring.evidence import estimates
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
 from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
@@ -31,19 +45,6 @@ from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
 from armd.compensation.estimate.robust import OUTLIER_D2, huber_loss, huber_weights
 from armd.compensation.model.arm import Arm
-
-#: Rests before and after that tell where an artefact stood, and targets among them: of a single
-#: target nobody can tell whether it or the arm moved.
-LEAST_RESTS, LEAST_TARGETS = 4, 2
-#: Instants in a placement on the first, coarse grid; as many causes are compared as strictly.
-GRID, COMPARED = 12, 12
-#: Parts of a placement that are tried at once, and rounds of a robust pose.
-FINER, REWEIGHTINGS = 100, 8
-#: A mount that steps further than so many times its typical 5 µm and 4″, and is seen to do so in
-#: one placement only, is an artefact that was moved: they are one signal, and only sizes tell.
-MOST_STEP = 2.0
-#: More in one set of sessions is not somebody touching the artefact now and then.
-MOST_TOUCHED = 6
 
 
 def beside(last: Fit, signatures: Signatures, arm: Arm) -> ScoredCandidates | None:
@@ -101,9 +102,9 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
         candidate,
         amplitudes,
         np.sqrt(np.maximum(variance, 0.0)),
-        max(float(family_wise(compared.scores.log_p[0], tests)), 1e-300),
+        max(float(family_wise(compared.scores.log_p[0], tests)), LEAST_P),
         float(share[0]),
-        tuple((rival, float(p)) for rival, p in told if p >= 0.01),
+        tuple((rival, float(p)) for rival, p in told if p >= LEAST_PROBABILITY),
         parted,
     )
 
@@ -127,7 +128,7 @@ def _possible(rests: Rests, own: I64) -> I64:
     new[np.unique(target, return_index=True)[1]] = 1
     last = np.zeros(len(own), dtype=np.int64)
     last[len(own) - 1 - np.unique(target[::-1], return_index=True)[1]] = 1
-    after = np.arange(LEAST_RESTS, len(own) - LEAST_RESTS + 1)
+    after = np.arange(LEAST_RESTS_BESIDE, len(own) - LEAST_RESTS_BESIDE + 1)
     before = np.cumsum(new)[after - 1]  # targets among the rests so far
     still = np.cumsum(last[::-1])[::-1][after]  # and to come
     possible: I64 = at[after[(before >= LEAST_TARGETS) & (still >= LEAST_TARGETS)]]
@@ -136,7 +137,7 @@ def _possible(rests: Rests, own: I64) -> I64:
 
 def _grid(possible: I64) -> list[int]:
     """Some of them, evenly."""
-    picked = np.linspace(0, len(possible) - 1, min(GRID, len(possible))).round().astype(int)
+    picked = np.linspace(0, len(possible) - 1, min(TOUCHED_GRID, len(possible))).round().astype(int)
     return [int(k) for k in possible[np.unique(picked)]]
 
 
@@ -153,7 +154,7 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
 
     possible = _possible(projection.fit.linear.rests, own)
     while True:  # a placement of thousands of rests is searched more and more finely
-        step = max(len(possible) // FINER, 1)
+        step = max(len(possible) // TOUCHED_FINER, 1)
         best = min(possible[::step].tolist(), key=loss)
         if step == 1:
             return moved(number, best)
@@ -192,7 +193,7 @@ def borne_by_enough(pose: F64, left: F64, after: int) -> bool:
     *pose* (3 k, 6) and *left* (3 k,) whitened, of the placement's rests in order."""
     parts = (slice(None, 3 * after), slice(3 * after, None))
     sound = [int((_distance(pose[at], left[at]) ** 2 <= OUTLIER_D2).sum()) for at in parts]
-    return min(sound) >= LEAST_RESTS
+    return min(sound) >= LEAST_RESTS_BESIDE
 
 
 def _distance(columns: F64, left: F64) -> F64:
@@ -201,7 +202,7 @@ def _distance(columns: F64, left: F64) -> F64:
     size = np.zeros(0)
     for _ in range(REWEIGHTINGS):
         root = np.sqrt(weight)
-        solution = np.linalg.lstsq(columns * root[:, None], left * root, rcond=1e-9)[0]
+        solution = np.linalg.lstsq(columns * root[:, None], left * root, rcond=RANK_SHARE)[0]
         size = np.linalg.norm((left - columns @ solution).reshape(-1, 3), axis=1)
         weight = np.repeat(huber_weights(size), 3)
     return size
@@ -221,9 +222,9 @@ def _best_of_all(candidate: Candidate, scored: ScoredCandidates) -> bool:
     catalogue = scored.scores
     likely = [
         int(i)
-        for i in np.argsort(-catalogue.log_evidence)[: 4 * COMPARED]
+        for i in np.argsort(-catalogue.log_evidence)[: LIKELY_TIMES * TOUCHED_COMPARED]
         if not _steps(catalogue.signatures.candidates[i])
-    ][:COMPARED]
+    ][:TOUCHED_COMPARED]
     others = [catalogue.signatures.candidates[i] for i in likely]
     own = score_candidates(scored.projection, [candidate]).scores.log_evidence
     weight = np.append(own, catalogue.log_evidence[likely])
@@ -250,7 +251,7 @@ def _at_the_instant(
 
 
 def _as_large_as_it_steps(step: Candidate) -> Candidate:
-    columns = tuple(replace(column, reach=MOST_STEP) for column in step.columns)
+    columns = tuple(replace(column, reach=MOST_MOUNT_STEP) for column in step.columns)
     return replace(step, columns=columns) if step.cause == "mount_drift" else step
 
 

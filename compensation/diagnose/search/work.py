@@ -10,16 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-#: A step of the search, a set tried instead of another and a step of the search repeated look at
-#: the whole catalogue once each; the first also fits, renames and prunes.
-STEP, TRIAL, REPEATED = 1.0, 0.3, 0.4
-#: Products of candidates' and shared columns, weighted as above: about 1e6 are a second.
-MOST_PRODUCTS = 40e6
-#: Of fewer readings than these the bound is so much higher, up to so many times: a look costs less
-#: beside all else, and among few readings other sets of causes are likelier to be the right ones.
-MANY_READINGS, MOST_TIMES = 2000, 4.0
-#: Other sets may take this share of it; so much is kept for the search repeated.
-MOST_OF_SETS, LEAST_REPEATED = 0.4, 0.3
+from armd.compensation.diagnose.constants import (
+    LEAST_REPEATED,
+    MANY_READINGS,
+    MOST_OF_SETS,
+    MOST_PRODUCTS,
+    MOST_TIMES,
+    TRIAL_WORK,
+)
 
 
 @dataclass
@@ -35,7 +33,7 @@ class WorkBudget:
         """Count one look at the catalogue that takes so many products, *times* over."""
         products *= times
         self.done += products
-        if times == TRIAL:
+        if times == TRIAL_WORK:
             self.of_sets += products
 
     def of_one_in(self, count: int) -> WorkBudget:

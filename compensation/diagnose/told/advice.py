@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from armd.compensation.diagnose.constants import SURE
 from armd.compensation.diagnose.diagnosis import Diagnosis, Finding, Rival
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
-
-#: A finding less probable than this is worth an experiment of its own.
-SURE = 0.95
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from armd.compensation.diagnose.constants import MOST_PARTS
 from armd.compensation.diagnose.diagnosis import Diagnosis, Explained, Finding, Gain, Touched
 from armd.compensation.diagnose.fitting.target_steps import TargetStep, target_steps
 from armd.compensation.diagnose.problem.amplitudes import is_curve
@@ -22,9 +23,6 @@ from armd.compensation.diagnose.told.verdict import touched_in_words, verdict
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.location import ROWS
-
-#: With more placements and targets than this a list of them is no help.
-MOST_TARGETS = 40
 
 
 def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
@@ -78,7 +76,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
 
 def _few(of: list[TargetStep]) -> list[TargetStep]:
     """None where there are too many to read."""
-    return of if len(of) <= MOST_TARGETS else []
+    return of if len(of) <= MOST_PARTS else []
 
 
 def needs_of(cause: str) -> str:

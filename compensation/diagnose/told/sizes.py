@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from armd.compensation.diagnose.constants import LEAST_POSITIVE, SIZE_SIGMAS
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.fitting.curves import orders_of
 from armd.compensation.diagnose.fitting.scanned import scanned_uncertainty
 from armd.compensation.diagnose.problem.amplitudes import is_curve
-
-#: A size is known when it is so many of its standard uncertainties.
-SIZE_SIGMAS = 2.0
 
 
 def size_known(diagnosis: Diagnosis, index: int) -> bool:
@@ -64,7 +62,7 @@ def curve_size(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
     waves = np.array([wave(order * seen) for order in orders for wave in (np.sin, np.cos)])
     level = waves - waves.mean(axis=1, keepdims=True)
     curve = last.amplitudes[index] @ level
-    rms = max(float(np.sqrt((curve**2).mean())), 1e-300)
+    rms = max(float(np.sqrt((curve**2).mean())), LEAST_POSITIVE)
     slope = level @ curve / (len(seen) * rms)
     sigma = float(np.sqrt(max(slope @ last.covariances[index] @ slope, 0.0)))
     left = []

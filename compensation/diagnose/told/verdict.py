@@ -7,7 +7,16 @@ from functools import partial
 
 import numpy as np
 
-from armd.compensation.diagnose.diagnosis import MOST_FINDINGS, Diagnosis, Touched
+from armd.compensation.diagnose.constants import (
+    BEYOND_NOISE,
+    FAR_TIMES,
+    LEAST_SPARE,
+    MOST_FINDINGS,
+    MOST_TOLD,
+    UM_DIGITS,
+    WOULD_SHOW,
+)
+from armd.compensation.diagnose.diagnosis import Diagnosis, Touched
 from armd.compensation.diagnose.fitting.growth_open import of_what
 from armd.compensation.diagnose.fitting.target_steps import steps, target_steps
 from armd.compensation.diagnose.problem.layout import EXPANSIONS
@@ -17,13 +26,6 @@ from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.wording import clock, plain
 from armd.terminal.counted import counted
-
-#: Residuals so many times the noise's RMS are more than noise.
-BEYOND_NOISE = 1.5
-#: Noise units from which on a cause is found mostly; fewer numbers to spare tell no noise.
-WOULD_SHOW, LEAST_SPARE = 5.0, 30
-#: Readings so many times farther off than the middle one are no tail; and how many are listed.
-FAR_TIMES, MOST_TOLD = 100.0, 3
 
 
 def verdict(diagnosis: Diagnosis) -> str:
@@ -248,7 +250,7 @@ def _named(candidate: Candidate) -> str:
 
 def um(value: float) -> str:
     """Micrometres as a person writes them: three digits, no exponent."""
-    return plain(value, 3)
+    return plain(value, UM_DIGITS)
 
 
 def touched_in_words(touched: Touched) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.problem.rests import REST_RAD
+from armd.compensation.diagnose.constants import REST_RAD
 from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import (
