@@ -70,6 +70,8 @@ def test_one_arm_of_two(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
             assert imported(folder, out, *words) == 0
             pan = np.degrees(session(out).states.q[0, 0])
             assert pan == pytest.approx(-0.8287 * share * 2642 / 2 * 360 / 4096, rel=1e-6)
+    assert imported(folder, tmp_path / "x", "--lerobot", str(WHOLE)) == 2
+    assert "or --prefix NAME for one arm of several" in capsys.readouterr().err
     assert imported(folder, tmp_path / "x", "--prefix", "middle_", "--lerobot", str(WHOLE)) == 2
     assert "--prefix: found 'middle_'" in capsys.readouterr().err
     assert not (tmp_path / "x").exists()

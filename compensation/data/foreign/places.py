@@ -52,7 +52,10 @@ class Places:
         if name in self.at:
             header = self.table.header
             both = f"two columns, {header[self.at[name]]!r} and {header[at]!r}"
-            raise BadInput(self.table.path, name, both, f"--column {name}=HEADER")
+            expected = f"--column {name}=HEADER"
+            if joint_name(header[self.at[name]]) == joint_name(header[at]):
+                expected += ", or --prefix NAME for one arm of several (left_)"
+            raise BadInput(self.table.path, name, both, expected)
         self.at[name] = at
 
 
