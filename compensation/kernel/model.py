@@ -182,7 +182,7 @@ class Model:
             row_variances(
                 np.ascontiguousarray(slow_values),
                 # writeable, as the ready library has it: another kind is compiled for 10 s
-                np.require(states.temperature_c, requirements="CW"),
+                np.require(states.temperature_c, requirements=["C", "W"]),
                 states.time_s if self.dated else np.zeros(states.n),
                 self._uncertainty.temperature_c,
                 self._slow.apart(),
