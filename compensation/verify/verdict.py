@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from armd.compensation.identify.admission.mistakes import LENGTHS_MM
+from armd.compensation.verify.figures import BLOCK, NO_BLOCK
 from armd.compensation.verify.limits import PermissibleErrors
 from armd.compensation.verify.results import Deviation, Figure, Verification
 
@@ -192,11 +193,14 @@ def _certified_in(worst: Deviation) -> str:
 def judge(verification: Verification, limits: PermissibleErrors | None) -> Verdict:
     """Decide on every figure; without *limits* the figures are told and nothing is decided."""
     judged = tuple(_judge(figure, limits) for figure in verification.figures)
-    missing = {
-        key: reason
-        for key, reason in verification.left_out.items()
-        if limits is not None and limits.mpe.of(key, 0.0) is not None
-    }
+
+    def is_limited(key: str) -> bool:
+        return limits is not None and limits.mpe.of(key, 0.0) is not None
+
+    if is_limited(BLOCK) and BLOCK not in {figure.key for figure in verification.figures}:
+        left_out = {BLOCK: NO_BLOCK} | verification.left_out
+        verification = replace(verification, left_out=left_out)
+    missing = {key: why for key, why in verification.left_out.items() if is_limited(key)}
     return Verdict(verification, limits, judged, missing)
 
 

@@ -216,6 +216,24 @@ def test_what_is_incomplete_is_left_out_with_the_reason() -> None:
     assert set(verdict.not_tested) == {"p_size"}
 
 
+def test_gauge_blocks_are_missed_only_where_they_have_a_limit() -> None:
+    measured = Measured()
+    measured.add("SPAT1", "SPAT1", *[(0.01 * (i % 2), 0, 0) for i in range(10)])
+    verification = measured.figures()
+    verdicts = {}
+    for key in ("p_size_mm", "block_length_mm"):
+        limits = PermissibleErrors.model_validate({"schema": "armd.mpe/1", "mpe": {key: 0.01}})
+        verdicts[key] = judge(verification, limits)
+    assert "block_length" not in judge(verification, None).as_json()["not_supported"]
+    assert "block_length" not in verdicts["p_size_mm"].as_json()["not_supported"]
+    missed = verdicts["block_length_mm"].as_json()
+    assert missed["passed"] is False
+    assert missed["not_tested"] == {
+        "block_length": "no two planes with a certified length between them were touched"
+    }
+    assert "block_length" in missed["not_supported"]
+
+
 @pytest.mark.parametrize(
     ("decision", "error_mm", "outcome"),
     [
