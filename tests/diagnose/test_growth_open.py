@@ -67,6 +67,7 @@ def errors_um(*models: Calibration, terms: tuple[Term, ...] = ()) -> list[float]
     ]
 
 
+@pytest.mark.slow
 def test_what_links_grow_is_reported_and_written(kept: Calibration) -> None:
     diagnosis = diagnose(measured(SEED, SHOP_C), ARM, kept)
     assert check_growth(diagnosis) == []

@@ -329,6 +329,7 @@ def test_no_spoilt_packet_gives_a_point(spoilt) -> None:
     assert error_mm.max() < 0.5  # its resolution; no damaged one among them
 
 
+@pytest.mark.slow
 def test_every_gap_is_marked(spoilt) -> None:
     arm, items, _, counters = spoilt
     rows = rows_of(items)
@@ -342,6 +343,7 @@ def test_every_gap_is_marked(spoilt) -> None:
     assert counters["samples"] == len(rows)
 
 
+@pytest.mark.slow
 def test_it_streams_again_after_it_was_stuck_and_is_to_be_homed_after_the_plug(spoilt) -> None:
     arm, items, raw, _ = spoilt
     begins = {line["fault"]: line["monotonic_ns"] for line in arm.events("begin")}
@@ -363,6 +365,7 @@ def test_it_streams_again_after_it_was_stuck_and_is_to_be_homed_after_the_plug(s
     assert "unplugged" in events and "recovered" in events and "not_streaming" not in events
 
 
+@pytest.mark.slow
 def test_its_replay_is_the_same_bit_by_bit(spoilt) -> None:
     _, items, raw, _ = spoilt
     decoder = MicroScribeDecoder(EXPECTED)
@@ -370,6 +373,7 @@ def test_its_replay_is_the_same_bit_by_bit(spoilt) -> None:
     assert np.array_equal(rows_of(again), rows_of(items))
 
 
+@pytest.mark.slow
 def test_before_any_other_command_streaming_is_ended(spoilt) -> None:
     """From each CF that was acknowledged on, what goes out next is 00."""
     _, _, raw, _ = spoilt

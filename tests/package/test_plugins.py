@@ -152,6 +152,7 @@ def test_a_daemon_of_armds_own_drivers_looks_for_no_package(tmp_path: Path) -> N
     assert done.stdout == "[]\n"
 
 
+@pytest.mark.slow
 def test_the_page_installs_the_template(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As typed, but that pip installs into a folder of this test's."""
     text = page_path("plugins").read_text(encoding="utf-8")

@@ -7,6 +7,8 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from armd import Flag
 from support.running_daemon import running_daemon
 from support.selection import parametrize_default
@@ -63,6 +65,7 @@ def test_of_servos_that_all_say_zero_no_point_leaves(family, tmp_path):
     assert int(valid["monotonic_ns"][-1]) < event["monotonic_ns"]
 
 
+@pytest.mark.slow
 @parametrize_default("family", ["feetech", "dynamixel"])
 def test_servos_that_know_no_sync_read_are_read_one_by_one(family, tmp_path):
     """The doctor and the event blame neither cable nor supply, and tell the rate that results."""

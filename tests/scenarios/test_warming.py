@@ -6,6 +6,8 @@ import signal
 from itertools import groupby
 from pathlib import Path
 
+import pytest
+
 from armd import Flag
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
@@ -51,6 +53,7 @@ def test_outside_its_range_it_is_inaccurate_until_calibrated_for_it(tmp_path: Pa
         assert [state for state, _ in groupby(of_the_range)] == ["INACCURATE", "READY"]
 
 
+@pytest.mark.slow
 def test_a_drift_is_told_and_flagged_beyond_its_limit(tmp_path: Path) -> None:
     with simulated_arm(tmp_path, *WARMING, rate_hz=200) as arm:
         calibrate(tmp_path, -50.0, 150.0)

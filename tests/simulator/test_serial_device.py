@@ -137,6 +137,7 @@ def at(arm: SimulatedArm, fault: str) -> tuple[int, int]:
     return first, last
 
 
+@pytest.mark.slow
 @pytest.mark.serial
 def test_exactly_what_the_books_say_arrives(run: tuple[SimulatedArm, Heard]) -> None:
     arm, heard = run

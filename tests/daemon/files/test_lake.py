@@ -145,6 +145,7 @@ def start_recording(endpoint, folder, *more):
     return process
 
 
+@pytest.mark.slow
 def test_every_point_of_a_daemon_is_there(tmp_path):
     lake = tmp_path / "lake"
     with (

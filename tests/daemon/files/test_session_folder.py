@@ -31,6 +31,7 @@ position_mm = [100.0, 0.0, 0.0]
 """
 
 
+@pytest.mark.slow
 def test_presses_over_the_wire_become_readings(tmp_path, capsys):
     folder, artefact = tmp_path / "T20", tmp_path / "beam.toml"
     artefact.write_text(ARTEFACT)
