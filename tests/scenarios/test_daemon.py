@@ -113,8 +113,12 @@ def test_the_client_iterates_points_and_arrays(live: Live, punctuality: Punctual
 
 
 def test_the_client_says_when_nobody_is_there(live: Live) -> None:
-    with pytest.raises(armd.ArmdError, match="no arm OTHER within"):
-        armd.connect("OTHER", live.daemon.endpoint, timeout_s=0.3)
+    for timeout_s in (0.3, 3.0, 30.0):  # a starved machine takes longer to reach the daemon
+        with pytest.raises(armd.ArmdError) as said:
+            armd.connect("OTHER", live.daemon.endpoint, timeout_s=timeout_s)
+        if "no daemon answers" not in str(said.value):
+            break
+    assert "no arm OTHER within" in str(said.value)
     with pytest.raises(armd.ArmdError, match="no daemon answers"):
         armd.connect(endpoint=free_endpoint(), timeout_s=0.3)
 
