@@ -78,22 +78,22 @@ class Root:
 
     def squared_times(self, side: F64) -> F64:
         """F Fᵀ times a vector (b,)."""
-        found: F64 = self.border @ (self.border.T @ side)
+        product: F64 = self.border @ (self.border.T @ side)
         for at, values in self.own:
-            found[at] += values @ (values.T @ side[at])
-        return found
+            product[at] += values @ (values.T @ side[at])
+        return product
 
     def squared(self, rows: slice) -> F64:
         """F Fᵀ of some rows (m, m)."""
         border = self.border[rows]
-        found: F64 = border @ border.T
+        product: F64 = border @ border.T
         turn = np.full(len(self.border), -1)
-        turn[rows] = np.arange(len(found))
+        turn[rows] = np.arange(len(product))
         for at, values in self.own:
-            kept = turn[at] >= 0
-            some = values[kept]
-            found[np.ix_(turn[at[kept]], turn[at[kept]])] += some @ some.T
-        return found
+            is_chosen = turn[at] >= 0
+            chosen = values[is_chosen]
+            product[np.ix_(turn[at[is_chosen]], turn[at[is_chosen]])] += chosen @ chosen.T
+        return product
 
 
 def inverse_root(matrix: F64, held: F64 | float = 0.0) -> tuple[Root, float]:
@@ -117,8 +117,8 @@ def pseudo_inverse_root(matrix: F64, held: F64 | float = 0.0) -> Root:
     held = np.broadcast_to(held, (len(matrix),))
     size = np.sqrt(np.maximum(np.diag(matrix) + held, 0.0))
     size[size == 0.0] = 1.0
-    if (known := _root_of_known(matrix, held, size)) is not None:
-        return known.scaled(1.0 / size)
+    if (known_root := _root_of_known(matrix, held, size)) is not None:
+        return known_root.scaled(1.0 / size)
     unit = matrix / np.outer(size, size)
     unit[np.diag_indices_from(unit)] += held / size**2
     return Root((), root_along_known(unit, LEAST_KNOWN) / size[:, None])
@@ -128,8 +128,8 @@ def root_along_known(matrix: F64, least: float, beside: float = 1e-300) -> F64:
     """F (b, r) with F Fᵀ the inverse along the eigenvectors of which more is known than *least*,
     relative to the largest eigenvalue, but at least to *beside*."""
     values, vectors = np.linalg.eigh(matrix)
-    kept = values > least * max(float(values.max(initial=0.0)), beside)
-    root: F64 = vectors[:, kept] / np.sqrt(values[kept])
+    is_known = values > least * max(float(values.max(initial=0.0)), beside)
+    root: F64 = vectors[:, is_known] / np.sqrt(values[is_known])
     return root
 
 
@@ -191,5 +191,5 @@ def _inverse_factor(matrix: F64) -> F64:
 
 def inverse_of_lower(lower: F64) -> F64:
     """Upper F with F Fᵀ the inverse of a matrix, from Cholesky's factor *lower* of it."""
-    found: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
-    return found
+    inverse: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
+    return inverse
