@@ -167,8 +167,8 @@ class Placements:
     def _rows(self, targets: I64, rows: I64) -> F64:
         """(m, 3, 6 + 3 K + c) whitened: pose, *targets*, others."""
         shifting = np.zeros((len(rows), 3, len(targets), 3))
-        of, at = np.nonzero(self.observations.target[rows, None] == targets)
-        shifting[of, :, at] = self.target[rows[of]]
+        row, slot = np.nonzero(self.observations.target[rows, None] == targets)
+        shifting[row, :, slot] = self.target[rows[row]]
         flat = shifting.reshape(len(rows), 3, 3 * len(targets))
         columns = [self.pose[rows], flat, *(others[rows] for others in self.others)]
         whitened: F64 = self.whitening[rows] @ np.concatenate(columns, axis=2)

@@ -39,19 +39,19 @@ class Blocks:
         (n, 3, 3) and standard uncertainties (D,)."""
         n = 3 * self.n
         last = np.hstack([self.distances, residual[n:, None]]) / distance_mm[:, None]
-        found: F64 = last.T @ last
+        total: F64 = last.T @ last
         by_rest = residual[:n].reshape(-1, 3, 1)
 
-        def of(piece: Piece) -> F64:
-            both = np.concatenate([piece.values, by_rest[piece.rests]], axis=2)
-            white = (whitener[piece.rests] @ both).reshape(-1, both.shape[2])
-            own: F64 = white.T @ white
-            return own
+        def multiply(piece: Piece) -> F64:
+            columns = np.concatenate([piece.values, by_rest[piece.rests]], axis=2)
+            white = (whitener[piece.rests] @ columns).reshape(-1, columns.shape[2])
+            product: F64 = white.T @ white
+            return product
 
-        for piece, own in zip(self.pieces, in_order(of, self.pieces), strict=True):
-            at = np.append(piece.columns, self.size)
-            found[np.ix_(at, at)] += own
-        return found
+        for piece, product in zip(self.pieces, in_order(multiply, self.pieces), strict=True):
+            numbers = np.append(piece.columns, self.size)
+            total[np.ix_(numbers, numbers)] += product
+        return total
 
     def products_clear_of(
         self,
@@ -75,33 +75,37 @@ class Blocks:
         n = 3 * self.n
         last = np.hstack([self.distances[:, shared], residual[n:, None]]) / distance_mm[:, None]
         certified: F64 = last.T @ last
-        found = [(certified.copy(), np.diag(certified)[:-1].copy()) for _ in left_out]
+        results = [(certified.copy(), np.diag(certified)[:-1].copy()) for _ in left_out]
         by_rest = residual[:n].reshape(-1, 3, 1)
         part_of = np.full(self.n, -1)
         for part, out in enumerate(left_out):
             part_of[out] = part
 
-        def of(piece: Piece) -> list[tuple[F64, F64] | None]:
-            own = alone[piece.columns]
-            order = np.concatenate([np.flatnonzero(own), np.flatnonzero(~own)])
-            both = np.concatenate([piece.values[:, :, order], by_rest[piece.rests]], axis=2)
-            white, parts = whitener[piece.rests] @ both, part_of[piece.rests]
+        def clear_each(piece: Piece) -> list[tuple[F64, F64] | None]:
+            is_eliminated = alone[piece.columns]
+            order = np.concatenate([np.flatnonzero(is_eliminated), np.flatnonzero(~is_eliminated)])
+            columns = np.concatenate([piece.values[:, :, order], by_rest[piece.rests]], axis=2)
+            white, parts = whitener[piece.rests] @ columns, part_of[piece.rests]
             grams = {int(part): _gram(white[parts == part]) for part in np.unique(parts)}
-            priors = 1.0 / variance[piece.columns[own]]
-            known: dict[tuple[int, ...], tuple[F64, F64] | None] = {(): None}
-            kept = [tuple(p for p in grams if p != part) for part in range(len(left_out))]
-            for some in kept:
-                if some not in known:
-                    known[some] = _clear_of_first(np.sum([grams[p] for p in some], axis=0), priors)
-            return [known[some] for some in kept]
+            priors = 1.0 / variance[piece.columns[is_eliminated]]
+            by_parts: dict[tuple[int, ...], tuple[F64, F64] | None] = {(): None}
+            remaining_parts = [
+                tuple(p for p in grams if p != part) for part in range(len(left_out))
+            ]
+            for parts_left in remaining_parts:
+                if parts_left not in by_parts:
+                    by_parts[parts_left] = _clear_of_first(
+                        np.sum([grams[p] for p in parts_left], axis=0), priors
+                    )
+            return [by_parts[parts_left] for parts_left in remaining_parts]
 
-        for piece, of_parts in zip(self.pieces, in_order(of, self.pieces), strict=True):
-            at = np.append(turn[piece.columns[~alone[piece.columns]]], len(shared))
-            for (products, square), more in zip(found, of_parts, strict=True):
-                if more is not None:
-                    products[np.ix_(at, at)] += more[0]
-                    square[at[:-1]] += more[1]
-        return found
+        for piece, of_parts in zip(self.pieces, in_order(clear_each, self.pieces), strict=True):
+            numbers = np.append(turn[piece.columns[~alone[piece.columns]]], len(shared))
+            for (products, squared_lengths), addition in zip(results, of_parts, strict=True):
+                if addition is not None:
+                    products[np.ix_(numbers, numbers)] += addition[0]
+                    squared_lengths[numbers[:-1]] += addition[1]
+        return results
 
     @cached_property
     def meeting(self) -> Mask:

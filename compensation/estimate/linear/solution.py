@@ -40,8 +40,8 @@ class Solution:
     def told(self) -> float:
         """How many unknowns the readings told, by the share they had in each beside the drawing."""
         curvature = self.singular_values**2
-        told = curvature[curvature > 0] / (curvature + self.prior)[curvature > 0]
-        return float(told.sum())
+        shares = curvature[curvature > 0] / (curvature + self.prior)[curvature > 0]
+        return float(shares.sum())
 
     def off_drawing(self, departure: F64) -> float:
         """What a *departure* (C,) from the drawing costs along directions that lean on it."""
