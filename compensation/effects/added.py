@@ -62,8 +62,8 @@ class _Guard:
     ) -> Iterator[Candidate]:
         """The candidates, all or none."""
         try:
-            found = list(make())
-            for candidate in found:
+            candidates = list(make())
+            for candidate in candidates:
                 self._check(candidate, facts)
         except BadInput as error:
             report(str(error))
@@ -71,7 +71,7 @@ class _Guard:
         except Exception as error:
             report(str(self._plugin.fault_of(error, "candidates for these sessions")))
             return
-        for candidate in found:
+        for candidate in candidates:
             yield self._guarded_again(candidate, facts)
 
     def _guarded_again(self, candidate: Candidate, facts: SessionFacts) -> Candidate:
@@ -90,8 +90,8 @@ class _Guard:
             raise self._plugin.fault(repr(candidate), f"a Candidate of {self._effect.cause!r}")
         for column in candidate.columns:
             if not (math.isfinite(column.typical) and column.typical > 0.0):
-                found = f"the typical size {column.typical!r} of {column.name}"
-                raise self._plugin.fault(found, "a number above 0")
+                description = f"the typical size {column.typical!r} of {column.name}"
+                raise self._plugin.fault(description, "a number above 0")
             check_terms(str(self._plugin.package), column.terms, facts.arm)
 
     def _text(self, candidate: Candidate, make: Callable[[], str]) -> str:

@@ -31,26 +31,26 @@ AGAINST = " against those before"
 ROUNDING = 1e-9
 
 
-def by_session(facts: SessionFacts) -> list[Function]:
+def make_session_functions(facts: SessionFacts) -> list[Function]:
     """Functions that together let every session have a value of its own; columns of them are named
     "motion, function"."""
     count, names = len(facts.sessions), [name for name, *_ in facts.sessions]
     if not LEAST_SESSIONS <= count <= MOST_SESSIONS:
         return []
     edges = _edges(facts)
-    if facts.held:
+    if facts.has_fixed_constants:
         rows = np.eye(count)
         return [_function(name, 1.0, row, edges) for name, row in zip(names, rows, strict=True)]
-    found = []
+    functions = []
     for k in range(1, count):
         against = np.zeros(count)  # its amplitude is how far it is from the mean of those before
         against[:k], against[k] = -1.0 / (k + 1), k / (k + 1)
         size = math.sqrt(k / (k + 1))
-        found.append(_function(f"{names[k]}{AGAINST}", size, against, edges))
-    return found
+        functions.append(_function(f"{names[k]}{AGAINST}", size, against, edges))
+    return functions
 
 
-def column(
+def make_column(
     function: Function, motion: str, unit: str, typical: float, weights: Sequence[tuple[str, float]]
 ) -> Column:
     """Of one function, what it moves: *weights* of parameters."""
@@ -91,8 +91,8 @@ def values_by_session(candidate: Candidate, amplitudes: F64) -> tuple[list[tuple
 def is_against_mean(candidate: Candidate) -> bool:
     """Whether its columns are departures from the sessions' mean, by what its terms do."""
     return all(
-        np.abs(each.sum(axis=0)).max() <= ROUNDING * np.abs(each).max()
-        for each in _values_of_parameters(candidate).values()
+        np.abs(values.sum(axis=0)).max() <= ROUNDING * np.abs(values).max()
+        for values in _values_of_parameters(candidate).values()
     )
 
 
@@ -112,13 +112,13 @@ def as_written(candidate: Candidate, amplitudes: F64, effect: str) -> Iterator[W
     stood otherwise, the mean of all is right for none.
     """
     instants, against_mean = _instants(candidate), is_against_mean(candidate)
-    for name, each in _values_of_parameters(candidate).items():
+    for name, values in _values_of_parameters(candidate).items():
         constant = np.zeros(len(candidate.columns))
         if against_mean:
-            order, half = np.argsort(each @ amplitudes, kind="stable"), (len(each) - 1) / 2
-            constant = each[order[[math.floor(half), math.ceil(half)]]].mean(axis=0)
+            order, half = np.argsort(values @ amplitudes, kind="stable"), (len(values) - 1) / 2
+            constant = values[order[[math.floor(half), math.ceil(half)]]].mean(axis=0)
         none = np.zeros((1, len(candidate.columns)))
-        steps = np.diff(np.vstack([none, each, none]), axis=0)
+        steps = np.diff(np.vstack([none, values, none]), axis=0)
         steps[0] -= constant
         steps[-1] += constant
         terms = [
@@ -141,14 +141,16 @@ def _instants(candidate: Candidate) -> list[float]:
 def _values_of_parameters(candidate: Candidate) -> dict[str, F64]:
     """Return each parameter's value in each session (sessions, columns), of unit amplitudes."""
     instants, steps = _instants(candidate), dict[str, F64]()
-    for j, of in enumerate(candidate.columns):
-        for term in of.terms:
+    for j, unit_column in enumerate(candidate.columns):
+        for term in unit_column.terms:
             (factor,) = term.basis
             if isinstance(factor, After):
                 nothing = np.zeros((len(instants), len(candidate.columns)))
-                own = steps.setdefault(term.parameter, nothing)
-                own[instants.index(factor.instant_unix_s), j] += term.coefficient
-    return {name: np.cumsum(own, axis=0)[:-1] for name, own in steps.items()}
+                parameter_steps = steps.setdefault(term.parameter, nothing)
+                parameter_steps[instants.index(factor.instant_unix_s), j] += term.coefficient
+    return {
+        name: np.cumsum(parameter_steps, axis=0)[:-1] for name, parameter_steps in steps.items()
+    }
 
 
 def _edges(facts: SessionFacts) -> list[float]:

@@ -26,16 +26,21 @@ def with_another(term: Term, another: Temperature) -> Iterator[Term]:
     """What a term would add, *another* temperature in the place of its own."""
     for factor in term.basis:
         if isinstance(factor, Temperature):
-            yield from a_part_of(term, 1.0, factor, another)
+            yield from replace_part(term, 1.0, factor, another)
 
 
-def a_part_of(term: Term, weight: float, part: Temperature, another: Temperature) -> Iterator[Term]:
+def replace_part(
+    term: Term, weight: float, part: Temperature, another: Temperature
+) -> Iterator[Term]:
     """The same where the own temperature is a sum that has *part* with this *weight*, and another
     stands in the place of that."""
-    yield _by(term, another, weight * term.coefficient)
-    yield _by(term, part, -weight * term.coefficient)
+    yield _make_term(term, another, weight * term.coefficient)
+    yield _make_term(term, part, -weight * term.coefficient)
 
 
-def _by(term: Term, factor: Temperature, coefficient: float) -> Term:
-    others = [factor if isinstance(own, Temperature) else own for own in term.basis]
-    return Term(parameter=term.parameter, basis=others, coefficient=coefficient)
+def _make_term(term: Term, factor: Temperature, coefficient: float) -> Term:
+    basis = [
+        factor if isinstance(term_factor, Temperature) else term_factor
+        for term_factor in term.basis
+    ]
+    return Term(parameter=term.parameter, basis=basis, coefficient=coefficient)

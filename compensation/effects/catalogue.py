@@ -33,25 +33,25 @@ FINE_RAD = 6 * ARC_SECOND
 WELL_MADE_RAD = 10 * FINE_RAD
 
 
-def _found() -> Iterator[Effect]:
+def _load_effects() -> Iterator[Effect]:
     """Room by room, then by name; then those of other packages; what has no name comes last."""
-    own: list[Effect] = []
+    built_in: list[Effect] = []
     for room in ROOMS:
         for name in sorted(module.name for module in pkgutil.iter_modules(room.__path__)):
             module = import_module(f"{room.__name__}.{name}")
-            own += getattr(module, "EFFECTS", None) or (module.EFFECT,)
-    yield from own
-    yield from added_effects([*(effect.cause for effect in own), unknown.EFFECT.cause])
+            built_in += getattr(module, "EFFECTS", None) or (module.EFFECT,)
+    yield from built_in
+    yield from added_effects([*(effect.cause for effect in built_in), unknown.EFFECT.cause])
     yield unknown.EFFECT
 
 
-CATALOGUE: dict[str, Effect] = {effect.cause: effect for effect in _found()}
+CATALOGUE: dict[str, Effect] = {effect.cause: effect for effect in _load_effects()}
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     """Every candidate that this arm and these sessions allow, the general basis included."""
     for effect in CATALOGUE.values():
-        for candidate in _of(effect, facts):
+        for candidate in _list_candidates(effect, facts):
             # What has no name may be as old: else its likeliness grew by what the named ones share.
             may_be_older = effect.by_temperature or candidate.cause == "unknown"
             older = beyond_calibration(candidate, facts) if may_be_older else None
@@ -61,83 +61,87 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                 yield older
 
 
-def _of(effect: Effect, facts: SessionFacts) -> Iterator[Candidate]:
+def _list_candidates(effect: Effect, facts: SessionFacts) -> Iterator[Candidate]:
     coarseness = max(_coarseness(facts.arm), facts.scatter_rad / WELL_MADE_RAD)
     if coarseness <= 1.0:
         yield from effect.candidates(facts)
         return
     typically = coarseness if effect.as_coarse_as_the_arm else 1.0
     for candidate in effect.candidates(facts):
-        yield _larger(candidate, typically, coarseness)
+        yield _scale_up(candidate, typically, coarseness)
 
 
-def under(facts: SessionFacts, acting: Sequence[Acting]) -> Iterator[Candidate]:
+def list_candidates_under(facts: SessionFacts, acting: Sequence[Acting]) -> Iterator[Candidate]:
     """The candidates that act through the model's terms, with findings *acting* in the model."""
     for effect in CATALOGUE.values():
         if effect.through_terms is not None:
             able = _able(effect.cause, acting)
             for candidate in effect.through_terms(
-                facts, [t for found in able for t in found.terms]
+                facts, [t for finding in able for t in finding.terms]
             ):
-                yield _knowing(candidate, acting_on(candidate, acting, facts))
+                yield _with_through(candidate, select_acting(candidate, acting, facts))
 
 
-def acting_on(
+def select_acting(
     candidate: Candidate, acting: Sequence[Acting], facts: SessionFacts
 ) -> tuple[Acting, ...]:
     """Those of the findings *acting* through which a candidate acts: they share a sensor."""
-    own = set(candidate.depends_on) & set(facts.sensors)
+    sensors = set(candidate.depends_on) & set(facts.sensors)
     able = _able(candidate.cause, acting)
-    return tuple(found for found in able if own & set(found.candidate.depends_on))
+    return tuple(finding for finding in able if sensors & set(finding.candidate.depends_on))
 
 
 def _able(cause: str, acting: Sequence[Acting]) -> list[Acting]:
     """The findings through which a cause may act: a sensor's offset through all others, a lag
     through those that are no sensor's."""
     barred = {OFFSET} if cause == OFFSET else OF_SENSORS
-    return [found for found in acting if found.candidate.cause not in barred]
+    return [finding for finding in acting if finding.candidate.cause not in barred]
 
 
-def by_exchanged(facts: SessionFacts, exchanged: Candidate) -> Iterator[Candidate]:
+def list_exchanged(facts: SessionFacts, exchanged: Candidate) -> Iterator[Candidate]:
     """What goes by one of two sensors, by the other one: as it is where they are *exchanged*."""
     names = set(exchanged.depends_on)
-    plain = {_how(c) for c in _by_sensors(facts, names)}
+    original_keys = {_make_key(c) for c in _by_sensors(facts, names)}
     for candidate in _by_sensors(replace(facts, arm=_renamed(facts.arm, *names)), names):
-        if _how(candidate) not in plain:
+        if _make_key(candidate) not in original_keys:
             yield replace(candidate, through=(Acting(exchanged, (1.0,)),))
 
 
 def _by_sensors(facts: SessionFacts, names: Collection[str]) -> Iterator[Candidate]:
     for effect in CATALOGUE.values():
         if effect.by_temperature:
-            yield from (c for c in _of(effect, facts) if set(names) & set(c.depends_on))
+            yield from (
+                c for c in _list_candidates(effect, facts) if set(names) & set(c.depends_on)
+            )
 
 
-def _how(candidate: Candidate) -> tuple[object, ...]:
+def _make_key(candidate: Candidate) -> tuple[object, ...]:
     columns = (column.name for column in candidate.columns)
     return (*candidate.place, candidate.setting, candidate.depends_on, *columns)
 
 
 def _renamed(arm: Arm, a: str, b: str) -> Arm:
     """The arm, its links on two sensors on the other one each."""
-    other = {a: b, b: a}
+    exchange = {a: b, b: a}
     joints = [
         joint.model_copy(
-            update={"temperature": {other.get(name, name): w for name, w in joint.weights.items()}}
+            update={
+                "temperature": {exchange.get(name, name): w for name, w in joint.weights.items()}
+            }
         )
         for joint in arm.joint
     ]
     return arm.model_copy(update={"joint": joints})
 
 
-def _knowing(candidate: Candidate, through: tuple[Acting, ...]) -> Candidate:
+def _with_through(candidate: Candidate, through: tuple[Acting, ...]) -> Candidate:
     """A candidate that knows through which findings it acts; its refinements do, too."""
     refine, elsewhere = candidate.refine, candidate.elsewhere
     return replace(
         candidate,
         through=through,
-        refine=refine and (lambda: [_knowing(finer, through) for finer in refine()]),
-        elsewhere=elsewhere and (lambda value: _knowing(elsewhere(value), through)),
+        refine=refine and (lambda: [_with_through(finer, through) for finer in refine()]),
+        elsewhere=elsewhere and (lambda value: _with_through(elsewhere(value), through)),
     )
 
 
@@ -147,7 +151,7 @@ def _coarseness(arm: Arm) -> float:
     return max([1.0, *(2 * math.pi / count / FINE_RAD for count in counts)])
 
 
-def _larger(candidate: Candidate, typically: float, at_most: float) -> Candidate:
+def _scale_up(candidate: Candidate, typically: float, at_most: float) -> Candidate:
     """The same cause, *typically* so many times as large, and *at_most*; other values, too."""
     columns = tuple(
         replace(column, typical=column.typical * typically, coarseness=at_most)
@@ -157,6 +161,6 @@ def _larger(candidate: Candidate, typically: float, at_most: float) -> Candidate
     return replace(
         candidate,
         columns=columns,
-        refine=refine and (lambda: [_larger(finer, typically, at_most) for finer in refine()]),
-        elsewhere=elsewhere and (lambda value: _larger(elsewhere(value), typically, at_most)),
+        refine=refine and (lambda: [_scale_up(finer, typically, at_most) for finer in refine()]),
+        elsewhere=elsewhere and (lambda value: _scale_up(elsewhere(value), typically, at_most)),
     )

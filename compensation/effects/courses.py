@@ -82,7 +82,7 @@ def drifts(
     depends_on: tuple[str, ...] = ("time_s",),
 ) -> Iterator[Candidate]:
     """Candidates for something that goes along each course; *make*: a function's columns."""
-    before = _come_to_before(facts)
+    before = _make_prior_functions(facts)
     for course in courses(facts):
         yield _along(course, before, cause, location, make, depends_on)
 
@@ -97,13 +97,16 @@ def _along(
 ) -> Candidate:
     finer, elsewhere = course.finer, course.elsewhere
 
-    def at(value: float) -> Candidate:
+    def rebuild(value: float) -> Candidate:
         assert elsewhere is not None
         return _along(elsewhere(value), before, cause, location, make, depends_on)
 
     def refine() -> list[Candidate]:
         assert finer is not None
-        return [_along(one, before, cause, location, make, depends_on) for one in finer()]
+        return [
+            _along(finer_course, before, cause, location, make, depends_on)
+            for finer_course in finer()
+        ]
 
     return Candidate(
         cause,
@@ -112,7 +115,7 @@ def _along(
         depends_on,
         course.setting,
         refine if finer else None,
-        at if elsewhere else None,
+        rebuild if elsewhere else None,
     )
 
 
@@ -124,9 +127,9 @@ def steps(
 ) -> Iterator[Candidate]:
     """Candidates for something that steps at an instant; *make*: the columns of that step."""
 
-    def at(instant: float, finest: bool = False) -> Candidate:
+    def make_step(instant: float, finest: bool = False) -> Candidate:
         def refine() -> list[Candidate]:
-            return [at(moment, True) for moment in facts.nearby_instants(instant)]
+            return [make_step(moment, True) for moment in facts.nearby_instants(instant)]
 
         return Candidate(
             cause,
@@ -137,7 +140,7 @@ def steps(
             None if finest else refine,
         )
 
-    return map(at, facts.instants_unix_s)
+    return map(make_step, facts.instants_unix_s)
 
 
 def courses(facts: SessionFacts) -> list[Course]:
@@ -147,27 +150,27 @@ def courses(facts: SessionFacts) -> list[Course]:
     if not facts.timed or span_s <= 0.0:
         return []
     hours = span_s / 3600.0
-    line, square = (
+    line, squared_time = (
         Time(since_unix_s=since_s, until_unix_s=until_s, power=power) for power in (1, 2)
     )
     rate = Function("rate", "/h", hours, ((1.0, line),))
-    bend = Function("bend", "/h²", hours**2, ((1.0, square),))
-    found = [Course((rate,)), Course((rate, bend))]
-    found += [_relaxing(facts, share * span_s) for share in SHARES]
+    bend = Function("bend", "/h²", hours**2, ((1.0, squared_time),))
+    choices = [Course((rate,)), Course((rate, bend))]
+    choices += [_relaxing(facts, share * span_s) for share in SHARES]
     if len(facts.spells_unix_s) > 1:
         longest_s = max(end - start for start, end in facts.spells_unix_s)
-        found += [_settling(facts, share * longest_s) for share in SETTLING_SHARES]
+        choices += [_settling(facts, share * longest_s) for share in SETTLING_SHARES]
     if span_s > LEAST_DAYS * DAY_S:
-        found.append(Course(tuple(_daily(since_s, until_s))))
+        choices.append(Course(tuple(_daily(since_s, until_s))))
     if facts.spells_unix_s:
-        found.append(Course(tuple(_wandering(facts))))
-    return found
+        choices.append(Course(tuple(_wandering(facts))))
+    return choices
 
 
-def _come_to_before(facts: SessionFacts) -> list[Function]:
+def _make_prior_functions(facts: SessionFacts) -> list[Function]:
     """What a drift had come to when the readings began, under a calibration from before. Courses
     begin at nothing: without it, whatever is as constant in the first session stands in for it."""
-    if not facts.held:  # the constants of the same sessions have it
+    if not facts.has_fixed_constants:  # the constants of the same sessions have it
         return []
     return [Function("before", "", 1.0, ((1.0, After(instant_unix_s=facts.start_unix_s)),))]
 
@@ -225,13 +228,13 @@ def _knots(facts: SessionFacts) -> list[tuple[float, float]]:
     the time to the next."""
     spells = facts.spells_unix_s
     pieces = max(1, -(-LEAST_PIECES // (2 * len(spells) - 1)))
-    found: list[tuple[float, float]] = []
+    knots: list[tuple[float, float]] = []
     for start, end in spells:
-        if found:
-            found.append((found[-1][1], start))
+        if knots:
+            knots.append((knots[-1][1], start))
         edges = [start + (end - start) * i / pieces for i in range(pieces + 1)]
-        found += itertools.pairwise(edges)
-    return found
+        knots += itertools.pairwise(edges)
+    return knots
 
 
 #: How fine a course is looked at for the largest difference in it.
@@ -253,7 +256,7 @@ def is_slow(candidate: Candidate) -> bool:
     return any(isinstance(factor, SlowFactor) for factor in candidate.factors)
 
 
-def goes(candidate: Candidate) -> str:
+def describe_course(candidate: Candidate) -> str:
     """How a drift goes, in words."""
     names = [column.name for column in candidate.columns]
     time_constant = next(
@@ -262,32 +265,32 @@ def goes(candidate: Candidate) -> str:
     if time_constant is not None:
         anew = "settles anew in each session" if "session" in names[0] else "relaxes"
         return f"{anew} with a time constant of {plain(time_constant / 3600.0)} h"
-    for word, told in (
+    for word, description in (
         ("walk", "wanders"),
         ("day", "follows the time of day"),
         ("bend", "creeps in a curve"),
     ):
         if any(word in name for name in names):
-            return told
+            return description
     return "creeps steadily"
 
 
-def swing(candidate: Candidate, amplitudes: F64, parameter: str) -> float:
+def compute_swing(candidate: Candidate, amplitudes: F64, parameter: str) -> float:
     """Largest less smallest of what a drift does to a parameter over the time seen."""
-    own = [
+    weighted_factors = [
         (value * term.coefficient, term.basis[0])
         for column, value in zip(candidate.columns, amplitudes, strict=True)
         for term in column.terms
         if term.parameter == parameter
     ]
-    periods = [f for _, f in own if isinstance(f, Period)]
+    periods = [f for _, f in weighted_factors if isinstance(f, Period)]
     since, until = (
         pick(t for f in periods for t in (f.since_unix_s, f.until_unix_s) if t is not None)
         for pick in (min, max)
     )
     times = np.linspace(since, until, POINTS)
     total = np.zeros(POINTS)
-    for value, factor in own:
+    for value, factor in weighted_factors:
         if isinstance(factor, Dated):
             total += value * factor.at_times(times)
     return float(np.ptp(total))

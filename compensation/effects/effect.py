@@ -94,7 +94,7 @@ class Column:
     coarseness: float = 1.0  # of the arm: by how much more than a fine one it may err at most
     use: Use | Winding | None = None
 
-    def at(self, amplitude: float) -> Iterator[Term]:
+    def make_terms(self, amplitude: float) -> Iterator[Term]:
         """Its terms at an amplitude."""
         for term in self.terms:
             yield term.model_copy(update={"coefficient": term.coefficient * amplitude})
@@ -146,16 +146,22 @@ class Candidate:
         """What a finding is told apart by: cause and location, as results have them."""
         return self.cause, str(self.location)
 
-    def within(self, other: Candidate) -> bool:
-        """Whether *other* has all that this one could add: an order of a curve, say."""
-        return self.place == other.place and self._adds <= other._adds
+    def is_within(self, candidate: Candidate) -> bool:
+        """Whether *candidate* has all that this one could add: an order of a curve, say."""
+        return self.place == candidate.place and self._adds <= candidate._adds
 
-    def is_like(self, other: Candidate) -> bool:
-        """Whether *other* is the same, be it through other terms that it acts."""
-        if self.through is None or other.through is None:
-            return self == other
-        own, others = ([column.name for column in c.columns] for c in (self, other))
-        return self.place == other.place and self.setting == other.setting and own == others
+    def is_like(self, candidate: Candidate) -> bool:
+        """Whether *candidate* is the same, be it through other terms that it acts."""
+        if self.through is None or candidate.through is None:
+            return self == candidate
+        column_names, compared_names = (
+            [column.name for column in c.columns] for c in (self, candidate)
+        )
+        return (
+            self.place == candidate.place
+            and self.setting == candidate.setting
+            and column_names == compared_names
+        )
 
     @cached_property
     def _adds(self) -> frozenset[str]:
@@ -174,12 +180,12 @@ class Acting:
     def terms(self) -> Iterator[Term]:
         """Its terms with their coefficients."""
         pairs = zip(self.candidate.columns, self.amplitudes, strict=True)
-        return (term for column, amplitude in pairs for term in column.at(amplitude))
+        return (term for column, amplitude in pairs for term in column.make_terms(amplitude))
 
 
-def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
+def join_finding(findings: Sequence[Candidate], finding: Candidate) -> list[Candidate]:
     """The findings with one more, which takes the place of those it contains."""
-    return [*(c for c in findings if not c.within(more)), more]
+    return [*(c for c in findings if not c.is_within(finding)), finding]
 
 
 @dataclass(frozen=True)
@@ -190,7 +196,7 @@ class SessionFacts:
     constants: F64  # (P,) mm and rad
     terms: tuple[Term, ...]  # of the model under test
     reference_c: float
-    held: bool  # True: constants and terms come from a calibration given, and stay
+    has_fixed_constants: bool  # True: constants and terms come from a calibration given, and stay
     sensors: tuple[str, ...]  # with data
     lost_links: frozenset[int]  # links whose sensor shows nothing in some session
     timed: bool  # times of all readings known
@@ -285,7 +291,7 @@ def tie(parameter_weights: Sequence[tuple[str, float]], *basis: Factor) -> tuple
     )
 
 
-def of_tip(response: F64, along: Callable[[Axis], Factor]) -> tuple[Term, ...]:
+def tie_tip(response: F64, along: Callable[[Axis], Factor]) -> tuple[Term, ...]:
     """The tip gives way by *response* (3, 3) times a vector, both in the last frame; *along*: the
     factor that is the vector's component along an axis there."""
     return tuple(
@@ -315,7 +321,7 @@ def temperature(weights: dict[str, float], **options: float) -> Temperature:
     return Temperature.model_validate({"weights": weights, **options})
 
 
-def when(candidate: Candidate) -> str:
+def describe_instant(candidate: Candidate) -> str:
     """ " at …" for a candidate with an instant, nothing for others."""
     instant = candidate.instant_unix_s
     return "" if instant is None else f" at {clock(instant)}"

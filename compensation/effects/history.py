@@ -59,11 +59,14 @@ def _wound(joint: int, within_rad: Sequence[float], rates: bool, finest: bool = 
 
     def refine() -> list[Candidate]:
         """Another spring, or several that slip one after the other."""
-        return [_wound(joint, [f * within_rad[0] for f in of], rates, True) for of in FINER_SPRINGS]
+        return [
+            _wound(joint, [f * within_rad[0] for f in factors], rates, True)
+            for factors in FINER_SPRINGS
+        ]
 
     variables = (*([f"w{joint}"] if rates else []), f"q{joint}", "time_s")
-    where = location.parameter(joint, f"{parameter}({', '.join(variables)}, way before)")
-    return Candidate("unknown", where, columns, variables, refine=None if finest else refine)
+    place = location.parameter(joint, f"{parameter}({', '.join(variables)}, way before)")
+    return Candidate("unknown", place, columns, variables, refine=None if finest else refine)
 
 
 def _used(
@@ -82,9 +85,9 @@ def _used(
         use=Use(joint, by_rate, lag_s, pairs),
     )
     variables = (f"w{joint}" if by_rate else f"q{joint}", "time_s")
-    where = location.parameter(link, f"length_{link}({', '.join(variables)}, use)")
+    place = location.parameter(link, f"length_{link}({', '.join(variables)}, use)")
 
     def refine() -> list[Candidate]:
         return [_used(link, joint, by_rate, lag_s * factor, pairs, True) for factor in FINER]
 
-    return Candidate("unknown", where, (column,), variables, refine=None if finest else refine)
+    return Candidate("unknown", place, (column,), variables, refine=None if finest else refine)

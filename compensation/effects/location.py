@@ -27,11 +27,11 @@ class Location:
     kind: LocationKind
     name: str = ""  # of a target or of sensors; what of a parameter
     joint: int | None = None  # its number (1…N), of a link the joint's before it
-    of: tuple[str, Location] | None = None  # of a shape: the cause and location whose it is
+    origin: tuple[str, Location] | None = None  # of a shape: the cause and location whose it is
 
     def __str__(self) -> str:
-        if self.of is not None:
-            cause, location = self.of
+        if self.origin is not None:
+            cause, location = self.origin
             return f"shape of {cause} {location}"
         if self.kind == "parameter":
             return self.name
@@ -69,4 +69,4 @@ def parameter(number: int, function: str) -> Location:
 
 def shape_of(cause: str, location: Location) -> Location:
     """The shape of what a cause does at a place, where it is not quite the catalogue's."""
-    return Location("shape", of=(cause, location))
+    return Location("shape", origin=(cause, location))

@@ -53,7 +53,7 @@ def _beyond(column: Column, facts: SessionFacts) -> Column | None:
         if len(term.basis) != 1 or not isinstance(term.basis[0], Temperature):
             return None
         absorbed = list(_absorbed(term, term.basis[0], facts))
-        if not absorbed or any(own.basis == term.basis for own in absorbed):
+        if not absorbed or any(absorbed_term.basis == term.basis for absorbed_term in absorbed):
             return None
         terms += [term, *absorbed]
     return replace(column, name=f"{column.name}, {OLDER}", terms=tuple(terms)) if terms else None
@@ -64,14 +64,14 @@ def _absorbed(term: Term, factor: Temperature, facts: SessionFacts) -> Iterator[
     if factor.lag_s or factor.zone_c or not set(factor.weights) <= set(facts.calibrated_c):
         return
     reference_c = facts.reference_c if factor.reference_c is None else factor.reference_c
-    known = sorted(
-        own.order
-        for other in facts.terms
-        if other.parameter == term.parameter and len(other.basis) == 1
-        if isinstance(own := other.basis[0], Temperature)
-        if own.model_copy(update={"order": factor.order}) == factor
+    known_orders = sorted(
+        model_factor.order
+        for model_term in facts.terms
+        if model_term.parameter == term.parameter and len(model_term.basis) == 1
+        if isinstance(model_factor := model_term.basis[0], Temperature)
+        if model_factor.model_copy(update={"order": factor.order}) == factor
     )
-    powers = [0, *known]
+    powers = [0, *known_orders]
     rise = sum(w * np.array(facts.calibrated_c[s]) for s, w in factor.weights.items()) - reference_c
     columns: F64 = np.vander(np.asarray(rise), max(powers) + 1, increasing=True)[:, powers]
     shares = np.linalg.lstsq(columns, np.asarray(rise) ** factor.order, rcond=1e-6)[0]

@@ -21,29 +21,33 @@ TYPICAL_RAD = 10e-6
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for joint in facts.joints:
-        for other in (joint - 1, joint + 1):
-            if other not in facts.joints:
+        for neighbour in (joint - 1, joint + 1):
+            if neighbour not in facts.joints:
                 continue
-            for own in ORDERS:
-                for others in ORDERS:
-                    if max(own, others) > COVERED:
-                        yield _rolled(joint, other, own, others)
-                        yield _rolled(joint, other, own, -others)
+            for order in ORDERS:
+                for neighbour_order in ORDERS:
+                    if max(order, neighbour_order) > COVERED:
+                        yield _rolled(joint, neighbour, order, neighbour_order)
+                        yield _rolled(joint, neighbour, order, -neighbour_order)
 
 
-def _rolled(joint: int, other: int, own: int, others: int) -> Candidate:
-    """Sine and cosine of *own* × q of the joint + *others* × q of the other one."""
-    sign = 1.0 if others > 0 else -1.0
+def _rolled(joint: int, neighbour: int, order: int, neighbour_order: int) -> Candidate:
+    """Sine and cosine of *order* × q of the joint + *neighbour_order* × q of the other one."""
+    sign = 1.0 if neighbour_order > 0 else -1.0
     parameter = f"theta_{joint}"
-    s, c = (Harmonic(kind=kind, joint=joint, order=own) for kind in ("sin", "cos"))
-    so, co = (Harmonic(kind=kind, joint=other, order=abs(others)) for kind in ("sin", "cos"))
+    s, c = (Harmonic(kind=kind, joint=joint, order=order) for kind in ("sin", "cos"))
+    so, co = (
+        Harmonic(kind=kind, joint=neighbour, order=abs(neighbour_order)) for kind in ("sin", "cos")
+    )
     sine = (*tie([(parameter, 1.0)], s, co), *tie([(parameter, sign)], c, so))
     cosine = (*tie([(parameter, 1.0)], c, co), *tie([(parameter, -sign)], s, so))
-    rolled = f"{own}q{joint} {'+' if others > 0 else '-'} {abs(others)}q{other}"
+    rolled = (
+        f"{order}q{joint} {'+' if neighbour_order > 0 else '-'} {abs(neighbour_order)}q{neighbour}"
+    )
     columns = tuple(
         Column(f"{parameter} × {kind}({rolled})", "rad", TYPICAL_RAD, terms)
         for kind, terms in (("sin", sine), ("cos", cosine))
     )
-    variables = tuple(f"q{k}" for k in sorted((joint, other)))
-    where = location.parameter(joint, f"{parameter}({', '.join(variables)})")
-    return Candidate("unknown", where, columns, variables)
+    variables = tuple(f"q{k}" for k in sorted((joint, neighbour)))
+    place = location.parameter(joint, f"{parameter}({', '.join(variables)})")
+    return Candidate("unknown", place, columns, variables)

@@ -50,9 +50,9 @@ def _candidate(
     unit: str,
     variables: tuple[str, ...],
     functions: Sequence[_Function],
-    more: Sequence[_Function] = (),
+    richer: Sequence[_Function] = (),
 ) -> Candidate:
-    """Functions that go together; *more*: those of a richer candidate in the same variables."""
+    """Functions that go together; *richer*: those of a richer candidate in the same variables."""
     parameter = f"{stem}_{joint}"
     columns = tuple(
         Column(
@@ -65,35 +65,40 @@ def _candidate(
     )
 
     def refine() -> Sequence[Candidate]:
-        return [_candidate(joint, stem, unit, variables, more)]
+        return [_candidate(joint, stem, unit, variables, richer)]
 
-    where = location.parameter(joint, f"{parameter}({', '.join(variables)})")
-    return Candidate("unknown", where, columns, variables, refine=refine if more else None)
+    place = location.parameter(joint, f"{parameter}({', '.join(variables)})")
+    return Candidate("unknown", place, columns, variables, refine=refine if richer else None)
 
 
 def _general(variables: tuple[str, ...]) -> list[_Function]:
     """A nearly free function of a joint's angle or rate, of two angles, or of a rate and an angle;
     nothing for other variables."""
     matches = [re.fullmatch(r"([qw])(\d+)", name) for name in variables]
-    one: _Function = ("", "", 1.0, ())
+    constant: _Function = ("", "", 1.0, ())
     match [(m[1], int(m[2])) for m in matches if m]:
         case [("w", k)]:
             return _of_the_rate(k)
         case [("q", j)]:
             return [wave for order in (1, 2, 3, 4) for wave in _waves(j, order)]
         case [("q", i), ("q", j)]:
-            first, second = ([one, *_waves(n, 1), *_waves(n, 2)] for n in (i, j))
+            first, second = ([constant, *_waves(n, 1), *_waves(n, 2)] for n in (i, j))
             return _products(first, second)[1:]
         case [("w", k), ("q", j)]:
-            return _products(_of_the_rate(k)[:2], [one, *_waves(j, 1), *_waves(j, 2)])
+            return _products(_of_the_rate(k)[:2], [constant, *_waves(j, 1), *_waves(j, 2)])
     return []
 
 
 def _products(first: Sequence[_Function], second: Sequence[_Function]) -> list[_Function]:
     return [
-        (f"{a} {b}".strip(), per, size * other * (0.5 if left and right else 1.0), (*left, *right))
-        for a, per, size, left in first
-        for b, _, other, right in second
+        (
+            f"{a} {b}".strip(),
+            per,
+            size * other_size * (0.5 if first_factors and second_factors else 1.0),
+            (*first_factors, *second_factors),
+        )
+        for a, per, size, first_factors in first
+        for b, _, other_size, second_factors in second
     ]
 
 
@@ -126,10 +131,10 @@ def _functions(
         rate = TemperatureRate(weights={name: 1.0}, smoothing_s=300.0)
         yield (name, "time_s"), [(f"d{name}/dt", "s/K", 1e-3, (rate,))]
     if facts.timed and turning is not None:
-        seen, hours = _seen(facts)
+        elapsed, hours = _make_elapsed_time(facts)
         for j in facts.joints:
             grown = [
-                (f"t {label}", "1/h", hours, (seen, *wave)) for label, _, _, wave in _waves(j, 1)
+                (f"t {label}", "1/h", hours, (elapsed, *wave)) for label, _, _, wave in _waves(j, 1)
             ]
             yield (f"q{j}", "time_s"), grown
     if facts.rates:
@@ -145,10 +150,10 @@ def _functions(
             yield from _of_the_side(facts, turning)
 
 
-def _seen(facts: SessionFacts) -> tuple[Time, float]:
+def _make_elapsed_time(facts: SessionFacts) -> tuple[Time, float]:
     """Time since the first reading, and how many hours were seen."""
-    seen = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
-    return seen, max((facts.end_unix_s - facts.start_unix_s) / 3600.0, 1e-6)
+    elapsed = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
+    return elapsed, max((facts.end_unix_s - facts.start_unix_s) / 3600.0, 1e-6)
 
 
 def _of_the_side(
@@ -158,9 +163,9 @@ def _of_the_side(
     turned, or how long it has been in use."""
     of_the_rate = _of_the_rate(joint)
     if facts.timed:
-        seen, hours = _seen(facts)
+        elapsed, hours = _make_elapsed_time(facts)
         side = Side(joint=joint)
-        yield (f"w{joint}", "time_s"), [(f"t side {joint}", "1/h", hours, (seen, side))]
+        yield (f"w{joint}", "time_s"), [(f"t side {joint}", "1/h", hours, (elapsed, side))]
     yield (f"w{joint}",), [of_the_rate[2]]
     for j in facts.joints:
         if j != joint:
@@ -198,16 +203,16 @@ def _waves(joint: int, order: int) -> list[_Function]:
     ]
 
 
-def without_a_name(own: Candidate, told: Candidate) -> Candidate:
+def remove_name(candidate: Candidate, finding: Candidate) -> Candidate:
     """A candidate of a named cause, its columns called by the parameters that they move; a curve
     over the turn and what has no name stay what they are."""
-    if own.cause == "unknown" or len(own.columns) > MOST_NAMED:
-        return own
+    if candidate.cause == "unknown" or len(candidate.columns) > MOST_NAMED:
+        return candidate
     columns = tuple(
         replace(column, name=f"{_moved(column)} × function {i}")
-        for i, column in enumerate(own.columns, 1)
+        for i, column in enumerate(candidate.columns, 1)
     )
-    return replace(own, cause="unknown", columns=columns, depends_on=told.depends_on)
+    return replace(candidate, cause="unknown", columns=columns, depends_on=finding.depends_on)
 
 
 def _moved(column: Column) -> str:
@@ -217,11 +222,11 @@ def _moved(column: Column) -> str:
 
 
 def reading(candidate: Candidate, _: F64) -> str:
-    if candidate.location.of is not None:
-        cause, place = candidate.location.of
-        of = f"{cause.replace('_', ' ')} ({place})"
+    if candidate.location.origin is not None:
+        cause, place = candidate.location.origin
+        effect_name = f"{cause.replace('_', ' ')} ({place})"
         turning = " and ".join(candidate.depends_on)
-        return f"{of} is not quite of the catalogue's form: its size varies with {turning}"
+        return f"{effect_name} is not quite of the catalogue's form: its size varies with {turning}"
     if candidate.looks_back:
         before = f"what joint {candidate.depends_on[0][1:]} did before a reading"
         return f"a structure in {before} that no cause of the catalogue has"

@@ -109,10 +109,15 @@ def fit_poses(
 
 def _with_surfaces(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
     """*poses* with those of the surfaces, each fitted by itself."""
-    at = fit_each_surface(
+    surface_fits = fit_each_surface(
         observations, position_mm, poses.rotation, poses.translation_mm, poses.target_mm
     )
-    return Poses(at.rotation, at.translation_mm, at.target_mm, at.side)
+    return Poses(
+        surface_fits.rotation,
+        surface_fits.translation_mm,
+        surface_fits.target_mm,
+        surface_fits.side,
+    )
 
 
 def _with_bodies(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
@@ -180,18 +185,18 @@ def _first_seats(
         of_session = observations.session == session
         waiting = list(np.unique(observations.placement[of_session & row_seat]))
         while waiting:
-            known = np.isfinite(observations.known_mm(target)[:, 0])
-            shared = [int((known & (observations.placement == p)).sum()) for p in waiting]
+            is_known = np.isfinite(observations.known_mm(target)[:, 0])
+            shared = [int((is_known & (observations.placement == p)).sum()) for p in waiting]
             placement = waiting.pop(int(np.argmax(shared)))
             rows = observations.placement == placement
             points = observations.known_mm(target)
             index = np.zeros(int(rows.sum()), dtype=np.int64)
             alike = np.ones(len(index))
             rotation, translation = kabsch(points[rows], position_mm[rows], alike, index, 1)
-            new = rows & row_seat & ~known
-            local = (position_mm[new] - translation[0]) @ rotation[0]
-            sums = group_sum(local, observations.target[new], len(target))
-            counts = np.bincount(observations.target[new], minlength=len(target))
+            first_rows = rows & row_seat & ~is_known
+            local = (position_mm[first_rows] - translation[0]) @ rotation[0]
+            sums = group_sum(local, observations.target[first_rows], len(target))
+            counts = np.bincount(observations.target[first_rows], minlength=len(target))
             target[counts > 0] = sums[counts > 0] / counts[counts > 0, None]
 
 

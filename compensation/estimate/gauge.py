@@ -91,7 +91,7 @@ def _sparse(null: F64, names: Sequence[str], arm: Arm) -> list[tuple[F64, int]]:
     prefer = [p * (1.0 - 1e-6 * i) for i, p in enumerate(prefer)]  # of two alike the first
     pivots = qr(null.T * prefer, mode="r", pivoting=True)[1][: null.shape[1]]
     rows = np.linalg.solve(null.T[:, pivots], null.T)
-    return sorted(zip(rows, map(int, pivots), strict=True), key=lambda found: found[1])
+    return sorted(zip(rows, map(int, pivots), strict=True), key=lambda lead_pair: lead_pair[1])
 
 
 def _in_words(vector: F64, lead: int, names: Sequence[str], arm: Arm) -> str:
@@ -102,9 +102,9 @@ def _in_words(vector: F64, lead: int, names: Sequence[str], arm: Arm) -> str:
     together = [names[lead], *(names[i] for i in involved)]
     text = names[lead]
     if involved:
-        shown = [names[i] for i in involved[:6]]
-        more = f" and {len(involved) - 6} more" if len(involved) > 6 else ""
-        text += " with " + ", ".join(shown) + more
+        named = [names[i] for i in involved[:6]]
+        remainder = f" and {len(involved) - 6} more" if len(involved) > 6 else ""
+        text += " with " + ", ".join(named) + remainder
     return f"{text}: {_reason(vector, names, together, arm)}"
 
 

@@ -106,11 +106,11 @@ def linearise(
     placed = poses.placed(observations, position)
     q, points = states.q.copy(), ~turned
     q[points] = adjusted(states.q[points], rows[points], placed[points])
-    there, columns = jacobian(q, rows)
+    adjusted_position, columns = jacobian(q, rows)
     if turned.any():
-        there[turned] = position[turned]
+        adjusted_position[turned] = position[turned]
         columns[turned] = turn_columns(q[turned], rows[turned])
-    return _around(observations, poses, position, (q, there, columns), basis, placed)
+    return _around(observations, poses, position, (q, adjusted_position, columns), basis, placed)
 
 
 def linearise_as_read(
@@ -133,8 +133,8 @@ def linearise_as_read(
         position = observe(q, rows, turned)
         columns[turned] = turn_columns(q[turned], rows[turned])
     poses = steady_poses(observations, position)
-    at = q, position, columns
-    return _around(observations, poses, position, at, basis, position)
+    columns_at = q, position, columns
+    return _around(observations, poses, position, columns_at, basis, position)
 
 
 def _around(
@@ -145,7 +145,7 @@ def _around(
     basis: F64,
     levers_to_mm: F64,
 ) -> Linearisation:
-    q, there, columns = columns_at
+    q, column_position, columns = columns_at
     centre = centres(observations, levers_to_mm)
     normal = poses.normals(observations, position)
     return Linearisation(
@@ -154,7 +154,7 @@ def _around(
         position_mm=position,
         residual_mm=poses.residual(observations, position),
         q=q,
-        there_mm=there,
+        there_mm=column_position,
         jacobian=project_on_normals(normal, columns),
         basis=basis,
         centre_mm=centre,

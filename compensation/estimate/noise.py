@@ -128,13 +128,15 @@ def estimate(
         freedom = max(float(share_left[inliers].sum()), 1.0)
         return float(np.sum(counted2[inliers] / variance[inliers])) / freedom
 
-    def unlikely(log_ratio: float) -> float:
+    def negative_log_likelihood(log_ratio: float) -> float:
         variance = scaled(log_ratio)
         logs = float(np.sum(share_left[inliers] * np.log(variance[inliers])))
         freedom = max(float(share_left[inliers].sum()), 1.0)
         return logs / freedom + float(np.log(max(size_of(variance), LEAST_MM**2)))
 
-    log_ratio = float(minimize_scalar(unlikely, bounds=(-12.0, 12.0), method="bounded").x)
+    log_ratio = float(
+        minimize_scalar(negative_log_likelihood, bounds=(-12.0, 12.0), method="bounded").x
+    )
     variance = scaled(log_ratio)
     inliers = ~far_off((turned2 / variance).sum(axis=1), LEAST_MM**2, freedom) | region
     size = size_of(variance)
@@ -154,7 +156,7 @@ def estimate_turns(
     inliers = ~far_off(distance2, LEAST_MM**2)
     share = np.trace(left, axis1=1, axis2=2) - 3.0 * (1.0 - counts)
     freedom = max(float(np.maximum(share, 0.0)[inliers].sum()), 1.0)
-    square = float((counts * distance2)[inliers].sum()) / freedom
+    mean_square = float((counts * distance2)[inliers].sum()) / freedom
     of_encoders = np.einsum("nij,nij->n", joint_columns, joint_columns)[inliers].mean() / 3.0
-    own = max(square - noise.encoder_rad**2 * float(of_encoders), LEAST_MM**2)
-    return replace(noise, turn_mm=float(np.sqrt(own)))
+    turn_variance = max(mean_square - noise.encoder_rad**2 * float(of_encoders), LEAST_MM**2)
+    return replace(noise, turn_mm=float(np.sqrt(turn_variance)))

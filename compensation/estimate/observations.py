@@ -85,8 +85,8 @@ class Observations:
     def says_size(self) -> Mask:
         """(K,) targets of which something certified says how large the artefact is; of a plane
         alone nothing does."""
-        said: Mask = ~self.unknown & (self.kind != PLANE)
-        return said
+        has_size: Mask = ~self.unknown & (self.kind != PLANE)
+        return has_size
 
     @cached_property
     def on_surface(self) -> Mask:
@@ -145,8 +145,8 @@ def gather(
     names = distinct_names(sessions)
     corrections = [_correction_of(session, artefact) for session in sessions]
     reflectors = _reflectors(sessions)
-    own = [own_placements(session) for session in sessions]
-    counts = [len(placements) for placements, _ in own]
+    placements_by_session = [own_placements(session) for session in sessions]
+    counts = [len(placements) for placements, _ in placements_by_session]
     first_placement = np.concatenate([[0], np.cumsum(counts)])
     sizes = [len(session.artefact.target_names) for session in sessions]
     first_target = np.concatenate([[0], np.cumsum(sizes)])
@@ -156,7 +156,7 @@ def gather(
         session_names=names,
         placement_names=[
             f"{name}/{placement}"
-            for name, (placements, _) in zip(names, own, strict=True)
+            for name, (placements, _) in zip(names, placements_by_session, strict=True)
             for placement in placements
         ],
         target_names=[
@@ -168,7 +168,10 @@ def gather(
         session=of_session,
         row=np.concatenate([s.row for s in sessions]),
         placement=np.concatenate(
-            [of + first for (_, of), first in zip(own, first_placement, strict=False)]
+            [
+                numbers + first
+                for (_, numbers), first in zip(placements_by_session, first_placement, strict=False)
+            ]
         ),
         target=np.concatenate(
             [s.target + first for s, first in zip(sessions, first_target, strict=False)]
@@ -203,16 +206,16 @@ def _turn(session: Session) -> F64:
 
 def _reflectors(sessions: Sequence[Session]) -> dict[str, F64]:
     """Offsets of all reflectors that readings name; raises `BadInput` where two sessions differ."""
-    found: dict[str, F64] = {}
+    offsets: dict[str, F64] = {}
     for session in sessions:
         for name in session.reflector_names:
-            own = np.array(session.offset_mm.get(name, (np.nan,) * 3), dtype=float)
-            before = found.setdefault(name, own)
-            if not np.array_equal(before, own, equal_nan=True):
-                place, where = session.path / "session.toml", f"reflector {name}"
+            offset = np.array(session.offset_mm.get(name, (np.nan,) * 3), dtype=float)
+            before = offsets.setdefault(name, offset)
+            if not np.array_equal(before, offset, equal_nan=True):
+                place, field = session.path / "session.toml", f"reflector {name}"
                 expected = f"{before.tolist()}, as in another session (nan: not given)"
-                raise BadInput(place, where, f"offset_mm {own.tolist()}", expected)
-    return found
+                raise BadInput(place, field, f"offset_mm {offset.tolist()}", expected)
+    return offsets
 
 
 def _reflector(session: Session, names: Sequence[str]) -> I64:
@@ -268,7 +271,7 @@ def _lengths_of(session: Session, every_length: bool) -> list[Distance]:
 
 
 def _distances(sessions: Sequence[Session], first_target: I64, every_length: bool) -> Distances:
-    found = [
+    entries = [
         (
             [first + s.artefact.target_names.index(name) for name in distance.between],
             distance,
@@ -278,8 +281,8 @@ def _distances(sessions: Sequence[Session], first_target: I64, every_length: boo
         for distance in _lengths_of(s, every_length)
     ]
     return Distances(
-        between=np.array([between for between, _, _ in found], dtype=np.int64).reshape(-1, 2),
-        length_mm=np.array([distance.length_mm for _, distance, _ in found]),
-        standard_uncertainty_mm=np.array([d.standard_uncertainty_mm for _, d, _ in found]),
-        certificate=_numbered([entry for _, _, entry in found]),
+        between=np.array([between for between, _, _ in entries], dtype=np.int64).reshape(-1, 2),
+        length_mm=np.array([distance.length_mm for _, distance, _ in entries]),
+        standard_uncertainty_mm=np.array([d.standard_uncertainty_mm for _, d, _ in entries]),
+        certificate=_numbered([entry for _, _, entry in entries]),
     )

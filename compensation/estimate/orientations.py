@@ -25,11 +25,11 @@ def with_orientations(observations: Observations) -> Observations:
     if not len(measured):
         return observations
     n, sessions = observations.n, np.unique(observations.session[measured])
-    own = np.searchsorted(sessions, observations.session[measured])
+    session_number = np.searchsorted(sessions, observations.session[measured])
     all_rows = observations.rows(np.concatenate([np.arange(n), measured]))
     behind = np.arange(n, n + len(measured))
     target, truth = all_rows.target.copy(), all_rows.truth_mm.copy()
-    target[behind], truth[behind] = len(observations.target_names) + own, np.nan
+    target[behind], truth[behind] = len(observations.target_names) + session_number, np.nan
     names = [f"{observations.session_names[s]}/orientation" for s in sessions.tolist()]
     turned = np.arange(all_rows.n) >= n
     k = len(sessions)
@@ -74,15 +74,15 @@ def turn_columns(q: F64, rows: F64) -> F64:
 
     By how the tips of the frame's three unit vectors move.
     """
-    at = ParameterLayout.of(rows.shape[1]).tip
+    tip_columns = ParameterLayout.of(rows.shape[1]).tip
     without = rows.copy()
-    without[:, at] = 0.0
+    without[:, tip_columns] = 0.0
     origin, columns = jacobian(q, without)
     turned = np.zeros_like(columns)
     for axis in np.eye(3):
-        without[:, at] = axis
+        without[:, tip_columns] = axis
         end, moved = jacobian(q, without)
         turned += 0.5 * np.cross((end - origin)[:, :, None], moved - columns, axis=1)
-    turned[:, :, at] = 0.0
+    turned[:, :, tip_columns] = 0.0
     scaled: F64 = TURN_MM * turned
     return scaled

@@ -83,8 +83,8 @@ class Placements:
             shifts = session.shifts.following @ amplitudes
             shift[session.targets] = shifts.reshape(-1, 3)
             for placement in session.placements:
-                both = np.append(shifts, amplitudes)
-                twist[placement.number] = placement.pose.following @ both
+                drivers = np.append(shifts, amplitudes)
+                twist[placement.number] = placement.pose.following @ drivers
         return twist, shift
 
     def shifting(self, session: int) -> F64:
@@ -96,29 +96,33 @@ class Placements:
         """(n, 3, 3) I − H of each whitened reading, H by how much it pulls its own fit: that of
         placements, of targets, and of the others, their covariance being *root* (c, r) times its
         transpose."""
-        left = np.tile(np.eye(3), (len(self.whitening), 1, 1))
+        residual_share = np.tile(np.eye(3), (len(self.whitening), 1, 1))
         for session in self._sessions:
             for placement in session.placements:
                 columns = self._rows(session.targets, placement.rows)
-                pose, rest = columns[:, :, :6], columns[:, :, 6:]
-                rest = rest + pose @ placement.pose.following
-                targets, others = np.split(rest, [3 * len(session.targets)], axis=2)
-                others = others + targets @ session.shifts.following
-                for own in (
+                pose, remainder = columns[:, :, :6], columns[:, :, 6:]
+                remainder = remainder + pose @ placement.pose.following
+                targets, remaining_columns = np.split(remainder, [3 * len(session.targets)], axis=2)
+                remaining_columns = remaining_columns + targets @ session.shifts.following
+                for root_columns in (
                     pose @ placement.pose.factor,
                     targets @ session.shifts.factor,
-                    others @ root,
+                    remaining_columns @ root,
                 ):
-                    left[placement.rows] -= own @ own.transpose(0, 2, 1)
-        return left
+                    residual_share[placement.rows] -= root_columns @ root_columns.transpose(0, 2, 1)
+        return residual_share
 
     @cached_property
     def _sessions(self) -> list[_Session]:
         numbers: list[int] = np.unique(self.observations.session).tolist()
-        known = {number: found for number in numbers if (found := self._in_whole(number))}
+        sessions_of_whole = {
+            number: session_of_whole
+            for number in numbers
+            if (session_of_whole := self._in_whole(number))
+        }
 
         def session(number: int) -> _Session:
-            return known.get(number) or self._session(number)
+            return sessions_of_whole.get(number) or self._session(number)
 
         large = len(self.observations.session) > LARGE * len(numbers)
         return list(in_order(session, numbers) if large else map(session, numbers))
@@ -127,8 +131,8 @@ class Placements:
         """A session as found in the whole, where no reading of it weighs otherwise there."""
         if self.whole is None:
             return None
-        own, targets = self.observations.session == number, self.targets_of(number)
-        alike = np.array_equal(self.whitening[own], self.whole.whitening[own])
+        own_rows, targets = self.observations.session == number, self.targets_of(number)
+        alike = np.array_equal(self.whitening[own_rows], self.whole.whitening[own_rows])
         if not (alike and np.array_equal(targets, self.whole.targets_of(number))):
             return None
         return next(s for s in self.whole._sessions if s.number == number)
@@ -137,30 +141,34 @@ class Placements:
         placement, targets = self.observations.placement, self.targets_of(number)
         n_others = sum(columns.shape[2] for columns in self.others)
         layout = Layout(((POSE, 6), (TARGETS, 3 * len(targets)), (OTHERS, n_others)))
-        whole = LinearModel.of_nothing(Layout(layout.sizes[1:]))
+        session_model = LinearModel.of_nothing(Layout(layout.sizes[1:]))
         of_session = np.flatnonzero(self.observations.session == number)
         placements = []
         for p in np.unique(placement[of_session]):
             rows = of_session[placement[of_session] == p]
             model = LinearModel.of_nothing(layout).measured(self._rows(targets, rows))
-            rest, pose = model.clear_of(POSE)
-            whole = whole + rest
+            reduced, pose = model.clear_of(POSE)
+            session_model = session_model + reduced
             placements.append(_Placement(int(p), rows, pose))
         if self.certified:  # no yardstick of what the readings tell of a target
-            whole = replace(whole.measured(self.certified(targets)), square=whole.square)
-        others, shifts = whole.clear_of(TARGETS)
-        return _Session(number, targets, placements, shifts, others)
+            session_model = replace(
+                session_model.measured(self.certified(targets)), square=session_model.square
+            )
+        reduced_model, shifts = session_model.clear_of(TARGETS)
+        return _Session(number, targets, placements, shifts, reduced_model)
 
     def targets_of(self, session: int) -> I64:
         """The free targets of a session."""
-        own: I64 = self.free_targets[self.observations.target_session[self.free_targets] == session]
-        return own
+        session_targets: I64 = self.free_targets[
+            self.observations.target_session[self.free_targets] == session
+        ]
+        return session_targets
 
     def _rows(self, targets: I64, rows: I64) -> F64:
         """(m, 3, 6 + 3 K + c) whitened: pose, *targets*, others."""
         shifting = np.zeros((len(rows), 3, len(targets), 3))
-        of, at = np.nonzero(self.observations.target[rows, None] == targets)
-        shifting[of, :, at] = self.target[rows[of]]
+        row, slot = np.nonzero(self.observations.target[rows, None] == targets)
+        shifting[row, :, slot] = self.target[rows[row]]
         flat = shifting.reshape(len(rows), 3, 3 * len(targets))
         columns = [self.pose[rows], flat, *(others[rows] for others in self.others)]
         whitened: F64 = self.whitening[rows] @ np.concatenate(columns, axis=2)

@@ -97,9 +97,9 @@ class Poses:
     def apart(self, between: I64) -> tuple[F64, F64]:
         """How far apart pairs of targets (D, 2) are, mm (D,), and unit vectors (D, 3) from the
         second to the first; zero where both are one point."""
-        way = self.target_mm[between[:, 0]] - self.target_mm[between[:, 1]]
-        length = np.linalg.norm(way, axis=1)
-        return length, way / np.where(length > 0.0, length, 1.0)[:, None]
+        offset_mm = self.target_mm[between[:, 0]] - self.target_mm[between[:, 1]]
+        length = np.linalg.norm(offset_mm, axis=1)
+        return length, offset_mm / np.where(length > 0.0, length, 1.0)[:, None]
 
     def moved(self, centre_mm: F64, twist: F64, target_step_mm: F64) -> Poses:
         """Poses turned by twist[:, :3] / LEVER_MM rad about their centres (P, 3) and shifted by
@@ -120,9 +120,9 @@ class Poses:
 def centres(observations: Observations, position_mm: F64) -> F64:
     """Mean position of each placement's readings (P, 3); zero for one without."""
     points = ~observations.turned
-    of, p = observations.placement[points], len(observations.placement_names)
-    total = group_sum(position_mm[points], of, p)
-    return total / np.maximum(np.bincount(of, minlength=p), 1)[:, None]
+    placement, p = observations.placement[points], len(observations.placement_names)
+    total = group_sum(position_mm[points], placement, p)
+    return total / np.maximum(np.bincount(placement, minlength=p), 1)[:, None]
 
 
 def placement_counts(observations: Observations) -> I64:

@@ -31,17 +31,17 @@ def find_postures(observations: Observations) -> I64:
         return np.arange(n)
     angles = np.concatenate([np.cos(q[finite]), np.sin(q[finite])], axis=1)
     pairs = KDTree(angles).query_pairs(SAME_RAD, p=np.inf, output_type="ndarray")
-    one, two = finite[np.sort(pairs, axis=1)].T
-    copies = (observations.placement[one] == observations.placement[two]) & (
-        target[one] == target[two]
+    first_rows, second_rows = finite[np.sort(pairs, axis=1)].T
+    copies = (observations.placement[first_rows] == observations.placement[second_rows]) & (
+        target[first_rows] == target[second_rows]
     )
-    one, two = one[copies], two[copies]
+    first_rows, second_rows = first_rows[copies], second_rows[copies]
     first = np.arange(n)
-    for i, j in sorted(zip(one.tolist(), two.tolist(), strict=True)):
+    for i, j in sorted(zip(first_rows.tolist(), second_rows.tolist(), strict=True)):
         if first[i] == i and first[j] == j:  # a first reading, and no copy of another one yet
             first[j] = i
-    found: I64 = np.unique(first, return_inverse=True)[1].reshape(n)
-    return found
+    postures: I64 = np.unique(first, return_inverse=True)[1].reshape(n)
+    return postures
 
 
 def count_postures(observations: Observations) -> int:
@@ -69,5 +69,5 @@ def shared_part(white: F64, posture: I64, components: I64 | int = 3) -> float:
     if not freedom:
         return 1.0
     sums = np.stack([np.bincount(posture, column) for column in white.T], axis=1)
-    apart = white - (sums / copies[:, None])[posture]
-    return float(np.clip(1.0 - (apart**2).sum() / freedom, 0.0, 1.0))
+    deviation = white - (sums / copies[:, None])[posture]
+    return float(np.clip(1.0 - (deviation**2).sum() / freedom, 0.0, 1.0))

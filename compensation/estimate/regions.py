@@ -30,9 +30,9 @@ def in_region(far: Mask, q: F64) -> Mask:
     turned = np.stack([np.cos(q), np.sin(q)], axis=2)
     for places in (turned.reshape(len(q), -1), *np.moveaxis(turned, 1, 0)):
         # Of postures read several times, one stands for all: more are asked for than counted.
-        near = np.asarray(KDTree(places).query(places[rows], min(4 * NEIGHBOURS, len(q)))[1])
-        for row, others in zip(rows, near, strict=True):
-            apart = np.abs(turned[others] - turned[row]).max(axis=(1, 2))
-            counted = others[apart > SAME_POSTURE_RAD][:NEIGHBOURS]
+        nearest = np.asarray(KDTree(places).query(places[rows], min(4 * NEIGHBOURS, len(q)))[1])
+        for row, neighbours in zip(rows, nearest, strict=True):
+            distance_rad = np.abs(turned[neighbours] - turned[row]).max(axis=(1, 2))
+            counted = neighbours[distance_rad > SAME_POSTURE_RAD][:NEIGHBOURS]
             region[row] |= len(counted) > 0 and far[counted].mean() >= 0.5
     return region

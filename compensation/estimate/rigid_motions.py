@@ -13,9 +13,9 @@ def kabsch(points: F64, images: F64, weight: F64, group: I64, n_groups: int) -> 
     Weighted least squares (Kabsch, Acta Cryst. A32, 1976). Rows with NaN points are left out; a
     group with too few points gets one of the motions that fit.
     """
-    known = np.isfinite(points[:, 0])
-    points, images, group = points[known], images[known], group[known]
-    weight = weight[known, None]
+    is_known = np.isfinite(points[:, 0])
+    points, images, group = points[is_known], images[is_known], group[is_known]
+    weight = weight[is_known, None]
     total = np.maximum(np.bincount(group, weight[:, 0], n_groups), 1e-300)[:, None]
     from_centre = group_sum(weight * points, group, n_groups) / total
     to_centre = group_sum(weight * images, group, n_groups) / total

@@ -61,8 +61,8 @@ def mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
 def of_three_components(distance2: F64, freedom: I64) -> F64:
     """Squared distances (n,) of three components that are as improbable as *distance2* (n,) of
     *freedom* (n,) components, 1 or 3."""
-    near = np.minimum(distance2, FAR_D2)
-    stretched = 2.0 * gammainccinv(1.5, gammaincc(0.5, near / 2.0)) + (distance2 - near)
+    limited2 = np.minimum(distance2, FAR_D2)
+    stretched = 2.0 * gammainccinv(1.5, gammaincc(0.5, limited2 / 2.0)) + (distance2 - limited2)
     alike: F64 = np.where(freedom == 1, stretched, distance2)
     return alike
 
@@ -77,8 +77,8 @@ def monstrous(residual_mm: F64, times: float = MONSTROUS) -> Mask:
     """(n,) which of residuals (n, 3) mm are so many *times* the middle one."""
     off_mm = np.linalg.norm(residual_mm, axis=1)
     usual_mm = max(float(np.median(off_mm)), LEAST_MM) if len(off_mm) else np.inf
-    found: Mask = off_mm > times * usual_mm
-    return found
+    is_monstrous: Mask = off_mm > times * usual_mm
+    return is_monstrous
 
 
 def huber_weights(size: F64, at: float = WINSOR_AT) -> F64:
@@ -105,9 +105,11 @@ def edge_stretch(freedom: I64) -> F64:
 def far_off(distance2: F64, least: float, freedom: I64 | None = None) -> Mask:
     """Squared distances (n,) beyond that of one normal reading in 10 000, the median telling what
     is usual, and beyond *least*; of *freedom* (n,) components, 1 or 3, None: 3 of each."""
-    most = OUTLIER_D2 if freedom is None else np.where(freedom == 1, OUTLIER_D2_OF_ONE, OUTLIER_D2)
-    far: Mask = distance2 > np.maximum(most * usual_square(distance2, freedom), least)
-    return far
+    threshold2 = (
+        OUTLIER_D2 if freedom is None else np.where(freedom == 1, OUTLIER_D2_OF_ONE, OUTLIER_D2)
+    )
+    is_far: Mask = distance2 > np.maximum(threshold2 * usual_square(distance2, freedom), least)
+    return is_far
 
 
 def usual_square(distance2: F64, freedom: I64 | None = None) -> float:
@@ -125,27 +127,27 @@ def outlying(distance2: F64, region: Mask) -> tuple[I64, float]:
     leaves (several outliers of one kind hide from the first). What stands among its like, a
     *region* (n,), takes no part.
     """
-    alone = np.flatnonzero(~region)
-    square = distance2[alone]
+    candidate_rows = np.flatnonzero(~region)
+    candidate_distance2 = distance2[candidate_rows]
     nothing = np.zeros(0, dtype=np.int64), 1.0
-    if not len(square) or not far_off(square, OUTLIER_D2).any():
+    if not len(candidate_distance2) or not far_off(candidate_distance2, OUTLIER_D2).any():
         return nothing
-    single, p_single = _beyond_the_tail(square)
-    group, p_group = _beyond_a_gap(np.sqrt(square))
-    found = np.union1d(single, group)
-    if not len(found) or len(found) > MOST_SHARE * len(square):
+    single, p_single = _beyond_the_tail(candidate_distance2)
+    group, p_group = _beyond_a_gap(np.sqrt(candidate_distance2))
+    outliers = np.union1d(single, group)
+    if not len(outliers) or len(outliers) > MOST_SHARE * len(candidate_distance2):
         return nothing
-    return alone[found], min(p_single, p_group)
+    return candidate_rows[outliers], min(p_single, p_group)
 
 
-def _beyond_the_tail(square: F64) -> tuple[I64, float]:
+def _beyond_the_tail(candidate_distance2: F64) -> tuple[I64, float]:
     """The squared norm of three components with Student tails is 3 s² F(3, ν); s and ν come from
     the bulk, so that the outliers do not speak for themselves."""
-    middle, edge = np.quantile(square, [MIDDLE, EDGE])
+    middle, edge = np.quantile(candidate_distance2, [MIDDLE, EDGE])
     tails = _freedom(float(edge / middle))
     tails = LIGHTEST if tails > NORMAL else max(HEAVIEST, FAR_OUT * tails)
     scale = middle / fdtri(3, tails, MIDDLE)
-    p = np.minimum(1.0, len(square) * fdtrc(3, tails, square / scale))
+    p = np.minimum(1.0, len(candidate_distance2) * fdtrc(3, tails, candidate_distance2 / scale))
     return np.flatnonzero(p < ALPHA), float(p.min(initial=1.0))
 
 
@@ -153,12 +155,12 @@ def _beyond_a_gap(size: F64) -> tuple[I64, float]:
     """In a power-law tail of index a, k·a·log(x_k / x_k+1) of the ordered sizes is exponential
     (Rényi): a gap far too wide for that parts another population from the tail."""
     order = np.argsort(-size)
-    most = int(MOST_SHARE * len(size))
-    if most < 1:
+    most_outliers = int(MOST_SHARE * len(size))
+    if most_outliers < 1:
         return np.zeros(0, dtype=np.int64), 1.0
-    ranked = size[order[: most + 1]]
-    ranks = np.arange(1, most + 1)
-    log_p = -TAIL_INDEX * ranks * np.log(ranked[:-1] / ranked[1:]) + np.log(most)
+    ranked = size[order[: most_outliers + 1]]
+    ranks = np.arange(1, most_outliers + 1)
+    log_p = -TAIL_INDEX * ranks * np.log(ranked[:-1] / ranked[1:]) + np.log(most_outliers)
     widest = int(np.argmin(log_p))
     p = min(1.0, float(np.exp(log_p[widest])))
     return (order[: widest + 1] if p < ALPHA else order[:0]), p

@@ -37,13 +37,15 @@ def own_placements(session: Session) -> tuple[list[str], I64]:
         return session.placement_names, session.placement
     body = _bodies(session.artefact)[session.target]
     body = np.where(np.isfinite(session.truth_mm[:, 0]), -1, body)
-    pairs, own = np.unique(np.stack([session.placement, body], axis=1), axis=0, return_inverse=True)
+    pairs, pair_index = np.unique(
+        np.stack([session.placement, body], axis=1), axis=0, return_inverse=True
+    )
     number = np.empty(len(pairs), dtype=np.int64)
     surfaces = pairs[:, 1] >= 0
     names = session.placement_names
     number[~surfaces] = pairs[~surfaces, 0]
     number[surfaces] = len(names) + np.arange(int(surfaces.sum()))
-    return [*names, *(names[p] for p in pairs[surfaces, 0])], number[own.reshape(-1)]
+    return [*names, *(names[p] for p in pairs[surfaces, 0])], number[pair_index.reshape(-1)]
 
 
 def _bodies(artefact: Artefact) -> I64:
@@ -51,6 +53,6 @@ def _bodies(artefact: Artefact) -> I64:
     names = artefact.target_names
     body = np.where(kinds_of(artefact) == POINT, -1, np.arange(len(names)))
     for distance in artefact.distances:
-        one, other = body[[names.index(name) for name in distance.between]]
-        body[(body == max(one, other)) & (body >= 0)] = min(one, other)
+        first_body, second_body = body[[names.index(name) for name in distance.between]]
+        body[(body == max(first_body, second_body)) & (body >= 0)] = min(first_body, second_body)
     return body

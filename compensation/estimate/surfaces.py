@@ -36,22 +36,22 @@ class SurfaceFits:
 def heights(kind: I64, local_mm: F64) -> tuple[F64, F64]:
     """Return heights (n,) mm over the plane z = 0, the origin or the z axis, by *kind* (n,), of
     points (n, 3) in their surface's frame, and unit vectors (n, 3) along which they grow."""
-    way, normal = local_mm.copy(), np.tile([0.0, 0.0, 1.0], (len(kind), 1))
-    way[kind == CYLINDER, 2] = 0.0
-    length: F64 = np.linalg.norm(way, axis=1)
+    offset_mm, normal = local_mm.copy(), np.tile([0.0, 0.0, 1.0], (len(kind), 1))
+    offset_mm[kind == CYLINDER, 2] = 0.0
+    length: F64 = np.linalg.norm(offset_mm, axis=1)
     is_round: Mask = (kind != PLANE) & (length > 0.0)
-    normal[is_round] = way[is_round] / length[is_round, None]
-    height: F64 = np.einsum("ni,ni->n", way, normal)
+    normal[is_round] = offset_mm[is_round] / length[is_round, None]
+    height: F64 = np.einsum("ni,ni->n", offset_mm, normal)
     return height, normal
 
 
 def project_on_normals(normal: F64, columns: F64) -> F64:
     """Columns (n, 3, m) of readings, those across a surface's *normal* (n, 3) taken away; a
     reading whose normal is 0 touches a point, and keeps all of them."""
-    kept = np.einsum("ni,nim->nm", normal, columns)
+    along_normal = np.einsum("ni,nim->nm", normal, columns)
     on_surface: Mask = np.any(normal, axis=1)
     projected: F64 = np.where(
-        on_surface[:, None, None], normal[:, :, None] * kept[:, None, :], columns
+        on_surface[:, None, None], normal[:, :, None] * along_normal[:, None, :], columns
     )
     return projected
 
@@ -70,12 +70,12 @@ def mean_cosines(observations: Observations, rows: I64, normal: F64) -> tuple[fl
     """Mean cosines of the two directions out of a surface with its *normal* (m, 3) at *rows* (m,);
     NaN where no row has the direction."""
     part = observations.rows(rows)
-    found = []
+    means = []
     for direction in outward_directions(part):
         cosine = np.einsum("ni,ni->n", direction, normal)
-        known = cosine[np.isfinite(cosine)]
-        found.append(float(known.mean()) if len(known) else np.nan)
-    return found[0], found[1]
+        finite_cosines = cosine[np.isfinite(cosine)]
+        means.append(float(finite_cosines.mean()) if len(finite_cosines) else np.nan)
+    return means[0], means[1]
 
 
 def side_of(approach: float, shaft: float) -> float:
@@ -120,10 +120,10 @@ def fit_each_surface(
     )
     normal = np.einsum("nij,nj->ni", rotation[of_placement], normal)
     for k in np.unique(observations.target[every]):
-        own = observations.target[every] == k
-        side[k] = side_of(*mean_cosines(observations, every[own], normal[own]))
+        is_target = observations.target[every] == k
+        side[k] = side_of(*mean_cosines(observations, every[is_target], normal[is_target]))
         if observations.unknown[k]:
-            target[k] = 0.0, 0.0, height[own].mean() - side[k] * radius
+            target[k] = 0.0, 0.0, height[is_target].mean() - side[k] * radius
     for p in np.unique(of_placement):
         rows = every[of_placement == p]
         first = observations.target[rows].min()
@@ -149,7 +149,10 @@ def _fit_frame(observations: Observations, rows: I64, points: F64) -> tuple[F64,
         origin, axis = _axis(points)
         return _upright(axis), origin
     off = np.concatenate(
-        [points[own] - points[own].mean(axis=0) for own in (target == k for k in np.unique(target))]
+        [
+            points[is_target] - points[is_target].mean(axis=0)
+            for is_target in (target == k for k in np.unique(target))
+        ]
     )
     normal = np.linalg.svd(off, full_matrices=True)[2][2]
     normals = np.tile(normal, (int(first.sum()), 1))
@@ -160,15 +163,15 @@ def _axis(points: F64) -> tuple[F64, F64]:
     """A point (3,) and the direction (3,) of a cylinder's axis; of points that do not determine
     one, some line among them."""
     try:
-        found = fit_feature("cylinder", points)
+        feature = fit_feature("cylinder", points)
     except ArithmeticError:
         middle = points.mean(axis=0)
         return middle, np.linalg.svd(points - middle, full_matrices=True)[2][0]
-    assert found.direction is not None  # a cylinder has an axis
-    return found.point_mm, found.direction
+    assert feature.direction is not None  # a cylinder has an axis
+    return feature.point_mm, feature.direction
 
 
 def _upright(z: F64) -> F64:
     """A rotation (3, 3) whose third column is *z*."""
-    one, other = across(z)
-    return np.stack([one, other, z], axis=1)
+    first_axis, second_axis = across(z)
+    return np.stack([first_axis, second_axis, z], axis=1)

@@ -58,8 +58,8 @@ class Unknowns:
         Zero for θ₁ and d₁: moving the whole arm about its first axis moves every placement alike.
         """
         layout = ParameterLayout.of(jacobian.shape[2])
-        asked = layout.indices(terms[i].parameter for i in self.terms)
-        by_term = jacobian[:, :, asked] * basis[:, None, list(self.terms)]
+        term_columns = layout.indices(terms[i].parameter for i in self.terms)
+        by_term = jacobian[:, :, term_columns] * basis[:, None, list(self.terms)]
         by_constant = jacobian[:, :, layout.indices(self.constants)]
         by_constant[:, :, [name in ("theta_1", "d_1") for name in self.constants]] = 0.0
         return np.concatenate([by_constant, by_term], axis=2)

@@ -41,9 +41,9 @@ class ArmAlone:
         """The step of the *chosen* unknowns, all by default, that leans on the drawing: that lies
         *pull* away and is good to *scale*, as `LinearModel.lean` has it."""
         numbers = np.arange(self.columns.shape[2])[chosen]
-        whole = self._placements.alone
-        arm = replace(whole.only(numbers), drawing=scale**2)
-        return arm.lean(-whole.gram[numbers, -1], pull, damping, held)
+        model = self._placements.alone
+        arm = replace(model.only(numbers), drawing=scale**2)
+        return arm.lean(-model.gram[numbers, -1], pull, damping, held)
 
     @property
     def rank(self) -> int:
@@ -58,24 +58,24 @@ class ArmAlone:
     def certified_entries(self) -> I64:
         """(E, 2) what each row of what is certified is: the certificate's entry, and 0, 1, 2 for
         an axis of a position, 3 for a distance."""
-        of = self.at.observations
-        found = []
+        observations = self.at.observations
+        entries = []
         for session in self._sessions:
             targets, distances = self._certificate_of(self._placements.targets_of(session))
             axes = np.tile(np.arange(3), len(targets))
-            found.append(np.column_stack([np.repeat(of.certificate[targets], 3), axes]))
-            numbers = of.distances.certificate[distances]
-            found.append(np.column_stack([numbers, np.full(len(numbers), 3)]))
-        return np.vstack(found)
+            entries.append(np.column_stack([np.repeat(observations.certificate[targets], 3), axes]))
+            numbers = observations.distances.certificate[distances]
+            entries.append(np.column_stack([numbers, np.full(len(numbers), 3)]))
+        return np.vstack(entries)
 
     def certified_rows(self) -> F64:
         """(E, C) how these rows, whitened, answer the unknowns, placements and targets fitted
         along."""
-        found = []
+        rows_by_session = []
         for session, rows in zip(self._sessions, self._certified_by_session(), strict=True):
             shifting = self._placements.shifting(session)
-            found.append(rows[:, : len(shifting)] @ shifting[:, :-1])
-        return np.vstack(found)
+            rows_by_session.append(rows[:, : len(shifting)] @ shifting[:, :-1])
+        return np.vstack(rows_by_session)
 
     @cached_property
     def cost(self) -> float:
@@ -92,8 +92,8 @@ class ArmAlone:
 
     def clear_cost_of(self, residual_mm: F64, poses: Poses) -> float:
         """The same of other residuals (n, 3), with *poses* near by."""
-        there = replace(self.at, residual_mm=residual_mm, poses=poses)
-        return replace(self, at=there, columns=self.columns[:, :, :0], whole=None).clear_cost
+        moved = replace(self.at, residual_mm=residual_mm, poses=poses)
+        return replace(self, at=moved, columns=self.columns[:, :, :0], whole=None).clear_cost
 
     def followed(self, step: F64) -> tuple[F64, F64]:
         """Twists (p, 6) and target shifts (K, 3) that answer a *step* (C,) of the unknowns: least
@@ -129,11 +129,11 @@ class ArmAlone:
 
     def _certificate_of(self, targets: I64) -> tuple[I64, I64]:
         """Which of a session's free *targets*, and which distances, have rows of a certificate."""
-        of = self.at.observations
-        between = of.distances.between
-        told = self.at.poses.apart(between)[0] != 0
-        distances: I64 = np.flatnonzero(told & np.isin(between, targets).any(axis=1))
-        return targets[~of.unknown[targets]], distances
+        observations = self.at.observations
+        between = observations.distances.between
+        is_apart = self.at.poses.apart(between)[0] != 0
+        distances: I64 = np.flatnonzero(is_apart & np.isin(between, targets).any(axis=1))
+        return targets[~observations.unknown[targets]], distances
 
     def _certified(self, targets: I64) -> F64:
         """(E, 3 K + C + 1) rows of what is certified about a session's free *targets*: these, no
@@ -143,21 +143,23 @@ class ArmAlone:
         last = 3 * len(targets) + self.columns.shape[2]
         positions, lengths = self._certificate_of(targets)
         of_positions = np.zeros((len(positions), 3, last + 1))
-        at = np.array([place[k] for k in positions.tolist()], dtype=np.int64)
+        first_columns = np.array([place[k] for k in positions.tolist()], dtype=np.int64)
         uncertainty = observations.uncertainty_mm[positions]
         for axis in range(3):
-            of_positions[np.arange(len(at)), axis, at + axis] = 1.0 / uncertainty
+            of_positions[np.arange(len(first_columns)), axis, first_columns + axis] = (
+                1.0 / uncertainty
+            )
         off = position[positions] - observations.position_mm[positions]
         of_positions[:, :, last] = off / uncertainty[:, None]
         rows = [of_positions.reshape(-1, last + 1)]
         distances = observations.distances
         uncertain = np.maximum(distances.standard_uncertainty_mm, self.length_floor_mm)
-        found, directions = self.at.poses.apart(distances.between)
+        lengths_mm, directions = self.at.poses.apart(distances.between)
         for i in lengths.tolist():
             of_distance = np.zeros((1, last + 1))
             for k, sign in zip(distances.between[i].tolist(), (1.0, -1.0), strict=True):
                 if k in place:
                     of_distance[0, place[k] : place[k] + 3] = sign * directions[i]
-            of_distance[0, last] = found[i] - distances.length_mm[i]
+            of_distance[0, last] = lengths_mm[i] - distances.length_mm[i]
             rows.append(of_distance / uncertain[i])
         return np.vstack(rows)

@@ -112,24 +112,26 @@ def found_reflectors(
     columns = {name: i for i, name in enumerate(names)}
     result = []
     for r, reflector in enumerate(observations.reflectors):
-        own = range(3 * r, 3 * r + 3)
-        offset = tip + np.array([terms[i].coefficient for i in own])
+        term_numbers = range(3 * r, 3 * r + 3)
+        offset = tip + np.array([terms[i].coefficient for i in term_numbers])
         variance = np.zeros(3)
-        for axis, i in enumerate(own):
+        for axis, i in enumerate(term_numbers):
             if f"term {i}" in columns:  # not given: with the tip, where that is unknown, too
-                both = [columns[n] for n in (TIP_PARAMETERS[axis], f"term {i}") if n in columns]
-                variance[axis] = covariance[np.ix_(both, both)].sum()
+                columns_of_axis = [
+                    columns[n] for n in (TIP_PARAMETERS[axis], f"term {i}") if n in columns
+                ]
+                variance[axis] = covariance[np.ix_(columns_of_axis, columns_of_axis)].sum()
         result.append(FoundReflector(reflector, offset, np.sqrt(np.maximum(variance, 0.0))))
     return result
 
 
 def require_one_kind(tips: ReflectorTerms, files: str) -> None:
     """Raise `BadInput` for reflectors whose place is given beside readings of an unknown tip."""
-    given = len(tips.free) < len(tips.terms)
-    if given and not tips.hides_tip:
-        found = "readings without a reflector beside a reflector with offset_mm"
+    has_fixed_offset = len(tips.free) < len(tips.terms)
+    if has_fixed_offset and not tips.hides_tip:
+        description = "readings without a reflector beside a reflector with offset_mm"
         expected = "a reflector in every reading, or no offset_mm: the tip itself is unknown"
-        raise BadInput(files, "column reflector", found, expected)
+        raise BadInput(files, "column reflector", description, expected)
 
 
 def require_polynomial(method: str, files: str) -> None:

@@ -34,9 +34,9 @@ def _noise_c(states: States, sensor: int) -> float:
     for series in np.unique(states.series):
         rows = np.flatnonzero(states.series == series)
         celsius, time_s = states.temperature_c[rows, sensor], states.time_s[rows]
-        known = np.isfinite(celsius) & np.isfinite(time_s)
-        order = np.argsort(time_s[known], kind="stable")
-        c, t = celsius[known][order], time_s[known][order]
+        is_known = np.isfinite(celsius) & np.isfinite(time_s)
+        order = np.argsort(time_s[is_known], kind="stable")
+        c, t = celsius[is_known][order], time_s[is_known][order]
         if len(c) < 3:
             continue
         span = t[2:] - t[:-2]
@@ -44,8 +44,8 @@ def _noise_c(states: States, sensor: int) -> float:
         w = (t[2:] - t[1:-1])[close] / span[close]
         off = c[1:-1][close] - w * c[:-2][close] - (1 - w) * c[2:][close]
         squares.append(off**2 / (1 + w**2 + (1 - w) ** 2))
-    found = np.sort(np.concatenate(squares)) if squares else np.zeros(0)
-    if len(found) < LEAST:
+    sorted_squares = np.sort(np.concatenate(squares)) if squares else np.zeros(0)
+    if len(sorted_squares) < LEAST:
         return 0.0
-    kept = found[: int(KEPT * len(found))]
-    return float(np.sqrt(kept.mean() / KEPT_VARIANCE))
+    bulk = sorted_squares[: int(KEPT * len(sorted_squares))]
+    return float(np.sqrt(bulk.mean() / KEPT_VARIANCE))

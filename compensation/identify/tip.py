@@ -65,15 +65,15 @@ def fit_in_seat(origin_mm: F64, rotation: F64) -> TipFit:
     minus = np.tile(-np.eye(3), (n, 1, 1))
     design = np.concatenate([rotation, minus], axis=2).reshape(3 * n, 6)
     _require_full(design)
-    found = np.linalg.lstsq(design, (middle - origin_mm).reshape(-1), rcond=None)[0]
-    away = (design @ found - (middle - origin_mm).reshape(-1)).reshape(n, 3)
+    estimate = np.linalg.lstsq(design, (middle - origin_mm).reshape(-1), rcond=None)[0]
+    away = (design @ estimate - (middle - origin_mm).reshape(-1)).reshape(n, 3)
     variance = float((away**2).sum()) / (3 * n - 6)
     covariance: F64 = variance * np.linalg.inv(design.T @ design)
     distance = np.linalg.norm(away, axis=1)
     return TipFit(
-        offset_mm=found[:3],
+        offset_mm=estimate[:3],
         covariance_mm2=covariance[:3, :3],
-        centre_mm=middle + found[3:],
+        centre_mm=middle + estimate[3:],
         radius_mm=None,
         radius_uncertainty_mm=None,
         residual_mm=distance,
@@ -109,8 +109,8 @@ def fit_on_sphere(
         return out
 
     def derivatives(unknown: F64) -> F64:
-        way = to_centre(unknown)
-        normal = way / np.linalg.norm(way, axis=1, keepdims=True)
+        to_tip_mm = to_centre(unknown)
+        normal = to_tip_mm / np.linalg.norm(to_tip_mm, axis=1, keepdims=True)
         by_offset = np.einsum("ni,nij->nj", normal, rotation)
         return np.column_stack([by_offset, -normal, np.full(n, -1.0)])
 

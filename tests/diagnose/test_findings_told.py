@@ -16,7 +16,7 @@ from armd.compensation.diagnose.search.findings import likelier_rival
 from armd.compensation.diagnose.search.findings import nearest_step as nearest
 from armd.compensation.diagnose.told.advice import alike, next_experiment
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column, joined
+from armd.compensation.effects.effect import Candidate, Column, join_finding
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.curve import curve_at
@@ -75,8 +75,8 @@ def test_a_finding_takes_the_place_of_those_it_contains() -> None:
     )
     one = Candidate("encoder_periodic", location.joint(2), first, ("q2",))
     more = Candidate("encoder_periodic", location.joint(2), both, ("q2",))
-    assert joined([one, NAMED], more) == [NAMED, more]
-    assert joined([NAMED], one) == [NAMED, one]
+    assert join_finding([one, NAMED], more) == [NAMED, more]
+    assert join_finding([NAMED], one) == [NAMED, one]
 
 
 def test_what_an_experiment_need_not_part() -> None:

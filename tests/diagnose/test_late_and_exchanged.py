@@ -133,7 +133,7 @@ def test_beside_exchanged_sensors_what_goes_by_one_goes_by_the_other(
     sensors = [other.get(name, name) for name in true.findings[0].depends_on]
     (made,) = (
         c
-        for c in catalogue.by_exchanged(problem.facts, exchanged)
+        for c in catalogue.list_exchanged(problem.facts, exchanged)
         if c.place == true.findings[0].place
         and sorted(c.depends_on) == sorted(sensors)
         and len(c.columns[0].terms) == len(true.findings[0].columns[0].terms)
@@ -150,7 +150,7 @@ def test_it_goes_by_the_other_only_beside_the_exchange(problem: Problem) -> None
     exchanged = exchange(problem)
     (turned,) = (
         c
-        for c in catalogue.by_exchanged(problem.facts, exchanged)
+        for c in catalogue.list_exchanged(problem.facts, exchanged)
         if c.place == (EXPANSION, "link 5") and len(c.columns[0].terms) == 1
     )
     assert turned.depends_on == ("t3",)

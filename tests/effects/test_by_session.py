@@ -9,15 +9,15 @@ from armd.compensation.effects import location
 from armd.compensation.effects.by_session import (
     LEAST_SESSIONS,
     as_written,
-    by_session,
     is_by_session,
+    make_session_functions,
     values_by_session,
 )
 from armd.compensation.effects.courses import is_drift
 from armd.compensation.effects.effect import Candidate, Column, SessionFacts
 from armd.compensation.effects.mechanical.geometry_shift import EFFECT as SHIFT
 from armd.compensation.effects.setup.tip_offset import EFFECT as TIP
-from armd.compensation.effects.unknown import without_a_name
+from armd.compensation.effects.unknown import remove_name
 from support.whole_scene import whole_scene
 
 HOUR_S = 3600.0
@@ -46,14 +46,15 @@ def within(facts: SessionFacts) -> np.ndarray:
 
 def candidate(facts: SessionFacts) -> Candidate:
     columns = tuple(
-        Column(f"z, {f.name}", "mm", 1.0, f.terms([("tip_z", WEIGHT)])) for f in by_session(facts)
+        Column(f"z, {f.name}", "mm", 1.0, f.terms([("tip_z", WEIGHT)]))
+        for f in make_session_functions(facts)
     )
     return Candidate("any", location.TIP, columns, ("time_s",))
 
 
 def amplitudes(facts: SessionFacts) -> np.ndarray:
     """That make it VALUES: of each session by itself, or less the mean of those before."""
-    if facts.held:
+    if facts.has_fixed_constants:
         return VALUES
     return np.array([VALUES[k] - VALUES[:k].mean() for k in (1, 2, 3)])
 
@@ -66,7 +67,7 @@ def test_every_session_may_have_a_value_of_its_own_and_nothing_is_left_afterward
     facts: SessionFacts,
 ) -> None:
     own, times = candidate(facts), within(facts)
-    told = VALUES if facts.held else VALUES - VALUES.mean()
+    told = VALUES if facts.has_fixed_constants else VALUES - VALUES.mean()
     moved = sum(
         amplitude * at(column.terms, times)
         for column, amplitude in zip(own.columns, amplitudes(facts), strict=True)
@@ -81,7 +82,7 @@ def test_every_session_may_have_a_value_of_its_own_and_nothing_is_left_afterward
 def test_no_session_is_likelier_to_stand_otherwise_than_another(facts: SessionFacts) -> None:
     """Divided by their sizes, functions of unit amplitudes are a rotation of the sessions', less
     their mean where constants have that."""
-    functions = by_session(facts)
+    functions = make_session_functions(facts)
     rows = np.array(
         [
             sum(share * factor.at_times(within(facts)[:, 1]) for share, factor in f.pieces)
@@ -91,15 +92,15 @@ def test_no_session_is_likelier_to_stand_otherwise_than_another(facts: SessionFa
     )
     np.testing.assert_allclose(rows @ rows.T, np.eye(len(functions)), atol=1e-12)
     mean = rows.sum(axis=1)
-    assert facts.held or np.abs(mean).max() < 1e-12
+    assert facts.has_fixed_constants or np.abs(mean).max() < 1e-12
 
 
 def test_the_values_are_told_by_the_sessions_names(facts: SessionFacts) -> None:
     told, against = values_by_session(candidate(facts), amplitudes(facts))
-    first = 0 if facts.held else 1
+    first = 0 if facts.has_fixed_constants else 1
     assert [name for name, _ in told] == list(NAMES[first:])
     assert np.concatenate([own for _, own in told]) == pytest.approx((VALUES - VALUES[0])[first:])
-    assert against == ("the calibration" if facts.held else "the first session")
+    assert against == ("the calibration" if facts.has_fixed_constants else "the first session")
 
 
 def test_written_constants_are_a_given_calibrations_or_the_middle_sessions(
@@ -109,10 +110,10 @@ def test_written_constants_are_a_given_calibrations_or_the_middle_sessions(
     own, values = candidate(facts), amplitudes(facts)
     (written,) = as_written(own, values, "any tip")
     constant = float(written.constant @ values)
-    usual = 0.0 if facts.held else 11.0 - 11.5
+    usual = 0.0 if facts.has_fixed_constants else 11.0 - 11.5
     assert written.parameter == "tip_z"
     assert constant == pytest.approx(WEIGHT * usual)
-    told = VALUES if facts.held else VALUES - VALUES.mean()
+    told = VALUES if facts.has_fixed_constants else VALUES - VALUES.mean()
     moved = constant + at(written.terms, within(facts))
     np.testing.assert_allclose(moved, WEIGHT * np.repeat(told[:, None], 3, axis=1), atol=1e-12)
     later = np.array([facts.end_unix_s + AFTER_H * HOUR_S])
@@ -123,7 +124,7 @@ def test_written_constants_are_a_given_calibrations_or_the_middle_sessions(
 def test_columns_with_other_names_write_the_same(facts: SessionFacts) -> None:
     """A finding without a name calls its columns by the parameters that they move."""
     own, values = candidate(facts), amplitudes(facts)
-    renamed = without_a_name(own, replace(own, cause="unknown"))
+    renamed = remove_name(own, replace(own, cause="unknown"))
     assert renamed.columns[0].name != own.columns[0].name
     (expected,), (written,) = as_written(own, values, "any"), as_written(renamed, values, "any")
     np.testing.assert_array_equal(written.constant, expected.constant)
@@ -134,7 +135,7 @@ def test_sessions_in_folders_of_one_name_are_listed_one_by_one(facts: SessionFac
     alike = [("measured", since, until) for _, since, until in facts.sessions]
     facts = replace(facts, sessions=tuple(alike))
     told, _ = values_by_session(candidate(facts), amplitudes(facts))
-    first = 0 if facts.held else 1
+    first = 0 if facts.has_fixed_constants else 1
     assert [name for name, _ in told] == ["measured"] * (4 - first)
     assert np.concatenate([own for _, own in told]) == pytest.approx((VALUES - VALUES[0])[first:])
     (along, _) = (c for c in TIP.candidates(facts) if is_by_session(c))
@@ -142,7 +143,9 @@ def test_sessions_in_folders_of_one_name_are_listed_one_by_one(facts: SessionFac
 
 
 def test_two_sessions_are_a_step(facts: SessionFacts) -> None:
-    assert by_session(replace(facts, sessions=facts.sessions[: LEAST_SESSIONS - 1])) == []
+    assert (
+        make_session_functions(replace(facts, sessions=facts.sessions[: LEAST_SESSIONS - 1])) == []
+    )
 
 
 def test_the_tip_along_the_stylus_is_told_in_words(facts: SessionFacts) -> None:

@@ -30,7 +30,7 @@ def test_a_new_file_is_a_cause(tmp_path, monkeypatch) -> None:
     text = Path(next(iter(encoder.__path__)), "encoder_scale.py").read_text()
     (tmp_path / "toy_cause.py").write_text(text.replace('"encoder_scale"', '"toy_cause"'))
     monkeypatch.setattr(encoder, "__path__", [*encoder.__path__, str(tmp_path)])
-    found = {effect.cause: effect for effect in catalogue._found()}
+    found = {effect.cause: effect for effect in catalogue._load_effects()}
     assert set(found) - set(CATALOGUE) == {"toy_cause"}
 
 

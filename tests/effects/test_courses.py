@@ -103,10 +103,12 @@ def test_how_far_it_goes_is_its_largest_less_its_smallest(
 ) -> None:
     hours = (whole.held.end_unix_s - whole.held.start_unix_s) / 3600
     (line,), (curve,) = called(found, "rate"), called(found, "rate", "bend")
-    assert courses.swing(*moved(line, 1e-6), "theta_1") == pytest.approx(2e-6 * hours)
+    assert courses.compute_swing(*moved(line, 1e-6), "theta_1") == pytest.approx(2e-6 * hours)
     # up and down again: t − t²/h is h/4 at most, in the middle
     candidate, amplitudes = moved(curve, 1.0, -1.0 / hours)
-    assert courses.swing(candidate, amplitudes, "theta_1") == pytest.approx(hours / 2, rel=1e-4)
+    assert courses.compute_swing(candidate, amplitudes, "theta_1") == pytest.approx(
+        hours / 2, rel=1e-4
+    )
 
 
 def test_a_drift_is_told_from_a_step_and_in_words(whole: Whole, found: list[Course]) -> None:
@@ -115,7 +117,7 @@ def test_a_drift_is_told_from_a_step_and_in_words(whole: Whole, found: list[Cour
     for course in found:
         candidate, _ = moved(course)
         assert courses.is_drift(candidate)
-        told[course.functions[-1].name.rstrip("0123456789 ")] = courses.goes(candidate)
+        told[course.functions[-1].name.rstrip("0123456789 ")] = courses.describe_course(candidate)
     assert told["rate"] == "creeps steadily"
     assert told["bend"] == "creeps in a curve"
     assert told["walk"] == "wanders"

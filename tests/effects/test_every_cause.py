@@ -150,7 +150,7 @@ def without(facts: SessionFacts) -> Iterator[tuple[str, SessionFacts]]:
     yield "temperature", replace(facts, sensors=(), terms=())
     yield "artefact_c", replace(facts, artefact_c=False)
     yield "certified", replace(facts, targets=(), distances=())
-    yield "calibration", replace(facts, held=False)
+    yield "calibration", replace(facts, has_fixed_constants=False)
 
 
 def asked_of(column: Column) -> set[str]:

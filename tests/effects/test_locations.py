@@ -28,7 +28,7 @@ def test_a_place_is_called_as_results_call_it(place: Location, words: str) -> No
 def test_places_are_told_apart_by_what_they_are() -> None:
     assert location.joint(3) == location.joint(3) != location.link(3)
     shape = location.shape_of("encoder_scale", location.joint(3))
-    assert shape.kind == "shape" and shape.of == ("encoder_scale", location.joint(3))
+    assert shape.kind == "shape" and shape.origin == ("encoder_scale", location.joint(3))
     assert shape.joint is None  # no cause has a place there
     assert location.parameter(4, "d_4(q1)").joint == 4
     assert TIP.joint is None

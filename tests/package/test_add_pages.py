@@ -66,7 +66,7 @@ def test_a_cause_is_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         command = [sys.executable, "-m", "ruff", *words, "--config", ROOT / "pyproject.toml", path]
         assert subprocess.run(command).returncode == 0
     monkeypatch.setattr(mechanical, "__path__", [*mechanical.__path__, str(tmp_path)])
-    found = {effect.cause: effect for effect in catalogue._found()}
+    found = {effect.cause: effect for effect in catalogue._load_effects()}
     assert set(found) == {*catalogue.CATALOGUE, "viscous_drag"}
     facts = type("Facts", (), {"rates": True, "joints": range(1, 5)})()
     candidates = list(found["viscous_drag"].candidates(facts))

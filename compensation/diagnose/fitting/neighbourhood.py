@@ -171,7 +171,7 @@ def _without_causes_turns(fit: Fit) -> ModelState:
         term
         for candidate, amplitudes in zip(fit.findings, fit.amplitudes, strict=True)
         for column, amplitude in zip(candidate.columns, amplitudes, strict=True)
-        for term in column.at(float(amplitude))
+        for term in column.make_terms(float(amplitude))
         if candidate.cause == "unknown" or parameters.unit(term.parameter) != "rad"
     ]
     return replace(model, terms=(*model.terms, *terms))

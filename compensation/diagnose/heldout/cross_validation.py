@@ -22,7 +22,7 @@ from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey, ScoredCandidates
 from armd.compensation.diagnose.search.selection import next_finding
 from armd.compensation.diagnose.search.work import WorkBudget
-from armd.compensation.effects.effect import joined
+from armd.compensation.effects.effect import join_finding
 from armd.compensation.freed import give_back_freed
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
@@ -103,7 +103,7 @@ def _without(
         if found is None:  # nothing is gained by what the search on all readings found further
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break
-        tried = solve_shared_again(last, joined(current.findings, found), arm, parted.alone)
+        tried = solve_shared_again(last, join_finding(current.findings, found), arm, parted.alone)
         if not (stays_near(tried, arm) and all(map(possible, tried.findings, tried.amplitudes))):
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break

@@ -108,6 +108,6 @@ def with_findings(
         term
         for candidate, values in zip(findings, amplitudes, strict=True)
         for column, value in zip(candidate.columns, values, strict=True)
-        for term in column.at(float(value))
+        for term in column.make_terms(float(value))
     ]
     return replace(model, terms=(*model.terms, *terms))

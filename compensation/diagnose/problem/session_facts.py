@@ -46,7 +46,7 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         constants=baseline.model.constants,
         terms=tuple(t for t in baseline.model.terms if t.coefficient),  # what acts at all
         reference_c=baseline.model.reference_c,
-        held=baseline.held,
+        has_fixed_constants=baseline.held,
         sensors=tuple(
             name
             for name, ok in zip(arm.sensors, varied, strict=True)

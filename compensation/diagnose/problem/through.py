@@ -45,9 +45,9 @@ def made_anew(
         there = {one.candidate.place for one in acting}
         all_there = all(one.candidate.place in there for one in candidate.through or ())
         return candidate if all_there else None
-    if candidate.through in (None, catalogue.acting_on(candidate, acting, facts)):
+    if candidate.through in (None, catalogue.select_acting(candidate, acting, facts)):
         return candidate
-    for other in catalogue.under(facts, acting):
+    for other in catalogue.list_candidates_under(facts, acting):
         if other.is_like(candidate):
             return other
         if other.place == candidate.place and other.elsewhere is not None:
@@ -75,9 +75,9 @@ def acting_through(
     """The candidates, none of a *refused* place, that act through what a fit has found, or beside
     sensors that it has found exchanged."""
     found = acting(fit)
-    more = list(catalogue.under(facts, found)) if found else []
+    more = list(catalogue.list_candidates_under(facts, found)) if found else []
     for exchanged in (c for c in fit.findings if c.cause == "sensor_swapped"):
-        more += catalogue.by_exchanged(facts, exchanged)
+        more += catalogue.list_exchanged(facts, exchanged)
     return [c for c in more if c.through and c.place not in refused]
 
 

@@ -105,7 +105,7 @@ class ScoredCandidates:
     def _parts(self) -> Mask:
         """(findings, C) which candidates are within a finding."""
         candidates = self.sums.signatures.candidates
-        parts = [[c.within(finding) for c in candidates] for finding in self.fit.findings]
+        parts = [[c.is_within(finding) for c in candidates] for finding in self.fit.findings]
         return np.array(parts, dtype=bool).reshape(len(parts), len(candidates))
 
     def log_posterior_of(self, index: int, scores: Scores) -> float:

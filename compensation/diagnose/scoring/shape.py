@@ -93,7 +93,7 @@ def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Can
     own = [
         term
         for column, value in zip(candidate.columns, amplitudes, strict=True)
-        for term in column.at(np.sqrt(2.0) * float(value))
+        for term in column.make_terms(np.sqrt(2.0) * float(value))
     ]
     waves = [
         Harmonic(kind=kind, joint=joint, order=order)

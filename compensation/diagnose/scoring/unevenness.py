@@ -31,7 +31,7 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
-from armd.compensation.effects.courses import is_drift, is_walk, swing
+from armd.compensation.effects.courses import compute_swing, is_drift, is_walk
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.effects.location import shape_of
 from armd.compensation.model.arm import Arm
@@ -60,7 +60,7 @@ def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> lis
     functions = _principal(linear.rests.observations.states.time_s)
     columns = []
     for group in _together(drift):
-        sizes = [share * swing(drift, amplitudes, name) for name in group]
+        sizes = [share * compute_swing(drift, amplitudes, name) for name in group]
         # Those of one kind (a base's shifts) went their ways by chance: each may stray as far.
         most = float(np.sqrt(np.mean(np.square(sizes))))
         for name in group:

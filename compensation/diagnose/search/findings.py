@@ -28,7 +28,7 @@ from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.diagnose.scoring.threshold import family_wise
 from armd.compensation.diagnose.search.explains import explain, variables_of
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.effects.unknown import without_a_name
+from armd.compensation.effects.unknown import remove_name
 
 
 def judge(scored: ScoredCandidates, found: Sequence[Finding], tests: int) -> tuple[Finding, ...]:
@@ -244,7 +244,7 @@ def as_told(fit: Fit, found: Sequence[Finding]) -> Fit:
     """The fit with what is told without a name nameless: no parameter of it, and no term of an
     extended calibration, is called by a cause's name."""
     named = tuple(
-        without_a_name(own, told.candidate) if told.candidate.cause == "unknown" else own
+        remove_name(own, told.candidate) if told.candidate.cause == "unknown" else own
         for own, told in zip(fit.findings, found, strict=True)
     )
     shapes = {shape_place(a): shape_place(b) for a, b in zip(fit.findings, named, strict=True)}

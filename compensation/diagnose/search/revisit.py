@@ -43,7 +43,7 @@ from armd.compensation.diagnose.scoring.shape import is_shape, shape_place, with
 from armd.compensation.diagnose.scoring.threshold import significant
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects.by_session import follows_anything, is_by_session
-from armd.compensation.effects.effect import SCALES, Candidate, joined
+from armd.compensation.effects.effect import SCALES, Candidate, join_finding
 from armd.compensation.model.arm import Arm
 
 #: What joins the findings of a projection, of the candidates with these scores in so many tests.
@@ -160,7 +160,7 @@ class Revisit:
             more = self._choose(scored.projection, scored.scores.without(held), self._tests)
             if more is None:
                 break
-            findings = joined(findings, more)
+            findings = join_finding(findings, more)
         while findings:
             least, log_p = weakest(self._projection(findings))
             if significant(log_p, self._tests):

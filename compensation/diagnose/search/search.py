@@ -65,7 +65,7 @@ from armd.compensation.diagnose.search.selection import (
 )
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects import catalogue
-from armd.compensation.effects.effect import Candidate, joined
+from armd.compensation.effects.effect import Candidate, join_finding
 from armd.compensation.effects.setup.mount_drift import steady_drift
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
@@ -193,7 +193,7 @@ class Search:
             best = choose(scored.projection, scored.scores, self._tests)
             if best is None:
                 break
-            fitted = self._fit(joined(current.findings, best), current)
+            fitted = self._fit(join_finding(current.findings, best), current)
             if reason := refused(fitted, current, self.arm):
                 self._refusals.add(best, reason, key_of(current.findings))
             else:
@@ -230,7 +230,7 @@ class Search:
                 if rival is None or rival.cause == "unknown":
                     continue
                 others = [c for c in current.findings if c is not found.candidate]
-                findings = with_their_causes(joined(others, rival))
+                findings = with_their_causes(join_finding(others, rival))
                 if key_of(findings) in seen:
                     continue
                 seen.add(key_of(findings))
@@ -332,7 +332,7 @@ class Search:
                 rival = choose(make_projection(without, self.arm), others, self._tests)
                 if rival is None or rival.place == candidate.place:
                     continue
-                fitted = self._fit(joined(findings, rival), without)
+                fitted = self._fit(join_finding(findings, rival), without)
                 if reason := refused(fitted, without, self.arm):
                     self._refusals.add(rival, reason, key_of(without.findings))
                     return current, self._survey(current)

@@ -32,7 +32,7 @@ from armd.compensation.diagnose.scoring.robust_refit import clipped_about, uncli
 from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.diagnose.scoring.threshold import significant
-from armd.compensation.effects.effect import Candidate, joined
+from armd.compensation.effects.effect import Candidate, join_finding
 
 
 def next_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
@@ -167,7 +167,7 @@ def _likelier(
     """
     for likelier in refused:
         about = clipped_about(likelier, projection).fit
-        findings = joined(about.findings, likelier)
+        findings = join_finding(about.findings, likelier)
         with_it = make_projection(solve_again(about, findings, projection.arm), projection.arm)
         if not significant(score_candidates(with_it, [admitted]).scores.log_p[0], tests):
             return likelier
@@ -232,9 +232,9 @@ def going_on(
 ) -> list[Candidate] | None:
     """The findings with one more, or with a shape where the look back undoes what that does; None
     where it does either: both sets were *seen*."""
-    findings = joined(scored.fit.findings, best)
+    findings = join_finding(scored.fit.findings, best)
     if key_of(findings) in seen and (shape := shape_wanted(scored, tests)):
-        findings = joined(scored.fit.findings, shape)
+        findings = join_finding(scored.fit.findings, shape)
     return None if key_of(findings) in seen else findings
 
 

@@ -6,7 +6,14 @@ from functools import partial
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.courses import steps
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie, when
+from armd.compensation.effects.effect import (
+    Candidate,
+    Column,
+    Effect,
+    SessionFacts,
+    describe_instant,
+    tie,
+)
 from armd.compensation.model.slow_factors import After
 from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
@@ -23,7 +30,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     size = seconds_of_arc(amplitudes[0])
-    return f"the index of {candidate.location} slipped by {size}{when(candidate)}"
+    return f"the index of {candidate.location} slipped by {size}{describe_instant(candidate)}"
 
 
 EFFECT = Effect(

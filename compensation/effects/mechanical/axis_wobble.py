@@ -26,14 +26,14 @@ def _motions(facts: SessionFacts, joint: int) -> tuple[list[str], F64]:
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         names, weights = _motions(facts, k)
-        for what, unit, typical, axes in (
+        for motion, unit, typical, axes in (
             ("tilt", "rad", 3 * ARC_SECOND, (0, 1)),
             ("run-out", "mm", 5e-3, (2, 3)),
         ):
             for order in (1, 2):
                 columns = tuple(
                     Column(
-                        f"{what} {'xy'[axis % 2]} {kind}",
+                        f"{motion} {'xy'[axis % 2]} {kind}",
                         unit,
                         typical,
                         tie(
@@ -51,10 +51,10 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     size = float(np.sqrt((amplitudes**2).sum() / 2))
     if candidate.columns[0].unit == "rad":
-        what = f"tilts by {plain(size / ARC_SECOND)}″"
+        description = f"tilts by {plain(size / ARC_SECOND)}″"
     else:
-        what = f"runs out by {plain(size * 1e3)} µm"
-    return f"the axis of {candidate.location} {what}, {candidate.setting[0][1]:.0f} × a turn"
+        description = f"runs out by {plain(size * 1e3)} µm"
+    return f"the axis of {candidate.location} {description}, {candidate.setting[0][1]:.0f} × a turn"
 
 
 EFFECT = Effect(

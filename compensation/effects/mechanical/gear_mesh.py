@@ -21,38 +21,44 @@ TYPICAL_RAD = 3 * ARC_SECOND
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
-    for joint, other in permutations(facts.joints, 2):
-        for own in (0, 1, -1) if abs(joint - other) == 1 else (0,):
+    for joint, other_joint in permutations(facts.joints, 2):
+        for own_turns in (0, 1, -1) if abs(joint - other_joint) == 1 else (0,):
             for order in ORDERS:
-                yield _mesh(joint, other, own, order)
+                yield _mesh(joint, other_joint, own_turns, order)
 
 
-def _mesh(joint: int, other: int, own: int, order: int) -> Candidate:
-    """*own*: how much of the joint's own turn counts: 0, or ±1 in a differential."""
-    rolled = f"q{other}" + {0: "", 1: f" + q{joint}", -1: f" - q{joint}"}[own]
+def _mesh(joint: int, other_joint: int, own_turns: int, order: int) -> Candidate:
+    """*own_turns*: how much of the joint's own turn counts: 0, or ±1 in a differential."""
+    rolled = f"q{other_joint}" + {0: "", 1: f" + q{joint}", -1: f" - q{joint}"}[own_turns]
 
-    def wave(kind: str, of: int) -> Factor:
-        return Harmonic.model_validate({"kind": kind, "joint": of, "order": order})
+    def wave(kind: str, wave_joint: int) -> Factor:
+        return Harmonic.model_validate({"kind": kind, "joint": wave_joint, "order": order})
 
     def sum_of(*products: tuple[float, str, str]) -> tuple[Term, ...]:
         """Of the other joint's wave and the joint's own."""
-        if own == 0:
-            return tie([(f"theta_{joint}", 1.0)], wave(products[0][1], other))
+        if own_turns == 0:
+            return tie([(f"theta_{joint}", 1.0)], wave(products[0][1], other_joint))
         return tuple(
             term
             for sign, a, b in products
-            for term in tie([(f"theta_{joint}", sign)], wave(a, other), wave(b, joint))
+            for term in tie([(f"theta_{joint}", sign)], wave(a, other_joint), wave(b, joint))
         )
 
     columns = (
         Column(
-            f"sin({rolled})", "rad", TYPICAL_RAD, sum_of((1, "sin", "cos"), (own, "cos", "sin"))
+            f"sin({rolled})",
+            "rad",
+            TYPICAL_RAD,
+            sum_of((1, "sin", "cos"), (own_turns, "cos", "sin")),
         ),
         Column(
-            f"cos({rolled})", "rad", TYPICAL_RAD, sum_of((1, "cos", "cos"), (-own, "sin", "sin"))
+            f"cos({rolled})",
+            "rad",
+            TYPICAL_RAD,
+            sum_of((1, "cos", "cos"), (-own_turns, "sin", "sin")),
         ),
     )
-    depends = (f"q{other}", f"q{joint}") if own else (f"q{other}",)
+    depends = (f"q{other_joint}", f"q{joint}") if own_turns else (f"q{other_joint}",)
     setting = (("order", float(order), "1/turn"),)
     return Candidate("gear_mesh", location.joint(joint), columns, depends, setting)
 

@@ -7,20 +7,27 @@ from functools import partial
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.by_session import (
-    by_session,
-    column,
     is_by_session,
+    make_column,
+    make_session_functions,
     values_by_session,
 )
-from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
+from armd.compensation.effects.courses import (
+    Function,
+    compute_swing,
+    describe_course,
+    drifts,
+    is_drift,
+    steps,
+)
 from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
     SessionFacts,
+    describe_instant,
     lengths,
     tie,
-    when,
 )
 from armd.compensation.model.slow_factors import After
 from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
@@ -57,8 +64,8 @@ def _drifting(facts: SessionFacts, joint: int, name: str) -> Iterator[Candidate]
 def _in_each_session(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
     """A joint's zero that is found anew before each session."""
     columns = tuple(
-        column(function, "theta", "rad", TYPICAL["theta"], [(f"theta_{joint}", 1.0)])
-        for function in by_session(facts)
+        make_column(function, "theta", "rad", TYPICAL["theta"], [(f"theta_{joint}", 1.0)])
+        for function in make_session_functions(facts)
     )
     if columns:
         yield Candidate("geometry_shift", location.joint(joint), columns, ("time_s",))
@@ -86,7 +93,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         for name in TYPICAL:
             if name == "beta" and abs(math.sin(facts.constant(k, "alpha"))) > PARALLEL:
                 continue
-            if facts.held:
+            if facts.has_fixed_constants:
                 yield Candidate("geometry_shift", location.joint(k), _shifted(k, name), ())
             if name != "theta":  # a step of the angle is the encoder's: encoder_slip
                 shifted = partial(_shifted, k, name)
@@ -100,23 +107,24 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     column, value = candidate.columns[0], float(amplitudes[0])
     if is_by_session(candidate):
         values, against = values_by_session(candidate, amplitudes)
-        told = ", ".join(
+        shifts = ", ".join(
             f"{name} {plain(angle[0] / ARC_SECOND, sign='+')}″" for name, angle in values
         )
-        where = candidate.location
-        return f"the zero of {where} is another in each session: {told} against {against}"
+        place = candidate.location
+        return f"the zero of {place} is another in each session: {shifts} against {against}"
     if is_drift(candidate):
         term = column.terms[0]
-        far = swing(candidate, amplitudes, term.parameter)
+        extent = compute_swing(candidate, amplitudes, term.parameter)
         size = (
-            f"{plain(far * 1e3)} µm"
+            f"{plain(extent * 1e3)} µm"
             if term.parameter[:1] in "da" and "alpha" not in term.parameter
-            else seconds_of_arc(far)
+            else seconds_of_arc(extent)
         )
-        what = column.name.split()[0]
-        return f"{what} of {candidate.location} {goes(candidate)}, by {size} in the time seen"
+        constant_name = column.name.split()[0]
+        course = describe_course(candidate)
+        return f"{constant_name} of {candidate.location} {course}, by {size} in the time seen"
     size = f"{plain(value * 1e3, 3, '+')} µm" if column.unit == "mm" else seconds_of_arc(value)
-    since = when(candidate).replace(" at ", " since ")
+    since = describe_instant(candidate).replace(" at ", " since ")
     return f"{column.name} of {candidate.location} differs by {size} from the calibration{since}"
 
 

@@ -32,11 +32,11 @@ def _column(facts: SessionFacts, link: int) -> Column | None:
         return None
     u = vector / (length * 1e3)
     masses = link_masses(facts.arm)[0]
-    own, beyond = masses[link - 1] * STANDARD_GRAVITY, masses[link:].sum() * STANDARD_GRAVITY
+    own_weight, beyond = masses[link - 1] * STANDARD_GRAVITY, masses[link:].sum() * STANDARD_GRAVITY
     across = np.eye(3) - np.outer(u, u)
     # per unit of L/EI; shifts in mm
-    turn = np.hstack([across, (beyond / 2 + own / 6) * length * _cross(u)])
-    bow = np.hstack([across / 2, (beyond / 3 + own / 8) * length * _cross(u)])
+    turn = np.hstack([across, (beyond / 2 + own_weight / 6) * length * _cross(u)])
+    bow = np.hstack([across / 2, (beyond / 3 + own_weight / 8) * length * _cross(u)])
     shift = -_cross(u) @ bow * length * 1e3
     names, weights = twist_weights(facts, link, np.vstack([turn, shift]))
     factors: list[Factor] = [GravityMoment(link=link, axis=axis) for axis in AXES]

@@ -10,34 +10,36 @@ from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, 
 from armd.compensation.wording import plain
 
 
-def _each(facts: SessionFacts) -> list[tuple[str, str]]:
+def _name_artefacts(facts: SessionFacts) -> list[tuple[str, str]]:
     """Each artefact by name, and how a column says so; one is not told from others."""
     if len(facts.artefacts) < 2:
         return [("", "")]
     return [(name, f" of {name}") for name in facts.artefacts]
 
 
-def _told(candidate: Candidate) -> str:
+def _describe_artefact(candidate: Candidate) -> str:
     change = candidate.columns[0].artefact
     return f" of {change.artefact}" if change is not None and change.artefact else ""
 
 
-def expansion(facts: SessionFacts) -> Iterator[Candidate]:
+def list_expansions(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.artefact_c:
-        for name, of in _each(facts):
+        for name, suffix in _name_artefacts(facts):
             change = ArtefactChange("expansion", artefact=name)
-            column = Column(f"per kelvin{of}", "1/K", 2.5e-6, artefact=change)
+            column = Column(f"per kelvin{suffix}", "1/K", 2.5e-6, artefact=change)
             yield Candidate("artefact_expansion", location.ARTEFACT, (column,), ("artefact_c",))
     if facts.artefact_unread and facts.sensors:
-        for name, of in _each(facts):
+        for name, suffix in _name_artefacts(facts):
             change = ArtefactChange("warmth", artefact=name)
-            column = Column(f"per kelvin of the arm{of}", "1/K", 10e-6, artefact=change)
+            column = Column(f"per kelvin of the arm{suffix}", "1/K", 10e-6, artefact=change)
             yield Candidate("artefact_expansion", location.ARTEFACT, (column,), facts.sensors)
 
 
-def length(facts: SessionFacts) -> Iterator[Candidate]:
-    for name, of in _each(facts):
-        scale = Column(f"scale{of}", "1", 20e-6, artefact=ArtefactChange("scale", artefact=name))
+def list_lengths(facts: SessionFacts) -> Iterator[Candidate]:
+    for name, suffix in _name_artefacts(facts):
+        scale = Column(
+            f"scale{suffix}", "1", 20e-6, artefact=ArtefactChange("scale", artefact=name)
+        )
         yield Candidate("artefact_length", location.ARTEFACT, (scale,), ("target",))
     for name in facts.targets:
         columns = tuple(
@@ -52,24 +54,24 @@ def length(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def read_expansion(candidate: Candidate, amplitudes: F64) -> str:
-    more = plain(amplitudes[0] * 1e6, sign="+")
+    excess = plain(amplitudes[0] * 1e6, sign="+")
     change = candidate.columns[0].artefact
     which = change.artefact if change is not None and change.artefact else "the artefact"
     if change is not None and change.kind == "warmth":
         return (
-            f"{which} expands by {more} µm per metre and kelvin more, if it is as warm as the arm: "
-            "read its temperature (artefact_c)"
+            f"{which} expands by {excess} µm per metre and kelvin more, "
+            "if it is as warm as the arm: read its temperature (artefact_c)"
         )
-    return f"{which} expands by {more} µm per metre and kelvin more"
+    return f"{which} expands by {excess} µm per metre and kelvin more"
 
 
 def read_length(candidate: Candidate, amplitudes: F64) -> str:
     if candidate.columns[0].name.startswith("scale"):
         off = plain(amplitudes[0] * 1e6, sign="+")
-        return f"all certified positions{_told(candidate)} are {off} µm per metre off"
+        return f"all certified positions{_describe_artefact(candidate)} are {off} µm per metre off"
     size = float(np.linalg.norm(amplitudes)) * 1e3
-    what = candidate.location if len(amplitudes) == 3 else candidate.columns[0].name
-    return f"{what} is {plain(size)} µm from its certificate"
+    subject = candidate.location if len(amplitudes) == 3 else candidate.columns[0].name
+    return f"{subject} is {plain(size)} µm from its certificate"
 
 
 EXPANSION = Effect(
@@ -77,7 +79,7 @@ EXPANSION = Effect(
     "the artefact is of another material, or warmer than its sensor says",
     "the expansion of all links together; lag",
     "measure a second artefact of another material at the same temperatures",
-    expansion,
+    list_expansions,
     read_expansion,
     "temperatures of the artefact (artefact_c), or of the arm instead, that vary over the readings",
 )
@@ -86,7 +88,7 @@ LENGTH = Effect(
     "a certificate is old, a ball was loosened, a length copied wrong",
     "the arm's own scale, with one artefact",
     "have the target measured again, or add a second artefact",
-    length,
+    list_lengths,
     read_length,
     "certified positions or lengths that can contradict each other, or a calibration to test",
     accident=True,

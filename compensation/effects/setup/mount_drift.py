@@ -6,8 +6,22 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie, when
+from armd.compensation.effects.courses import (
+    Function,
+    compute_swing,
+    describe_course,
+    drifts,
+    is_drift,
+    steps,
+)
+from armd.compensation.effects.effect import (
+    Candidate,
+    Column,
+    Effect,
+    SessionFacts,
+    describe_instant,
+    tie,
+)
 from armd.compensation.model.slow_factors import After, Time
 from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
 
@@ -25,8 +39,8 @@ def _columns(basis: After | Time, per: str = "") -> tuple[Column, ...]:
 
 def steady_drift(facts: SessionFacts) -> Candidate:
     """The base moving at one rate throughout; before and after nobody knows."""
-    seen = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
-    columns = _columns(seen, "/h")
+    elapsed = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
+    columns = _columns(elapsed, "/h")
     return Candidate("mount_drift", location.BASE, columns, ("time_s",))
 
 
@@ -50,16 +64,16 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     if is_drift(candidate):
         shift, turn = (
-            float(np.linalg.norm([swing(candidate, amplitudes, name) for name in names]))
+            float(np.linalg.norm([compute_swing(candidate, amplitudes, name) for name in names]))
             for names in (SHIFTS, TURNS)
         )
         return (
-            f"the base {goes(candidate)}, by up to {plain(shift * 1e3)} µm and "
+            f"the base {describe_course(candidate)}, by up to {plain(shift * 1e3)} µm and "
             f"{seconds_of_arc(turn)} in the time seen"
         )
     shift = float(np.linalg.norm(amplitudes[:3])) * 1e3
     turn = float(np.linalg.norm(amplitudes[3:])) / ARC_SECOND
-    return f"the base stepped by {plain(shift)} µm and {plain(turn)}″{when(candidate)}"
+    return f"the base stepped by {plain(shift)} µm and {plain(turn)}″{describe_instant(candidate)}"
 
 
 EFFECT = Effect(

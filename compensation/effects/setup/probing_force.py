@@ -6,7 +6,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, of_tip
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie_tip
 from armd.compensation.model.pose_factors import Approach
 from armd.compensation.wording import plain
 
@@ -18,7 +18,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     length = float(np.linalg.norm(stylus))
     along = stylus / length if length > 1.0 else np.array([0.0, 0.0, 1.0])
     columns = tuple(
-        Column(name, "mm", 7e-3, of_tip(response, lambda axis: Approach(axis=axis, frame="tip")))
+        Column(name, "mm", 7e-3, tie_tip(response, lambda axis: Approach(axis=axis, frame="tip")))
         for name, response in (
             ("in every direction", np.eye(3)),
             ("across the stylus", np.eye(3) - np.outer(along, along)),
@@ -29,8 +29,10 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    flat, bent = np.abs([amplitudes[0], amplitudes.sum()]) * 1e3
-    return f"the tip yields {plain(bent)} µm across the stylus and {plain(flat)} µm along it"
+    along_um, across_um = np.abs([amplitudes[0], amplitudes.sum()]) * 1e3
+    return (
+        f"the tip yields {plain(across_um)} µm across the stylus and {plain(along_um)} µm along it"
+    )
 
 
 EFFECT = Effect(

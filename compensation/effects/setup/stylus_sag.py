@@ -6,7 +6,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, of_tip
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie_tip
 from armd.compensation.model.pose_factors import GravityDirection
 from armd.compensation.wording import plain
 
@@ -20,7 +20,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         return
     across = np.eye(3) - np.outer(stylus, stylus) / length**2
     last = facts.arm.n_joints
-    terms = of_tip(across, lambda axis: GravityDirection(link=last, axis=axis))
+    terms = tie_tip(across, lambda axis: GravityDirection(link=last, axis=axis))
     depends = tuple(f"q{k}" for k in facts.joints if k > 1)
     column = Column("sag when level", "mm", 10e-3, terms)
     yield Candidate("stylus_sag", location.TIP, (column,), depends)

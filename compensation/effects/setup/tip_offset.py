@@ -13,20 +13,27 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.by_session import (
-    by_session,
-    column,
     is_by_session,
+    make_column,
+    make_session_functions,
     values_by_session,
 )
-from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
+from armd.compensation.effects.courses import (
+    Function,
+    compute_swing,
+    describe_course,
+    drifts,
+    is_drift,
+    steps,
+)
 from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
     SessionFacts,
+    describe_instant,
     stylus,
     tie,
-    when,
 )
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.compensation.model.slow_factors import After
@@ -61,13 +68,17 @@ def _along(function: Function) -> list[Column]:
 
 def _in_each_session(facts: SessionFacts) -> Iterator[Candidate]:
     """Anywhere, or along the stylus alone."""
-    functions, own = by_session(facts), stylus(facts)
-    length = math.hypot(*(mm for _, mm in own))
+    functions, stylus_lengths = make_session_functions(facts), stylus(facts)
+    length = math.hypot(*(mm for _, mm in stylus_lengths))
     anywhere = {name[-1]: [(name, 1.0)] for name in TIP_PARAMETERS}
-    along = {"along the stylus": [(name, mm / length) for name, mm in own]} if own else {}
+    along = (
+        {"along the stylus": [(name, mm / length) for name, mm in stylus_lengths]}
+        if stylus_lengths
+        else {}
+    )
     for motions in (anywhere, along):
         columns = [
-            column(function, motion, "mm", TYPICAL_MM, weights)
+            make_column(function, motion, "mm", TYPICAL_MM, weights)
             for function in functions
             for motion, weights in motions.items()
         ]
@@ -76,7 +87,7 @@ def _in_each_session(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
-    if facts.held:
+    if facts.has_fixed_constants:
         yield Candidate("tip_offset", location.TIP, _columns(), ())
         yield Candidate("tip_offset", location.TIP, _columns(across=ASKEW), ())
     yield from steps(facts, "tip_offset", location.TIP, _columns)
@@ -88,21 +99,27 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     if is_by_session(candidate):
         return _read_by_session(candidate, amplitudes)
     if is_drift(candidate):
-        far = max(swing(candidate, amplitudes, f"tip_{axis}") for axis in "xyz")
-        return f"the tip {goes(candidate)}, by {plain(far * 1e3)} µm in the time seen"
+        extent_mm = max(compute_swing(candidate, amplitudes, f"tip_{axis}") for axis in "xyz")
+        return (
+            f"the tip {describe_course(candidate)}, by {plain(extent_mm * 1e3)} µm in the time seen"
+        )
     moved = ", ".join(plain(value, 3, "+") for value in amplitudes * 1e3)
-    return f"the tip has moved by ({moved}) µm in the last frame{when(candidate)}"
+    return f"the tip has moved by ({moved}) µm in the last frame{describe_instant(candidate)}"
 
 
 def _read_by_session(candidate: Candidate, amplitudes: F64) -> str:
     values, against = values_by_session(candidate, amplitudes)
-    along = all(len(own) == 1 for _, own in values)
-    told = ", ".join(
-        f"{name} {1e3 * own[0]:+.0f} µm" if along else f"{name} {1e3 * np.linalg.norm(own):.0f} µm"
-        for name, own in values
+    along = all(len(offset_mm) == 1 for _, offset_mm in values)
+    offsets = ", ".join(
+        f"{name} {1e3 * offset_mm[0]:+.0f} µm"
+        if along
+        else f"{name} {1e3 * np.linalg.norm(offset_mm):.0f} µm"
+        for name, offset_mm in values
     )
-    where = " along the stylus" if along else ""
-    return f"the tip stands otherwise from session to session{where}: {told} against {against}"
+    direction = " along the stylus" if along else ""
+    return (
+        f"the tip stands otherwise from session to session{direction}: {offsets} against {against}"
+    )
 
 
 EFFECT = Effect(

@@ -20,16 +20,16 @@ TYPICAL_RAD = {1: 0.6 * ARC_SECOND, 2: 0.06 * ARC_SECOND}
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
-        own = facts.weights(k)
-        for weights in [own] if own else [{name: 1.0} for name in facts.sensors]:
+        own_weights = facts.weights(k)
+        for weights in [own_weights] if own_weights else [{name: 1.0} for name in facts.sensors]:
             for name in ("theta", "alpha", "beta"):
                 for order, typical in TYPICAL_RAD.items():
                     factor = temperature(weights, order=order)
                     unit = "rad/K" if order == 1 else f"rad/K^{order}"
                     column = Column(name, unit, typical, tie([(f"{name}_{k}", 1.0)], factor))
                     setting = (("order", float(order), "1"),)
-                    where = location.joint(k)
-                    yield Candidate("joint_thermal", where, (column,), tuple(weights), setting)
+                    place = location.joint(k)
+                    yield Candidate("joint_thermal", place, (column,), tuple(weights), setting)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

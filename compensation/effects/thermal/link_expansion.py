@@ -21,17 +21,23 @@ TYPICAL_PER_K = 10e-6
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
-        own = facts.weights(k)
-        sensors = [own] if own else [{name: 1.0} for name in facts.sensors]
-        both = lengths(facts, k)
-        choices = [both] if len(both) == 1 else [both, *([one] for one in both)] if both else []
-        pieces = [[one] for one in both]
+        own_weights = facts.weights(k)
+        sensors = [own_weights] if own_weights else [{name: 1.0} for name in facts.sensors]
+        link_lengths = lengths(facts, k)
+        choices = (
+            [link_lengths]
+            if len(link_lengths) == 1
+            else [link_lengths, *([piece] for piece in link_lengths)]
+            if link_lengths
+            else []
+        )
+        pieces = [[piece] for piece in link_lengths]
         if k == facts.arm.n_joints:  # the stylus is a body of its own
             choices.append(stylus(facts))
             pieces.append(stylus(facts))
-        expected = not facts.open_growth.isdisjoint(name for one in pieces for name, _ in one)
-        if expected and both and k == facts.arm.n_joints:
-            choices.append([*both, *stylus(facts)])
+        expected = not facts.open_growth.isdisjoint(name for piece in pieces for name, _ in piece)
+        if expected and link_lengths and k == facts.arm.n_joints:
+            choices.append([*link_lengths, *stylus(facts)])
         for weights in sensors:
             factor, depends = temperature(weights), tuple(weights)
             for lengths_mm in choices:
@@ -41,8 +47,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                 )
             if expected and len(pieces) > 1:  # of several materials
                 columns = tuple(
-                    Column(f"{_name(one)} per kelvin", "1/K", TYPICAL_PER_K, tie(one, factor))
-                    for one in pieces
+                    Column(f"{_name(piece)} per kelvin", "1/K", TYPICAL_PER_K, tie(piece, factor))
+                    for piece in pieces
                 )
                 yield Candidate("link_expansion", location.link(k), columns, depends, expected=True)
 
@@ -55,10 +61,10 @@ def _name(lengths_mm: Sequence[tuple[str, float]]) -> str:
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     values = [f"{plain(value * 1e6, sign='+')} µm" for value in amplitudes]
     names = [f" ({column.name.split()[0]})" for column in candidate.columns]
-    each = " and ".join(
+    growth = " and ".join(
         value + (name if len(values) > 1 else "") for value, name in zip(values, names, strict=True)
     )
-    return f"{candidate.location} expands by {each} per metre and kelvin more"
+    return f"{candidate.location} expands by {growth} per metre and kelvin more"
 
 
 EFFECT = Effect(

@@ -36,8 +36,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                 for order in orders
             )
             setting = (("order", float(max(orders)), "1"),)
-            where = location.link(k)
-            yield Candidate("nonlinear_expansion", where, columns, tuple(weights), setting)
+            place = location.link(k)
+            yield Candidate("nonlinear_expansion", place, columns, tuple(weights), setting)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

@@ -32,17 +32,17 @@ def _warmed(
     joint: int,
     by_rate: bool,
     lag_s: float,
-    what: str,
+    quantity: str,
     parameters: tuple[tuple[str, float], ...],
     finest: bool = False,
 ) -> Candidate:
     use = Use(joint, by_rate, lag_s, parameters)
-    unit, typical = ("rad", TYPICAL_RAD) if what == "angle" else ("1", TYPICAL_STRAIN)
+    unit, typical = ("rad", TYPICAL_RAD) if quantity == "angle" else ("1", TYPICAL_STRAIN)
     by = "rate" if by_rate else "way"
-    column = Column(f"{what} by {by}", f"{unit} per rad/s", typical, use=use)
+    column = Column(f"{quantity} by {by}", f"{unit} per rad/s", typical, use=use)
 
-    def at(value: float) -> Candidate:
-        return _warmed(joint, by_rate, value, what, parameters, True)
+    def rebuild(value: float) -> Candidate:
+        return _warmed(joint, by_rate, value, quantity, parameters, True)
 
     return Candidate(
         "self_heating",
@@ -50,19 +50,19 @@ def _warmed(
         (column,),
         (f"{'w' if by_rate else 'q'}{joint}", "time_s"),
         (("time constant", lag_s, "s"),),
-        None if finest else lambda: [at(lag_s * factor) for factor in FINER],
-        at,
+        None if finest else lambda: [rebuild(lag_s * factor) for factor in FINER],
+        rebuild,
     )
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     size = float(amplitudes[0])
     if candidate.columns[0].name.startswith("angle"):
-        told = f"the angle of {candidate.location} moves by {seconds_of_arc(size)}"
+        description = f"the angle of {candidate.location} moves by {seconds_of_arc(size)}"
     else:
-        told = f"the link of {candidate.location} grows by {plain(1e6 * size, sign='+')} ppm"
+        description = f"the link of {candidate.location} grows by {plain(1e6 * size, sign='+')} ppm"
     return (
-        f"{told} when it turns at 1 rad/s for long, with a time constant of "
+        f"{description} when it turns at 1 rad/s for long, with a time constant of "
         f"{candidate.setting[0][1]:.0f} s; no calibration can hold this"
     )
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.by_temperature import temperature_of
-from armd.compensation.effects.courses import Function, drifts, goes, is_drift
+from armd.compensation.effects.courses import Function, describe_course, drifts, is_drift
 from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts
 from armd.compensation.model.terms import Term
 from armd.compensation.wording import plain
@@ -25,11 +25,11 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             yield from _steady(facts, name, terms)
 
 
-def steady(facts: SessionFacts, found: Sequence[Term]) -> Iterator[Candidate]:
+def list_acting_offsets(facts: SessionFacts, acting_terms: Sequence[Term]) -> Iterator[Candidate]:
     """What other findings go by, too. A drift that acted through them could be anything that they
     do not quite explain."""
     for name in facts.sensors:
-        yield from _steady(facts, name, _derivatives((*facts.terms, *found), name))
+        yield from _steady(facts, name, _derivatives((*facts.terms, *acting_terms), name))
 
 
 def _derivatives(terms: Sequence[Term], sensor: str) -> tuple[Term, ...]:
@@ -37,11 +37,11 @@ def _derivatives(terms: Sequence[Term], sensor: str) -> tuple[Term, ...]:
 
 
 def _steady(facts: SessionFacts, sensor: str, terms: tuple[Term, ...]) -> Iterator[Candidate]:
-    if facts.held and terms:
+    if facts.has_fixed_constants and terms:
         # A sensor tens of kelvin off is noticed long before any length is.
         column = Column("offset", "K", TYPICAL_K, terms, reach=5.0)
-        where = location.sensors(sensor)
-        yield Candidate("sensor_offset", where, (column,), (sensor,), through=())
+        place = location.sensors(sensor)
+        yield Candidate("sensor_offset", place, (column,), (sensor,), through=())
 
 
 def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterator[Candidate]:
@@ -58,8 +58,8 @@ def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterat
         typical = TYPICAL_DRIFT_K / function.largest
         return [Column(f"offset {function.name}", "K" + function.per, typical, moving, reach=5.0)]
 
-    where = (sensor, "time_s")
-    yield from drifts(facts, "sensor_offset", location.sensors(sensor), columns, where)
+    variables = (sensor, "time_s")
+    yield from drifts(facts, "sensor_offset", location.sensors(sensor), columns, variables)
 
 
 def _derivative(term: Term, sensor: str) -> Iterator[Term]:
@@ -71,15 +71,15 @@ def _derivative(term: Term, sensor: str) -> Iterator[Term]:
     weight = factor.weights.get(sensor, 0.0)
     if weight == 0.0:
         return
-    others = [other for other in term.basis if other is not factor]
+    other_factors = [other_factor for other_factor in term.basis if other_factor is not factor]
     lower = [factor.model_copy(update={"order": factor.order - 1})] if factor.order > 1 else []
     coefficient = term.coefficient * weight * factor.order
-    yield Term(parameter=term.parameter, basis=[*lower, *others], coefficient=coefficient)
+    yield Term(parameter=term.parameter, basis=[*lower, *other_factors], coefficient=coefficient)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     if is_drift(candidate):
-        return f"the error of {candidate.location} {goes(candidate)}"
+        return f"the error of {candidate.location} {describe_course(candidate)}"
     # what the model lacks is the true temperature minus the one read
     return f"{candidate.location} reads {plain(-amplitudes[0], sign='+')} K wrong"
 
@@ -92,5 +92,5 @@ EFFECT = Effect(
     candidates,
     reading,
     "a calibration to compare with, with terms of temperature",
-    through_terms=steady,
+    through_terms=list_acting_offsets,
 )

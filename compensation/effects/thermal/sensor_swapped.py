@@ -1,8 +1,8 @@
 """Two temperature sensors are exchanged.
 
 Under a calibration given, every term of one sensor takes the other's temperature: one amplitude,
-1 if they are exchanged; what else was found is then looked for by the other (`by_exchanged` of the
-catalogue). In a model made of the same sessions, each link wants the other's sensor.
+1 if they are exchanged; what else was found is then looked for by the other (`list_exchanged` of
+the catalogue). In a model made of the same sessions, each link wants the other's sensor.
 """
 
 from collections.abc import Iterator
@@ -27,7 +27,11 @@ TYPICAL_PER_K = 10e-6
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for a, b in combinations(facts.sensors, 2):
-        columns = _exchanged(facts, a, b) if facts.held else _wanted(facts, a, b)
+        columns = (
+            _exchanged(facts, a, b)
+            if facts.has_fixed_constants
+            else _make_link_columns(facts, a, b)
+        )
         if columns:
             yield Candidate("sensor_swapped", location.sensors(a, b), columns, (a, b))
 
@@ -48,18 +52,20 @@ def _exchanged(facts: SessionFacts, a: str, b: str) -> tuple[Column, ...]:
     return (Column("exchanged", "1", 1.0, tuple(terms)),) if terms else ()
 
 
-def _wanted(facts: SessionFacts, a: str, b: str) -> tuple[Column, ...]:
+def _make_link_columns(facts: SessionFacts, a: str, b: str) -> tuple[Column, ...]:
     columns = []
-    for own, other in ((a, b), (b, a)):
+    for sensor, other_sensor in ((a, b), (b, a)):
         pairs = [
             pair
             for k in facts.joints
-            if facts.weights(k) == {own: 1.0}
+            if facts.weights(k) == {sensor: 1.0}
             for pair in lengths(facts, k)
         ]
         if pairs:
-            terms = tie(pairs, temperature({other: 1.0}))
-            columns.append(Column(f"links of {own} on {other}", "1/K", TYPICAL_PER_K, terms))
+            terms = tie(pairs, temperature({other_sensor: 1.0}))
+            columns.append(
+                Column(f"links of {sensor} on {other_sensor}", "1/K", TYPICAL_PER_K, terms)
+            )
     return tuple(columns) if len(columns) == 2 else ()
 
 

@@ -50,9 +50,12 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 def _differences(facts: SessionFacts, link: int) -> list[tuple[str, str]]:
     """Differences that involve the link's own sensors; all there are, if it has none."""
-    own = facts.weights(link) or dict.fromkeys(facts.sensors, 1.0)
+    own_weights = facts.weights(link) or dict.fromkeys(facts.sensors, 1.0)
     pairs = {
-        tuple(sorted((name, other))) for name in own for other in facts.sensors if name != other
+        tuple(sorted((name, other_sensor)))
+        for name in own_weights
+        for other_sensor in facts.sensors
+        if name != other_sensor
     }
     return [(a, b) for a, b in sorted(pairs)]
 

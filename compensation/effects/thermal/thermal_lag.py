@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.by_temperature import (
-    a_part_of,
     is_difference,
+    replace_part,
     temperature_of,
     with_another,
 )
@@ -34,44 +34,46 @@ def _lagging(
     weights: dict[str, float],
     lag_s: float,
     finest: bool,
-    found: Sequence[Term] = (),
+    acting_terms: Sequence[Term] = (),
     by_length: bool = False,
 ) -> Candidate:
-    """Every link on these sensors follows them with one time constant; so does what was *found*
-    to go by these. *by_length*: only lengths, each in proportion to itself."""
+    """Every link on these sensors follows them with one time constant; so do the *acting_terms*,
+    those of other findings. *by_length*: only lengths, each in proportion to itself."""
     links = [k for k in facts.joints if facts.weights(k) == weights and lengths(facts, k)]
-    share = None if by_length else _delayed_terms((*facts.terms, *found), weights, lag_s)
+    share = None if by_length else _delayed_terms((*facts.terms, *acting_terms), weights, lag_s)
     column = share or _delayed_lengths(
         [pair for k in links for pair in lengths(facts, k)], weights, lag_s
     )
     # Where one link has the sensor to itself, the link is the place; otherwise the sensor.
-    where = location.link(links[0]) if len(links) == 1 else location.sensors(*weights)
+    place = location.link(links[0]) if len(links) == 1 else location.sensors(*weights)
 
-    def at(value: float) -> Candidate:
-        return _lagging(facts, weights, value, True, found, by_length)
+    def rebuild(value: float) -> Candidate:
+        return _lagging(facts, weights, value, True, acting_terms, by_length)
 
     def refine() -> list[Candidate]:
-        return [at(lag_s * factor) for factor in (0.7, 0.8, 0.9, 1.1, 1.25, 1.4)]
+        return [rebuild(lag_s * factor) for factor in (0.7, 0.8, 0.9, 1.1, 1.25, 1.4)]
 
     return Candidate(
         "thermal_lag",
-        where,
+        place,
         (column,),
         (*weights, "time_s"),
         (("time constant", lag_s, "s"),),
         None if finest else refine,
-        at,
+        rebuild,
         () if share else None,
     )
 
 
-def _delayed_terms(own: Sequence[Term], weights: dict[str, float], lag_s: float) -> Column | None:
+def _delayed_terms(
+    model_terms: Sequence[Term], weights: dict[str, float], lag_s: float
+) -> Column | None:
     """What the model has of these sensors, taken late: amplitude 1 if the lag is right."""
-    terms = tuple(piece for term in own for piece in _delayed(term, weights, lag_s))
-    return Column("share", "1", 1.0, terms, reach=_most(lag_s)) if terms else None
+    terms = tuple(piece for term in model_terms for piece in _delayed(term, weights, lag_s))
+    return Column("share", "1", 1.0, terms, reach=_largest_share(lag_s)) if terms else None
 
 
-def _most(lag_s: float) -> float:
+def _largest_share(lag_s: float) -> float:
     """The largest share of a link's growth that is plausible with this time constant."""
     return max(1.0, WARMED_THROUGH_S / lag_s)
 
@@ -87,7 +89,7 @@ def _delayed(term: Term, weights: dict[str, float], lag_s: float) -> Iterator[Te
         (name,) = weights
         if share := factor.weights.get(name, 0.0):
             late, now = (temperature({name: 1.0}, lag_s=s) for s in (lag_s, 0.0))
-            yield from a_part_of(term, share, now, late)
+            yield from replace_part(term, share, now, late)
 
 
 def _delayed_lengths(
@@ -101,24 +103,26 @@ def _delayed_lengths(
     return Column("per kelvin", "1/K", TYPICAL_PER_K, terms)
 
 
-def candidates(facts: SessionFacts, found: Sequence[Term] = ()) -> Iterator[Candidate]:
+def candidates(facts: SessionFacts, acting_terms: Sequence[Term] = ()) -> Iterator[Candidate]:
     if not facts.timed:
         return
-    seen: list[dict[str, float]] = []
+    listed: list[dict[str, float]] = []
     for k in facts.joints:
         weights = facts.weights(k)
-        if weights and lengths(facts, k) and weights not in seen:
-            seen.append(weights)
-            every = [_lagging(facts, weights, lag_s, False, found) for lag_s in TIME_CONSTANTS_S]
+        if weights and lengths(facts, k) and weights not in listed:
+            listed.append(weights)
+            every = [
+                _lagging(facts, weights, lag_s, False, acting_terms) for lag_s in TIME_CONSTANTS_S
+            ]
             yield from every
-            if not facts.held and every[0].through is not None:
+            if not facts.has_fixed_constants and every[0].through is not None:
                 # What the same readings identified of each length beside a lag is wrong by it.
                 for lag_s in TIME_CONSTANTS_S:
                     yield _lagging(facts, weights, lag_s, False, by_length=True)
 
 
-def through_terms(facts: SessionFacts, found: Sequence[Term]) -> Iterator[Candidate]:
-    yield from (c for c in candidates(facts, found) if c.through is not None)
+def through_terms(facts: SessionFacts, acting_terms: Sequence[Term]) -> Iterator[Candidate]:
+    yield from (c for c in candidates(facts, acting_terms) if c.through is not None)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

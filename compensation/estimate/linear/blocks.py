@@ -39,19 +39,19 @@ class Blocks:
         (n, 3, 3) and standard uncertainties (D,)."""
         n = 3 * self.n
         last = np.hstack([self.distances, residual[n:, None]]) / distance_mm[:, None]
-        found: F64 = last.T @ last
+        total: F64 = last.T @ last
         by_rest = residual[:n].reshape(-1, 3, 1)
 
-        def of(piece: Piece) -> F64:
-            both = np.concatenate([piece.values, by_rest[piece.rests]], axis=2)
-            white = (whitener[piece.rests] @ both).reshape(-1, both.shape[2])
-            own: F64 = white.T @ white
-            return own
+        def multiply(piece: Piece) -> F64:
+            columns = np.concatenate([piece.values, by_rest[piece.rests]], axis=2)
+            white = (whitener[piece.rests] @ columns).reshape(-1, columns.shape[2])
+            product: F64 = white.T @ white
+            return product
 
-        for piece, own in zip(self.pieces, in_order(of, self.pieces), strict=True):
-            at = np.append(piece.columns, self.size)
-            found[np.ix_(at, at)] += own
-        return found
+        for piece, product in zip(self.pieces, in_order(multiply, self.pieces), strict=True):
+            numbers = np.append(piece.columns, self.size)
+            total[np.ix_(numbers, numbers)] += product
+        return total
 
     def products_clear_of(
         self,
@@ -75,42 +75,46 @@ class Blocks:
         n = 3 * self.n
         last = np.hstack([self.distances[:, shared], residual[n:, None]]) / distance_mm[:, None]
         certified: F64 = last.T @ last
-        found = [(certified.copy(), np.diag(certified)[:-1].copy()) for _ in left_out]
+        results = [(certified.copy(), np.diag(certified)[:-1].copy()) for _ in left_out]
         by_rest = residual[:n].reshape(-1, 3, 1)
         part_of = np.full(self.n, -1)
         for part, out in enumerate(left_out):
             part_of[out] = part
 
-        def of(piece: Piece) -> list[tuple[F64, F64] | None]:
-            own = alone[piece.columns]
-            order = np.concatenate([np.flatnonzero(own), np.flatnonzero(~own)])
-            both = np.concatenate([piece.values[:, :, order], by_rest[piece.rests]], axis=2)
-            white, parts = whitener[piece.rests] @ both, part_of[piece.rests]
+        def clear_each(piece: Piece) -> list[tuple[F64, F64] | None]:
+            is_eliminated = alone[piece.columns]
+            order = np.concatenate([np.flatnonzero(is_eliminated), np.flatnonzero(~is_eliminated)])
+            columns = np.concatenate([piece.values[:, :, order], by_rest[piece.rests]], axis=2)
+            white, parts = whitener[piece.rests] @ columns, part_of[piece.rests]
             grams = {int(part): _gram(white[parts == part]) for part in np.unique(parts)}
-            priors = 1.0 / variance[piece.columns[own]]
-            known: dict[tuple[int, ...], tuple[F64, F64] | None] = {(): None}
-            kept = [tuple(p for p in grams if p != part) for part in range(len(left_out))]
-            for some in kept:
-                if some not in known:
-                    known[some] = _clear_of_first(np.sum([grams[p] for p in some], axis=0), priors)
-            return [known[some] for some in kept]
+            priors = 1.0 / variance[piece.columns[is_eliminated]]
+            by_parts: dict[tuple[int, ...], tuple[F64, F64] | None] = {(): None}
+            remaining_parts = [
+                tuple(p for p in grams if p != part) for part in range(len(left_out))
+            ]
+            for parts_left in remaining_parts:
+                if parts_left not in by_parts:
+                    by_parts[parts_left] = _clear_of_first(
+                        np.sum([grams[p] for p in parts_left], axis=0), priors
+                    )
+            return [by_parts[parts_left] for parts_left in remaining_parts]
 
-        for piece, of_parts in zip(self.pieces, in_order(of, self.pieces), strict=True):
-            at = np.append(turn[piece.columns[~alone[piece.columns]]], len(shared))
-            for (products, square), more in zip(found, of_parts, strict=True):
-                if more is not None:
-                    products[np.ix_(at, at)] += more[0]
-                    square[at[:-1]] += more[1]
-        return found
+        for piece, of_parts in zip(self.pieces, in_order(clear_each, self.pieces), strict=True):
+            numbers = np.append(turn[piece.columns[~alone[piece.columns]]], len(shared))
+            for (products, squared_lengths), addition in zip(results, of_parts, strict=True):
+                if addition is not None:
+                    products[np.ix_(numbers, numbers)] += addition[0]
+                    squared_lengths[numbers[:-1]] += addition[1]
+        return results
 
     @cached_property
     def meeting(self) -> Mask:
         """(m, m) which columns are in one piece, or of one distance, together."""
         together = self.distances != 0.0
-        found: Mask = together.T @ together
+        meets: Mask = together.T @ together
         for piece in self.pieces:
-            found[np.ix_(piece.columns, piece.columns)] = True
-        return found
+            meets[np.ix_(piece.columns, piece.columns)] = True
+        return meets
 
     @cached_property
     def in_one_piece(self) -> Mask:
@@ -118,8 +122,8 @@ class Blocks:
         count = np.zeros(self.size, dtype=np.int64)
         for piece in self.pieces:
             count[piece.columns] += 1
-        one: Mask = (count <= 1) & ~self.distances.any(axis=0)
-        return one
+        is_single: Mask = (count <= 1) & ~self.distances.any(axis=0)
+        return is_single
 
     def whitened(self, whitener: F64, distance_mm: F64) -> Blocks:
         """In units of the noise, by matrices (n, 3, 3) and standard uncertainties (D,)."""
@@ -134,10 +138,10 @@ class Blocks:
     @cached_property
     def _number(self) -> I64:
         """(n,) in which of the pieces a rest is."""
-        found = np.empty(self.n, dtype=np.int64)
+        numbers = np.empty(self.n, dtype=np.int64)
         for k, piece in enumerate(self.pieces):
-            found[piece.rests] = k
-        return found
+            numbers[piece.rests] = k
+        return numbers
 
     def times(self, amplitudes: F64) -> F64:
         """(N, …) the columns times amplitudes (m, …)."""
@@ -151,37 +155,41 @@ class Blocks:
     def across(self, others: F64) -> F64:
         """Products (m, …) with other columns (N, …)."""
         flat = others[:, None] if others.ndim == 1 else others
-        found: F64 = self.distances.T @ flat[3 * self.n :]
+        products: F64 = self.distances.T @ flat[3 * self.n :]
         by_rest = flat[: 3 * self.n].reshape(self.n, 3, flat.shape[1])
         for piece in self.pieces:
             rows = piece.values.reshape(3 * len(piece.rests), len(piece.columns))
-            found[piece.columns] += rows.T @ by_rest[piece.rests].reshape(len(rows), flat.shape[1])
-        return found.reshape(self.size, *others.shape[1:])
+            products[piece.columns] += rows.T @ by_rest[piece.rests].reshape(
+                len(rows), flat.shape[1]
+            )
+        return products.reshape(self.size, *others.shape[1:])
 
     def only(self, numbers: I64 | slice) -> Blocks:
         """Some of the columns, in their order."""
-        kept = np.arange(self.size)[numbers]
-        if np.array_equal(kept, np.arange(self.size)):
+        chosen = np.arange(self.size)[numbers]
+        if np.array_equal(chosen, np.arange(self.size)):
             return self
         turn = np.full(self.size, -1)
-        turn[kept] = np.arange(len(kept))
+        turn[chosen] = np.arange(len(chosen))
         pieces = []
         for piece in self.pieces:
-            own = turn[piece.columns] >= 0
-            pieces.append(Piece(piece.rests, turn[piece.columns[own]], piece.values[:, :, own]))
-        return Blocks(self.n, len(kept), tuple(pieces), self.distances[:, kept])
+            is_chosen = turn[piece.columns] >= 0
+            pieces.append(
+                Piece(piece.rests, turn[piece.columns[is_chosen]], piece.values[:, :, is_chosen])
+            )
+        return Blocks(self.n, len(chosen), tuple(pieces), self.distances[:, chosen])
 
     def dense(self, numbers: I64 | slice = slice(None)) -> F64:
         """(N, …) some of the columns in full."""
-        some = self.only(numbers)
-        found = np.zeros((3 * self.n + len(self.distances), some.size))
-        at_rests = found[: 3 * self.n].reshape(self.n, 3, some.size)
-        for piece in some.pieces:
+        chosen = self.only(numbers)
+        rows = np.zeros((3 * self.n + len(self.distances), chosen.size))
+        at_rests = rows[: 3 * self.n].reshape(self.n, 3, chosen.size)
+        for piece in chosen.pieces:
             at_rests[piece.rests[:, None, None], np.arange(3)[:, None], piece.columns] = (
                 piece.values
             )
-        found[3 * self.n :] = some.distances
-        return found
+        rows[3 * self.n :] = chosen.distances
+        return rows
 
     def replaced(self, at: slice, columns: Sequence[F64]) -> Blocks:
         """With other *columns* (N, …) in the place of those *at*."""
@@ -197,57 +205,62 @@ class Blocks:
         links = coo_array((np.ones(len(k)), (k, j)), shape=2 * (count + self.size,))
         label = connected_components(links, directed=False)[1]
         turn = np.zeros(self.size, dtype=np.int64)
-        found = []
-        for one in np.unique(label[:count]):
-            columns = np.flatnonzero(label[count:] == one)
+        solvable = []
+        for group in np.unique(label[:count]):
+            columns = np.flatnonzero(label[count:] == group)
             turn[columns] = np.arange(len(columns))
-            together = [self.pieces[k] for k in np.flatnonzero(label[:count] == one)]
+            together = [self.pieces[k] for k in np.flatnonzero(label[:count] == group)]
             of_pieces = []
             for piece in together:
                 values = np.zeros((len(piece.rests), 3, len(columns)))
                 values[:, :, turn[piece.columns]] = piece.values
                 of_pieces.append(values)
             rests = np.concatenate([piece.rests for piece in together])
-            found.append((rests, np.concatenate(of_pieces)))
-        return tuple(found)
+            solvable.append((rests, np.concatenate(of_pieces)))
+        return tuple(solvable)
 
 
 def in_blocks(columns: Sequence[F64 | Blocks], placement: I64) -> Blocks:
     """Columns (3 n + D, …), m in all, by the *placement* (n,) of each rest; those that are in
     blocks already, in the same ones."""
     n = len(placement)
-    if any(isinstance(some, Blocks) for some in columns):
+    if any(isinstance(block, Blocks) for block in columns):
         return _joined(columns)
     rests = [np.flatnonzero(placement == number) for number in np.unique(placement)]
-    none = tuple(Piece(own, np.empty(0, np.int64), np.empty((len(own), 3, 0))) for own in rests)
-    distances = max(some.shape[0] for some in columns if not isinstance(some, Blocks)) - 3 * n
+    none = tuple(
+        Piece(piece_rests, np.empty(0, np.int64), np.empty((len(piece_rests), 3, 0)))
+        for piece_rests in rests
+    )
+    distances = max(block.shape[0] for block in columns if not isinstance(block, Blocks)) - 3 * n
     return _joined([Blocks(n, 0, none, np.empty((distances, 0))), *columns])
 
 
 def _joined(columns: Sequence[F64 | Blocks]) -> Blocks:
     """All columns, side by side; at least the first in blocks."""
-    blocks = next(some for some in columns if isinstance(some, Blocks))
+    blocks = next(block for block in columns if isinstance(block, Blocks))
     n = blocks.n
-    sizes = [some.size if isinstance(some, Blocks) else some.shape[1] for some in columns]
+    sizes = [block.size if isinstance(block, Blocks) else block.shape[1] for block in columns]
     first = np.cumsum([0, *sizes])
     at_rests = [
-        some if isinstance(some, Blocks) else some[: 3 * n].reshape(n, 3, some.shape[1])
-        for some in columns
+        block if isinstance(block, Blocks) else block[: 3 * n].reshape(n, 3, block.shape[1])
+        for block in columns
     ]
     pieces = []
     for k, piece in enumerate(blocks.pieces):
         numbers, values = [], []
-        for begin, some in zip(first[:-1], at_rests, strict=True):
-            if isinstance(some, Blocks):
-                numbers.append(begin + some.pieces[k].columns)
-                values.append(some.pieces[k].values)
-            elif some.shape[2]:
-                own = some[piece.rests]
-                here = np.flatnonzero(own.any(axis=(0, 1)))
-                numbers.append(begin + here)
-                values.append(own[:, :, here])
+        for begin, block in zip(first[:-1], at_rests, strict=True):
+            if isinstance(block, Blocks):
+                numbers.append(begin + block.pieces[k].columns)
+                values.append(block.pieces[k].values)
+            elif block.shape[2]:
+                piece_values = block[piece.rests]
+                nonzero = np.flatnonzero(piece_values.any(axis=(0, 1)))
+                numbers.append(begin + nonzero)
+                values.append(piece_values[:, :, nonzero])
         pieces.append(Piece(piece.rests, np.concatenate(numbers), np.concatenate(values, axis=2)))
-    distances = [some.distances if isinstance(some, Blocks) else some[3 * n :] for some in columns]
+    distances = [
+        block.distances if isinstance(block, Blocks) else block[3 * n :] for block in columns
+    ]
     return Blocks(n, int(first[-1]), tuple(pieces), np.hstack(distances))
 
 
@@ -262,7 +275,7 @@ def _clear_of_first(gram: F64, priors: F64) -> tuple[F64, F64]:
     """Products of all columns but the first m, clear of these, held by *priors* (m,), from those
     of all; and their squared lengths before, but for the last."""
     m = len(priors)
-    known = gram[:m, :m] + np.diag(priors)
-    taken = pseudo_inverse_factor(known).T @ gram[:m, m:]
+    first_gram = gram[:m, :m] + np.diag(priors)
+    projected = pseudo_inverse_factor(first_gram).T @ gram[:m, m:]
     within = gram[m:, m:]
-    return within - taken.T @ taken, np.diag(within)[:-1]
+    return within - projected.T @ projected, np.diag(within)[:-1]

@@ -43,9 +43,9 @@ class BorderedParts:
         links = coo_array((np.ones(len(row)), (row, column)), shape=(len(inner),) * 2)
         _, label = connected_components(links, directed=False)
         order = np.argsort(label, kind="stable")
-        own = np.split(inner[order], np.flatnonzero(np.diff(label[order])) + 1)
+        parts = np.split(inner[order], np.flatnonzero(np.diff(label[order])) + 1)
         return cls(
-            tuple(part for part in own if len(part)), np.setdiff1d(np.arange(len(matrix)), inner)
+            tuple(part for part in parts if len(part)), np.setdiff1d(np.arange(len(matrix)), inner)
         )
 
 
@@ -59,41 +59,41 @@ class Root:
 
     def scaled(self, by: F64) -> Root:
         """With every row multiplied (b,)."""
-        own = tuple((at, by[at, None] * values) for at, values in self.own)
-        return Root(own, by[:, None] * self.border)
+        blocks = tuple((rows, by[rows, None] * values) for rows, values in self.own)
+        return Root(blocks, by[:, None] * self.border)
 
     def dense(self) -> F64:
         """(b, r) in full."""
         blocks = []
-        for at, values in self.own:
+        for rows, values in self.own:
             block = np.zeros((len(self.border), values.shape[1]))
-            block[at] = values
+            block[rows] = values
             blocks.append(block)
         return np.hstack([*blocks, self.border])
 
     def turned(self, across: F64) -> F64:
         """Fᵀ times columns (b, …)."""
-        own = (values.T @ across[at] for at, values in self.own)
-        return np.concatenate([*own, self.border.T @ across])
+        products = (values.T @ across[rows] for rows, values in self.own)
+        return np.concatenate([*products, self.border.T @ across])
 
     def squared_times(self, side: F64) -> F64:
         """F Fᵀ times a vector (b,)."""
-        found: F64 = self.border @ (self.border.T @ side)
-        for at, values in self.own:
-            found[at] += values @ (values.T @ side[at])
-        return found
+        product: F64 = self.border @ (self.border.T @ side)
+        for rows, values in self.own:
+            product[rows] += values @ (values.T @ side[rows])
+        return product
 
     def squared(self, rows: slice) -> F64:
         """F Fᵀ of some rows (m, m)."""
         border = self.border[rows]
-        found: F64 = border @ border.T
+        product: F64 = border @ border.T
         turn = np.full(len(self.border), -1)
-        turn[rows] = np.arange(len(found))
-        for at, values in self.own:
-            kept = turn[at] >= 0
-            some = values[kept]
-            found[np.ix_(turn[at[kept]], turn[at[kept]])] += some @ some.T
-        return found
+        turn[rows] = np.arange(len(product))
+        for numbers, values in self.own:
+            is_chosen = turn[numbers] >= 0
+            chosen = values[is_chosen]
+            product[np.ix_(turn[numbers[is_chosen]], turn[numbers[is_chosen]])] += chosen @ chosen.T
+        return product
 
 
 def inverse_root(matrix: F64, held: F64 | float = 0.0) -> tuple[Root, float]:
@@ -117,8 +117,8 @@ def pseudo_inverse_root(matrix: F64, held: F64 | float = 0.0) -> Root:
     held = np.broadcast_to(held, (len(matrix),))
     size = np.sqrt(np.maximum(np.diag(matrix) + held, 0.0))
     size[size == 0.0] = 1.0
-    if (known := _root_of_known(matrix, held, size)) is not None:
-        return known.scaled(1.0 / size)
+    if (known_root := _root_of_known(matrix, held, size)) is not None:
+        return known_root.scaled(1.0 / size)
     unit = matrix / np.outer(size, size)
     unit[np.diag_indices_from(unit)] += held / size**2
     return Root((), root_along_known(unit, LEAST_KNOWN) / size[:, None])
@@ -128,8 +128,8 @@ def root_along_known(matrix: F64, least: float, beside: float = 1e-300) -> F64:
     """F (b, r) with F Fᵀ the inverse along the eigenvectors of which more is known than *least*,
     relative to the largest eigenvalue, but at least to *beside*."""
     values, vectors = np.linalg.eigh(matrix)
-    kept = values > least * max(float(values.max(initial=0.0)), beside)
-    root: F64 = vectors[:, kept] / np.sqrt(values[kept])
+    is_known = values > least * max(float(values.max(initial=0.0)), beside)
+    root: F64 = vectors[:, is_known] / np.sqrt(values[is_known])
     return root
 
 
@@ -154,34 +154,34 @@ def _inverse_root(matrix: F64, held: F64, size: F64) -> tuple[Root, float, float
     the largest sum of a row of it."""
 
     def block(rows: I64, columns: I64) -> F64:
-        found: F64 = matrix[np.ix_(rows, columns)] / np.outer(size[rows], size[columns])
+        part: F64 = matrix[np.ix_(rows, columns)] / np.outer(size[rows], size[columns])
         if rows is columns:
-            found[np.diag_indices_from(found)] += held[rows] / size[rows] ** 2
-        return found
+            part[np.diag_indices_from(part)] += held[rows] / size[rows] ** 2
+        return part
 
     together = BorderedParts((), np.arange(len(matrix)))
     parts = together if len(matrix) <= FEW else BorderedParts.of(matrix)
-    rest = parts.border
-    left = block(rest, rest)
-    of_rest, largest = np.abs(left).sum(axis=1), 0.0
-    own, taken = [], []
-    for at in parts.own:
-        within, meeting = block(at, at), block(at, rest)
+    border_columns = parts.border
+    border_matrix = block(border_columns, border_columns)
+    of_rest, largest = np.abs(border_matrix).sum(axis=1), 0.0
+    inverses, crossings = [], []
+    for inner in parts.own:
+        within, meeting = block(inner, inner), block(inner, border_columns)
         of_rest += np.abs(meeting).sum(axis=0)
         sums = np.abs(within).sum(axis=1) + np.abs(meeting).sum(axis=1)
         largest = max(largest, float(sums.max()))
         inverse = _inverse_factor(within)
         across = inverse.T @ meeting
-        left -= across.T @ across
-        own.append((at, inverse))
-        taken.append(across)
-    last = _inverse_factor(left)
-    border = np.zeros((len(matrix), len(rest)))
-    border[rest] = last
-    for (at, inverse), across in zip(own, taken, strict=True):
-        border[at] = -inverse @ (across @ last)
-    trace = float((border**2).sum() + sum((values**2).sum() for _, values in own))
-    return Root(tuple(own), border), trace, max(largest, float(of_rest.max(initial=0.0)))
+        border_matrix -= across.T @ across
+        inverses.append((inner, inverse))
+        crossings.append(across)
+    last = _inverse_factor(border_matrix)
+    border = np.zeros((len(matrix), len(border_columns)))
+    border[border_columns] = last
+    for (inner, inverse), across in zip(inverses, crossings, strict=True):
+        border[inner] = -inverse @ (across @ last)
+    trace = float((border**2).sum() + sum((values**2).sum() for _, values in inverses))
+    return Root(tuple(inverses), border), trace, max(largest, float(of_rest.max(initial=0.0)))
 
 
 def _inverse_factor(matrix: F64) -> F64:
@@ -191,5 +191,5 @@ def _inverse_factor(matrix: F64) -> F64:
 
 def inverse_of_lower(lower: F64) -> F64:
     """Upper F with F Fᵀ the inverse of a matrix, from Cholesky's factor *lower* of it."""
-    found: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
-    return found
+    inverse: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
+    return inverse

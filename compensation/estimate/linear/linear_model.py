@@ -84,9 +84,9 @@ class Layout:
     def only(self, columns: I64) -> Layout:
         """The layout of some columns, ascending; blocks of which none is left stay, empty."""
         owner = np.repeat(np.arange(len(self.sizes)), [size for _, size in self.sizes])
-        left = np.bincount(owner[columns], minlength=len(self.sizes))
+        counts = np.bincount(owner[columns], minlength=len(self.sizes))
         names = (name for name, _ in self.sizes)
-        return Layout(tuple(zip(names, left.tolist(), strict=True)))
+        return Layout(tuple(zip(names, counts.tolist(), strict=True)))
 
 
 @dataclass(frozen=True)
@@ -149,8 +149,8 @@ class LinearModel:
     def measured(self, rows: F64) -> LinearModel:
         """With more whitened rows (…, b)."""
         flat = rows.reshape(-1, rows.shape[-1])
-        more = flat.T @ flat
-        return replace(self, gram=self.gram + more, square=self.square + np.diag(more))
+        added = flat.T @ flat
+        return replace(self, gram=self.gram + added, square=self.square + np.diag(added))
 
     def of_no_rows(self) -> LinearModel:
         """The same unknowns with their priors, and nothing measured."""
@@ -187,15 +187,15 @@ class LinearModel:
     def _lower(self) -> F64:
         """Cholesky's factor of the products of columns of unit length. Directions of which nothing
         is known (gauges) are held so softly that they clear as they should."""
-        held = self._unit() + HELD * np.eye(self.layout.n)
-        return np.asarray(np.linalg.cholesky(held), dtype=np.float64)
+        softly_fixed = self._unit() + HELD * np.eye(self.layout.n)
+        return np.asarray(np.linalg.cholesky(softly_fixed), dtype=np.float64)
 
     def project(self, across: F64) -> F64:
         """Coordinates (b, …) along that basis of what the blocks take of other columns, from their
         products (b, …) with these: products of what is left are those less these coordinates'."""
         if self.layout.n > MANY:
-            held = 1.0 / self.variance + HELD * self.length**2
-            return inverse_root(self.gram, held)[0].turned(across)
+            diagonal = 1.0 / self.variance + HELD * self.length**2
+            return inverse_root(self.gram, diagonal)[0].turned(across)
         coordinates: F64 = self.factor.T @ across
         return coordinates
 
@@ -229,8 +229,8 @@ class LinearModel:
     @cached_property
     def _root(self) -> Root:
         """(b, r), times its transpose the covariance."""
-        held = 1.0 / np.minimum(self.variance, self.drawing)
-        return pseudo_inverse_root(self.gram, held=held)
+        prior_weight = 1.0 / np.minimum(self.variance, self.drawing)
+        return pseudo_inverse_root(self.gram, held=prior_weight)
 
     def lean(self, side: F64, drawn: F64, damping: float = 0.0, held: bool = False) -> Solution:
         """Amplitudes from the products (b,) with a residual, and what is known of them.
@@ -247,22 +247,26 @@ class LinearModel:
 
         What neither rows nor priors tell of these stays 0 and takes nothing.
         """
-        own, others = self.layout.of(names), self.layout.but(names)
-        unit = float(self.length[own].max(initial=0.0)) ** 2 or 1.0
-        known = self.gram[np.ix_(own, own)] + np.diag(1.0 / self.variance[own])
-        factor = _factor_of_known(known / unit) / np.sqrt(unit)
-        taken = factor.T @ self.gram[np.ix_(own, others)]
-        left = self.only(others)
-        return replace(left, gram=left.gram - taken.T @ taken), FittedAlong(factor, -factor @ taken)
+        eliminated, remaining = self.layout.of(names), self.layout.but(names)
+        unit = float(self.length[eliminated].max(initial=0.0)) ** 2 or 1.0
+        eliminated_gram = self.gram[np.ix_(eliminated, eliminated)] + np.diag(
+            1.0 / self.variance[eliminated]
+        )
+        factor = _factor_of_known(eliminated_gram / unit) / np.sqrt(unit)
+        projected = factor.T @ self.gram[np.ix_(eliminated, remaining)]
+        reduced = self.only(remaining)
+        return replace(reduced, gram=reduced.gram - projected.T @ projected), FittedAlong(
+            factor, -factor @ projected
+        )
 
     def information(self, *names: str) -> F64:
         """(m, m) of some blocks, in the order of *names*, their own priors included, all other
         amplitudes being fitted along."""
-        own = self.layout.of(names)
-        others = self.layout.but(names)
-        taken = self.only(others).project(self.gram[np.ix_(others, own)])
-        found: F64 = self.gram[np.ix_(own, own)] - taken.T @ taken
-        return (found + found.T) / 2.0 + np.diag(1.0 / self.variance[own])
+        columns = self.layout.of(names)
+        remaining = self.layout.but(names)
+        projected = self.only(remaining).project(self.gram[np.ix_(remaining, columns)])
+        reduced_gram: F64 = self.gram[np.ix_(columns, columns)] - projected.T @ projected
+        return (reduced_gram + reduced_gram.T) / 2.0 + np.diag(1.0 / self.variance[columns])
 
     def _unit(self) -> F64:
         """(b, b) products of columns of unit length, their priors on the diagonal."""
@@ -283,6 +287,6 @@ def _factor_of_known(matrix: F64) -> F64:
         if float((factor**2).sum()) * LEAST_TAKEN < 1.0:
             return factor
     values, vectors = np.linalg.eigh(matrix)
-    kept = values > LEAST_TAKEN
-    along: F64 = vectors[:, kept] / np.sqrt(values[kept])
+    is_known = values > LEAST_TAKEN
+    along: F64 = vectors[:, is_known] / np.sqrt(values[is_known])
     return along

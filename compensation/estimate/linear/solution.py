@@ -40,8 +40,8 @@ class Solution:
     def told(self) -> float:
         """How many unknowns the readings told, by the share they had in each beside the drawing."""
         curvature = self.singular_values**2
-        told = curvature[curvature > 0] / (curvature + self.prior)[curvature > 0]
-        return float(told.sum())
+        shares = curvature[curvature > 0] / (curvature + self.prior)[curvature > 0]
+        return float(shares.sum())
 
     def off_drawing(self, departure: F64) -> float:
         """What a *departure* (C,) from the drawing costs along directions that lean on it."""
@@ -51,8 +51,10 @@ class Solution:
     @property
     def known_step(self) -> F64:
         """(C,) the step along what is known, nothing beside it."""
-        known = self.directions[:, self.known]
-        step: F64 = self.scale * (known @ (known.T @ (self.step / self.scale)))
+        known_directions = self.directions[:, self.known]
+        step: F64 = self.scale * (
+            known_directions @ (known_directions.T @ (self.step / self.scale))
+        )
         return step
 
     @property
@@ -75,8 +77,8 @@ class Solution:
 
         What the readings do not know is as uncertain as a plausible departure, not certain.
         """
-        clear = self.directions - gauge @ (gauge.T @ self.directions)
-        return self._covariance(clear, np.ones_like(self.known))
+        without_gauge = self.directions - gauge @ (gauge.T @ self.directions)
+        return self._covariance(without_gauge, np.ones_like(self.known))
 
     def _covariance(self, directions: F64, chosen: Mask) -> F64:
         root = directions / np.sqrt(self._curvature[chosen])
@@ -106,10 +108,10 @@ def leaning(
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
     curvature, directions = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
     largest = float(curvature.max(initial=0.0))
-    known = curvature > max(LEAST_KNOWN**2, ROUNDING * largest)
-    prior = ~known | held
+    is_known = curvature > max(LEAST_KNOWN**2, ROUNDING * largest)
+    prior = ~is_known | held
     slope = directions.T @ (scale * side) + prior * (directions.T @ (drawn / scale))
     leaned = curvature + prior
     step = scale * (directions @ (slope / (leaned + damping * largest)))
     gain = float(np.sum(slope**2 / leaned))
-    return Solution(step, np.sqrt(curvature), known, prior, directions, scale, gain)
+    return Solution(step, np.sqrt(curvature), is_known, prior, directions, scale, gain)

@@ -77,7 +77,7 @@ def _scene(arm: Arm, calibration: Calibration) -> SessionFacts:
         constants=calibration.vector(arm.n_joints),
         terms=tuple(calibration.terms),
         reference_c=calibration.reference_temperature_c,
-        held=True,
+        has_fixed_constants=True,
         sensors=tuple(arm.sensors),
         timed=False,
         rates=True,
