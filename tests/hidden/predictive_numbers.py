@@ -69,9 +69,11 @@ def own_variables(plant: Plant) -> set[str]:
             return {f"t{at}", "time_s"}
         case "thermal_gradient":  # the simulator's bows by the difference to the next link
             return {f"t{at}", f"t{int(at) + 1}"}
-        # The links on the sensor are wrong by the same at every temperature: since the calibration.
+        # The links on the sensor are wrong by the same at every temperature: since the calibration,
+        # and as a constant of a joint is, below.
         case "sensor_offset":
-            return {at, "time_s"}
+            link = int(at.removeprefix("t"))
+            return {at, "time_s", f"q{link}", f"q{link + 1}"}
         case "sensor_swapped":
             return {*plant.location.removeprefix("sensors ").split(", ")}
         # A constant of a joint is the same since an instant, or the calibration; along the motion
