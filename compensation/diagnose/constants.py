@@ -229,6 +229,7 @@ WIDEST_DEG = 10.0  # °; no bin of an angle is wider
 MOST_BINS = 36  # bins of equal count
 LEAST_BIN_RESTS = 8  # rests in each
 LEAST_BINS = 2  # bins; nothing is told by fewer
+INSEPARABLE = 0.9  # 1; squared correlation of variables that readings do not tell apart
 SHORTEST_MM = 20.0  # mm; a shorter link has no component of its own
 CURVES = 10_000  # curves for the p-values: the smallest of 400 must be below 0.05 / 400
 CURVES_SEED = 0xC0E  # of their random numbers

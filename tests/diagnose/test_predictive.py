@@ -11,7 +11,7 @@ import pytest
 
 from armd.compensation.diagnose.constants import DRAWS_AT_ONCE, LEAST_BIN_RESTS, WIDEST_DEG
 from armd.compensation.diagnose.predictive import curves, replicates
-from armd.compensation.diagnose.predictive.bins import Bins, _ordered, all_bins
+from armd.compensation.diagnose.predictive.bins import Bins, _alike, _ordered, all_bins
 from armd.compensation.diagnose.predictive.components import Component, components
 from armd.compensation.diagnose.predictive.curves import (
     ResidualComparison,
@@ -64,6 +64,24 @@ def test_bins_are_of_equal_count_and_an_angles_are_not_wide() -> None:
     assert np.allclose(narrow.middle, [group.mean() for group in groups])
     tied = _ordered("t1", "", np.repeat([20.0, 21.0, 22.0], 100), "temperature")
     assert [len(g) for g in np.split(tied.order, tied.starts[1:])] == [100, 100, 100]
+
+
+def test_temperatures_and_time_that_only_rise_together_are_alike() -> None:
+    rng = np.random.default_rng(2)
+    hours = np.sort(rng.uniform(0.0, 5.0, 200))
+    warm = 20.0 + 2.0 * hours + rng.normal(0.0, 0.5, 200)
+    warm[:30] = np.nan  # a sensor that begins late
+    assert 0.9 < np.corrcoef(hours[30:], warm[30:])[0, 1] ** 2 < 1.0
+    apart = 20.0 + 2.0 * hours + rng.normal(0.0, 2.0, 200)
+    assert np.corrcoef(hours, apart)[0, 1] ** 2 < 0.9
+    time = _ordered("time_s", "", hours, "time")
+    read = {"t1": warm, "t2": apart, "t3": -hours, "t4": 0.0 * hours}
+    sensors = [_ordered(name, "", values, "temperature") for name, values in read.items()]
+    turns = _ordered("q1", "", hours, "angle")  # goes with the time, but is no matter of warming
+    every = [turns, *sensors, time]
+    assert _alike(time, every) == ("t1", "t3")
+    assert _alike(sensors[0], every) == ("t3", "time_s")
+    assert _alike(sensors[1], every) == _alike(sensors[3], every) == _alike(turns, every) == ()
 
 
 def test_every_recorded_variable_has_bins_and_no_other() -> None:
@@ -219,7 +237,7 @@ def test_the_report_picks_what_stands_out_most_of_each_group_and_of_a_finding() 
     assert [panel.get_ylabel() for panel in figure.axes[:4:2]] == [
         "residual, x artefact, µm", "residual, joint 5, ″"]  # fmt: skip
     assert every[1].as_json() == {
-        "variable": "q3", "component": "angle joint 3", "outside_before": 0.6,
+        "variable": "q3", "component": "angle joint 3", "alike": [], "outside_before": 0.6,
         "outside_after": 0.0, "p_before": 0.0, "p_after": 1.0,
         "noise_units_before": pytest.approx(np.sqrt(60.0)), "noise_units_after": 0.0,
         "curve_um_before": pytest.approx(1e3 * np.sqrt(0.6**2 - (0.1 / 1.96) ** 2)),

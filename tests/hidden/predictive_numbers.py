@@ -2,9 +2,11 @@
 
 For each cause n cases, and n clean ones for every two causes. The first entry of `predictive`, what
 stands out of noise most, must be over a variable of the planted cause (`own_variables`, what
-physics says) in cases of over 8 noise units; and in clean cases, and after
-the extension of those that were named, the smallest p-value must not be below 0.05 divided by the
-number of entries more often than by chance.
+physics says) in cases of over 8 noise units. Where that case's readings cannot tell the first
+entry's variable from one of the cause's (its `alike`: temperatures and time that rise together in
+sessions that only warm), no order of theirs is right: such a case is counted by itself. And in
+clean cases, and after the extension of those that were named, the smallest p-value must not be
+below 0.05 divided by the number of entries more often than by chance.
 `HIDDEN_ARGS="--only self_heating --design standard"` takes some causes, or the larger design.
 """
 
@@ -67,9 +69,11 @@ def own_variables(plant: Plant) -> set[str]:
             return {f"t{at}", "time_s"}
         case "thermal_gradient":  # the simulator's bows by the difference to the next link
             return {f"t{at}", f"t{int(at) + 1}"}
-        # The links on the sensor are wrong by the same at every temperature: since the calibration.
+        # The links on the sensor are wrong by the same at every temperature: since the calibration,
+        # and as a constant of a joint is, below.
         case "sensor_offset":
-            return {at, "time_s"}
+            link = int(at.removeprefix("t"))
+            return {at, "time_s", f"q{link}", f"q{link + 1}"}
         case "sensor_swapped":
             return {*plant.location.removeprefix("sensors ").split(", ")}
         # A constant of a joint is the same since an instant, or the calibration; along the motion
@@ -103,11 +107,18 @@ class Numbers:
     snr: float
     named: bool
     first: tuple[str, str]  # variable and component of the first entry
+    alike: tuple[str, ...]  # variables that the readings cannot tell from the first one's
     least_p: tuple[float, float]  # before and after, times the number of entries
 
     @property
     def is_own(self) -> bool:
         return self.plant is not None and self.first[0] in own_variables(self.plant)
+
+    @property
+    def is_tied(self) -> bool:
+        """Not its own, but no other by these readings."""
+        own = own_variables(self.plant) if self.plant else set()
+        return not self.is_own and not own.isdisjoint(self.alike)
 
 
 def carry_out(task: Task) -> Numbers | None:
@@ -131,6 +142,7 @@ def carry_out(task: Task) -> Numbers | None:
             judged.snr[0] if plants else 0.0,
             all(judged.named),
             (every[0].bins.variable, every[0].component.name),
+            every[0].bins.alike,
             (least[0], least[1]),
         )
     except Exception:
@@ -141,7 +153,15 @@ def carry_out(task: Task) -> Numbers | None:
 def tell(found: Numbers) -> str:
     where = f"{found.plant.cause} {found.plant.location}" if found.plant else "clean"
     first = f"{found.first[1]} over {found.first[0]}"
-    verdict = "" if found.plant is None else "own" if found.is_own else "OTHER"
+    verdict = (
+        ""
+        if found.plant is None
+        else "own"
+        if found.is_own
+        else "tied"
+        if found.is_tied
+        else "OTHER"
+    )
     return (
         f"{found.task.seed} {where}, {found.snr:.1f} noise units: {first} {verdict}; "
         f"smallest p × entries {found.least_p[0]:.2f}, after {found.least_p[1]:.2f}"
@@ -152,9 +172,10 @@ def table(found: list[Numbers]) -> None:
     counted = [one for one in found if one.plant is not None and one.snr > LEAST_SNR]
     cases = Counter(one.task.cause for one in counted)
     right = Counter(one.task.cause for one in counted if one.is_own)
-    for cause in cases:
-        print(f"{cause:24s} {right[cause]} of {cases[cause]}")
-    print(f"own variable first: {right.total()} of {cases.total()}")
+    tied = Counter(one.task.cause for one in counted if one.is_tied)
+    for cause in sorted(cases):
+        print(f"{cause:24s} {right[cause]} first, {tied[cause]} tied, of {cases[cause]}")
+    print(f"own variable first: {right.total()} of {cases.total()}; tied with it: {tied.total()}")
     for name, of, place in (
         ("clean", [one for one in found if one.plant is None], 0),
         ("after the extension", [one for one in found if one.plant is not None and one.named], 1),

@@ -12,6 +12,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import (
     AXES,
+    INSEPARABLE,
     LEAST_BIN_RESTS,
     LEAST_BINS,
     MOST_BINS,
@@ -38,6 +39,7 @@ class Bins:
     labels: tuple[str, ...] = ()  # (B,) of what has names instead of values
     values: F64 | None = None  # (k,) of the rests in `order`, in the axis' unit
     kind: VariableKind = "name"
+    alike: tuple[str, ...] = ()  # variables whose values go with this one's
 
     def sums(self, values: F64) -> F64:
         """(B, …) sums over each bin of values (n, …)."""
@@ -47,7 +49,31 @@ class Bins:
 
 def all_bins(rests: Rests) -> list[Bins]:
     """Bins of every variable that was recorded and varies, over the rests that are points."""
-    return [bins for bins in _bins(rests) if len(bins.starts) >= LEAST_BINS]
+    every = [bins for bins in _bins(rests) if len(bins.starts) >= LEAST_BINS]
+    return [replace(one, alike=_alike(one, every)) for one in every]
+
+
+def _alike(one: Bins, every: list[Bins]) -> tuple[str, ...]:
+    """The temperatures, and the time, that these readings cannot tell from *one* of them: a
+    straight line over either leaves no tenth of the other's variance (Marquardt, Technometrics 12,
+    1970: a variance inflated tenfold)."""
+    return tuple(
+        other.variable
+        for other in every
+        if other is not one and one.values is not None and other.values is not None
+        if {one.kind, other.kind} <= {"temperature", "time"}
+        if _shared_variance(one, other) > INSEPARABLE
+    )
+
+
+def _shared_variance(one: Bins, other: Bins) -> float:
+    """Squared correlation over the rests at which both are known."""
+    assert one.values is not None and other.values is not None
+    _, first, second = np.intersect1d(one.order, other.order, return_indices=True)
+    apart = [values - values.mean() if len(values) else values
+             for values in (one.values[first], other.values[second])]  # fmt: skip
+    square = float(apart[0] @ apart[0]) * float(apart[1] @ apart[1])
+    return float(apart[0] @ apart[1]) ** 2 / square if square > 0.0 else 0.0
 
 
 def _bins(rests: Rests) -> Iterator[Bins]:

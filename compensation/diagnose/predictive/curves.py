@@ -85,11 +85,12 @@ class ResidualComparison:
             return (-round((1.0 - SHARE_OF_NAMES) * found.best - BEYOND_VALUES, ORDER_DIGITS), True)
         return (-round(found.best, ORDER_DIGITS), name != "time_s")
 
-    def as_json(self) -> dict[str, str | float]:
+    def as_json(self) -> dict[str, str | float | list[str]]:
         """An entry of `predictive`."""
         return {
             "variable": self.bins.variable,
             "component": self.component.name,
+            "alike": list(self.bins.alike),
             "outside_before": self.before.outside,
             "outside_after": self.after.outside,
             "p_before": self.before.p_value,
