@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 
 from armd.compensation.model.arm import Arm
-from armd.daemon.catalogue.known import (
+from armd.daemon.catalogue.known_arms import (
     KNOWN,
     Bus,
     arm_text,
