@@ -79,7 +79,7 @@ class Guided:
                 self._waiting.task_done()
 
     def _tell_waiting(self) -> None:
-        if self._phase == "measuring" and (text := self._patience.due()):
+        if self._phase == "measuring" and (text := self._patience.take_reminder()):
             self._became({"event": "waiting", "text": text})
 
     async def _offer(self, measurement: dict[str, Any]) -> None:
