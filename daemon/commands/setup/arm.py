@@ -143,8 +143,8 @@ def _write_daemon_file(output: Path, bus: Bus, port: str | None) -> None:
         return
     ports = serial_ports() if port is None else [Path(port)]
     if len(ports) != 1:
-        found = "no serial port is plugged in" if not ports else f"{len(ports)} ports are there"
-        print(f"{path}: not written, {found}; with --port PORT it is. Its [driver]:", end="\n  ")
+        reason = "no serial port is plugged in" if not ports else f"{len(ports)} ports are there"
+        print(f"{path}: not written, {reason}; with --port PORT it is. Its [driver]:", end="\n  ")
         print(*_driver(bus, port), sep="\n  ")
         return
     write_whole(path, daemon_text(output.name, bus, str(ports[0])))
