@@ -106,8 +106,8 @@ if not TYPE_CHECKING:  # which would take every name for one that is there
                     if str(error.name).startswith(
                         "armd.offline"
                     ):  # the subscriber's part alone is installed
-                        said = f"armd.{name} is not part of armd-client: install armd"
-                        raise ImportError(said) from error
+                        advice = f"armd.{name} is not part of armd-client: install armd"
+                        raise ImportError(advice) from error
                     raise
                 value = globals()[name] = getattr(home, name)
                 return value

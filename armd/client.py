@@ -112,13 +112,13 @@ class Arm(Closing):
         """The same for events."""
         return self._on(keys.EVENT, call, past)
 
-    def _on(self, what: str, call: Callable[[dict[str, Any]], object], past: bool) -> Handle:
+    def _on(self, topic_key: str, call: Callable[[dict[str, Any]], object], past: bool) -> Handle:
         def pass_on(sample: zenoh.Sample) -> None:
-            payload = self._gate.payload(what, sample)
+            payload = self._gate.payload(topic_key, sample)
             if payload is not None:
                 call(json.loads(payload))
 
-        subscriber = subscribe(self._session, keys.key(self.serial, what), pass_on, past)
+        subscriber = subscribe(self._session, keys.key(self.serial, topic_key), pass_on, past)
         return Handle(subscriber.undeclare)
 
     def health(self, seconds: float | None = None) -> Iterator[dict[str, Any]]:
@@ -219,26 +219,26 @@ class Arm(Closing):
         return points
 
     def _messages(
-        self, what: str, seconds: float | None, past: bool = True
+        self, topic_key: str, seconds: float | None, past: bool = True
     ) -> Iterator[dict[str, Any]]:
-        with Stream(self._session, self.serial, what, self._gate, past=past) as stream:
+        with Stream(self._session, self.serial, topic_key, self._gate, past=past) as stream:
             for payloads in stream.follow(seconds):
                 yield from map(json.loads, payloads)
 
-    def _ask(self, what: str, parameters: str = "") -> dict[str, Any]:
-        return self._checked(what, self._ask_bytes(what, parameters))
+    def _ask(self, topic_key: str, parameters: str = "") -> dict[str, Any]:
+        return self._checked(topic_key, self._ask_bytes(topic_key, parameters))
 
-    def _checked(self, what: str, payload: bytes) -> dict[str, Any]:
+    def _checked(self, topic_key: str, payload: bytes) -> dict[str, Any]:
         """The content of an answer; raises `ArmdError` where it has not the form of its key."""
-        content = json_object(what, payload)
+        content = json_object(topic_key, payload)
         if content is None:
-            key = keys.key(self.serial, what)
-            form = "message" if what in FORMS else "JSON object"
+            key = keys.key(self.serial, topic_key)
+            form = "message" if topic_key in FORMS else "JSON object"
             raise ArmdError(f"{key}: found {payload[:40]!r}, expected armd's {form} of this key")
         return content
 
-    def _ask_bytes(self, what: str, parameters: str = "") -> bytes:
-        key = keys.key(self.serial, what)
+    def _ask_bytes(self, topic_key: str, parameters: str = "") -> bytes:
+        key = keys.key(self.serial, topic_key)
         with translated(self._session, key):
             for reply in self._session.get(f"{key}?{parameters}" if parameters else key):
                 if reply.ok is not None:

@@ -16,30 +16,30 @@ class ArmdError(Exception):
     """Base of every error armd raises on purpose; the command line prints no traceback for it."""
 
 
-def cut(text: str, most: int = MOST_LETTERS) -> str:
+def cut(text: str, limit: int = MOST_LETTERS) -> str:
     """*text*, or where it is too long to be read, its begin and end."""
-    if len(text) <= most:
+    if len(text) <= limit:
         return text
-    return f"{text[: most - 100]} … {text[-90:]}"
+    return f"{text[: limit - 100]} … {text[-90:]}"
 
 
-def fit_line(text: object, most: int = MOST_LETTERS) -> str:
+def fit_line(text: object, limit: int = MOST_LETTERS) -> str:
     """*text* on one line of a message: no character that a terminal obeys, and short when all
     those are written out."""
-    return cut(printable(cut(str(text), most)), most)
+    return cut(printable(cut(str(text), limit)), limit)
 
 
 def fit_lines(text: object) -> str:
     """A message that may have several lines."""
     lines = cut(str(text), MOST_LINES * 4 * MOST_LETTERS).splitlines()
-    more = [f"… {len(lines) - MOST_LINES} more lines"] if len(lines) > MOST_LINES else []
-    return "\n".join([*(fit_line(line, 4 * MOST_LETTERS) for line in lines[:MOST_LINES]), *more])
+    omitted = [f"… {len(lines) - MOST_LINES} more lines"] if len(lines) > MOST_LINES else []
+    return "\n".join([*(fit_line(line, 4 * MOST_LETTERS) for line in lines[:MOST_LINES]), *omitted])
 
 
 def describe_os_error(error: OSError) -> str:
     """A refusal of the system as a message: the file, and what was found there."""
-    what = " ".join((error.strerror or str(error)).split())
-    return f"{fit_line(error.filename or 'the system')}: found {fit_line(repr(what))}"
+    problem = " ".join((error.strerror or str(error)).split())
+    return f"{fit_line(error.filename or 'the system')}: found {fit_line(repr(problem))}"
 
 
 class BadInput(ArmdError):

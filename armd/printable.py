@@ -10,10 +10,10 @@ _CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 def printable(text: object) -> str:
     """*text* on one line, without anything that a terminal obeys: `\\x1b[2J` is shown, not done."""
-    said = str(text)
-    if said.isprintable():
-        return said
-    return "".join(_shown(letter) for letter in said)
+    content = str(text)
+    if content.isprintable():
+        return content
+    return "".join(_escape_letter(letter) for letter in content)
 
 
 #: What turns the direction of the writing round, beside single marks within a word.
@@ -29,11 +29,11 @@ def invisible(text: str) -> str:
     for letter in text:
         bad = unicodedata.category(letter) in ("Cc", "Cs", "Zl", "Zp") and letter not in _LINES
         if bad or letter in _TURNING:
-            return _shown(letter)
+            return _escape_letter(letter)
     return ""
 
 
-def _shown(letter: str) -> str:
+def _escape_letter(letter: str) -> str:
     if unicodedata.category(letter) not in _CATEGORIES:
         return letter
     return letter.encode("unicode_escape").decode()

@@ -50,12 +50,12 @@ def _is_integer(low: int, high: int) -> FormCheck:
     return lambda value: _is_number(value) and isinstance(value, int) and low <= value < high
 
 
-def _is_vector(n: int, most: float = math.inf) -> FormCheck:
+def _is_vector(n: int, limit: float = math.inf) -> FormCheck:
     def check(value: Any) -> bool:
         return (
             isinstance(value, list)
             and len(value) == n
-            and all(_is_number(x) and abs(x) <= most for x in value)
+            and all(_is_number(x) and abs(x) <= limit for x in value)
         )
 
     return check
@@ -219,10 +219,10 @@ class Gate:
         self._publisher: zenoh.TimestampId | None = None
         self._heard_s = 0.0
 
-    def payload(self, what: str, sample: zenoh.Sample) -> bytes | None:
-        """The payload of a sample on the key *what*, or None."""
+    def payload(self, topic_key: str, sample: zenoh.Sample) -> bytes | None:
+        """The payload of a sample on the key *topic_key*, or None."""
         payload = sample.payload.to_bytes()
-        if sample.kind != zenoh.SampleKind.PUT or not is_sound(what, payload):
+        if sample.kind != zenoh.SampleKind.PUT or not is_sound(topic_key, payload):
             self.refused.malformed += 1
             return None
         # The daemon's session stamps all it publishes with its own identity.
@@ -236,25 +236,27 @@ class Gate:
         return payload
 
 
-def is_sound(what: str, payload: bytes) -> bool:
-    """Whether *payload* has the form of what armd publishes on the key *what*."""
-    if what == keys.POINT:
+def is_sound(topic_key: str, payload: bytes) -> bool:
+    """Whether *payload* has the form of what armd publishes on the key *topic_key*."""
+    if topic_key == keys.POINT:
         return len(payload) == POINT.itemsize
-    if what == keys.JOINTS:  # as many as it says, and no more than any arm has
+    if topic_key == keys.JOINTS:  # as many as it says, and no more than any arm has
         n = int.from_bytes(payload[16:20], "little")
         return 0 < n <= MOST_JOINTS and len(payload) == joints_dtype(n).itemsize
-    if what == keys.RAW:
+    if topic_key == keys.RAW:
         return len(payload) >= LEAST_RAW_BYTES
-    return json_object(what, payload) is not None
+    return json_object(topic_key, payload) is not None
 
 
-def json_object(what: str, payload: bytes) -> dict[str, Any] | None:
-    """A message on the key *what*, parsed; None if it is not one of armd's.
+def json_object(topic_key: str, payload: bytes) -> dict[str, Any] | None:
+    """A message on the key *topic_key*, parsed; None if it is not one of armd's.
 
     A number that a double cannot hold, NaN, or half a character (a lone surrogate) makes a message
     malformed: whoever writes it on could not.
     """
-    if len(payload) > (MOST_CALIBRATION_BYTES if what == keys.CALIBRATION else MOST_JSON_BYTES):
+    if len(payload) > (
+        MOST_CALIBRATION_BYTES if topic_key == keys.CALIBRATION else MOST_JSON_BYTES
+    ):
         return None
     try:
         text = payload.decode("utf-8-sig")
@@ -265,11 +267,11 @@ def json_object(what: str, payload: bytes) -> dict[str, Any] | None:
         return None
     if not isinstance(content, dict):
         return None
-    has_form = FORMS.get(what)
+    has_form = FORMS.get(topic_key)
     if has_form is None:
         return content
     sound = has_form(content)
-    if sound and what == keys.MEASUREMENT and content["position_mm"] is not None:
+    if sound and topic_key == keys.MEASUREMENT and content["position_mm"] is not None:
         sound = content["orientation"] is not None  # a place without one points nowhere
     return content if sound else None
 

@@ -45,22 +45,22 @@ class Stream(Closing):
         self,
         session: zenoh.Session,
         serial: str,
-        what: str,
+        topic_key: str,
         gate: Gate,
         waiting: int | None = None,
         past: bool = True,
     ) -> None:
         """*past*: of events and measurements, those that the daemon still has come first."""
-        self._key = keys.key(serial, what)
-        self._what = what
+        self._key = keys.key(serial, topic_key)
+        self._topic_key = topic_key
         self._gate = gate
         self._session = session
-        if waiting is None or what in (keys.EVENT, keys.MEASUREMENT):
-            waiting = WAITING_POINTS if what in (keys.POINT, keys.RAW) else WAITING_MESSAGES
+        if waiting is None or topic_key in (keys.EVENT, keys.MEASUREMENT):
+            waiting = WAITING_POINTS if topic_key in (keys.POINT, keys.RAW) else WAITING_MESSAGES
         channel: Any = zenoh.handlers.RingChannel(waiting)
-        past = past and what in (keys.EVENT, keys.MEASUREMENT)
+        past = past and topic_key in (keys.EVENT, keys.MEASUREMENT)
         self._subscriber = subscribe(session, self._key, channel, past)
-        if what in (keys.POINT, keys.RAW, keys.JOINTS):
+        if topic_key in (keys.POINT, keys.RAW, keys.JOINTS):
             self._pass_over_leftovers(serial)
 
     def _pass_over_leftovers(self, serial: str) -> None:
@@ -85,7 +85,7 @@ class Stream(Closing):
         payloads = []
         with translated(self._session, self._key):
             while (sample := self._subscriber.try_recv()) is not None:
-                payload = self._gate.payload(self._what, sample)
+                payload = self._gate.payload(self._topic_key, sample)
                 if payload is not None:
                     payloads.append(payload)
         return payloads
@@ -97,7 +97,7 @@ class Stream(Closing):
             while seconds is None:
                 with translated(self._session, self._key):
                     sample = self._subscriber.recv()
-                first = self._gate.payload(self._what, sample)
+                first = self._gate.payload(self._topic_key, sample)
                 waiting = self.take()
                 payloads = waiting if first is None else [first, *waiting]
                 if payloads:

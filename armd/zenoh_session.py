@@ -76,9 +76,9 @@ def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
         try:
             config = zenoh.Config.from_file(endpoint)
         except (zenoh.ZError, OSError) as error:
-            found = "nothing" if not Path(endpoint).exists() else str(error).splitlines()[0][:200]
+            problem = "nothing" if not Path(endpoint).exists() else str(error).splitlines()[0][:200]
             expected = "a Zenoh configuration (JSON5)"
-            raise BadInput(endpoint, "the file", found, expected) from None
+            raise BadInput(endpoint, "the file", problem, expected) from None
     else:
         config = zenoh.Config()
         settings |= {
@@ -99,18 +99,20 @@ def find_arm(session: zenoh.Session, serial: str | None, endpoint: str, timeout_
     """The serial number of the arm, the only one or the one named; raises `ArmdError`."""
     end_s = time.monotonic() + timeout_s
     while True:
-        found = _serials(session, serial or "*")
-        if len(found) == 1:
-            _log.info("arm %s is there", *found)
-            return found.pop()
-        if found:
-            raise ArmdError(f"{endpoint}: several arms, name one: {', '.join(sorted(found))}")
+        serials = _serials(session, serial or "*")
+        if len(serials) == 1:
+            _log.info("arm %s is there", *serials)
+            return serials.pop()
+        if serials:
+            raise ArmdError(f"{endpoint}: several arms, name one: {', '.join(sorted(serials))}")
         if time.monotonic() > end_s:
             if serial is None:
                 raise NoAnswer(f"{endpoint}: no arm within {timeout_s:g} s")
-            there = sorted(_serials(session, "*"))
-            said = f"there is {', '.join(there)}" if there else "nor any other"
-            raise NoAnswer(f"{endpoint}: no arm {serial} within {timeout_s:g} s; {said}")
+            serials_present = sorted(_serials(session, "*"))
+            presence = (
+                f"there is {', '.join(serials_present)}" if serials_present else "nor any other"
+            )
+            raise NoAnswer(f"{endpoint}: no arm {serial} within {timeout_s:g} s; {presence}")
         time.sleep(0.1)
 
 

@@ -83,9 +83,9 @@ def call_for_sessions(arm: Arm) -> None:
 
 def call_for_uncertainties(arm: Arm) -> None:
     """What `armd correct` and `armd.Corrector` call beside, whose compilation takes 10 s."""
-    known = Model(arm, made_up_calibration(arm))
+    model = Model(arm, made_up_calibration(arm))
     states = made_up_states(arm)
-    known.uncertainty_rows(states, known.slow_values(states))
+    model.uncertainty_rows(states, model.slow_values(states))
 
 
 def made_up_states(arm: Arm) -> States:
@@ -153,13 +153,14 @@ def tidy() -> None:
 
 def keep_in_environment() -> None:
     """Copy a library that lies in the cache alone, which somebody may empty."""
-    found, folder = library.loaded(), library.made_in()[0]
-    if found is None or found.__file__ is None:
+    loaded_library, folder = library.loaded(), library.made_in()[0]
+    if loaded_library is None or loaded_library.__file__ is None:
         return
-    path, cache = Path(found.__file__), library.cache_folder()
+    path, cache = Path(loaded_library.__file__), library.cache_folder()
     if path.parent == cache and folder != cache and library.usable(folder):
-        with tempfile.TemporaryDirectory(dir=folder) as beside:
-            Path(shutil.copy(path, beside)).replace(folder / path.name)  # whole, or not at all
+        with tempfile.TemporaryDirectory(dir=folder) as temporary_folder:
+            copy = Path(shutil.copy(path, temporary_folder))
+            copy.replace(folder / path.name)  # whole, or not at all
 
 
 def can_link() -> bool:
@@ -173,7 +174,7 @@ def can_link() -> bool:
     return numba_inside.can_link()
 
 
-def made() -> bool:
+def make_library_apart() -> bool:
     """Whether it could be made, in the first folder that takes it; by a process of its own: what
     goes into a library cannot come from numba's cache."""
     folder = next(filter(library.usable, library.made_in()), None)
@@ -225,7 +226,7 @@ def main() -> int:
     if args.into is not None:
         return make_library(args, numbers)
     keep_in_environment()
-    if (args.anew or library.loaded() is None) and can_link() and made():
+    if (args.anew or library.loaded() is None) and can_link() and make_library_apart():
         return 0
     call(args.files, numbers, only_serial=args.demo)
     return 0

@@ -52,8 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if package in POSIX:
-            found = f"a system without Python's module {package}"
-            print(f"armd: {_command(argv)}: found {found}, expected Linux", file=sys.stderr)
+            problem = f"a system without Python's module {package}"
+            print(f"armd: {_command(argv)}: found {problem}, expected Linux", file=sys.stderr)
             return 2
         if package not in OFFLINE:
             return own_fault(error)
@@ -160,7 +160,7 @@ def _work(chosen: str, namespace: argparse.Namespace, added: Mapping[str, AddedC
 def installed() -> set[str]:
     """Names of the commands of this program whose packages are here; on a controller some are
     not. Raises `ModuleNotFoundError` for a package that every installation has."""
-    found = set()
+    names = set()
     for name in COMMANDS.keys() - {"simulate"}:  # a program of its own
         try:
             importlib.import_module(module_of(name))
@@ -168,14 +168,14 @@ def installed() -> set[str]:
             if (error.name or "").partition(".")[0] not in OFFLINE | POSIX:
                 raise
         else:
-            found.add(name)
-    return found
+            names.add(name)
+    return names
 
 
 def parsers(
-    whole: Collection[str], added: Mapping[str, AddedCommand] | None = None
+    detailed: Collection[str], added: Mapping[str, AddedCommand] | None = None
 ) -> tuple[Parser, dict[str, Parser]]:
-    """The parser of `armd`, and those of its commands and the *added* by name; the ones in *whole*
+    """The parser of `armd`, and those of its commands and the *added* by name. Those in *detailed*
     have all their options, the others only their line in `armd --help`."""
     added = added or {}
     parser = AllCommands(
@@ -189,11 +189,11 @@ def parsers(
     commands = parser.add_subparsers(
         dest="command", required=True, metavar="COMMAND", parser_class=Parser
     )
-    each: dict[str, Parser] = {}
+    by_name: dict[str, Parser] = {}
     for name, help_line in (COMMANDS | parser.added).items():
         description = help_line[:1].upper() + help_line[1:] + "."
-        each[name] = command = commands.add_parser(name, help=help_line, description=description)
-        if name in whole:
+        by_name[name] = command = commands.add_parser(name, help=help_line, description=description)
+        if name in detailed:
             if name in added:
                 added[name].add_arguments(command)
             else:
@@ -202,10 +202,10 @@ def parsers(
                 add_loudness(command)
             if name in USAGE:
                 command.formatter_class = argparse.RawDescriptionHelpFormatter
-                own = f"{command.epilog}\n\n" if command.epilog else ""
-                command.epilog = own + USAGE[name].text()
+                epilog_text = f"{command.epilog}\n\n" if command.epilog else ""
+                command.epilog = epilog_text + USAGE[name].text()
                 _exemplify(command, USAGE[name].examples)
-    return parser, each
+    return parser, by_name
 
 
 class AllCommands(Parser):
@@ -229,8 +229,8 @@ class AllCommands(Parser):
 
 def _exemplify(command: Parser, examples: Sequence[str]) -> None:
     """Give it, and those below it, the first of the examples that is one of theirs."""
-    own = [example for example in examples if example.startswith(f"{command.prog} ")]
-    command.example = own[0] if own else ""
+    matching = [example for example in examples if example.startswith(f"{command.prog} ")]
+    command.example = matching[0] if matching else ""
     for action in command._actions:  # argparse shows them nowhere else
         if isinstance(action, argparse._SubParsersAction):
             for below in action.choices.values():

@@ -134,7 +134,7 @@ class Config:
     file: DaemonFile
     arm: Arm
 
-    def beside(self, name: str) -> Path:
+    def resolve_path(self, name: str) -> Path:
         """A path of the file, taken relative to the file."""
         return self.path.parent / name
 
@@ -142,12 +142,12 @@ class Config:
     def driver(self) -> DriverConfig | DriverPlugin:
         driver = self.file.driver
         if isinstance(driver, ReplayConfig):
-            return driver.model_copy(update={"file": str(self.beside(driver.file))})
+            return driver.model_copy(update={"file": str(self.resolve_path(driver.file))})
         return driver
 
     @property
     def calibration(self) -> Path | None:
-        return None if self.file.calibration is None else self.beside(self.file.calibration)
+        return None if self.file.calibration is None else self.resolve_path(self.file.calibration)
 
     @property
     def expectation(self) -> Expectation:
@@ -169,8 +169,8 @@ def load_config(path: str | Path) -> Config:
     except Exception as error:
         if model is DaemonFile or isinstance(error, ArmdError):
             raise
-        found = f"{type(error).__name__}: {error}"
-        raise BadInput(path, "driver", found, "keys that its package can check") from error
+        problem = f"{type(error).__name__}: {error}"
+        raise BadInput(path, "driver", problem, "keys that its package can check") from error
     config_path = Path(path).absolute()
     arm_path = config_path.parent / file.arm
     arm = load_arm(arm_path)
@@ -179,8 +179,8 @@ def load_config(path: str | Path) -> Config:
         raise BadInput(arm_path, "joint", f"{arm.n_joints} of them", expected)
     for k, joint in enumerate(arm.joint, 1):
         if joint.counts_per_turn is None:
-            where = f"joint[{k}].counts_per_turn"
-            raise BadInput(arm_path, where, "nothing", "a number: a live arm sends counts")
+            location = f"joint[{k}].counts_per_turn"
+            raise BadInput(arm_path, location, "nothing", "a number: a live arm sends counts")
     if isinstance(file.driver, ServoConfig):
         _check_servos(path, file.driver, arm_path, arm)
     elif isinstance(file.driver, CanConfig):
@@ -189,15 +189,15 @@ def load_config(path: str | Path) -> Config:
         expected = f"{N_JOINTS}, a MicroScribe's"
         raise BadInput(arm_path, "joint", f"{arm.n_joints} joints", expected)
     if isinstance(file.driver, SerialConfig) and len(arm.serial_number) > SERIAL_NUMBER_BYTES:
-        found = f"{len(arm.serial_number)} characters"
+        problem = f"{len(arm.serial_number)} characters"
         expected = f"{SERIAL_NUMBER_BYTES} at most, which the serial wire carries"
-        raise BadInput(arm_path, "serial_number", found, expected)
+        raise BadInput(arm_path, "serial_number", problem, expected)
     if keys.FORBIDDEN & set(arm.serial_number):
         expected = f"none of {' '.join(sorted(keys.FORBIDDEN))}, it becomes a part of Zenoh keys"
         raise BadInput(arm_path, "serial_number", repr(arm.serial_number), expected)
     if file.zenoh.config and file.zenoh.model_fields_set - {"config"}:
-        other = min(file.zenoh.model_fields_set - {"config"})
-        raise BadInput(path, f"zenoh.{other}", "this key", "it inside zenoh.config, or no config")
+        key = min(file.zenoh.model_fields_set - {"config"})
+        raise BadInput(path, f"zenoh.{key}", "this key", "it inside zenoh.config, or no config")
     return Config(config_path, file, arm)
 
 
@@ -212,9 +212,9 @@ def _model_of(path: str | Path, data: dict[str, Any]) -> type[DaemonFile]:
     plugin = plugin_driver(kind, DRIVERS)
     if plugin is not None:
         return create_model("DaemonFile", __base__=DaemonFile, driver=(plugin, ...))
-    if others := plugin_kinds(DRIVERS):
-        known = ", ".join(map(repr, [*DRIVERS, *others]))
-        raise BadInput(path, "driver.kind", repr(kind), f"one of {known}")
+    if plugins := plugin_kinds(DRIVERS):
+        kinds = ", ".join(map(repr, [*DRIVERS, *plugins]))
+        raise BadInput(path, "driver.kind", repr(kind), f"one of {kinds}")
     return DaemonFile
 
 
@@ -222,28 +222,28 @@ def _check_nodes(path: str | Path, driver: CanConfig, arm_path: Path, arm: Arm) 
     """Whether there are nodes enough on a bus for the arm; raises `BadInput`."""
     numbers = driver.encoder_serial_numbers
     if numbers is not None and len(numbers) != arm.n_joints:
-        found, expected = f"{len(numbers)} numbers", f"{arm.n_joints}, one for each joint"
-        raise BadInput(path, "driver.encoder_serial_numbers", found, expected)
-    most = CHANNELS_PER_MODULE * len(TEMPERATURE_NODES)
-    if len(arm.sensors) > most:
-        expected = f"{most} at most, the channels of {len(TEMPERATURE_NODES)} modules on CAN"
+        problem, expected = f"{len(numbers)} numbers", f"{arm.n_joints}, one for each joint"
+        raise BadInput(path, "driver.encoder_serial_numbers", problem, expected)
+    n_channels = CHANNELS_PER_MODULE * len(TEMPERATURE_NODES)
+    if len(arm.sensors) > n_channels:
+        expected = f"{n_channels} at most, the channels of {len(TEMPERATURE_NODES)} modules on CAN"
         raise BadInput(arm_path, "temperature_sensor", f"{len(arm.sensors)} sensors", expected)
 
 
 def _check_servos(path: str | Path, driver: ServoConfig, arm_path: Path, arm: Arm) -> None:
     """Whether the servos named are those of the arm; raises `BadInput`."""
     if len(driver.ids) != arm.n_joints:
-        found, expected = f"{len(driver.ids)} servos", f"{arm.n_joints}, one for each joint"
-        raise BadInput(path, "driver.ids", found, expected)
+        problem, expected = f"{len(driver.ids)} servos", f"{arm.n_joints}, one for each joint"
+        raise BadInput(path, "driver.ids", problem, expected)
     if driver.temperature_ids is not None and len(driver.temperature_ids) != len(arm.sensors):
-        found = f"{len(driver.temperature_ids)} servos"
+        problem = f"{len(driver.temperature_ids)} servos"
         expected = f"{len(arm.sensors)}, one for each temperature_sensor of {arm_path.name}"
-        raise BadInput(path, "driver.temperature_ids", found, expected)
+        raise BadInput(path, "driver.temperature_ids", problem, expected)
     if driver.temperature_ids is None and len(arm.sensors) > len(driver.ids):
-        found = f"nothing, and {len(arm.sensors)} sensors in {arm_path.name}"
-        raise BadInput(path, "driver.temperature_ids", found, "the servo of each sensor")
+        problem = f"nothing, and {len(arm.sensors)} sensors in {arm_path.name}"
+        raise BadInput(path, "driver.temperature_ids", problem, "the servo of each sensor")
     for k, joint in enumerate(arm.joint, 1):
         if joint.counts_per_turn != COUNTS_PER_TURN:
-            where = f"joint[{k}].counts_per_turn"
-            found, expected = str(joint.counts_per_turn), f"{COUNTS_PER_TURN}, a servo's"
-            raise BadInput(arm_path, where, found, expected)
+            location = f"joint[{k}].counts_per_turn"
+            problem, expected = str(joint.counts_per_turn), f"{COUNTS_PER_TURN}, a servo's"
+            raise BadInput(arm_path, location, problem, expected)

@@ -48,7 +48,7 @@ class EventGroups:
         self._floods[kind] = _Flood(now_ns, count=1, last=event)
         return False
 
-    def due(self, now_ns: int) -> list[Event]:
+    def take_due_events(self, now_ns: int) -> list[Event]:
         """What floods amount to, each now and then."""
         events = []
         for kind, flood in list(self._floods.items()):

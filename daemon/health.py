@@ -68,7 +68,9 @@ class Tally:
         last = np.cumsum([len(batch) for batch, _, _ in batches]) - 1
         latched_ns = points["monotonic_ns"][last].tolist()
         self._points += len(points)
-        self._latency_ns += [at - ns for (_, _, at), ns in zip(batches, latched_ns, strict=True)]
+        self._latency_ns += [
+            put_ns - ns for (_, _, put_ns), ns in zip(batches, latched_ns, strict=True)
+        ]
         self.latched_ns = latched_ns[-1]
 
     def close_second(self, now_ns: int) -> Second:

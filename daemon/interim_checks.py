@@ -54,7 +54,7 @@ class WatchedChain:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._stamps: object = ()
-        self._seen = self._now = HistoryChain[HistoryLine]()
+        self._checked_chain = self._now = HistoryChain[HistoryLine]()
 
     def fault(self, checks: int) -> str:
         """What is wrong with the history, of which a result tells *checks*; "" if nothing. Raises
@@ -63,12 +63,13 @@ class WatchedChain:
         if stamps != self._stamps:
             self._now = read_chain(self._folder)
             self._stamps = stamps
-        path, now, seen = self._folder / HISTORY, self._now.hashes, self._seen.hashes
-        if now[: len(seen)] != seen:
-            if len(now) < len(seen):
-                return f"{path} has {len(now)} checks, and had {len(seen)}"
+        path = self._folder / HISTORY
+        now, hashes_before = self._now.hashes, self._checked_chain.hashes
+        if now[: len(hashes_before)] != hashes_before:
+            if len(now) < len(hashes_before):
+                return f"{path} has {len(now)} checks, and had {len(hashes_before)}"
             return f"{path} has other checks than it had"
-        self._seen = self._now
+        self._checked_chain = self._now
         if (now or any(stamps)) and len(now) < checks:
             return f"{path} has {len(now)} checks, and {REPORT} is of {checks}"
         return ""
@@ -91,7 +92,7 @@ class InterimChecks:
         self.folder = folder
         self._serial_number = serial_number
         self.last: LastCheck | None = None
-        self._told = LastCheck()  # by the result of this stamp
+        self._last_read = LastCheck()  # by the result of this stamp
         self._stamp: tuple[int, int, int] | None = None
         self._chain = WatchedChain(folder)
         self._ended = threading.Event()
@@ -118,11 +119,11 @@ class InterimChecks:
                 self._stamp, self.last = None, LastCheck(fault=f"{path} is not there")
                 return
             if stamp != self._stamp:
-                self._told, self._stamp = self._read(path), stamp
+                self._last_read, self._stamp = self._read(path), stamp
             # After the result, which is never of a check that the history has not yet.
             path = self.folder / HISTORY
-            fault = self._told.fault or self._chain.fault(self._told.checks)
-            self.last = LastCheck(fault=fault) if fault else self._told
+            fault = self._last_read.fault or self._chain.fault(self._last_read.checks)
+            self.last = LastCheck(fault=fault) if fault else self._last_read
         except Exception as error:  # whatever a foreign file holds, the next look comes
             self._stamp = None
             self.last = LastCheck(fault=f"{path} cannot be read: {' '.join(str(error).split())}")
@@ -172,21 +173,23 @@ def complaint(
     if last.fault:
         return "", f"no interim check known: {last.fault}"
     changed = ""
-    made = in_use.get("interim")
+    correction = in_use.get("interim")
     has_them = (
-        isinstance(made, dict)
-        and made.get("calibration") == last.judged
-        and len(made.get("changes", ())) >= last.changes
+        isinstance(correction, dict)
+        and correction.get("calibration") == last.judged
+        and len(correction.get("changes", ())) >= last.changes
     )
     if last.changed and not has_them:
         changed = f"interim checks say that the arm has changed: {last.changed}"
     hours = (now_unix_s - last.started_unix_s) / HOUR_S
-    due = ""
+    overdue = ""
     if at_most_h is not None and hours > at_most_h:
-        due = f"interim check overdue: the last, {last.name}, is {hours:.0f} h old ({at_most_h:g})"
+        overdue = (
+            f"interim check overdue: the last, {last.name}, is {hours:.0f} h old ({at_most_h:g})"
+        )
     elif at_most_h is not None and hours < -CLOCKS_APART_H:
-        due = (
+        overdue = (
             f"no age of the last interim check: {last.name} is dated {-hours:.0f} h after now "
             "by this computer's clock"
         )
-    return changed, due
+    return changed, overdue

@@ -15,8 +15,8 @@ def how_to_install(packages: Collection[str], package: str) -> str:
     missing = sorted(name for name in packages if name == package or find_spec(name) is None)
     versions = {re.split(r"[^\w.-]", text)[0]: text.split(";")[0].strip() for text in _required()}
     # What no version is known of comes with another: llvmlite with numba.
-    wanted = [versions[name] for name in missing if name in versions] or missing
-    return f"{sys.executable} -m pip install {' '.join(map(_quoted, wanted))}"
+    requirements = [versions[name] for name in missing if name in versions] or missing
+    return f"{sys.executable} -m pip install {' '.join(map(_quoted, requirements))}"
 
 
 def _required() -> list[str]:

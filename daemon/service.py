@@ -27,7 +27,7 @@ from armd.daemon.info import calibration_text, describe
 from armd.daemon.live.answer import Respond
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.changes import Changes
-from armd.daemon.live.measurement import Averager, Press, TriggeredBy, known
+from armd.daemon.live.measurement import Averager, Press, TriggeredBy, as_list_if_finite
 from armd.daemon.live.pipeline import Joints, PointArray
 from armd.daemon.network.publisher import Publisher
 from armd.daemon.network.queries import Queries
@@ -78,7 +78,9 @@ class Service:
             driver.preamble,
             {
                 "reload": lambda _, answer: changes.reload(answer),
-                "tip": lambda asked, answer: changes.select_tip(asked.get("name") or "", answer),
+                "tip": lambda parameters, answer: changes.select_tip(
+                    parameters.get("name") or "", answer
+                ),
                 "keep_tip": self._keep_tip,
             }
             if config.file.commands.enabled
@@ -177,8 +179,8 @@ class Service:
         line = self._publisher.measurements.put(
             measurement.as_json()
             | {
-                "rates_rad_s": known(joints.rate[row]),
-                "approach": known(joints.approach[row]),
+                "rates_rad_s": as_list_if_finite(joints.rate[row]),
+                "approach": as_list_if_finite(joints.approach[row]),
                 "temperatures_c": self._arm.pipeline.temperature.as_json(),
                 "tip": self._arm.tip,
                 "tip_offset_mm": tip.offset_mm,
@@ -189,9 +191,9 @@ class Service:
         if self._measured is not None:
             self._measured.add(line)
 
-    def _keep_tip(self, asked: zenoh.Parameters, answer: Respond) -> None:
+    def _keep_tip(self, parameters: zenoh.Parameters, answer: Respond) -> None:
         try:
-            words = [asked.get(key) or "" for key in ("name", "offset_mm", "radius_mm")]
+            words = [parameters.get(key) or "" for key in ("name", "offset_mm", "radius_mm")]
             name, tip = asked_tip(*words)
         except ArmdError as error:
             answer(str(error), False)
@@ -255,5 +257,5 @@ class Service:
             events += self._measured.take_events()
         for event in [*events, *self._unexpected.take_events()]:
             self._tell(event)
-        for event in self._groups.due(now_ns):
+        for event in self._groups.take_due_events(now_ns):
             self._tell_each(event)

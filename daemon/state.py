@@ -30,7 +30,7 @@ class State(StrEnum):
     """It does not measure."""
 
 
-class Seen(NamedTuple):
+class Observation(NamedTuple):
     """What the daemon saw of the arm during the last second."""
 
     silent_s: float | None  # since the last sample; None: none yet
@@ -46,52 +46,58 @@ class Seen(NamedTuple):
     outside_sensors: tuple[str, ...] = ()
     late_s: float = 0.0  # from latch to put, half the points
     changed: str = ""  # why interim checks say that the arm is no longer what it was
-    due: str = ""  # why an interim check is due
-    held: str = ""  # the period in which a term was identified that is held now, outside it
+    interim_due: str = ""  # why an interim check is due
+    held_period: str = ""  # the period in which a term was identified that is held now, outside it
     drift: str = ""  # why the temperatures are not called steady; "" if they are
 
 
-def assess(seen: Seen) -> tuple[State, str]:
+def assess(observation: Observation) -> tuple[State, str]:
     """The state and its reason; the worst reason wins."""
-    if seen.silent_s is None or seen.silent_s > SILENCE_S:
-        since = "no sample yet" if seen.silent_s is None else f"silent for {seen.silent_s:.1f} s"
-        return State.NOT_READY, f"{since}: {seen.trouble}" if seen.trouble else since
-    joints = ", ".join(f"joint {k}" for k in seen.invalid_joints)
-    if seen.points and seen.invalid == seen.points:
-        if seen.hindrance:
-            return State.NOT_READY, f"no valid point: {seen.hindrance}"
-        missing = " and ".join(seen.missing_sensors)
+    if observation.silent_s is None or observation.silent_s > SILENCE_S:
+        since = "no sample yet"
+        if observation.silent_s is not None:
+            since = f"silent for {observation.silent_s:.1f} s"
+        return State.NOT_READY, f"{since}: {observation.trouble}" if observation.trouble else since
+    joints = ", ".join(f"joint {k}" for k in observation.invalid_joints)
+    if observation.points and observation.invalid == observation.points:
+        if observation.hindrance:
+            return State.NOT_READY, f"no valid point: {observation.hindrance}"
+        missing = " and ".join(observation.missing_sensors)
         return State.NOT_READY, f"no valid point: {joints or f'{missing} missing for too long'}"
-    if seen.hindrance:
-        return State.DEGRADED, seen.hindrance
-    if seen.invalid:
-        return State.DEGRADED, f"{seen.invalid} of {seen.points} points invalid: {joints}"
-    if seen.missing_sensors:
-        missing = ", ".join(seen.missing_sensors)
+    if observation.hindrance:
+        return State.DEGRADED, observation.hindrance
+    if observation.invalid:
+        text = f"{observation.invalid} of {observation.points} points invalid: {joints}"
+        return State.DEGRADED, text
+    if observation.missing_sensors:
+        missing = ", ".join(observation.missing_sensors)
         return State.DEGRADED, f"temperature missing: {missing}; the last value is held"
-    if seen.warning_joints:
-        return State.DEGRADED, "warning of " + ", ".join(f"joint {k}" for k in seen.warning_joints)
-    if seen.flags & CLOCK:
+    if observation.warning_joints:
+        return State.DEGRADED, "warning of " + ", ".join(
+            f"joint {k}" for k in observation.warning_joints
+        )
+    if observation.flags & CLOCK:
         return State.DEGRADED, "the device's clock is not mapped: stamps are arrival times"
-    if seen.lossy:
+    if observation.lossy:
         return State.DEGRADED, "samples are being lost before the daemon; armd status counts why"
-    if seen.late_s > LATE_S:
-        late = f"points come {seen.late_s:.1f} s late: more arrives than can be read"
+    if observation.late_s > LATE_S:
+        late = f"points come {observation.late_s:.1f} s late: more arrives than can be read"
         return State.DEGRADED, late
-    if seen.changed:
-        return State.INACCURATE, seen.changed
-    if seen.outside_sensors:
-        outside = ", ".join(seen.outside_sensors)
+    if observation.changed:
+        return State.INACCURATE, observation.changed
+    if observation.outside_sensors:
+        outside = ", ".join(observation.outside_sensors)
         return State.INACCURATE, f"outside the identified temperature range: {outside}"
-    if seen.held:
-        text = f"a term that follows time was identified {seen.held}; it is held at its end value"
+    if observation.held_period:
+        period = observation.held_period
+        text = f"a term that follows time was identified {period}; it is held at its end value"
         return State.INACCURATE, text
-    if seen.due:
-        return State.INACCURATE, seen.due
-    if seen.flags & TEMPERATURE_RATE:
-        return State.INACCURATE, f"temperature changes too fast for the model: {seen.drift}"
-    if seen.drift:
-        return State.WARMING, seen.drift
-    if seen.flags & NOT_CALIBRATED:
+    if observation.interim_due:
+        return State.INACCURATE, observation.interim_due
+    if observation.flags & TEMPERATURE_RATE:
+        return State.INACCURATE, f"temperature changes too fast for the model: {observation.drift}"
+    if observation.drift:
+        return State.WARMING, observation.drift
+    if observation.flags & NOT_CALIBRATED:
         return State.READY, "nominal geometry: no calibration is loaded"
     return State.READY, "measuring"

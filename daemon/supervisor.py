@@ -14,7 +14,7 @@ from armd.daemon.interim_checks import InterimChecks, complaint
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.end_stops import EndStopWatch
 from armd.daemon.live.pipeline import PointArray
-from armd.daemon.state import Seen, State, assess
+from armd.daemon.state import Observation, State, assess
 from armd.daemon.unexpected import Unexpected
 from armd.drivers.sample import Driver, Event, SampleArray
 
@@ -45,10 +45,12 @@ class Supervisor:
         self._missing: tuple[str, ...] = ()  # sensors without a value
         self._lost: dict[str, int] = {}  # those of them that are told as events, when seen last
         self._stops = EndStopWatch(config.arm)
-        self._changed = self._due = ""  # what the history of interim checks says
+        self._changed = self._interim_due = ""  # what the history of interim checks says
         self.interim: InterimChecks | None = None
         if (interim := config.file.interim) is not None:
-            self.interim = InterimChecks(config.beside(interim.history), config.arm.serial_number)
+            self.interim = InterimChecks(
+                config.resolve_path(interim.history), config.arm.serial_number
+            )
         self.state = State.NOT_READY
         self.reason = "starting"
 
@@ -73,7 +75,7 @@ class Supervisor:
         self._tally.count()
         events = [*self._hear_interim(now_ns), *self._hear_sensors(now_ns)]
         events += self._stops.look(self._arm.pipeline.take_beyond_stops(), now_ns)
-        self.state, self.reason = assess(self._seen(now_ns))
+        self.state, self.reason = assess(self._observe(now_ns))
         if self.state is not before:
             severity = "info" if self.state in (State.READY, State.WARMING) else "warning"
             events.append(Event("state", f"{self.state}: {self.reason}", now_ns, severity))
@@ -87,7 +89,7 @@ class Supervisor:
         if not (lost or self._lost):
             self._missing = missing
             return []
-        told = {*self._lost}
+        lost_before = {*self._lost}
         self._lost = {
             sensor: seen_ns
             for sensor, seen_ns in {**self._lost, **dict.fromkeys(lost, now_ns)}.items()
@@ -95,7 +97,7 @@ class Supervisor:
         }
         self._missing = tuple({**dict.fromkeys(missing), **self._lost})
         events = []
-        for sensor in sorted(told ^ {*self._lost}):
+        for sensor in sorted(lost_before ^ {*self._lost}):
             if sensor in self._lost:
                 text = f"sensor {sensor} is invalid or silent; its last value is held"
                 if sensor in temperature.impossible:
@@ -115,13 +117,15 @@ class Supervisor:
         config = self._config.file.interim
         if self.interim is None or config is None or self._replays:
             return []
-        before = (self._changed, self._due)
+        before = (self._changed, self._interim_due)
         calibration = self._arm.calibration
         in_use = {} if calibration is None else calibration.content.provenance
-        told = complaint(self.interim.last, in_use, time.time(), config.at_most_h)
-        self._changed, self._due = told
+        complaints = complaint(self.interim.last, in_use, time.time(), config.at_most_h)
+        self._changed, self._interim_due = complaints
         events = []
-        for kind, was, now in zip(("interim_changed", "interim_due"), before, told, strict=True):
+        for kind, was, now in zip(
+            ("interim_changed", "interim_due"), before, complaints, strict=True
+        ):
             if bool(was) != bool(now):
                 severity = "warning" if now else "info"
                 text = now or f"no longer: {was}"
@@ -139,7 +143,7 @@ class Supervisor:
             "check": last.name,
             "age_h": round((time.time() - last.started_unix_s) / 3600.0, 2),
             "state": "changed" if last.changed else "in_control",
-            "reason": self._changed or self._due,
+            "reason": self._changed or self._interim_due,
         }
 
     def close_second(self, now_ns: int) -> bool:
@@ -182,11 +186,11 @@ class Supervisor:
     def _silent_s(self, now_ns: int) -> float | None:
         return None if self._came_ns is None else round((now_ns - self._came_ns) * 1e-9, 3)
 
-    def _seen(self, now_ns: int) -> Seen:
+    def _observe(self, now_ns: int) -> Observation:
         second = self._second
         temperature = self._arm.pipeline.temperature
         lossy = second.flagged.get("SAMPLES_LOST", 0) > LOSSY * second.points
-        return Seen(
+        return Observation(
             silent_s=self._silent_s(now_ns),
             trouble=self._trouble,
             hindrance=self._driver.hindrance or self._stops.hindrance,
@@ -200,8 +204,8 @@ class Supervisor:
             outside_sensors=temperature.outside,
             late_s=0.0 if self._replays else second.latency_ms.get("p50", 0.0) * 1e-3,
             changed=self._changed,
-            due=self._due,
-            held=_period(self._arm.pipeline.outside_period),
+            interim_due=self._interim_due,
+            held_period=_period(self._arm.pipeline.outside_period),
             drift=temperature.unsteady(self._config.file.health.steady_k_per_h),
         )
 
@@ -210,5 +214,5 @@ def _period(unix_s: tuple[float, float] | None) -> str:
     """`from 2026-03-01 09:00 to 2026-03-01 17:30 UTC`; "" for none."""
     if unix_s is None:
         return ""
-    since, until = (datetime.datetime.fromtimestamp(at, datetime.UTC) for at in unix_s)
+    since, until = (datetime.datetime.fromtimestamp(time_s, datetime.UTC) for time_s in unix_s)
     return f"from {since:%Y-%m-%d %H:%M} to {until:%Y-%m-%d %H:%M} UTC"

@@ -21,16 +21,16 @@ class Unexpected:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._counted: Counter[str] = Counter()
-        self._known: set[tuple[str, str]] = set()
+        self._noted: set[tuple[str, str]] = set()
         self._events: deque[Event] = deque(maxlen=EVENTS_KEPT)
 
     @contextmanager
-    def survive(self, where: str) -> Iterator[None]:
+    def survive(self, place: str) -> Iterator[None]:
         """Whatever is raised within ends what is within, and no more."""
         try:
             yield
         except Exception as error:
-            self._note(where, error)
+            self._note(place, error)
 
     def as_json(self) -> dict[str, int]:
         """How many there were since the start, by where."""
@@ -44,16 +44,16 @@ class Unexpected:
             self._events.clear()
         return events
 
-    def _note(self, where: str, error: Exception) -> None:
+    def _note(self, place: str, error: Exception) -> None:
         kind = type(error).__name__
-        text = f"{where}: {kind}: {' '.join(str(error).split())[:200]}"
+        text = f"{place}: {kind}: {' '.join(str(error).split())[:200]}"
         with self._lock:
-            self._counted[where] += 1
-            if (where, kind) in self._known:
+            self._counted[place] += 1
+            if (place, kind) in self._noted:
                 return
-            self._known.add((where, kind))
+            self._noted.add((place, kind))
             text += "; this is a fault of armd, which goes on: please report it"
-            detail = {"where": where, "error": kind}
+            detail = {"where": place, "error": kind}
             now_ns = time.monotonic_ns()
             self._events.append(Event("unexpected", text, now_ns, "error", detail))
         _log.error("%s", text, exc_info=error)

@@ -59,16 +59,16 @@ class Fleet:
     def healths(self) -> list[dict[str, Any]]:
         """The last message of each arm that is alive, by serial number."""
         with self._lock:
-            known = sorted(self._alive & self._health.keys())
+            serials = sorted(self._alive & self._health.keys())
             # By the key, not by what the message says: two arms of one name are two metrics.
-            return [self._health[serial][0] | {"serial": serial} for serial in known]
+            return [self._health[serial][0] | {"serial": serial} for serial in serials]
 
     def rows(self) -> list[dict[str, Any]]:
         """One for each arm that is alive and has been heard."""
         now_s = self._clock()
         with self._lock:
-            known = sorted(self._alive & self._health.keys())
-            return [_row(serial, *self._health[serial], now_s) for serial in known]
+            serials = sorted(self._alive & self._health.keys())
+            return [_row(serial, *self._health[serial], now_s) for serial in serials]
 
 
 def _row(serial: str, health: dict[str, Any], heard_s: float, now_s: float) -> dict[str, Any]:

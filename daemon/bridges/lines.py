@@ -42,11 +42,11 @@ def pcdmis(fields: Fields) -> str:
 
 
 def csv(fields: Fields) -> str:
-    known = [_mm(fields[f"{what}_{axis}_um"]) for what in ("u", "sd") for axis in "xyz"]
+    uncertainties = [_mm(fields[f"{prefix}_{axis}_um"]) for prefix in ("u", "sd") for axis in "xyz"]
     return ",".join(
         [
             "{stamp_ns},{x:.6f},{y:.6f},{z:.6f},{i:.6f},{j:.6f},{k:.6f}".format_map(fields),
-            *known,
+            *uncertainties,
             "{count},{flags},{seq},{buttons}".format_map(fields),
             _quoted(fields["tip"]),
             fields["calibration"],
@@ -111,7 +111,7 @@ def of_point(point: np.void, tips: Tips, tip: str | None, serial: str) -> Fields
     if not np.isfinite([*position, *orientation]).all():  # no daemon's
         return None
     covariance, correction = point["covariance_mm2"], point["correction_mm"]
-    known = covariance.tolist() if np.isfinite(covariance).all() else None
+    covariance_mm2 = covariance.tolist() if np.isfinite(covariance).all() else None
     calibration = int(point["calibration"])
     stamp_ns = int(point["stamp_ns"])
     common: dict[str, Any] = {
@@ -125,7 +125,7 @@ def of_point(point: np.void, tips: Tips, tip: str | None, serial: str) -> Fields
     return {
         **common,
         **_place(position, shaft(orientation, tips.get(tip))),
-        **_uncertainty(known),
+        **_uncertainty(covariance_mm2),
         **{f"sd_{axis}_um": np.nan for axis in "xyz"},
         "time_s": stamp_ns * 1e-9,
         "flag_names": " ".join(str(name) for name in names),
@@ -137,7 +137,7 @@ def of_point(point: np.void, tips: Tips, tip: str | None, serial: str) -> Fields
             **common,
             "position_mm": position,
             "orientation": orientation,
-            "covariance_mm2": known,
+            "covariance_mm2": covariance_mm2,
             "correction_mm": correction.tolist() if np.isfinite(correction).all() else None,
             "flag_names": names,
             "tip": tip,

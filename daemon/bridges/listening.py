@@ -97,7 +97,9 @@ async def listen(
             client, host, port, ssl=tls, ssl_handshake_timeout=HANDSHAKE_S if tls else None
         )
     except OSError as error:
-        found = f"{host}:{port}: {error.strerror}"
-        raise BadInput("the command line", "--listen", found, "an address to listen on") from error
+        problem = f"{host}:{port}: {error.strerror}"
+        raise BadInput(
+            "the command line", "--listen", problem, "an address to listen on"
+        ) from error
     bound = server.sockets[0].getsockname()
     return server, f"[{bound[0]}]:{bound[1]}" if ":" in bound[0] else f"{bound[0]}:{bound[1]}"

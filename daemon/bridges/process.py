@@ -35,9 +35,9 @@ ServeArm = Callable[[Arm], Awaitable[None]]
 """Serves one arm until it is cancelled."""
 
 
-def ready(what: str, where: str) -> None:
+def ready(name: str, endpoint: str) -> None:
     """Whoever started this process may now use it."""
-    print(f"armd: ready {what} on {where}", flush=True)
+    print(f"armd: ready {name} on {endpoint}", flush=True)
 
 
 def warn(text: str) -> None:
@@ -71,11 +71,11 @@ def _ended(code: int) -> int:
 
 
 async def _until_told(work: Callable[[], Awaitable[None]]) -> int:
-    told = asyncio.Event()
+    stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, told.set)
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
     working = asyncio.ensure_future(work())
-    waiting = asyncio.ensure_future(told.wait())
+    waiting = asyncio.ensure_future(stop.wait())
     await asyncio.wait({working, waiting}, return_when=asyncio.FIRST_COMPLETED)
     waiting.cancel()
     if working.done():

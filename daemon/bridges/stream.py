@@ -56,26 +56,26 @@ class LineStream:
         info = await in_thread(self._arm.info)
         self._tips = Tips(info)
         self._tip: str | None = info["tip"]
-        server, where = await listen(address, lambda: Reader(self._readers, self._header))
+        server, endpoint = await listen(address, lambda: Reader(self._readers, self._header))
         async with server:
             if self._hz is None:
-                await self._tell_measurements(where)
+                await self._tell_measurements(endpoint)
             else:
-                await self._tell_points(where)
+                await self._tell_points(endpoint)
 
-    async def _tell_measurements(self, where: str) -> None:
+    async def _tell_measurements(self, endpoint: str) -> None:
         """As they come: a plain subscription, which knows no past."""
         arrived: asyncio.Queue[bytes] = asyncio.Queue()
         loop = asyncio.get_running_loop()
         with self._arm.calling(keys.MEASUREMENT, lambda data: _hand_over(loop, arrived, data)):
-            ready("stream", where)
+            ready("stream", endpoint)
             while True:
                 measurement = json.loads(await arrived.get())
                 self._send(lines.of_measurement(measurement, self._tips, self._arm.serial))
 
-    async def _tell_points(self, where: str) -> None:
+    async def _tell_points(self, endpoint: str) -> None:
         with self._arm.stream(keys.POINT) as stream, self._arm.stream(keys.HEALTH) as health:
-            ready("stream", where)
+            ready("stream", endpoint)
             while True:
                 await asyncio.sleep(POLL_S)
                 for payload in health.take():

@@ -24,13 +24,15 @@ class Tips:
 
     def __init__(self, info: Mapping[str, Any]) -> None:
         """Of the arm's `info`."""
-        own = info["arm"]["tip"]
-        radius_mm = own["radius_mm"]
-        self.by_name: dict[str | None, CmmTip] = {None: CmmTip(vector(own["offset_mm"]), radius_mm)}
+        active_tip = info["arm"]["tip"]
+        radius_mm = active_tip["radius_mm"]
+        self.by_name: dict[str | None, CmmTip] = {
+            None: CmmTip(vector(active_tip["offset_mm"]), radius_mm)
+        }
         for name, tip in info["configuration"]["tips"].items():
-            given = tip.get("radius_mm")
+            tip_radius_mm = tip.get("radius_mm")
             self.by_name[name] = CmmTip(
-                vector(tip["offset_mm"]), radius_mm if given is None else given
+                vector(tip["offset_mm"]), radius_mm if tip_radius_mm is None else tip_radius_mm
             )
 
     @property

@@ -25,11 +25,11 @@ def rows_of_axes(origins: F64, axes: F64, tip: F64, x: F64) -> tuple[F64, F64]:
     *x* (3,) is the first frame's, at right angles to the first axis.
     """
     rows, origin = [], origins[0]
-    for z, other, other_z in zip(axes[:-1], origins[1:], axes[1:], strict=True):
+    for z, next_origin, other_z in zip(axes[:-1], origins[1:], axes[1:], strict=True):
         if np.linalg.norm(np.cross(z, other_z)) < math.sin(math.radians(PARALLEL_DEG)):
-            row, x, origin = _hayati_row(origin, x, z, other, other_z)
+            row, x, origin = _hayati_row(origin, x, z, next_origin, other_z)
         else:
-            row, x, origin = _normal_row(origin, x, z, other, other_z)
+            row, x, origin = _normal_row(origin, x, z, next_origin, other_z)
         rows.append(row)
     rows.append([0.0] * 5)
     frame = np.column_stack([x, np.cross(axes[-1], x), axes[-1]])
@@ -73,10 +73,10 @@ def _angle(x: F64, normal: F64, z: F64) -> float:
 
 
 def _hayati_row(
-    origin: F64, x: F64, z: F64, other: F64, other_z: F64
+    origin: F64, x: F64, z: F64, next_origin: F64, other_z: F64
 ) -> tuple[list[float], F64, F64]:
     """To where the other axis meets the plane at right angles to z: the row, the next x, origin."""
-    point = other + ((origin - other) @ z) / (other_z @ z) * other_z
+    point = next_origin + ((origin - next_origin) @ z) / (other_z @ z) * other_z
     length = float(np.linalg.norm(point - origin))
     normal = x if length < SAME_MM else (point - origin) / length
     y = np.cross(z, normal)
@@ -88,13 +88,13 @@ def _hayati_row(
 
 
 def _normal_row(
-    origin: F64, x: F64, z: F64, other: F64, other_z: F64
+    origin: F64, x: F64, z: F64, next_origin: F64, other_z: F64
 ) -> tuple[list[float], F64, F64]:
     """Along the common normal of both axes: the row, the next frame's x and its origin."""
     normal = np.cross(z, other_z)
     normal /= np.linalg.norm(normal)
-    s, t, _ = np.linalg.solve(np.column_stack([z, -other_z, normal]), other - origin)
-    foot, other_foot = origin + s * z, other + t * other_z
+    s, t, _ = np.linalg.solve(np.column_stack([z, -other_z, normal]), next_origin - origin)
+    foot, other_foot = origin + s * z, next_origin + t * other_z
     if (other_foot - foot) @ normal < -SAME_MM:
         normal = -normal
     alpha = math.degrees(math.atan2(np.cross(z, other_z) @ normal, z @ other_z))

@@ -56,24 +56,24 @@ class ChainRows:
         return turn(0, alpha) @ turn(1, beta)
 
 
-def without_previous(rows: ChainRows, said: list[str]) -> ChainRows:
+def without_previous(rows: ChainRows, remarks: list[str]) -> ChainRows:
     """Modified rows as standard ones: a, α, β stand one row up, with the link that they shape."""
     shifted: list[dict[str, Any]] = []
     after = rows.after or {}
     for joint, link in zip(rows.joints, [*rows.joints[1:], after], strict=True):
-        own = {key: value for key, value in joint.items() if key not in OF_THE_LINK}
-        shifted.append(own | {key: link[key] for key in OF_THE_LINK if key in link})
+        joint_values = {key: value for key, value in joint.items() if key not in OF_THE_LINK}
+        shifted.append(joint_values | {key: link[key] for key in OF_THE_LINK if key in link})
     first = [float(rows.joints[0].get(name, 0.0)) for name in OF_THE_LINK]
     if any(first):
-        said.append(
+        remarks.append(
             "armd's base frame stands on the first axis, after the first row's alpha and a;"
             " gravity is turned with it"
         )
-    rest = {key: after[key] for key in DH[:2] if key in after}
-    return ChainRows(shifted, rest or None, first)
+    tip_values = {key: after[key] for key in DH[:2] if key in after}
+    return ChainRows(shifted, tip_values or None, first)
 
 
-def with_hayati(rows: ChainRows, said: list[str]) -> ChainRows:
+def with_hayati(rows: ChainRows, remarks: list[str]) -> ChainRows:
     """Rows of nearly parallel axes, kilometres long, as Hayati's, with a β and no length d."""
     parameters = _parameters(rows.joints)
     nearly = [
@@ -85,12 +85,12 @@ def with_hayati(rows: ChainRows, said: list[str]) -> ChainRows:
     origins, axes, tip = axes_of_rows(parameters)
     frame = _last_frame(rows.joints)
     offset = tip + frame @ np.array(rows.tip_offset())
-    made, made_tip = rows_of_axes(origins, axes, offset, np.array([1.0, 0.0, 0.0]))
+    hayati_rows, made_tip = rows_of_axes(origins, axes, offset, np.array([1.0, 0.0, 0.0]))
     joints = []
-    for joint, row in zip(rows.joints, made.tolist(), strict=True):
+    for joint, row in zip(rows.joints, hayati_rows.tolist(), strict=True):
         values = {name: round(x, PLACES) + 0.0 for name, x in zip(DH, row, strict=True)}
         joints.append(joint | values)
-    said.append("nearly parallel axes have Hayati's rows, with beta_deg and without a long d_mm")
+    remarks.append("nearly parallel axes have Hayati's rows, with beta_deg and without a long d_mm")
     x, y, z = (round(value, PLACES) + 0.0 for value in made_tip.tolist())
     theta, a = math.degrees(math.atan2(y, x)), math.hypot(x, y)
     return replace(rows, joints=joints, after={"theta_deg": theta, "d_mm": z, "a_mm": a})

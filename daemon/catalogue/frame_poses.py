@@ -33,17 +33,17 @@ def rotations_about(axis: F64, angles: F64) -> F64:
     return turned
 
 
-def least_rotation(one: F64, other: F64) -> F64:
+def find_least_rotation(start: F64, end: F64) -> F64:
     """The least rotation (3, 3) from one direction to another, less than half a turn away."""
-    normal = np.cross(one, other)
+    normal = np.cross(start, end)
     x, y, z = normal
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turned: F64 = np.eye(3) + cross + cross @ cross / (1.0 + float(one @ other))
+    turned: F64 = np.eye(3) + cross + cross @ cross / (1.0 + float(start @ end))
     return turned
 
 
-def measure_difference(one: tuple[F64, F64], other: tuple[F64, F64]) -> tuple[float, float]:
+def measure_difference(first: tuple[F64, F64], second: tuple[F64, F64]) -> tuple[float, float]:
     """The largest distance in mm and the largest angle in rad, over the postures."""
-    apart = np.linalg.norm(one[0] - other[0], axis=1)
-    chord = np.linalg.norm(one[1] - other[1], axis=(1, 2)) / np.sqrt(8.0)
-    return float(apart.max()), float(2.0 * np.arcsin(np.minimum(chord, 1.0)).max())
+    distance_mm = np.linalg.norm(first[0] - second[0], axis=1)
+    chord = np.linalg.norm(first[1] - second[1], axis=(1, 2)) / np.sqrt(8.0)
+    return float(distance_mm.max()), float(2.0 * np.arcsin(np.minimum(chord, 1.0)).max())

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from armd.compensation.model.arm import Joint
-from armd.daemon.catalogue.known import (
+from armd.daemon.catalogue.known_arms import (
     KNOWN,
     Bus,
     arm_text,
@@ -55,7 +55,7 @@ class TakenOver:
     text: str  # arm.toml
     bus: Bus
     motors: dict[str, Motor]  # in the order of the joints
-    said: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
 
 def take_over(
@@ -72,7 +72,7 @@ def take_over(
     _check(path, motors, chain, arm.n_joints, name)
     _check_offsets(path, motors, bus.kind)
     chain = {key: _within_a_turn(path, key, motor, bus.kind) for key, motor in chain.items()}
-    said = _check_sweeps(path, chain, arm.joint, short)
+    remarks = _check_sweeps(path, chain, arm.joint, short)
     text = arm_text(name)
     for k, (motor, joint) in enumerate(zip(chain.values(), arm.joint, strict=True), 1):
         # A Dynamixel turns its count round itself; LeRobot does it for a Feetech.
@@ -96,7 +96,7 @@ def take_over(
         f"# the servos have these homing offsets: {offsets}.\n"
     )
     ids = [motor.id for motor in chain.values()]
-    return TakenOver(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors, said)
+    return TakenOver(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors, remarks)
 
 
 def _commentable(text: str) -> str:
@@ -134,12 +134,12 @@ def _within_a_turn(path: Path, key: str, motor: Motor, kind: str) -> Motor:
             expected = "0 or more, which a Feetech servo counts: calibrate it anew with LeRobot"
             raise BadInput(path, f"{key}.range_min", str(motor.range_min), expected)
         if motor.range_max >= COUNTS:
-            found = str(motor.range_max)
-            raise BadInput(path, f"{key}.range_max", found, f"less than {COUNTS}")
+            problem = str(motor.range_max)
+            raise BadInput(path, f"{key}.range_max", problem, f"less than {COUNTS}")
         return motor
     turns = (motor.range_min + motor.range_max) // 2 // COUNTS
-    least, most = (end - turns * COUNTS for end in (motor.range_min, motor.range_max))
-    return motor.model_copy(update={"range_min": least, "range_max": most})
+    low, high = (end - turns * COUNTS for end in (motor.range_min, motor.range_max))
+    return motor.model_copy(update={"range_min": low, "range_max": high})
 
 
 def _check_sweeps(
@@ -147,12 +147,12 @@ def _check_sweeps(
 ) -> list[str]:
     """What is to be said of sweeps against the drawing's travel; raises `BadInput` for one whose
     middle is no zero."""
-    said = []
+    remarks = []
     for key in short:
         if key not in chain:
             raise BadInput(path, "--short-sweep", repr(key), f"one of {few(chain)}")
     for (key, motor), joint in zip(chain.items(), joints, strict=True):
-        where = f"{key}.range_min … range_max"
+        location = f"{key}.range_min … range_max"
         swept = f"a sweep of {motor.sweep_deg:.0f}° ({motor.range_min} … {motor.range_max})"
         sweep = motor.range_max - motor.range_min
         if sweep < LEAST_SWEEP_COUNTS:
@@ -166,20 +166,20 @@ def _check_sweeps(
                 f"{travel:.0f}°, its travel: it was swept across the encoder's seam; move it to the"
                 " middle of its travel when LeRobot asks for that, and calibrate anew"
             )
-            raise BadInput(path, where, swept, expected)
+            raise BadInput(path, location, swept, expected)
         share = motor.sweep_deg / travel
         if share < LEAST_SHARE and key not in short:
             expected = (
                 f"{travel:.0f}°, its travel: calibrate anew with LeRobot from stop to stop, or say"
                 f" --short-sweep {key} if this joint of yours turns no farther"
             )
-            raise BadInput(path, where, swept, expected)
+            raise BadInput(path, location, swept, expected)
         if not USUAL_SHARES[0] <= share <= USUAL_SHARES[1]:
-            said.append(
+            remarks.append(
                 f"{key}: {swept}, and the drawing's travel is {travel:.0f}°;"
                 " the middle of the sweep is taken as the drawing's zero"
             )
-    return said
+    return remarks
 
 
 def _travel_deg(joint: Joint) -> float | None:
@@ -191,17 +191,17 @@ def _travel_deg(joint: Joint) -> float | None:
 
 
 def _check_offsets(path: Path, motors: dict[str, Motor], kind: str) -> None:
-    most, register = MOST_OFFSET[kind]
+    limit, register = MOST_OFFSET[kind]
     for key, motor in motors.items():
-        if abs(motor.homing_offset) > most:
-            expected = f"-{most} to {most}, which a {kind} servo can hold (register {register})"
+        if abs(motor.homing_offset) > limit:
+            expected = f"-{limit} to {limit}, which a {kind} servo can hold (register {register})"
             raise BadInput(path, f"{key}.homing_offset", str(motor.homing_offset), expected)
 
 
 def _parted(text: str) -> tuple[str, str]:
     """Before and after the first line that is no comment."""
-    head, blank, rest = text.partition("\n\n")
-    return head + "\n", blank[1:] + rest
+    head, blank, body = text.partition("\n\n")
+    return head + "\n", blank[1:] + body
 
 
 def _with_ids(bus: Bus, ids: list[int], motors: dict[str, Motor], chain: dict[str, Motor]) -> Bus:

@@ -66,11 +66,11 @@ class Normalised:
             motors = motors_of_arm(path, motors, prefix)
         self._motors = {}
         for name, header in headers.items():
-            meant = [m for key, m in motors.items() if _named_alike(key, header)]
+            exact = [m for key, m in motors.items() if _named_alike(key, header)]
             alike = [m for key, m in motors.items() if joint_name(key) == joint_name(header)]
-            if len(meant or alike) != 1:
+            if len(exact or alike) != 1:
                 raise BadInput(path, f"the motor of {header!r}", few(motors), "one of its name")
-            self._motors[name] = (meant or alike)[0]
+            self._motors[name] = (exact or alike)[0]
 
     def count(self, name: str, value: float) -> float:
         """The position from raw 2048, as the servo counts; LeRobot negates where it turns round."""
@@ -93,14 +93,14 @@ def read_motors(path: Path) -> dict[str, Motor]:
     """Every motor of a calibration; raises `BadInput` for another program's file, by its name."""
     data = json_data(path, read_input(path, MOST_JSON_BYTES))
     if isinstance(data, dict) and isinstance(data.get("homing_offset"), list):
-        found = "LeRobot's format of before June 2025, whose zero is another"
-        raise BadInput(path, "the file", found, "a calibration made anew by LeRobot of today")
+        problem = "LeRobot's format of before June 2025, whose zero is another"
+        raise BadInput(path, "the file", problem, "a calibration made anew by LeRobot of today")
     if isinstance(data, dict) and any(str(key).startswith("servos_") for key in data):
-        found = "phosphobot's calibration"
+        problem = "phosphobot's calibration"
         raise BadInput(
             path,
             "the file",
-            found,
+            problem,
             "LeRobot's: calibrate the arm with lerobot-calibrate; `armd import` takes this one as"
             " --servo-zeros",
         )
@@ -136,9 +136,9 @@ def motors_of_arm(path: Path, motors: dict[str, Motor], prefix: str | None) -> d
         if len(begins) != 1:
             raise BadInput(path, "--prefix", repr(prefix), f"one of {few(sorted(arms))}")
     if len(begins) > 1:
-        found = f"those of {len(begins)} arms ({few(begins)})"
+        problem = f"those of {len(begins)} arms ({few(begins)})"
         expected = f"one arm: {' or '.join(f'--prefix {begin}' for begin in begins)}"
-        raise BadInput(path, "the motors", found, expected)
+        raise BadInput(path, "the motors", problem, expected)
     return arms[begins[0]] if begins and (begins[0] or prefix is not None) else motors
 
 

@@ -36,34 +36,37 @@ def matrix_of_quaternion(quaternion: F64) -> F64:
     )
 
 
-def rpy_of_matrix(rotation: F64, near: F64 | None = None) -> F64:
+def rpy_of_matrix(rotation: F64, reference: F64 | None = None) -> F64:
     """Roll, pitch, yaw (3,) rad of a rotation matrix (3, 3); of the two triples, and of whole
-    turns, those nearest to *near* (3,), or to zero."""
-    near = np.zeros(3) if near is None else near
+    turns, those nearest to *reference* (3,), or to zero."""
+    reference = np.zeros(3) if reference is None else reference
     across = math.hypot(rotation[2, 1], rotation[2, 2])
     pitch = math.atan2(-rotation[2, 0], across)
-    roll = float(near[0])
+    roll = float(reference[0])
     if across > LOCKED:
         roll = math.atan2(rotation[2, 1], rotation[2, 2])
     triples = [(roll, pitch)]
     if across > LOCKED:
         triples.append((roll + math.pi, math.pi - pitch))
-    return min((_nearest(rotation, *two, near) for two in triples), key=lambda t: _far(t, near))
+    return min(
+        (_nearest(rotation, *two, reference) for two in triples),
+        key=lambda t: _measure_distance(t, reference),
+    )
 
 
-def _nearest(rotation: F64, roll: float, pitch: float, near: F64) -> F64:
+def _nearest(rotation: F64, roll: float, pitch: float, reference: F64) -> F64:
     """The triple with this roll and pitch. Yaw is of what is left when roll is undone, so that
     their sum is exact even where roll alone hardly turns anything."""
     c, s = math.cos(roll), math.sin(roll)
     y = c * rotation[:, 1] - s * rotation[:, 2]  # (R·Rx(−roll)) e_y
-    found = np.array([roll, pitch, math.atan2(-y[0], y[1])])
+    principal = np.array([roll, pitch, math.atan2(-y[0], y[1])])
     turn = 2 * math.pi
-    triple: F64 = found + turn * np.round((near - found) / turn)
+    triple: F64 = principal + turn * np.round((reference - principal) / turn)
     return triple
 
 
-def _far(triple: F64, near: F64) -> float:
-    return float(np.abs(triple - near).sum())
+def _measure_distance(triple: F64, reference: F64) -> float:
+    return float(np.abs(triple - reference).sum())
 
 
 def quaternion_of_matrix(rotation: F64) -> F64:
@@ -76,5 +79,5 @@ def quaternion_of_matrix(rotation: F64) -> F64:
         rotation[1, 0] - rotation[0, 1],
     ]
     half[3, 3] = np.trace(rotation)
-    found: F64 = np.linalg.eigh(half)[1][:, 3]  # Bar-Itzhack, J. Guidance 23 (2000) 1085
-    return found if found[3] >= 0 else -found
+    quaternion: F64 = np.linalg.eigh(half)[1][:, 3]  # Bar-Itzhack, J. Guidance 23 (2000) 1085
+    return quaternion if quaternion[3] >= 0 else -quaternion

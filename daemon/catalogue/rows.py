@@ -60,8 +60,8 @@ LARGEST = 1e12
 class Columns:
     """Where a joint's keys stand in the table, and what a number of each is multiplied by."""
 
-    at: dict[str, tuple[int, float]]
-    said: list[str]
+    by_key: dict[str, tuple[int, float]]
+    remarks: list[str]
     previous: bool  # a header's index is i-1
     names: int | None  # the column that names or counts the joints
 
@@ -73,37 +73,39 @@ def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]
     """
     table = read_table(path)
     columns = _columns(table)
-    said = columns.said
-    if not any(name in columns.at for name in LENGTH_KEYS):
+    remarks = columns.remarks
+    if not any(name in columns.by_key for name in LENGTH_KEYS):
         expected = "a column d_mm or a_mm: an arm without lengths reaches nowhere"
         raise BadInput(path, "the header", few(table.header), expected)
-    if "alpha_deg" not in columns.at:
+    if "alpha_deg" not in columns.by_key:
         expected = "a column alpha_deg too, with 0 where an axis is parallel to the one before"
         raise BadInput(path, "the header", few(table.header), expected)
     convention = convention or _convention(table, columns)
     for name in ("theta_deg", "d_mm", "a_mm"):
-        if name not in columns.at:
-            said.append(f"{name}: there is no such column, it is 0 in each joint")
+        if name not in columns.by_key:
+            remarks.append(f"{name}: there is no such column, it is 0 in each joint")
     joints = [_joint(table, row, columns) for row in range(len(table.rows))]
-    after = _after_the_last(table, columns, joints, said)
+    after = _after_the_last(table, columns, joints, remarks)
     for name in DH[:4]:
         empty = [
-            str(k) for k, joint in enumerate(joints, 1) if name in columns.at and name not in joint
+            str(k)
+            for k, joint in enumerate(joints, 1)
+            if name in columns.by_key and name not in joint
         ]
         if empty:
-            said.append(f"{name}: empty for joint {', '.join(empty)}, which makes it 0")
-    said.append(_size_of(table, columns.at, joints))
-    said.append(f"rows are read in the {convention} convention, {CONVENTIONS[convention]}")
+            remarks.append(f"{name}: empty for joint {', '.join(empty)}, which makes it 0")
+    remarks.append(_size_of(table, columns.by_key, joints))
+    remarks.append(f"rows are read in the {convention} convention, {CONVENTIONS[convention]}")
     rows = ChainRows(joints, after)
     if convention == "modified":
-        rows = without_previous(rows, said)
-    rows = with_hayati(rows, said)
-    return _text(rows, said), said
+        rows = without_previous(rows, remarks)
+    rows = with_hayati(rows, remarks)
+    return _text(rows, remarks), remarks
 
 
-def _text(rows: ChainRows, said: list[str]) -> str:
-    """arm.toml; *said* gets where the tip is at zero angles, by which a person sees it is right."""
-    said.append(f"the tip at zero angles: {rows.tip_text()}")
+def _text(rows: ChainRows, remarks: list[str]) -> str:
+    """arm.toml; *remarks* gets where the tip is at zero angles, so that a person can check it."""
+    remarks.append(f"the tip at zero angles: {rows.tip_text()}")
     sensors = dict.fromkeys(str(j["temperature"]) for j in rows.joints if "temperature" in j)
     content: dict[str, Any] = {
         "schema": "armd.arm/1",
@@ -123,72 +125,72 @@ def _text(rows: ChainRows, said: list[str]) -> str:
 def _convention(table: ForeignTable, columns: Columns) -> str:
     """As the headers say it; raises `BadInput` where their order is Craig's and nothing else."""
     if columns.previous:
-        columns.said.append("alpha and a have the index i-1: the table is of the modified form")
+        columns.remarks.append("alpha and a have the index i-1: the table is of the modified form")
         return "modified"
     order = sorted(
-        (name for name in columns.at if name in CRAIGS_ORDER), key=columns.at.__getitem__
+        (name for name in columns.by_key if name in CRAIGS_ORDER), key=columns.by_key.__getitem__
     )
     if order == CRAIGS_ORDER:
-        found = "columns in the order of modified rows (alpha, a, d, theta)"
+        problem = "columns in the order of modified rows (alpha, a, d, theta)"
         expected = (
             "--modified, if alpha and a are of the link before (Craig, as Franka has them),"
             " or --standard"
         )
-        raise BadInput(table.path, "the header", found, expected)
+        raise BadInput(table.path, "the header", problem, expected)
     return "standard"
 
 
 def _joint(table: ForeignTable, row: int, columns: Columns) -> dict[str, Any]:
     return {
-        name: _value(table, row, at, name, factor)
-        for name, (at, factor) in columns.at.items()
-        if table.rows[row][at]
+        name: _value(table, row, column, name, factor)
+        for name, (column, factor) in columns.by_key.items()
+        if table.rows[row][column]
     }
 
 
 def _after_the_last(
-    table: ForeignTable, columns: Columns, joints: list[dict[str, Any]], said: list[str]
+    table: ForeignTable, columns: Columns, joints: list[dict[str, Any]], remarks: list[str]
 ) -> dict[str, Any] | None:
     """The last row, if it is named as no joint is: taken out of *joints*."""
     if columns.names is None or not _AFTER_THE_LAST.fullmatch(table.rows[-1][columns.names]):
         return None
-    said.append(f"the row {table.rows[-1][columns.names]!r} is no joint: it places the tip")
+    remarks.append(f"the row {table.rows[-1][columns.names]!r} is no joint: it places the tip")
     return joints.pop()
 
 
 def _columns(table: ForeignTable) -> Columns:
-    found: dict[str, tuple[int, float]] = {}
-    said = list(table.assumed)
+    columns: dict[str, tuple[int, float]] = {}
+    remarks = list(table.assumed)
     previous, names = False, None
     by_word = {word_and_unit(name)[0]: name for name in ROW[:-2]}
     by_word |= {word: name for name, words in OF_A_JOINT.items() for word in words}
-    for at, header in enumerate(table.header):
-        plain = _INDEX.sub("", _PREVIOUS.sub("", header))
-        word, unit = word_and_unit(plain)
+    for index, header in enumerate(table.header):
+        without_index = _INDEX.sub("", _PREVIOUS.sub("", header))
+        word, unit = word_and_unit(without_index)
         if header in ROW:
             name = header
         elif word in NUMBERS:
-            names = at if names is None else names
+            names = index if names is None else names
             continue
-        elif (meant := by_word.get(word)) is None:
+        elif (key := by_word.get(word)) is None:
             raise BadInput(
                 table.path, "the header", repr(header), f"a key of a joint{hint(header, ROW)}"
             )
         else:
-            name = meant
-            taken = "" if unit else _taken(name)
-            said.append(f"{name} is the column {header!r}{taken}")
+            name = key
+            assumption = "" if unit else _describe_assumed_unit(name)
+            remarks.append(f"{name} is the column {header!r}{assumption}")
             if name in ("alpha_deg", "a_mm"):
                 previous = previous or _PREVIOUS.search(header) is not None
-        if name in found:
-            both = f"{table.header[found[name][0]]!r} and {header!r}"
-            raise BadInput(table.path, name, f"two columns, {both}", "one")
-        found[name] = (at, _factor(table, header, name, unit))
-    in_order = {name: found[name] for name in ROW if name in found}
-    return Columns(in_order, said, previous, names)
+        if name in columns:
+            headers = f"{table.header[columns[name][0]]!r} and {header!r}"
+            raise BadInput(table.path, name, f"two columns, {headers}", "one")
+        columns[name] = (index, _factor(table, header, name, unit))
+    in_order = {name: columns[name] for name in ROW if name in columns}
+    return Columns(in_order, remarks, previous, names)
 
 
-def _taken(name: str) -> str:
+def _describe_assumed_unit(name: str) -> str:
     """The unit of a column whose header says none."""
     unit = {"mm": "mm", "deg": "degrees"}.get(name.rpartition("_")[2])
     return f", in {unit}: its header says no unit" if unit else ""
@@ -204,15 +206,15 @@ def _size_of(
         values = [abs(float(joint.get(name, 0.0))) for joint in joints]
         in_rad = any(abs(v - right) < 0.01 for v in values for right in RIGHT_ANGLES_RAD)
         if in_rad and max(values) < 2.0 * math.pi:
-            at, _ = columns[name]
-            found = f"angles of {max(values):g} degrees at most"
+            column, _ = columns[name]
+            problem = f"angles of {max(values):g} degrees at most"
             expected = "degrees, or a header with another unit, as 'alpha (rad)'"
-            raise BadInput(table.path, f"column {table.header[at]}", found, expected)
+            raise BadInput(table.path, f"column {table.header[column]}", problem, expected)
     total_mm = sum(abs(float(joint.get(name, 0.0))) for joint in joints for name in LENGTH_KEYS)
     if total_mm < SHORTEST_MM:
-        found = f"{total_mm:g} mm, all of d and a together"
+        problem = f"{total_mm:g} mm, all of d and a together"
         expected = "mm, or a header with another unit, as 'd (m)' or 'd (in)'"
-        raise BadInput(table.path, "the lengths", found, expected)
+        raise BadInput(table.path, "the lengths", problem, expected)
     return f"the lengths d and a add up to {total_mm:.6g} mm"
 
 
@@ -223,9 +225,9 @@ def _factor(table: ForeignTable, header: str, name: str, unit: str) -> float:
         units = LENGTHS
     elif name.endswith("_deg"):
         units = {
-            word: factor * IN_DEGREES[meant]
-            for word, (meant, factor) in ANGLES.items()
-            if meant in IN_DEGREES
+            word: factor * IN_DEGREES[angle_unit]
+            for word, (angle_unit, factor) in ANGLES.items()
+            if angle_unit in IN_DEGREES
         }
     if not units or not unit:
         return 1.0
@@ -235,19 +237,19 @@ def _factor(table: ForeignTable, header: str, name: str, unit: str) -> float:
     return units[unit]
 
 
-def _value(table: ForeignTable, row: int, at: int, name: str, factor: float) -> str | float:
-    cell = table.rows[row][at]
+def _value(table: ForeignTable, row: int, column: int, name: str, factor: float) -> str | float:
+    cell = table.rows[row][column]
     if name == "temperature":
         return cell
     value = number(cell)
     if name == "theta_deg" and (variable := _VARIABLE.fullmatch(cell)):
         value = float((variable[1] or "0").replace(" ", ""))
     if value is None:
-        raise table.fault(row, at, "a number, in numerals")
+        raise table.fault(row, column, "a number, in numerals")
     if not math.isfinite(value):
         return 0.0
     if abs(value) > LARGEST:
-        raise table.fault(row, at, f"a number of {LARGEST:g} at most")
+        raise table.fault(row, column, f"a number of {LARGEST:g} at most")
     if name == "counts_per_turn":
         return int(value)
     return float(np.round(factor * value, 9))  # 17.5 in are 444.5 mm, no digits of 2⁻⁵³ after

@@ -42,8 +42,8 @@ class ServoZeros:
         """Counts of *joint* (from 0) from the middle of a turn; the first within a turn of it."""
         scale = self.signs[joint] * self.counts_per_rad
         counts = [self.offsets[joint] + scale * angle - MIDDLE for angle in angles_rad]
-        known = next((count for count in counts if math.isfinite(count)), 0.0)
-        turns = math.floor((known + MIDDLE) / COUNTS)
+        reference = next((count for count in counts if math.isfinite(count)), 0.0)
+        turns = math.floor((reference + MIDDLE) / COUNTS)
         return [count - COUNTS * turns for count in counts]
 
 
@@ -55,8 +55,8 @@ def read_servo_zeros(path: Path, n_joints: int) -> ServoZeros:
     else:
         zeros = _phosphobot(path, json_data(path, content))
     if len(zeros.offsets) < n_joints:
-        found = f"{len(zeros.offsets)} joints"
-        raise BadInput(path, "the offsets", found, f"{n_joints}, as the arm has")
+        problem = f"{len(zeros.offsets)} joints"
+        raise BadInput(path, "the offsets", problem, f"{n_joints}, as the arm has")
     return zeros
 
 
@@ -88,19 +88,19 @@ def _gello(path: Path, content: bytes) -> ServoZeros:
 def _listed(path: Path, text: str, key: str) -> list[str]:
     """The words of a YAML list, in brackets or one a line. No more of YAML is needed here."""
     lines = [line.split(" #")[0].rstrip() for line in text.splitlines()]
-    at = [i for i, line in enumerate(lines) if re.match(rf"\s*{key}\s*:", line)]
-    if len(at) != 1:
-        found = "nothing" if not at else f"it {len(at)} times"
+    key_lines = [i for i, line in enumerate(lines) if re.match(rf"\s*{key}\s*:", line)]
+    if len(key_lines) != 1:
+        problem = "nothing" if not key_lines else f"it {len(key_lines)} times"
         expected = "one list of numbers, as in the configurations that GELLO writes"
-        raise BadInput(path, key, found, expected)
-    rest = "\n".join(lines[at[0] :]).split(":", 1)[1].lstrip(" ")
-    if rest.startswith("["):
-        inner, end, _ = rest[1:].partition("]")
+        raise BadInput(path, key, problem, expected)
+    value_text = "\n".join(lines[key_lines[0] :]).split(":", 1)[1].lstrip(" ")
+    if value_text.startswith("["):
+        inner, end, _ = value_text[1:].partition("]")
         if not end:
             raise BadInput(path, key, "a list without its end", "]")
         return [word.strip() for word in inner.split(",") if word.strip()]
     words = []
-    for line in rest.splitlines()[1:]:
+    for line in value_text.splitlines()[1:]:
         if line.strip() and not line.lstrip().startswith("-"):
             break
         words += [line.strip()[1:].strip()] if line.strip() else []
@@ -125,8 +125,8 @@ def _numbers(path: Path, key: str, values: Any) -> list[float]:
 def _within(path: Path, key: str, raw: list[float]) -> list[float]:
     for k, count in enumerate(raw):
         if not abs(count) <= MOST_COUNTS:
-            found = f"{count:g} counts"
-            raise BadInput(path, f"{key}[{k}]", found, f"{-MOST_COUNTS} to {MOST_COUNTS}")
+            problem = f"{count:g} counts"
+            raise BadInput(path, f"{key}[{k}]", problem, f"{-MOST_COUNTS} to {MOST_COUNTS}")
     return raw
 
 

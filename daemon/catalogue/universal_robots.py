@@ -45,13 +45,13 @@ def describe_omitted(arm: Arm, parameters: F64) -> list[str]:
     """What follows the last joint's z, where it is not nothing: `a_6 = 0.3 mm`."""
     names = [f"{name}_{arm.n_joints}" for name in ("a", "alpha", "beta")]
     names += ["tip_x", "tip_y", "tip_z"]
-    said = []
+    lines = []
     for name in names:
         index = arm.layout.index(name)
         value, length = float(parameters[index]), bool(arm.layout.are_lengths[index])
         if abs(value) > NOTHING:
-            said.append(f"{name} = {value:.10g} {'mm' if length else 'rad'}")
-    return said
+            lines.append(f"{name} = {value:.10g} {'mm' if length else 'rad'}")
+    return lines
 
 
 def _number(value: float) -> str:

@@ -21,10 +21,10 @@ from armd.daemon.catalogue.axes import across, point_text, rows_of_axes
 from armd.daemon.catalogue.urdf_joints import (
     TURNING,
     axis_of,
+    describe_joint,
     limit_of,
     origin_of,
     refuse_mimic,
-    where,
 )
 from armd.daemon.catalogue.xml_tree import read_robot
 from armd.errors import BadInput
@@ -73,12 +73,12 @@ def arm_toml(path: Path, tip_link: str | None = None) -> tuple[str, list[str]]:
     text = "\n".join([*lines, "", "[tip]", f"offset_mm = {_numbers_text(tip, 9)}", ""])
     validate(path, tomllib.loads(text), Arm)
     begin, end = chain.links
-    said = [
+    remarks = [
         f"the chain from {begin} to {end}, joints {', '.join(chain.joints)}, as rows"
         " A = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)",
         f"the tip at zero angles: {point_text(chain.tip)} mm in the frame of {begin}",
     ]
-    return text, said
+    return text, remarks
 
 
 def rows_and_tip(path: Path, tip_link: str) -> tuple[F64, F64]:
@@ -116,10 +116,12 @@ def joints_between(
             continue
         link = child.get("link")
         if not link or not parent.get("link"):
-            raise BadInput(path, where(joint), "a parent or child without link", "two links")
+            raise BadInput(
+                path, describe_joint(joint), "a parent or child without link", "two links"
+            )
         if link in joints:
-            both = f"two joints, {joints[link].get('name')} and {joint.get('name')}"
-            raise BadInput(path, f"link {link}", both, "one joint that moves it")
+            problem = f"two joints, {joints[link].get('name')} and {joint.get('name')}"
+            raise BadInput(path, f"link {link}", problem, "one joint that moves it")
         joints[link] = joint
     link = tip_link or _last_link(path, joints)
     if link not in joints:
@@ -156,11 +158,11 @@ def walk(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> 
             names.append(joint.get("name", ""))
         elif kind != "fixed":
             raise BadInput(
-                path, where(joint), f"the type {kind!r}", "joints that turn, or are fixed"
+                path, describe_joint(joint), f"the type {kind!r}", "joints that turn, or are fixed"
             )
     if not 3 <= len(axes) <= MOST_JOINTS:
-        found = f"{len(axes)} turning joints"
-        raise BadInput(path, "the chain", found, f"3 to {MOST_JOINTS}")
+        problem = f"{len(axes)} turning joints"
+        raise BadInput(path, "the chain", problem, f"3 to {MOST_JOINTS}")
     return Chain(np.array(origins), np.array(axes), position, limits, name, names, ends)
 
 
@@ -171,8 +173,8 @@ def _last_link(path: Path, joints: dict[str, Element]) -> str:
         return ends[0]
     if not joints:
         raise BadInput(path, "the chain", "no joints", "a robot with joints")
-    found = f"{len(ends)} ends: {few(ends)}" if ends else "no end"
-    raise BadInput(path, "the chain", found, "--tip-link to say which link touches")
+    problem = f"{len(ends)} ends: {few(ends)}" if ends else "no end"
+    raise BadInput(path, "the chain", problem, "--tip-link to say which link touches")
 
 
 def _text(value: float) -> str:

@@ -14,7 +14,7 @@ from armd.compensation.model.kinematics import frames
 from armd.daemon.catalogue.axes import across, turn
 from armd.daemon.catalogue.frame_poses import FramePose, rotations_about
 from armd.daemon.catalogue.urdf import joints_between
-from armd.daemon.catalogue.urdf_joints import TURNING, axis_of, origin_of, where
+from armd.daemon.catalogue.urdf_joints import TURNING, axis_of, describe_joint, origin_of
 from armd.errors import BadInput
 
 #: Axes farther off than this, at zero angles, are another arm's.
@@ -33,7 +33,7 @@ class JointChain:
     axes: list[F64 | None]  # None: fixed
 
     @classmethod
-    def of(cls, path: Path, joints: list[Element]) -> JointChain:
+    def from_joints(cls, path: Path, joints: list[Element]) -> JointChain:
         origins = [origin_of(path, joint) for joint in joints]
         axes = [axis_of(path, j) if j.get("type") in TURNING else None for j in joints]
         return cls(path, joints, [FramePose(turned, 1e3 * xyz) for xyz, turned in origins], axes)
@@ -64,7 +64,7 @@ def place_base(chain: JointChain, arm: Arm, root: Element, base_link: str) -> Fr
     Where arm.toml fits only that: as at import from the file's root, or the base link's own frame.
     Raises `BadInput` where it fits none.
     """
-    own = FramePose(np.eye(3), np.zeros(3))
+    root_pose = FramePose(np.eye(3), np.zeros(3))
     above: list[Element] = []
     if _has_parent(root, base_link):
         above, _ = joints_between(chain.path, root, None, base_link)
@@ -72,13 +72,13 @@ def place_base(chain: JointChain, arm: Arm, root: Element, base_link: str) -> Fr
     axis = chain.axes[first]
     assert axis is not None
     link = chain.links()[first]
-    to_base = own
+    to_base = root_pose
     for joint in above:
         xyz, turned = origin_of(chain.path, joint)
         to_base = to_base @ FramePose(turned, 1e3 * xyz)
     best: tuple[float, FramePose] | None = None
     faults = []
-    for base in (_import_base(own, link, axis), _import_base(to_base, link, axis), own):
+    for base in (_import_base(root_pose, link, axis), _import_base(to_base, link, axis), root_pose):
         off_mm, fault = _misfit(chain, arm, base)
         if fault is not None:
             faults.append(fault)
@@ -119,11 +119,11 @@ def _misfit(chain: JointChain, arm: Arm, base: FramePose) -> tuple[float, BadInp
         worst_mm = max(worst_mm, off_mm, angle * arm.reach_mm)
         if angle < OTHER_ARM_RAD and off_mm < OTHER_ARM_SHARE * arm.reach_mm:
             continue
-        far = angle >= OTHER_ARM_RAD
-        away = f"{np.degrees(angle):.3g}°" if far else f"{off_mm:.4g} mm"
+        is_turned = angle >= OTHER_ARM_RAD
+        away = f"{np.degrees(angle):.3g}°" if is_turned else f"{off_mm:.4g} mm"
         expected = f"the axis of joint {number} of arm.toml (`armd import` makes one of a URDF)"
-        found = f"an axis {away} away at zero angles"
-        return worst_mm, BadInput(chain.path, where(joint), found, expected)
+        problem = f"an axis {away} away at zero angles"
+        return worst_mm, BadInput(chain.path, describe_joint(joint), problem, expected)
     return worst_mm, None
 
 

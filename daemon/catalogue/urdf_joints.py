@@ -18,7 +18,7 @@ TURNING = ("revolute", "continuous")
 ORIGIN, AXIS = {"xyz", "rpy", "quat_xyzw"}, {"xyz"}
 
 
-def where(joint: Element) -> str:
+def describe_joint(joint: Element) -> str:
     return f"joint {joint.get('name')}"
 
 
@@ -27,7 +27,7 @@ def origin_of(path: Path, joint: Element) -> tuple[F64, F64]:
     origin = _only(path, joint, "origin", ORIGIN)
     if origin is None:
         return np.zeros(3), np.eye(3)
-    place = f"{where(joint)}, origin"
+    place = f"{describe_joint(joint)}, origin"
     xyz = _numbers(path, place, origin.get("xyz", "0 0 0"), 3)
     if "quat_xyzw" not in origin.attrib:  # URDF 1.2 has either
         rpy = _numbers(path, place, origin.get("rpy", "0 0 0"), 3)
@@ -43,7 +43,7 @@ def origin_of(path: Path, joint: Element) -> tuple[F64, F64]:
 def axis_of(path: Path, joint: Element) -> F64:
     """Unit vector (3,)."""
     axis = _only(path, joint, "axis", AXIS)
-    place = f"{where(joint)}, axis"
+    place = f"{describe_joint(joint)}, axis"
     text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
     along = _numbers(path, place, text, 3)
     length = float(np.linalg.norm(along))
@@ -53,16 +53,19 @@ def axis_of(path: Path, joint: Element) -> F64:
     return unit
 
 
-def _only(path: Path, joint: Element, tag: str, known: set[str]) -> Element | None:
+def _only(path: Path, joint: Element, tag: str, attributes: set[str]) -> Element | None:
     """The one element *tag* of a joint, or None; raises `BadInput` for what armd does not know."""
-    there = joint.findall(tag)
-    place = f"{where(joint)}, {tag}"
-    if len(there) > 1:
-        raise BadInput(path, place, f"{len(there)} of it", "one")
-    for element in there:
-        strange = [*(key for key in element.attrib if key not in known), *(e.tag for e in element)]
+    elements = joint.findall(tag)
+    place = f"{describe_joint(joint)}, {tag}"
+    if len(elements) > 1:
+        raise BadInput(path, place, f"{len(elements)} of it", "one")
+    for element in elements:
+        strange = [
+            *(key for key in element.attrib if key not in attributes),
+            *(e.tag for e in element),
+        ]
         if strange:
-            raise BadInput(path, place, few(strange), f"{' or '.join(sorted(known))} alone")
+            raise BadInput(path, place, few(strange), f"{' or '.join(sorted(attributes))} alone")
         return element
     return None
 
@@ -70,9 +73,9 @@ def _only(path: Path, joint: Element, tag: str, known: set[str]) -> Element | No
 def refuse_mimic(path: Path, joint: Element) -> None:
     mimic = joint.find("mimic")
     if mimic is not None:
-        found = f"one that follows joint {mimic.get('joint')} (mimic)"
+        problem = f"one that follows joint {mimic.get('joint')} (mimic)"
         expected = "joints with an encoder each: an arm that is coupled so has no rows"
-        raise BadInput(path, where(joint), found, expected)
+        raise BadInput(path, describe_joint(joint), problem, expected)
 
 
 def limit_of(joint: Element) -> tuple[float, float] | None:
@@ -86,12 +89,12 @@ def limit_of(joint: Element) -> tuple[float, float] | None:
     return (low, high) if low < high else None
 
 
-def _numbers(path: Path, where: str, text: str, count: int) -> F64:
+def _numbers(path: Path, location: str, text: str, count: int) -> F64:
     try:
         numbers = np.array([float(word) for word in text.split()])
     except ValueError:
         numbers = np.zeros(0)
     if numbers.shape != (count,) or not np.isfinite(numbers).all():
         expected = {3: "three numbers", 4: "four numbers"}[count]
-        raise BadInput(path, where, repr(text), expected)
+        raise BadInput(path, location, repr(text), expected)
     return numbers

@@ -16,11 +16,11 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward
-from armd.daemon.catalogue.frame_poses import FramePose, least_rotation, measure_difference
+from armd.daemon.catalogue.frame_poses import FramePose, find_least_rotation, measure_difference
 from armd.daemon.catalogue.roll_pitch_yaw import quaternion_of_matrix, rpy_of_matrix
 from armd.daemon.catalogue.urdf import joints_between, walk
 from armd.daemon.catalogue.urdf_base import JointChain, frames_of_joints, place_base
-from armd.daemon.catalogue.urdf_joints import where
+from armd.daemon.catalogue.urdf_joints import describe_joint
 from armd.daemon.catalogue.urdf_places import (
     Edit,
     JointPlaces,
@@ -63,23 +63,23 @@ def correct_urdf(
     places = find_robot_joints(path, content)
     root = read_robot(path, content)
     joints, ends = joints_between(path, root, base_link, tip_link)
-    chain = JointChain.of(path, joints)
+    chain = JointChain.from_joints(path, joints)
     walk(path, joints, "", ends)  # refuses what is no chain of turning joints
     turning = [k for k, axis in enumerate(chain.axes) if axis is not None]
     if len(turning) != arm.n_joints:
         names = ", ".join(joints[k].get("name", "") for k in turning)
-        found = f"{len(turning)} turning joints from {ends[0]} to {ends[1]} ({names})"
-        raise BadInput(path, "the chain", found, f"{arm.n_joints}, as in arm.toml")
+        problem = f"{len(turning)} turning joints from {ends[0]} to {ends[1]} ({names})"
+        raise BadInput(path, "the chain", problem, f"{arm.n_joints}, as in arm.toml")
     base = place_base(chain, arm, root, ends[0])
-    wanted = _wanted(chain, turning, arm, parameters, base)
+    targets = _compute_targets(chain, turning, arm, parameters, base)
     order = {id(joint): k for k, joint in enumerate(root.findall("joint"))}
     of_joint = [places[order[id(joint)]] for joint in joints]
     q = np.random.default_rng(1).uniform(*arm.range_rad, (CHECKED, arm.n_joints))
     for same in (SAME, 0.0):
-        edits = _edits(content, chain, of_joint, wanted, same)
+        edits = _edits(content, chain, of_joint, targets, same)
         new = apply_edits(content, edits)
         again, _ = joints_between(path, read_robot(path, new), base_link, tip_link)
-        edited = JointChain.of(path, again).tip(q)
+        edited = JointChain.from_joints(path, again).tip(q)
         off_mm, off_rad = measure_difference(edited, _armd_tip(q, chain, arm, parameters, base))
         if off_mm < EXACT_MM / 4 and off_rad < EXACT_RAD / 4:
             break
@@ -113,7 +113,7 @@ def _armd_tip(
     return base.origin + position @ base.rotation.T, turned
 
 
-def _wanted(
+def _compute_targets(
     chain: JointChain, turning: list[int], arm: Arm, parameters: F64, base: FramePose
 ) -> list[tuple[FramePose, F64 | None]]:
     """The origin of each joint, and its axis."""
@@ -127,8 +127,8 @@ def _wanted(
         link = before @ origin
         if axis is not None:
             number = turning.index(k)
-            held = (base @ nominal[number]).inverse @ links[k]
-            link = base @ calibrated[number] @ _onto_axis(held, axis)
+            link_pose = (base @ nominal[number]).inverse @ links[k]
+            link = base @ calibrated[number] @ _onto_axis(link_pose, axis)
         if k == len(chain.joints) - 1:
             if axis is not None:
                 axis = _axis_at_tip(chain, base @ calibrated[-1], tip, axis)
@@ -138,11 +138,11 @@ def _wanted(
     return new
 
 
-def _onto_axis(held: FramePose, axis: F64) -> FramePose:
+def _onto_axis(pose: FramePose, axis: F64) -> FramePose:
     """A link in its joint's frame, with its axis along z and its origin on it."""
-    along = held.rotation @ axis
-    rotation = least_rotation(along, np.array([0.0, 0.0, 1.0])) @ held.rotation
-    return FramePose(rotation, np.array([0.0, 0.0, held.origin[2]]))
+    along = pose.rotation @ axis
+    rotation = find_least_rotation(along, np.array([0.0, 0.0, 1.0])) @ pose.rotation
+    return FramePose(rotation, np.array([0.0, 0.0, pose.origin[2]]))
 
 
 def _axis_at_tip(chain: JointChain, joint: FramePose, tip: FramePose, axis: F64) -> F64:
@@ -151,9 +151,11 @@ def _axis_at_tip(chain: JointChain, joint: FramePose, tip: FramePose, axis: F64)
     off_mm = float(np.linalg.norm(off))
     if off_mm > EXACT_MM / 10:
         element = chain.joints[-1]
-        found = f"a joint that moves the tip's link itself, and a tip {off_mm:.4g} mm off its axis"
+        problem = (
+            f"a joint that moves the tip's link itself, and a tip {off_mm:.4g} mm off its axis"
+        )
         expected = "a link at the tip with a fixed joint of its own (--tip-link)"
-        raise BadInput(chain.path, where(element), found, expected)
+        raise BadInput(chain.path, describe_joint(element), problem, expected)
     turned: F64 = tip.rotation.T @ joint.rotation[:, 2]
     return axis if np.abs(turned - axis).max() < SAME else turned
 
@@ -162,11 +164,11 @@ def _edits(
     content: bytes,
     chain: JointChain,
     places: list[JointPlaces],
-    wanted: list[tuple[FramePose, F64 | None]],
+    targets: list[tuple[FramePose, F64 | None]],
     same: float,
 ) -> list[Edit]:
     edits = []
-    for k, (origin, axis) in enumerate(wanted):
+    for k, (origin, axis) in enumerate(targets):
         now, joint = chain.origins[k], chain.joints[k]
         attributes = {"xyz": _changed(1e-3 * now.origin, 1e-3 * origin.origin, same)}
         if np.abs(now.rotation - origin.rotation).max() > same:
@@ -180,11 +182,11 @@ def _edits(
 
 def _rotation(origin: Element | None, rotation: F64) -> tuple[str, F64, F64]:
     """The attribute that says it, its numbers in the file, and those of *rotation*."""
-    said = {} if origin is None else origin.attrib
-    if "quat_xyzw" in said:
-        old = np.array(said["quat_xyzw"].split(), dtype=np.float64)
+    attributes = {} if origin is None else origin.attrib
+    if "quat_xyzw" in attributes:
+        old = np.array(attributes["quat_xyzw"].split(), dtype=np.float64)
         return "quat_xyzw", old, quaternion_of_matrix(rotation)
-    old = np.array(said.get("rpy", "0 0 0").split(), dtype=np.float64)
+    old = np.array(attributes.get("rpy", "0 0 0").split(), dtype=np.float64)
     return "rpy", old, rpy_of_matrix(rotation, old)
 
 

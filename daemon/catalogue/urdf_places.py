@@ -57,17 +57,17 @@ def find_joints(path: Path, content: bytes) -> list[JointPlaces]:
     if b"\0" in content:
         raise BadInput(path, "the file", "UTF-16", "a URDF in UTF-8, to edit its numbers in place")
     parser = expat.ParserCreate()
-    found: list[JointPlaces] = []
+    joints: list[JointPlaces] = []
     open_elements: list[str] = []
 
     def start(name: str, _: dict[str, str]) -> None:
-        at = parser.CurrentByteIndex
+        offset = parser.CurrentByteIndex
         if len(open_elements) == 1 and name == "joint":
-            found.append(JointPlaces(_start_tag(content, at)))
+            joints.append(JointPlaces(_start_tag(content, offset)))
         elif len(open_elements) == 2 and open_elements[1] == "joint":
-            joint = found[-1]
-            joint.first_child = joint.first_child or at
-            joint.children.setdefault(name, _start_tag(content, at))
+            joint = joints[-1]
+            joint.first_child = joint.first_child or offset
+            joint.children.setdefault(name, _start_tag(content, offset))
         open_elements.append(name)
 
     def end(_: str) -> None:
@@ -76,11 +76,11 @@ def find_joints(path: Path, content: bytes) -> list[JointPlaces]:
     parser.StartElementHandler = start
     parser.EndElementHandler = end
     parser.Parse(content, True)
-    return found
+    return joints
 
 
-def _start_tag(content: bytes, at: int) -> StartTag:
-    name = _NAME.match(content, at)
+def _start_tag(content: bytes, start: int) -> StartTag:
+    name = _NAME.match(content, start)
     assert name is not None, "expat has found a start tag here"
     last, values = name.end(), {}
     while attribute := _ATTRIBUTE.match(content, last):
@@ -89,7 +89,7 @@ def _start_tag(content: bytes, at: int) -> StartTag:
         last = attribute.end()
     closed = _END.match(content, last)
     assert closed is not None, "expat has found the tag's end"
-    return StartTag(at, closed.end(), last, values)
+    return StartTag(start, closed.end(), last, values)
 
 
 def edit_tag(
@@ -104,21 +104,23 @@ def edit_tag(
         for name, numbers in attributes.items()
         if any(number is not None for number in numbers)
     }
-    there = joint.children.get(tag)
-    if there is None:
+    element_tag = joint.children.get(tag)
+    if element_tag is None:
         if not changed:
             return []
         between = content[joint.tag.end : joint.first_child]
         space = between if not between.strip() else b""
-        said = "".join(map(_attribute, changed, changed.values()))
-        element = f"<{tag}{said}/>".encode()
+        attribute_text = "".join(map(_attribute, changed, changed.values()))
+        element = f"<{tag}{attribute_text}/>".encode()
         return [Edit(joint.tag.end, joint.tag.end, space + element)]
     edits = []
     for name, numbers in changed.items():
-        if name not in there.values:
-            edits.append(Edit(there.last, there.last, _attribute(name, numbers).encode()))
+        if name not in element_tag.values:
+            edits.append(
+                Edit(element_tag.last, element_tag.last, _attribute(name, numbers).encode())
+            )
             continue
-        first, last = there.values[name]
+        first, last = element_tag.values[name]
         words = re.finditer(rb"\S+", content[first:last])
         edits += [
             Edit(first + word.start(), first + word.end(), _number(number).encode())

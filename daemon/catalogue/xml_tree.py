@@ -23,8 +23,10 @@ def read_robot(path: Path, content: bytes | None = None) -> Element:
     is."""
     root = read_xml(path, content)
     if path.suffix.lower() == ".xacro" or any(_is_xacro(element) for element in root.iter()):
-        made = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
-        expected = f"a URDF: expand it first, `xacro {path.name} > {made}`, and import {made}"
+        urdf_name = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
+        expected = (
+            f"a URDF: expand it first, `xacro {path.name} > {urdf_name}`, and import {urdf_name}"
+        )
         raise BadInput(path, "the file", "a xacro, from which a URDF is made", expected)
     if root.tag in ("mujoco", "mujocoinclude"):
         expected = "the same robot's URDF"
@@ -37,7 +39,9 @@ def read_robot(path: Path, content: bytes | None = None) -> Element:
 
 
 def _is_xacro(element: Element) -> bool:
-    return element.tag.startswith("xacro:") or any("${" in said for said in element.attrib.values())
+    return element.tag.startswith("xacro:") or any(
+        "${" in value for value in element.attrib.values()
+    )
 
 
 def read_xml(path: Path, content: bytes | None = None) -> Element:
@@ -51,8 +55,10 @@ def read_xml(path: Path, content: bytes | None = None) -> Element:
         nonlocal depth
         depth += 1
         if depth > MOST_DEEP:
-            where = f"line {parser.CurrentLineNumber}"
-            raise BadInput(path, where, f"{depth} elements in each other", f"{MOST_DEEP} at most")
+            location = f"line {parser.CurrentLineNumber}"
+            raise BadInput(
+                path, location, f"{depth} elements in each other", f"{MOST_DEEP} at most"
+            )
         builder.start(name, attributes)
 
     def end(name: str) -> None:

@@ -64,8 +64,8 @@ class Screen(Closing):
             json.loads(payload).get("text", "") for payload in self._event_stream.take()
         ]
         del self._events[:-EVENTS_SHOWN]
-        self.shown = self._panel(len(points) / elapsed_s)
-        self._live.update(self.shown, refresh=True)
+        self.panel = self._panel(len(points) / elapsed_s)
+        self._live.update(self.panel, refresh=True)
 
     def _panel(self, rate_hz: float) -> Panel:
         table = Table.grid(padding=(0, 2))
@@ -86,9 +86,11 @@ class Screen(Closing):
             table.add_row("sensors", Text(printable(temperatures(self._health) or "none")))
             table.add_row("in use", Text(printable(in_use(self._health))))
         refused = self._arm.refused
-        odd = refused.malformed + refused.foreign
+        n_rejected = refused.malformed + refused.foreign
         stream = f"{rate_hz:.0f} points/s · {self._arm.lost.total} lost"
-        table.add_row("stream", stream + (f" · {odd} of somebody else" if odd else ""))
+        table.add_row(
+            "stream", stream + (f" · {n_rejected} of somebody else" if n_rejected else "")
+        )
         for event in self._events:
             table.add_row("event", Text(printable(event)))  # "[/x]" is no markup of ours
         title = Text(f"armd · {printable(self._arm.serial)}")
@@ -115,11 +117,11 @@ def flag_names(flags: int) -> str:
 
 def temperatures(health: dict[str, Any]) -> str:
     """All sensors of a health message by name, in °C; a dash where one is invalid."""
-    shown = "  ".join(
+    cells = "  ".join(
         f"{name} {value:.2f}" if isinstance(value, int | float) else f"{name} –"
         for name, value in health.get("temperatures", {}).items()
     )
-    return f"{shown} °C" if shown else ""
+    return f"{cells} °C" if cells else ""
 
 
 def uncertainty(point: Point) -> str:

@@ -8,8 +8,8 @@ import sys
 
 def hush() -> None:
     """Let the rest of standard output go: its reader has left, or its disk is full."""
-    own = sys.__stdout__
-    if own is not None and own is sys.stdout:
+    standard_output = sys.__stdout__
+    if standard_output is not None and standard_output is sys.stdout:
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, own.fileno())
+        os.dup2(nowhere, standard_output.fileno())
         os.close(nowhere)

@@ -33,11 +33,11 @@ def may_be_a_port(port: Path, patient: Patient) -> bool:
     except OSError as error:  # a folder that is closed to us, a loop of links
         patient.find("no_port", f"{port} cannot be looked at: {error.strerror}", f"namei -l {port}")
         return False
-    found = _character(port) if stat.S_ISCHR(mode) else KINDS.get(stat.S_IFMT(mode), "no device")
-    if found:
-        text = f"{port} is {found}, no serial port"
+    kind = _character(port) if stat.S_ISCHR(mode) else KINDS.get(stat.S_IFMT(mode), "no device")
+    if kind:
+        text = f"{port} is {kind}, no serial port"
         patient.find("no_serial_port", text, f"give the arm's own port: {LISTED}")
-    return not found
+    return not kind
 
 
 def _not_there(port: Path) -> tuple[str, str]:
@@ -61,8 +61,8 @@ def _character(device: Path) -> str:
     try:
         if not os.isatty(fd):
             return "another kind of device"
-        here = os.fstat(fd).st_rdev
+        device_number = os.fstat(fd).st_rdev
         ours = [os.fstat(i).st_rdev for i in (0, 1, 2) if os.isatty(i)]
-        return "the screen in front of you" if here in (CONTROLLING, *ours) else ""
+        return "the screen in front of you" if device_number in (CONTROLLING, *ours) else ""
     finally:
         os.close(fd)

@@ -38,7 +38,11 @@ def examine_port(port: str, machine: ThisMachine) -> Patient:
         return patient
     try:
         with line:
-            if not (_own(line, patient) or find_servos(line, patient) or _scribe(line, patient)):
+            if not (
+                _examine_own_wire(line, patient)
+                or find_servos(line, patient)
+                or _scribe(line, patient)
+            ):
                 _nobody(line, patient)
     except (OSError, termios.error) as error:
         text = f"{port} went away while it was asked: {error}"
@@ -47,24 +51,24 @@ def examine_port(port: str, machine: ThisMachine) -> Patient:
 
 
 def _nobody(line: Line, patient: Patient) -> None:
-    port, other = patient.name, ""
+    port, remarks = patient.name, ""
     mend = "switch the arm's supply on, check the cable and that the adapter is a bus adapter"
     if line.is_pseudo:
-        other += "; it is a pseudo-terminal"
+        remarks += "; it is a pseudo-terminal"
         mend = "start the program that is to speak at its other end, `armd simulate` perhaps"
     if line.echoes:
-        other += "; the adapter hears what it says, so it works as far as the plug"
+        remarks += "; the adapter hears what it says, so it works as far as the plug"
     elif line.heard_bytes:
-        other += f"; {line.heard_bytes} bytes of something else came: another device?"
+        remarks += f"; {line.heard_bytes} bytes of something else came: another device?"
     patient.find(
         "no_answer",
         "nobody answers: no servo (Feetech, Dynamixel 2.0), no MicroScribe, no arm that speaks"
-        f" armd's own wire{other}",
+        f" armd's own wire{remarks}",
         f"{mend}; then `armd doctor --port {port}` again",
     )
 
 
-def _own(line: Line, patient: Patient) -> bool:
+def _examine_own_wire(line: Line, patient: Patient) -> bool:
     """An arm that speaks armd's own wire streams unasked, and says who it is if asked."""
     for baud in OWN_BAUDS:
         if not line.set_baud(baud):

@@ -15,28 +15,28 @@ def compare(patient: Patient, file: Path, driver: ServoConfig) -> None:
     if not patient.protocol:
         return  # nobody is there at all, which has been told
     if patient.protocol != driver.kind:
-        who = OTHERS.get(patient.protocol, f"{patient.protocol} servos")
-        text = f"{file}: driver.kind: found {driver.kind}, and {who} on the line"
+        device = OTHERS.get(patient.protocol, f"{patient.protocol} servos")
+        text = f"{file}: driver.kind: found {driver.kind}, and {device} on the line"
         patient.find("other_kind", text, f'kind = "{patient.protocol}" under [driver] of {file}')
         return
     if patient.baud != driver.baud:
         text = f"{file}: driver.baud: found {driver.baud}, and servos that speak at {patient.baud}"
         patient.find("other_baud", text, f"baud = {patient.baud} under [driver] of {file}")
     answering = {int(servo["id"]) for servo in patient.servos}
-    for servo, what in named(driver).items():
+    for servo, purpose in list_named_servos(driver).items():
         if servo not in answering:
             patient.find(
                 "missing_id",
-                f"servo {servo} ({what}) of {file}: found no answer, expected one",
+                f"servo {servo} ({purpose}) of {file}: found no answer, expected one",
                 "check the cable before it, its power and its id; or correct [driver] in armd.toml",
             )
-    for servo in sorted(answering - named(driver).keys()):
+    for servo in sorted(answering - list_named_servos(driver).keys()):
         patient.say(f"servo {servo} answers, and {file} does not name it")
 
 
-def named(driver: ServoConfig) -> dict[int, str]:
+def list_named_servos(driver: ServoConfig) -> dict[int, str]:
     """Servo id → what it is for."""
-    what = dict.fromkeys(driver.temperature_ids or [], "temperature_ids")
+    purposes = dict.fromkeys(driver.temperature_ids or [], "temperature_ids")
     if driver.trigger is not None:
-        what[driver.trigger.id] = "trigger"
-    return what | {servo: f"joint {k}" for k, servo in enumerate(driver.ids, 1)}
+        purposes[driver.trigger.id] = "trigger"
+    return purposes | {servo: f"joint {k}" for k, servo in enumerate(driver.ids, 1)}

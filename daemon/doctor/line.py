@@ -54,8 +54,8 @@ class Line(Closing):
     def hears(self, word: bytes, seconds: float) -> bool:
         """Whether *word* comes within *seconds*."""
         deadline, heard = time.monotonic() + seconds, b""
-        while word not in heard and (more := self.hear(deadline - time.monotonic())):
-            heard += more
+        while word not in heard and (chunk := self.hear(deadline - time.monotonic())):
+            heard += chunk
         return word in heard
 
     def listen_to_itself(self, request: bytes) -> None:

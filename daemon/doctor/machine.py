@@ -72,7 +72,7 @@ class ThisMachine:
     def _holders(self, device: Path, patient: Patient) -> bool:
         if device.parent.name == "pts":  # the other end of a pty holds this end as well
             return True
-        held = False
+        is_held = False
         for process in self.proc.glob("[0-9]*"):
             if process.name == str(os.getpid()):
                 continue
@@ -85,14 +85,14 @@ class ThisMachine:
                 patient.say("ModemManager runs; it tries every new serial port for a modem")
             if device not in links:
                 continue
-            held = True
+            is_held = True
             if name == MODEM_MANAGER:
                 mend = "sudo systemctl disable --now ModemManager"
                 patient.find("modem_manager", f"ModemManager holds {device}", mend)
             else:
                 text = f"{name} (process {process.name}) holds {device}"
                 patient.find("port_held", text, f"end it: kill {process.name}")
-        return not held
+        return not is_held
 
 
 def can_buses(sys: Path = Path("/sys")) -> list[Patient]:

@@ -36,9 +36,9 @@ def find_servos(line: Line, patient: Patient) -> bool:
             family = FAMILIES[kind]
             likely = _answering(line, family, LIKELY_IDS, ANSWER_S)
             if likely:
-                others = [i for i in ALL_IDS if i not in LIKELY_IDS]
+                unlikely_ids = [i for i in ALL_IDS if i not in LIKELY_IDS]
                 wait_s = min(ANSWER_S, max(3 * likely[min(likely)], 0.003))
-                ids = sorted([*likely, *_answering(line, family, others, wait_s)])
+                ids = sorted([*likely, *_answering(line, family, unlikely_ids, wait_s)])
                 if kind != "dynamixel":
                     family = _distinguish(line, ids)
                 patient.protocol, patient.baud = family.name, baud
@@ -50,13 +50,13 @@ def find_servos(line: Line, patient: Patient) -> bool:
 def _answering(line: Line, family: Family, ids: Iterable[int], wait_s: float) -> dict[int, float]:
     """Ids that answer a ping, and after how many seconds."""
     ping = dynamixel.ping if family.name == "dynamixel" else feetech.ping
-    found = {}
+    answer_s = {}
     for servo in ids:
         began = time.monotonic()
         packets = line.ask(family, ping(servo), [servo], wait_s)
         if packets:
-            found[servo] = time.monotonic() - began
-    return found
+            answer_s[servo] = time.monotonic() - began
+    return answer_s
 
 
 def _distinguish(line: Line, ids: Sequence[int]) -> Family:
@@ -105,7 +105,7 @@ def read(line: Line, family: Family, servo: int, address: int, length: int) -> b
     ) * 2:
         for packet in line.ask(family, request, [servo], ANSWER_S + 10 * length / line.baud):
             for status in family.statuses(packet, length):
-                if status.id == servo and _whole(family, [status], length):
+                if status.id == servo and _select_complete(family, [status], length):
                     return status.data
     return None
 
@@ -115,12 +115,12 @@ def _missing(line: Line, family: Family, ids: Sequence[int], patient: Patient) -
     baud = line.baud
     first = min(ids) if min(ids) > 10 else 1  # some makers begin at 11
     missing = [i for i in range(first, max(ids)) if i not in ids]
-    for other in BAUDS[family.name]:
-        if other == baud or not missing or not line.set_baud(other):
+    for other_baud in BAUDS[family.name]:
+        if other_baud == baud or not missing or not line.set_baud(other_baud):
             continue
         for servo in _answering(line, family, missing, ANSWER_S):
             missing.remove(servo)
-            text = f"servo {servo} answers at {other} baud, the others at {baud}"
+            text = f"servo {servo} answers at {other_baud} baud, the others at {baud}"
             patient.find("other_baud", text, f"set its rate to {baud} with the maker's tool")
     line.set_baud(baud)
     if missing:
@@ -147,12 +147,12 @@ def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
     for model, firmwares in by_model.items():
         if len(firmwares) > 1:
             usual = firmwares.most_common(1)[0][0]
-            odd = [
+            mismatches = [
                 f"servo {i} has {servo.firmware}"
                 for i, servo in servos.items()
                 if servo.model == model and servo.firmware != usual
             ]
-            text = f"mixed {family.register('firmware')}: {', '.join(odd)}, the other "
+            text = f"mixed {family.register('firmware')}: {', '.join(mismatches)}, the other "
             text += f"{model_name(model, family.models)} {usual}"
             patient.find(
                 "mixed_firmware", text, f"bring all to one version with {TOOL[family.name]}"
@@ -177,20 +177,20 @@ def _rate(
 ) -> None:
     """Cycles a second, of position and temperature, as the driver reads them when it is quick.
     *readable*: those that have answered a read of their own."""
-    alone = [[servo] for servo in ids]
-    cycles = _measure(line, family, [ids] if family.has_sync else alone)
+    single_ids = [[servo] for servo in ids]
+    cycles = _measure(line, family, [ids] if family.has_sync else single_ids)
     only_alone = [servo for servo in ids if servo in readable and not cycles.answered[servo]]
     how = "" if family.has_sync else ", read one by one"
     if only_alone and family.has_sync:  # the driver then reads all of them one by one
-        cycles, how = _measure(line, family, alone), ", read one by one"
+        cycles, how = _measure(line, family, single_ids), ", read one by one"
     patient.rate_hz = round(cycles.rate_hz, 1)
     patient.say(
         f"{cycles.rate_hz:.0f} whole cycles a second of {len(ids)} servos{how}, position and "
         f"temperature; the line alone would allow {1 / cycles.line_s:.0f}"
     )
     if only_alone and family.has_sync:
-        each = "each of them" if len(only_alone) > 1 else "it"
-        text = f"{_ids(only_alone)}: no answer to a sync read, though {each} answers when asked"
+        pronoun = "each of them" if len(only_alone) > 1 else "it"
+        text = f"{_ids(only_alone)}: no answer to a sync read, though {pronoun} answers when asked"
         text += " alone: not the cable, but the firmware or the adapter; armd reads the servos of"
         text += f" this line one by one, {cycles.rate_hz:.0f} cycles a second"
         mend = f"update the firmware with {TOOL[family.name]}, or try another adapter"
@@ -233,24 +233,24 @@ def _measure(line: Line, family: Family, parts: Sequence[Sequence[int]]) -> _Cyc
         10 * (len(request) + len(ids) * bytes_each) / line.baud
         for ids, request in zip(parts, requests, strict=True)
     ]
-    cycles, whole, began = _Cycles(sum(part_s)), 0, time.monotonic()
+    cycles, complete_cycles, began = _Cycles(sum(part_s)), 0, time.monotonic()
     everyone = {servo for ids in parts for servo in ids}
     while time.monotonic() - began < RATE_S:
         heard: set[int] = set()
         for ids, request, line_s in zip(parts, requests, part_s, strict=True):
             for packet in line.ask(family, request, ids, line_s + ANSWER_S):
-                for status in _whole(family, family.statuses(packet, length), length):
+                for status in _select_complete(family, family.statuses(packet, length), length):
                     heard.add(status.id)
                     if family.alerts(status.error):
                         cycles.alerts[status.id] = status.error
         cycles.answered.update(heard)
-        whole += heard >= everyone
+        complete_cycles += heard >= everyone
         cycles.n += 1
-    cycles.rate_hz = whole / (time.monotonic() - began)
+    cycles.rate_hz = complete_cycles / (time.monotonic() - began)
     return cycles
 
 
-def _whole(family: Family, statuses: list[Status], length: int) -> list[Status]:
+def _select_complete(family: Family, statuses: list[Status], length: int) -> list[Status]:
     return [s for s in statuses if len(s.data) == length and not family.refuses(s.error)]
 
 

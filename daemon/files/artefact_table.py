@@ -31,20 +31,20 @@ def artefact_of_table(path: Path) -> tuple[Artefact, list[str]]:
     `BadInput`.
     """
     table = read_table(path)
-    said = list(table.assumed)
+    remarks = list(table.assumed)
     content: dict[str, Any] = {"name": path.stem}
     columns: dict[str, int] = {}
-    for at, header in enumerate(table.header):
+    for column, header in enumerate(table.header):
         word = word_and_unit(header)[0]
         for name, words in (("length", LENGTH), ("from", FROM), ("to", TO)):
             if word in words:
-                columns.setdefault(name, at)
+                columns.setdefault(name, column)
         if word in AXES:
-            columns.setdefault(word, at)
+            columns.setdefault(word, column)
         elif WORDS.get(word) == "target" and word not in (*FROM, *TO):
-            columns.setdefault("name", at)
+            columns.setdefault("name", column)
         elif _uncertainty(header) is not None:
-            columns.setdefault("uncertainty", at)
+            columns.setdefault("uncertainty", column)
     if columns.keys() >= {"name", *AXES}:
         content["target"] = [_target(table, i, columns) for i in range(len(table.rows))]
     elif columns.keys() >= {"from", "to", "length"}:
@@ -52,17 +52,17 @@ def artefact_of_table(path: Path) -> tuple[Artefact, list[str]]:
     else:
         expected = "columns name, x, y, z, or from, to, length"
         raise BadInput(path, "the header", few(table.header), expected)
-    for name, at in columns.items():
-        said.append(f"{name} of the artefact is the column {table.header[at]!r}")
+    for name, column in columns.items():
+        remarks.append(f"{name} of the artefact is the column {table.header[column]!r}")
     if "uncertainty" in columns:
         share = _uncertainty(table.header[columns["uncertainty"]])
         how = "standard uncertainties" if share == 1.0 else "expanded uncertainties, halved (k = 2)"
-        said.append(f"the certificate's uncertainties are read as {how}")
-    unused = [h for at, h in enumerate(table.header) if h and at not in columns.values()]
+        remarks.append(f"the certificate's uncertainties are read as {how}")
+    unused = [h for column, h in enumerate(table.header) if h and column not in columns.values()]
     if unused:
-        said.append(f"left out of the artefact: {', '.join(unused)}")
-    said.append("the artefact's expansion is taken as 0: expansion_per_k in session.toml")
-    return validate(path, content, Artefact), said
+        remarks.append(f"left out of the artefact: {', '.join(unused)}")
+    remarks.append("the artefact's expansion is taken as 0: expansion_per_k in session.toml")
+    return validate(path, content, Artefact), remarks
 
 
 def _uncertainty(header: str) -> float | None:
@@ -73,32 +73,32 @@ def _uncertainty(header: str) -> float | None:
     return UNCERTAINTY.get(word)
 
 
-def _mm(table: ForeignTable, row: int, at: int) -> float:
-    unit = word_and_unit(table.header[at])[1] or "mm"
+def _mm(table: ForeignTable, row: int, column: int) -> float:
+    unit = word_and_unit(table.header[column])[1] or "mm"
     if unit not in LENGTHS:
-        where = f"column {table.header[at]}"
-        raise BadInput(table.path, where, f"the unit {unit!r}", f"one of {few(LENGTHS)}")
-    value = LENGTHS[unit] * table.number(row, at)
+        location = f"column {table.header[column]}"
+        raise BadInput(table.path, location, f"the unit {unit!r}", f"one of {few(LENGTHS)}")
+    value = LENGTHS[unit] * table.number(row, column)
     if not math.isfinite(value):
-        raise table.fault(row, at, "a number")
+        raise table.fault(row, column, "a number")
     return round(value, 12)
 
 
-def _name(table: ForeignTable, row: int, at: int) -> str:
-    name = table.rows[row][at]
+def _name(table: ForeignTable, row: int, column: int) -> str:
+    name = table.rows[row][column]
     if not name:
-        raise table.fault(row, at, "the name of a target")
+        raise table.fault(row, column, "the name of a target")
     return name
 
 
 def _with_uncertainty(
     table: ForeignTable, row: int, columns: dict[str, int], content: dict[str, Any]
 ) -> dict[str, Any]:
-    at = columns.get("uncertainty")
-    if at is None or not table.rows[row][at]:
+    column = columns.get("uncertainty")
+    if column is None or not table.rows[row][column]:
         return content
-    share = _uncertainty(table.header[at]) or 1.0
-    return content | {"standard_uncertainty_mm": share * _mm(table, row, at)}
+    share = _uncertainty(table.header[column]) or 1.0
+    return content | {"standard_uncertainty_mm": share * _mm(table, row, column)}
 
 
 def _target(table: ForeignTable, row: int, columns: dict[str, int]) -> dict[str, Any]:

@@ -47,19 +47,23 @@ def tips_file(serial: str) -> Path:
 
 def tips_in_force(serial: str, configured: Mapping[str, Tip]) -> dict[str, Tip]:
     """armd.toml's tips, with those kept since; raises `BadInput` for a damaged file."""
-    kept = _read(tips_file(serial)).tips
-    hold = {name: one.tip for name, one in kept.items() if one.configured == configured.get(name)}
+    kept_tips = _read(tips_file(serial)).tips
+    hold = {
+        name: entry.tip
+        for name, entry in kept_tips.items()
+        if entry.configured == configured.get(name)
+    }
     return {**configured, **hold}
 
 
 def keep_tip(serial: str, name: str, tip: Tip, configured: Mapping[str, Tip]) -> None:
     """On the disk when this returns; raises `BadInput` where it cannot be."""
     path = tips_file(serial)
-    kept = _read(path).tips
-    kept[name] = KeptTip(tip=tip, configured=configured.get(name))
-    if len(kept) > MOST_KEPT:
-        raise BadInput(path, "tips", f"{len(kept)}", f"{MOST_KEPT} at most")
-    content = KeptTips(tips=kept).model_dump(mode="json", by_alias=True)
+    kept_tips = _read(path).tips
+    kept_tips[name] = KeptTip(tip=tip, configured=configured.get(name))
+    if len(kept_tips) > MOST_KEPT:
+        raise BadInput(path, "tips", f"{len(kept_tips)}", f"{MOST_KEPT} at most")
+    content = KeptTips(tips=kept_tips).model_dump(mode="json", by_alias=True)
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o750)
     write_whole(path, json.dumps(content, indent=1) + "\n")
 
@@ -67,14 +71,14 @@ def keep_tip(serial: str, name: str, tip: Tip, configured: Mapping[str, Tip]) ->
 def asked_tip(name: str, offset_mm: str, radius_mm: str) -> tuple[str, Tip]:
     """Of the command `keep_tip`: "x,y,z" in mm, and the ball's radius in mm or nothing. Raises
     `BadInput`."""
-    where = "the command keep_tip"
+    source = "the command keep_tip"
     if not (0 < len(name) <= LONGEST_NAME and name.isprintable() and name != "-"):
-        found, expected = repr(name)[:100], f"a name of {LONGEST_NAME} letters at most, not -"
-        raise BadInput(where, "name", found, expected)
+        problem, expected = repr(name)[:100], f"a name of {LONGEST_NAME} letters at most, not -"
+        raise BadInput(source, "name", problem, expected)
     content: dict[str, Any] = {"offset_mm": [_number(word) for word in offset_mm.split(",")]}
     if radius_mm:
         content["radius_mm"] = _number(radius_mm)
-    return name, validate(where, content, Tip)
+    return name, validate(source, content, Tip)
 
 
 def _number(word: str) -> float | str:

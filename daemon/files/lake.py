@@ -70,13 +70,13 @@ class Lake:
         n = len(self._points) if to_the_end else self._decided()
         if n:
             rows = np.frombuffer(b"".join(self._points[:n]), POINT)
-            found = [self._joints.get(point[:KEY_BYTES]) for point in self._points[:n]]
-            table = self._table(rows, self._joined(found))
+            joint_frames = [self._joints.get(point[:KEY_BYTES]) for point in self._points[:n]]
+            table = self._table(rows, self._joined(joint_frames))
             days = rows["stamp_ns"].astype("datetime64[ns]").astype("datetime64[D]")
             for day in np.unique(days):
                 self._write_file(str(day), table.filter(pa.array(days == day)))
             last_ns = int(rows["stamp_ns"].max())
-            self.without_joints += found.count(None)
+            self.without_joints += joint_frames.count(None)
             del self._points[:n]
             # Of points that never came nothing is kept; of those that may still come, all.
             stamps = np.frombuffer(b"".join(key[8:] for key in self._joints), "<i8").tolist()
@@ -105,8 +105,8 @@ class Lake:
             lock_file(handle, wait=False)
         except BlockingIOError as error:
             os.close(handle)
-            found = "another recorder that writes this arm"
-            raise BadInput(self.folder, "the folder", found, "one recorder an arm") from error
+            problem = "another recorder that writes this arm"
+            raise BadInput(self.folder, "the folder", problem, "one recorder an arm") from error
         return handle
 
     def _decided(self) -> int:
@@ -121,12 +121,12 @@ class Lake:
             n -= 1
         return n
 
-    def _joined(self, found: list[bytes | None]) -> npt.NDArray[np.void]:
+    def _joined(self, joint_frames: list[bytes | None]) -> npt.NDArray[np.void]:
         """Joints (n,); NaN where there are none."""
         unknown = np.zeros(1, self._joints_dtype)
         unknown["angle_rad"] = unknown["rate_rad_s"] = np.nan
         missing = unknown.tobytes()
-        return np.frombuffer(b"".join(data or missing for data in found), self._joints_dtype)
+        return np.frombuffer(b"".join(data or missing for data in joint_frames), self._joints_dtype)
 
     def _table(self, points: npt.NDArray[np.void], joints: npt.NDArray[np.void]) -> pa.Table:
         columns: list[npt.NDArray[Any]] = [
@@ -174,9 +174,9 @@ def _schema(n_joints: int, sensors: list[str]) -> pa.Schema:
     after = [(name, pa.float64()) for name in POSITION]
     after += [(name, pa.float32()) for name in COVARIANCE]
     after += [(FLAGS, pa.uint32()), (CALIBRATION, pa.uint64()), ("buttons", pa.uint32())]
-    taken = {name for name, _ in [*before, *after]}
+    column_names = {name for name, _ in [*before, *after]}
     for name in sensors:
-        if name in taken:
+        if name in column_names:
             expected = f"another name, as temperature_{name}: a lake has another column of this one"
             raise BadInput("the arm", "temperature_sensor.name", repr(name), expected)
     return pa.schema([*before, *((name, pa.float64()) for name in sensors), *after])

@@ -47,7 +47,7 @@ class MeasurementLog:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._came: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._told: deque[Event] = deque(maxlen=16)
+        self._events: deque[Event] = deque(maxlen=16)
         self._waiting: deque[str] = deque()
         self._lost = 0
         self._failed = ""
@@ -60,10 +60,10 @@ class MeasurementLog:
 
     def take_events(self) -> list[Event]:
         """That nothing can be written, and that it can be again; each once."""
-        told = []
-        while self._told:
-            told.append(self._told.popleft())
-        return told
+        events = []
+        while self._events:
+            events.append(self._events.popleft())
+        return events
 
     def close(self, timeout_s: float = 1.0) -> None:
         """What has come is written first, where the disk allows it in *timeout_s*."""
@@ -121,14 +121,14 @@ class MeasurementLog:
             return
         self._failed = f"{self._folder}: {getattr(error, 'strerror', None) or error}"
         text = f"measurements cannot be written to {self._failed}; they are kept in memory"
-        self._told.append(Event("log_failed", text, time.monotonic_ns(), "error"))
+        self._events.append(Event("log_failed", text, time.monotonic_ns(), "error"))
 
     def _tell_success(self) -> None:
         if self._failed:
             lost = f"; {self._lost} were lost meanwhile" if self._lost else ""
             text = f"measurements are written to {self._folder} again{lost}"
             severity = "error" if lost else "info"
-            self._told.append(Event("log_back", text, time.monotonic_ns(), severity))
+            self._events.append(Event("log_back", text, time.monotonic_ns(), severity))
         self._failed, self._lost = "", 0
 
 

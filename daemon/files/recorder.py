@@ -52,7 +52,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {
             "buttons": {"type": "integer"},
         },
     },
-    **{what: {"type": "object"} for what in (keys.EVENT, keys.HEALTH, keys.MEASUREMENT)},
+    **{topic_key: {"type": "object"} for topic_key in (keys.EVENT, keys.HEALTH, keys.MEASUREMENT)},
 }
 
 
@@ -73,8 +73,8 @@ class Recorder:
             self._attach(CALIBRATION_ATTACHMENT, calibration, now_ns)
         self._raw = self._writer.register_channel(RAW_TOPIC, RAW_ENCODING, schema_id=0)
         self._channels = {
-            what: self._writer.register_channel(topic, "json", self._schema(what))
-            for what, topic in TOPICS.items()
+            topic_key: self._writer.register_channel(topic, "json", self._schema(topic_key))
+            for topic_key, topic in TOPICS.items()
         }
 
     def close(self) -> None:
@@ -111,22 +111,22 @@ class Recorder:
         for point, data in zip(points, as_json(points), strict=True):
             self._add(keys.POINT, self._channels[keys.POINT], data, int(point["stamp_ns"]))
 
-    def take_messages(self, what: str, payloads: list[bytes]) -> None:
+    def take_messages(self, topic_key: str, payloads: list[bytes]) -> None:
         """Payloads of a JSON key, as published."""
         for payload in payloads:
-            self._add(what, self._channels[what], payload, time.time_ns())
+            self._add(topic_key, self._channels[topic_key], payload, time.time_ns())
 
-    def _schema(self, what: str) -> int:
-        schema = json.dumps(SCHEMAS[what]).encode()
-        return int(self._writer.register_schema(f"armd.{what}", "jsonschema", schema))
+    def _schema(self, topic_key: str) -> int:
+        schema = json.dumps(SCHEMAS[topic_key]).encode()
+        return int(self._writer.register_schema(f"armd.{topic_key}", "jsonschema", schema))
 
     def _attach(self, name: str, text: str, now_ns: int) -> None:
         self._writer.add_attachment(now_ns, now_ns, name, "application/json", text.encode())
 
-    def _add(self, what: str, channel: int, data: bytes, unix_ns: int) -> None:
-        sequence = self.counts[what] & 0xFFFFFFFF
+    def _add(self, topic_key: str, channel: int, data: bytes, unix_ns: int) -> None:
+        sequence = self.counts[topic_key] & 0xFFFFFFFF
         self._writer.add_message(channel, max(0, unix_ns), data, max(0, unix_ns), sequence)
-        self.counts[what] += 1
+        self.counts[topic_key] += 1
 
 
 def as_json(points: npt.NDArray[np.void]) -> list[bytes]:

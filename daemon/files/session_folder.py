@@ -61,14 +61,14 @@ class SessionFolder:
             return f"left out, {reason[1]}"
         if not self._rows:
             self._started_s = measurement["stamp_ns"] // 10**9
-        where = self._placement, self.target
-        self._rows.append(reading_row(measurement, self._arm, self._started_s, *where))
+        location = self._placement, self.target
+        self._rows.append(reading_row(measurement, self._arm, self._started_s, *location))
         write_readings(self._path, self._arm, self._artefact, self._started_s, self._rows)
-        taken, self.target = self.target, next(self._targets)
+        target, self.target = self.target, next(self._targets)
         if measurement["standard_deviation_mm"] is None:
-            return f"{taken}: one point, whose scatter nobody knows"
+            return f"{target}: one point, whose scatter nobody knows"
         spread_um = 1000 * math.hypot(*measurement["standard_deviation_mm"])
-        return f"{taken}: {counted(measurement['count'], 'point')}, scatter {spread_um:.1f} µm"
+        return f"{target}: {counted(measurement['count'], 'point')}, scatter {spread_um:.1f} µm"
 
 
 def reading_row(

@@ -32,7 +32,7 @@ def history(serial: str, name: str | None = None) -> list[dict[str, Any]]:
     path = history_file(serial)
     if not path.exists():
         return []
-    found = []
+    entries = []
     for line in read_input(path, MOST_BYTES).splitlines():
         try:
             entry = json.loads(line)
@@ -40,8 +40,8 @@ def history(serial: str, name: str | None = None) -> list[dict[str, Any]]:
             continue
         ours = isinstance(entry, dict) and entry.get("schema") == SCHEMA
         if ours and name in (None, entry.get("name")):
-            found.append(entry)
-    return found
+            entries.append(entry)
+    return entries
 
 
 def keep(serial: str, entry: dict[str, Any]) -> Path:
@@ -63,12 +63,12 @@ def put_in_force(arm: Arm, name: str) -> str:
     """A running daemon measures with the last calibration of a tip, and keeps it; returns what it
     says. Raises `BadInput` for a tip that has none, or a doubtful one, and `ArmdError` where the
     daemon refuses."""
-    where, found = history_file(arm.serial), history(arm.serial, name)
-    if not found:
-        raise BadInput(where, f"tip {name!r}", "no calibration", "one by `armd measure tip`")
-    last = found[-1]
+    path, entries = history_file(arm.serial), history(arm.serial, name)
+    if not entries:
+        raise BadInput(path, f"tip {name!r}", "no calibration", "one by `armd measure tip`")
+    last = entries[-1]
     if last["verdict"] != GOOD:
-        raise BadInput(where, f"tip {name!r}", f"a {last['verdict']}", "a good one")
+        raise BadInput(path, f"tip {name!r}", f"a {last['verdict']}", "a good one")
     offset = ",".join(repr(float(value)) for value in last["offset_mm"])
     radius = "" if last["radius_mm"] is None else repr(float(last["radius_mm"]))
     return arm.command("keep_tip", name=name, offset_mm=offset, radius_mm=radius)

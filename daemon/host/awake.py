@@ -26,15 +26,15 @@ class Awake:
     def __init__(self, device: Path = DEVICE, idle_driver: Path = IDLE_DRIVER) -> None:
         self._device = device
         self._idle_driver = idle_driver
-        self._wanted = False
+        self._is_requested = False
         self._open: int | None = None
 
-    def keep(self, wanted: bool) -> None:
+    def keep(self, is_requested: bool) -> None:
         """Ask for it, or give it up; harmless to call often."""
-        if wanted == self._wanted:
+        if is_requested == self._is_requested:
             return
-        self._wanted = wanted
-        if wanted:
+        self._is_requested = is_requested
+        if is_requested:
             with suppress(OSError):
                 self._open = os.open(self._device, os.O_WRONLY | os.O_CLOEXEC)
                 os.write(self._open, struct.pack("=i", self._latency_us()))

@@ -58,8 +58,10 @@ class Journal:
         if lines >= BURST:
             return
         detail = json.dumps(event.detail) if event.detail else ""
-        more = f"({suppressed} more before)" if suppressed else ""
-        text = " ".join(part for part in (f"{event.kind}: {event.text}", detail, more) if part)
+        suppressed_text = f"({suppressed} more before)" if suppressed else ""
+        text = " ".join(
+            part for part in (f"{event.kind}: {event.text}", detail, suppressed_text) if part
+        )
         self._put(event.severity, event.kind, text, detail)
 
     def tell_rest(self) -> None:

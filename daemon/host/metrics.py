@@ -126,8 +126,8 @@ def _lines(healths: Sequence[HealthRecord]) -> Iterator[str]:
             yield f'armd_flagged_points_total{{{serial},flag="{_escaped(flag)}"}} {count}'
     yield "# TYPE armd_wire counter"
     for serial, health in _by_label(healths):
-        for what, count in health["drops"].items():
-            yield f'armd_wire_total{{{serial},what="{_escaped(what)}"}} {count}'
+        for counter, count in health["drops"].items():
+            yield f'armd_wire_total{{{serial},what="{_escaped(counter)}"}} {count}'
     yield "# TYPE armd_latency_seconds gauge"
     yield "# UNIT armd_latency_seconds seconds"
     for serial, health in _by_label(healths):

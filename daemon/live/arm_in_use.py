@@ -64,8 +64,8 @@ class ArmInUse:
         if self.tip is None:
             return self.own_tip
         tip = self.in_use.tips[self.tip]
-        known = tip.radius_mm is not None
-        return tip if known else tip.model_copy(update={"radius_mm": self.own_tip.radius_mm})
+        has_radius = tip.radius_mm is not None
+        return tip if has_radius else tip.model_copy(update={"radius_mm": self.own_tip.radius_mm})
 
     def reloaded(self) -> Takeover:
         """The calibration file, read again; raises `BadInput` if it is bad."""
@@ -108,13 +108,13 @@ class ArmInUse:
             prepared = self.pipeline.prepare(arm, calibration)
         except (ArithmeticError, MemoryError, ValueError) as error:  # numbers beyond all reason
             path = self._config.calibration or self._config.path
-            found = f"numbers no model can be made of ({error})"
-            raise BadInput(path, "the file", found, "an arm's calibration") from error
+            problem = f"numbers no model can be made of ({error})"
+            raise BadInput(path, "the file", problem, "an arm's calibration") from error
         return Takeover(to, prepared, self._warning("the tip's offset", moved_mm))
 
-    def _warning(self, what: str, moved_mm: float) -> str | None:
+    def _warning(self, subject: str, moved_mm: float) -> str | None:
         limit_mm = self._config.file.limits.tip_offset_mm
-        text = f"{what} moved by {moved_mm:.3f} mm, more than {limit_mm:g} mm"
+        text = f"{subject} moved by {moved_mm:.3f} mm, more than {limit_mm:g} mm"
         return text if moved_mm > limit_mm else None
 
     def _offset_mm(self, in_use: InUse) -> Vector3:

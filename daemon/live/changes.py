@@ -31,7 +31,7 @@ class Tell(Protocol):
 
 
 @dataclass
-class _Asked:
+class _Request:
     """For a reload (tip None), a tip ("" is the calibration's own), or one just calibrated."""
 
     tip: str | None
@@ -45,23 +45,23 @@ class Changes:
     def __init__(self, arm: ArmInUse, tell: Tell) -> None:
         self._arm = arm
         self._tell = tell
-        self._waiting: deque[_Asked] = deque()
-        self._under_way: _Asked | None = None
-        self._jobs: queue.SimpleQueue[_Asked] = queue.SimpleQueue()
+        self._waiting: deque[_Request] = deque()
+        self._under_way: _Request | None = None
+        self._jobs: queue.SimpleQueue[_Request] = queue.SimpleQueue()
         self._ready: queue.SimpleQueue[Takeover | ArmdError] = queue.SimpleQueue()
         threading.Thread(target=self._prepare, name="changes", daemon=True).start()
 
     def reload(self, answer: Respond) -> None:
         """Read the calibration file again."""
-        self._ask(_Asked(None), answer)
+        self._ask(_Request(None), answer)
 
     def select_tip(self, name: str, answer: Respond) -> None:
         """Measure with one of the tips there are; "" is the calibration's own."""
-        self._ask(_Asked(name), answer)
+        self._ask(_Request(name), answer)
 
     def keep_tip(self, name: str, tip: Tip, answer: Respond) -> None:
         """Measure with a tip just calibrated, from now on and after every restart."""
-        self._ask(_Asked(name, tip), answer)
+        self._ask(_Request(name, tip), answer)
 
     def take(self) -> None:
         """Between two samples: take over what is ready, begin what waits."""
@@ -70,16 +70,16 @@ class Changes:
                 result = self._ready.get_nowait()
             except queue.Empty:
                 return
-            asked, self._under_way = self._under_way, None
-            self._conclude(asked, result)
+            request, self._under_way = self._under_way, None
+            self._conclude(request, result)
         if self._waiting:
             self._under_way = self._waiting.popleft()
             self._jobs.put(self._under_way)
 
-    def _ask(self, new: _Asked, answer: Respond) -> None:
-        for asked in self._waiting:
-            if (asked.tip, asked.calibrated) == (new.tip, new.calibrated):
-                asked.answers.append(answer)
+    def _ask(self, new: _Request, answer: Respond) -> None:
+        for request in self._waiting:
+            if (request.tip, request.calibrated) == (new.tip, new.calibrated):
+                request.answers.append(answer)
                 return
         if len(self._waiting) >= MOST_WAITING:
             answer("refused: too many changes are waiting", False)
@@ -90,39 +90,39 @@ class Changes:
     def _prepare(self) -> None:
         """The thread."""
         while True:
-            asked = self._jobs.get()
+            request = self._jobs.get()
             try:
-                self._ready.put(self._prepared(asked))
+                self._ready.put(self._prepared(request))
             except ArmdError as error:
                 self._ready.put(error)
             except Exception as error:  # nothing that is wrong with a file may end this thread
                 self._ready.put(ArmdError(f"{type(error).__name__}: {error}"))
 
-    def _prepared(self, asked: _Asked) -> Takeover:
-        if asked.tip is None:
+    def _prepared(self, request: _Request) -> Takeover:
+        if request.tip is None:
             return self._arm.reloaded()
-        if asked.calibrated is None:
-            return self._arm.with_tip(asked.tip)
-        return self._arm.with_kept(asked.tip, asked.calibrated)
+        if request.calibrated is None:
+            return self._arm.with_tip(request.tip)
+        return self._arm.with_kept(request.tip, request.calibrated)
 
-    def _conclude(self, asked: _Asked, result: Takeover | ArmdError) -> None:
+    def _conclude(self, request: _Request, result: Takeover | ArmdError) -> None:
         if isinstance(result, ArmdError):
             text, done = str(result), False
-            if asked.tip is None:
+            if request.tip is None:
                 self._tell("calibration_refused", f"{text}; the old one stays", "error")
         else:
             self._arm.take(result)
-            text, done = self._say(asked), True
+            text, done = self._say(request), True
             if result.warning is not None:
                 self._tell("tip_moved", result.warning, "warning")
-        for answer in asked.answers:
+        for answer in request.answers:
             answer(text, done)
 
-    def _say(self, asked: _Asked) -> str:
-        calibration, tip = self._arm.calibration, asked.tip
+    def _say(self, request: _Request) -> str:
+        calibration, tip = self._arm.calibration, request.tip
         if tip is not None:
             text = f"tip {tip}" if tip else "the calibration's tip"
-            text += ", as it was calibrated now" if asked.calibrated is not None else ""
+            text += ", as it was calibrated now" if request.calibrated is not None else ""
             detail = {"tip": self._arm.tip, **self._arm.tip_in_use.model_dump(mode="json")}
             self._tell("tip", f"now measuring with {text}", "info", detail)
         else:

@@ -54,7 +54,7 @@ class RecentReadings:
         self._first, self._end = 0, 0
         self._times_ns = np.empty(ROOM, np.int64)
         self._celsius = np.empty((ROOM, len(sensors)))
-        self._found = np.empty(3)
+        self._fastest_drift = np.empty(3)
 
     def __len__(self) -> int:
         return self._end - self._first
@@ -76,19 +76,19 @@ class RecentReadings:
 
     def fastest(self, used: I64) -> Drift | None:
         """Of the sensors *used*; None while the history is too short to tell."""
-        kept = slice(self._first, self._end)
-        worst = _fastest(self._times_ns[kept], self._celsius[kept], used, self._found)
+        rows = slice(self._first, self._end)
+        worst = _fastest(self._times_ns[rows], self._celsius[rows], used, self._fastest_drift)
         if worst < 0:
             return None
-        slope, error, jump = self._found.tolist()
+        slope, error, jump = self._fastest_drift.tolist()
         return Drift(self._sensors[worst], slope, error, jump)
 
     def _make_room(self) -> None:
         """Move what is kept to the front, of longer arrays if it is more than half of these."""
-        kept, n = slice(self._first, self._end), len(self)
+        rows, n = slice(self._first, self._end), len(self)
         room = len(self._times_ns) * (2 if 2 * n > len(self._times_ns) else 1)
         times_ns, celsius = np.empty(room, np.int64), np.empty((room, len(self._sensors)))
-        times_ns[:n], celsius[:n] = self._times_ns[kept], self._celsius[kept]
+        times_ns[:n], celsius[:n] = self._times_ns[rows], self._celsius[rows]
         self._times_ns, self._celsius = times_ns, celsius
         self._first, self._end = 0, n
 
@@ -104,27 +104,27 @@ class CoarseHistory:
     def __init__(self, sensors: Sequence[str], resolution_c: float) -> None:
         self._sensors = sensors
         self._resolution_c = resolution_c
-        self._kept: deque[tuple[int, list[float]]] = deque()
+        self._history: deque[tuple[int, list[float]]] = deque()
 
     def __len__(self) -> int:
-        return len(self._kept)
+        return len(self._history)
 
     def append(self, celsius: Sequence[float], monotonic_ns: int) -> None:
         """One reading of all sensors (S,), NaN before a sensor's first value."""
         now = monotonic_ns, list(celsius)
-        if len(self._kept) > 1 and monotonic_ns - self._kept[-2][0] < APART_NS:
-            self._kept.pop()
-        self._kept.append(now)
-        while self._kept[0][0] < monotonic_ns - COARSE_OVER_NS:
-            self._kept.popleft()
+        if len(self._history) > 1 and monotonic_ns - self._history[-2][0] < APART_NS:
+            self._history.pop()
+        self._history.append(now)
+        while self._history[0][0] < monotonic_ns - COARSE_OVER_NS:
+            self._history.popleft()
 
     def fastest(self, used: I64) -> Drift | None:
         """Of the sensors *used*; None while the history is too short to tell."""
-        if len(self._kept) < 3 or self._kept[-1][0] - self._kept[0][0] < RATE_AFTER_NS:
+        if len(self._history) < 3 or self._history[-1][0] - self._history[0][0] < RATE_AFTER_NS:
             return None
-        hours = np.array([at_ns for at_ns, _ in self._kept]) / 3.6e12
+        hours = np.array([at_ns for at_ns, _ in self._history]) / 3.6e12
         since = hours[-1] - hours[:-1]
-        celsius = np.array([values for _, values in self._kept])
+        celsius = np.array([values for _, values in self._history])
         worst: Drift | None = None
         for sensor in used.tolist():
             change = celsius[-1, sensor] - celsius[:-1, sensor]
@@ -139,8 +139,8 @@ class CoarseHistory:
 
 
 @jit
-def _fastest(times_ns: I64, celsius: F64, used: I64, found: F64) -> int:
-    """The sensor that changes fastest, or -1; into *found* its slope, standard error and step.
+def _fastest(times_ns: I64, celsius: F64, used: I64, drift: F64) -> int:
+    """The sensor that changes fastest, or -1; into *drift* its slope, standard error and step.
 
     Slopes by least squares over all n readings, in K/h; a sensor that lacks one does not count.
     """
@@ -173,5 +173,5 @@ def _fastest(times_ns: I64, celsius: F64, used: I64, found: F64) -> int:
         rate = max(abs(slope) - 3 * error, jump)
         if worst < 0 or rate > highest:
             worst, highest = sensor, rate
-            found[0], found[1], found[2] = slope, error, jump
+            drift[0], drift[1], drift[2] = slope, error, jump
     return worst

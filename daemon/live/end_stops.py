@@ -25,10 +25,10 @@ class EndStopWatch:
         """*beyond_deg*: joints that read beyond since the last call, and the farthest angle."""
         events = []
         for joint, angle_deg in beyond_deg.items():
-            known = self._beyond.get(joint)
-            text = known[0] if known else self._describe(joint, angle_deg)
+            entry = self._beyond.get(joint)
+            text = entry[0] if entry else self._describe(joint, angle_deg)
             self._beyond[joint] = text, now_ns
-            if known is None:
+            if entry is None:
                 detail = {"joint": joint, "angle_deg": round(angle_deg, 2)}
                 events.append(Event("beyond_end_stop", text, now_ns, "error", detail))
         for joint, (_, seen_ns) in list(self._beyond.items()):

@@ -66,12 +66,12 @@ def finish(samples: Any, q: Any, still_since_ns: Any, memory: Any, points: Any) 
 
     An invalid point's numbers become NaN. *memory* is a `Flagger`'s.
     """
-    kept = memory[0]
+    state = memory[0]
     for i in range(len(samples)):
         sample, point = samples[i], points[i]
         now, seq = sample.monotonic_ns, np.int64(sample.seq)
-        flag = kept.slow
-        if sample.joint_invalid != 0 or now > kept.invalid_after_ns or not _is_finite(point):
+        flag = state.slow
+        if sample.joint_invalid != 0 or now > state.invalid_after_ns or not _is_finite(point):
             flag |= _INVALID
             for part in range(3):
                 point.position_mm[part] = math.nan
@@ -82,24 +82,24 @@ def finish(samples: Any, q: Any, still_since_ns: Any, memory: Any, points: Any) 
                 point.covariance_mm2[part] = math.nan
         elif now - still_since_ns[i] >= REST_AFTER_NS:
             flag |= _REST
-        if now > kept.stale_after_ns:
+        if now > state.stale_after_ns:
             flag |= _STALE
         if sample.joint_warning != 0:
             flag |= _WARNING
         for k in range(q.shape[1]):
-            if q[i, k] < kept.low[k] or q[i, k] > kept.high[k]:
+            if q[i, k] < state.low[k] or q[i, k] > state.high[k]:
                 flag |= _END_STOP
-        if kept.last_seq >= 0 and seq != kept.last_seq + 1:
+        if state.last_seq >= 0 and seq != state.last_seq + 1:
             flag |= _LOST
         if not sample.clock_mapped:
             flag |= _CLOCK
-        kept.last_seq = seq
+        state.last_seq = seq
         point.flags = flag
         point.seq = sample.seq
         point.stamp_ns = sample.stamp_ns
         point.monotonic_ns = now
         point.buttons = sample.buttons
-        point.calibration = kept.calibration
+        point.calibration = state.calibration
 
 
 @jit
@@ -114,9 +114,9 @@ def _is_finite(point: Any) -> bool:
         total += abs(point.position_mm[part]) + abs(point.correction_mm[part])
     for part in range(4):
         total += abs(point.orientation[part])
-    known = 0
+    n_known = 0
     for part in range(6):
         if not math.isnan(point.covariance_mm2[part]):
             total += abs(point.covariance_mm2[part])
-            known += 1
-    return math.isfinite(total) and known in (0, 6)
+            n_known += 1
+    return math.isfinite(total) and n_known in (0, 6)

@@ -114,13 +114,13 @@ class Averager:
         end_ns = int(point["monotonic_ns"])
         rows = self._rows_since(max(still_since_ns, end_ns - self._average_ns))
         past = self._past[rows]
-        wanted = (past["monotonic_ns"] <= end_ns) & ((past["flags"] & Flag.INVALID) == 0)
-        valid = past[wanted]
+        is_used = (past["monotonic_ns"] <= end_ns) & ((past["flags"] & Flag.INVALID) == 0)
+        valid = past[is_used]
         usable = len(valid) > 0 and not int(point["flags"]) & Flag.INVALID
         mean = deviation = angles = None
         if usable:
             mean = valid["position_mm"].mean(axis=0).tolist()
-            angles = self._angles[rows[wanted]].mean(axis=0).tolist()
+            angles = self._angles[rows[is_used]].mean(axis=0).tolist()
             if len(valid) > 1:
                 deviation = valid["position_mm"].std(axis=0, ddof=1).tolist()
         return Measurement(
@@ -130,7 +130,7 @@ class Averager:
             monotonic_ns=end_ns,
             position_mm=mean,
             standard_deviation_mm=deviation,
-            covariance_mm2=known(point["covariance_mm2"]) if usable else None,
+            covariance_mm2=as_list_if_finite(point["covariance_mm2"]) if usable else None,
             orientation=point["orientation"].tolist() if usable else None,
             angles_rad=angles,
             count=len(valid) if usable else 0,
@@ -178,23 +178,23 @@ def _keep(points: Any, angles: Any, past: Any, past_angles: Any, written: int) -
 def _press(points: Any, buttons: Any, risen: Any) -> bool:
     """Into *risen* (≥ n,) the bits of the buttons that were pressed at each of the points (n,);
     whether any was."""
-    kept = buttons[0]
+    state = buttons[0]
     pressed = False
     for i in range(len(points)):
         now, now_ns = np.int64(points[i].buttons), points[i].monotonic_ns
         fresh = np.int64(0)
         for bit in range(32):
             if now >> bit & 1:
-                since_ns = now_ns - kept.down_ns[bit]
-                if not kept.down >> bit & 1 and not 0 <= since_ns < BOUNCE_NS:
+                since_ns = now_ns - state.down_ns[bit]
+                if not state.down >> bit & 1 and not 0 <= since_ns < BOUNCE_NS:
                     fresh |= np.int64(1) << bit
-                kept.down_ns[bit] = now_ns
-        kept.down = now
+                state.down_ns[bit] = now_ns
+        state.down = now
         risen[i] = fresh
         pressed = pressed or fresh != 0
     return pressed
 
 
-def known(values: npt.NDArray[np.floating[Any]]) -> list[float] | None:
+def as_list_if_finite(values: npt.NDArray[np.floating[Any]]) -> list[float] | None:
     """As a list; None unless all of them are finite."""
     return values.tolist() if np.isfinite(values).all() else None

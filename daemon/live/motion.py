@@ -99,113 +99,115 @@ def follow(
     almost 0; NaN while unknown), *approach* (n, 3) unit vectors (NaN while unknown) and the instant
     (n,) ns since which the tip has been still.
     """
-    kept = memory[0]
-    mean, last, before, sides = kept.mean, kept.last, kept.before, kept.sides
+    state = memory[0]
+    mean, last, before, sides = state.mean, state.last, state.before, state.sides
     n, joints = q.shape
     for i in range(n):
         now = samples[i].monotonic_ns
         if samples[i].joint_invalid != 0:
-            kept.seen = 0
+            state.seen = 0
             still_since[i] = now
             for k in range(joints):
                 rate[i, k] = math.nan
             for axis in range(3):
                 approach[i, axis] = math.nan
             continue
-        dt_ns = now - kept.last_ns
-        missed = np.int64(samples[i].seq) != kept.last_seq + 1
+        dt_ns = now - state.last_ns
+        missed = np.int64(samples[i].seq) != state.last_seq + 1
         gap_ns = GAP_NS if missed else LONG_GAP_NS
-        if kept.seen == 0 or dt_ns > gap_ns or dt_ns <= 0:
-            kept.seen = 0
-            kept.still_ns = now
-            kept.count = 0.0
-        seen = kept.seen
+        if state.seen == 0 or dt_ns > gap_ns or dt_ns <= 0:
+            state.seen = 0
+            state.still_ns = now
+            state.count = 0.0
+        n_seen = state.seen
         dt = dt_ns * 1e-9
 
         for k in range(joints):
-            if seen == 0 and sides[k] == 0.0:
-                kept.turned_q[k] = q[i, k]
-            _turn(k, q[i, k], kept)
-            measured = (q[i, k] - kept.last_q[k]) / dt if seen > 0 else 0.0
+            if n_seen == 0 and sides[k] == 0.0:
+                state.turned_q[k] = q[i, k]
+            _turn(k, q[i, k], state)
+            measured = (q[i, k] - state.last_q[k]) / dt if n_seen > 0 else 0.0
             rate[i, k] = math.nan
             if sides[k] != 0.0:
                 rate[i, k] = sides[k] * max(measured * sides[k], NO_RATE_RAD_S)
-            kept.last_q[k] = q[i, k]
+            state.last_q[k] = q[i, k]
 
         step = 0.0
         jerk = 0.0
         away = 0.0
         for axis in range(3):
-            here = position[i, axis]
-            step += (here - last[axis]) ** 2
-            jerk += (here - 2.0 * last[axis] + before[axis]) ** 2
-            away += (here - mean[axis]) ** 2
+            coordinate = position[i, axis]
+            step += (coordinate - last[axis]) ** 2
+            jerk += (coordinate - 2.0 * last[axis] + before[axis]) ** 2
+            away += (coordinate - mean[axis]) ** 2
             before[axis] = last[axis]
-            last[axis] = here
-        if seen > 1:  # second differences see noise (variance 6 s² an axis), hardly motion
-            kept.variance += (jerk / 18.0 - kept.variance) / min(NOISE_SAMPLES, seen)
-        noise = max(6.0 * math.sqrt(kept.variance), kept.floor_mm)
+            last[axis] = coordinate
+        if n_seen > 1:  # second differences see noise (variance 6 s² an axis), hardly motion
+            state.variance += (jerk / 18.0 - state.variance) / min(NOISE_SAMPLES, n_seen)
+        noise = max(6.0 * math.sqrt(state.variance), state.floor_mm)
         moved = (
-            not kept.coarse
-            and seen > 0
+            not state.coarse
+            and n_seen > 0
             and (
                 math.sqrt(step) > MOVING_MM_S * dt + 1.4 * noise
                 or math.sqrt(away) > TREMOR_MM + noise
             )
         )
-        if kept.coarse:
-            gain = min(1.0, dt / COARSE_LATELY_S) if kept.count > 0.0 else 1.0
+        if state.coarse:
+            gain = min(1.0, dt / COARSE_LATELY_S) if state.count > 0.0 else 1.0
             away = 0.0
             for axis in range(3):
-                kept.lately[axis] += gain * (position[i, axis] - kept.lately[axis])
-                away += (kept.lately[axis] - mean[axis]) ** 2
-            if kept.count > 0.0:
-                moved = math.sqrt(away) > TREMOR_MM + kept.coarse_mm
-            most = COARSE_COUNTS + (COARSE_COUNTS_ALONE - COARSE_COUNTS) * gain
+                state.lately[axis] += gain * (position[i, axis] - state.lately[axis])
+                away += (state.lately[axis] - mean[axis]) ** 2
+            if state.count > 0.0:
+                moved = math.sqrt(away) > TREMOR_MM + state.coarse_mm
+            threshold = COARSE_COUNTS + (COARSE_COUNTS_ALONE - COARSE_COUNTS) * gain
             for k in range(joints):
-                kept.lately_q[k] += gain * (q[i, k] - kept.lately_q[k])
-                if not moved and kept.count > 0.0:
-                    moved = abs(kept.lately_q[k] - kept.mean_q[k]) > most * kept.count_rad[k]
+                state.lately_q[k] += gain * (q[i, k] - state.lately_q[k])
+                if not moved and state.count > 0.0:
+                    moved = (
+                        abs(state.lately_q[k] - state.mean_q[k]) > threshold * state.count_rad[k]
+                    )
         if moved:
-            kept.still_ns = now
-            kept.count = 0.0
-        kept.count = min(kept.count + 1.0, MEAN_SAMPLES)
+            state.still_ns = now
+            state.count = 0.0
+        state.count = min(state.count + 1.0, MEAN_SAMPLES)
         for axis in range(3):
-            mean[axis] += (position[i, axis] - mean[axis]) / kept.count
-        if kept.coarse:
+            mean[axis] += (position[i, axis] - mean[axis]) / state.count
+        if state.coarse:
             for k in range(joints):
-                kept.mean_q[k] += (q[i, k] - kept.mean_q[k]) / kept.count
-        still_since[i] = kept.still_ns
+                state.mean_q[k] += (q[i, k] - state.mean_q[k]) / state.count
+        still_since[i] = state.still_ns
 
-        _drag(position[i], kept)
+        _drag(position[i], state)
         for axis in range(3):
-            approach[i, axis] = kept.direction[axis]
-        kept.seen = seen + 1
-        kept.last_ns = now
-        kept.last_seq = samples[i].seq
+            approach[i, axis] = state.direction[axis]
+        state.seen = n_seen + 1
+        state.last_ns = now
+        state.last_seq = samples[i].seq
 
 
 @jit
-def _turn(k: int, q: float, kept: Any) -> None:
+def _turn(k: int, q: float, state: Any) -> None:
     """Side of approach with play: `turned_q` is the farthest point reached on this side."""
-    sides, turned_q = kept.sides, kept.turned_q
+    sides, turned_q = state.sides, state.turned_q
     beyond = q - turned_q[k]
     if sides[k] == 0.0:
-        if abs(beyond) > kept.play_rad[k]:
+        if abs(beyond) > state.play_rad[k]:
             sides[k] = math.copysign(1.0, beyond)
             turned_q[k] = q
     elif beyond * sides[k] > 0.0:
         turned_q[k] = q
-    elif beyond * sides[k] < -kept.play_rad[k]:
+    elif beyond * sides[k] < -state.play_rad[k]:
         sides[k] = -sides[k]
         turned_q[k] = q
 
 
 @jit
-def _drag(position: Any, kept: Any) -> None:
+def _drag(position: Any, state: Any) -> None:
     """The direction of travel: from a point dragged behind the tip, held while it rests."""
-    trail, direction = kept.trail, kept.direction
-    if kept.seen == 0:
+    trail, direction = state.trail, state.direction
+    if state.seen == 0:
         for axis in range(3):
             trail[axis] = position[axis]
             direction[axis] = math.nan

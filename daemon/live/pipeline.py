@@ -111,7 +111,7 @@ class Pipeline:
             return
         self._stamp_ns = reading.stamp_ns
         long_ago = not self._past or self._stamp_ns - self._past[-1][1] >= MEMORY_STEP_S * 1e9
-        if self.temperature.known and long_ago:
+        if self.temperature.has_values and long_ago:
             self._past.append((self.temperature.held_c, self._stamp_ns))
         self._fold()
 
@@ -139,7 +139,7 @@ class Pipeline:
         self._judge()
         if self._stamp_ns or not self._model.dated:  # the first sample tells the date
             self._model.fold(self.temperature.held_c, self._stamp_ns * 1e-9)
-        if not self.temperature.known:
+        if not self.temperature.has_values:
             self._model.forget()  # lags start with the first measured temperatures
 
     def _judge(self) -> None:

@@ -104,7 +104,7 @@ class TemperatureWatch:
         return possible_c
 
     @property
-    def known(self) -> bool:
+    def has_values(self) -> bool:
         """Every sensor in use has had a value."""
         return not any(math.isnan(self._heard_c[i]) for i in self._used)
 
@@ -169,5 +169,5 @@ class TemperatureWatch:
         if self._used:
             oldest_ns = min([self._good_ns[i] for i in self._used])
             self.invalid_after_ns = oldest_ns + self._hold_ns
-            known = all(math.isfinite(self._current_c[i]) for i in self._used)
-            self.stale_after_ns = oldest_ns + STALE_AFTER_NS if known else -1
+            is_known = all(math.isfinite(self._current_c[i]) for i in self._used)
+            self.stale_after_ns = oldest_ns + STALE_AFTER_NS if is_known else -1

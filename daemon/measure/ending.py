@@ -33,7 +33,7 @@ class EndOptions:
     """What a person may say of the end."""
 
     then: Sequence[Then] | None = None  # None: as the kind has it
-    others: Sequence[Path] = ()  # sessions measured before, that take part
+    earlier_sessions: Sequence[Path] = ()  # sessions measured before, that take part
     mpe: Path | None = None  # of verify
     history: Path | None = None  # of interim
     tip_name: str | None = None  # of tip: what the history calls it
@@ -51,46 +51,48 @@ def commands(
     then = options.then
     if then is None:
         then = _USUAL[plan.kind][0 if calibrated else 1]
-    sessions = [*map(str, options.others), str(folder)]
+    sessions = [*map(str, options.earlier_sessions), str(folder)]
     arm = ["--arm", str(folder / ARM)]
     in_force = ["--calibration", str(folder / CALIBRATION)] if calibrated else []
-    made: list[list[str]] = []
+    argument_lists: list[list[str]] = []
     for name in then:
         match name:
             case "calibrate":
                 outputs = ["-o", str(folder / "calibration.json")]
                 outputs += _results(folder, "calibrate")
-                made.append(["calibrate", *sessions, *arm, *outputs])
+                argument_lists.append(["calibrate", *sessions, *arm, *outputs])
             case "diagnose":
                 outputs = [*_results(folder, "diagnose")]
                 outputs += ["--extended", str(folder / "extended.json")]
-                made.append(["diagnose", *sessions, *arm, *in_force, *outputs])
+                argument_lists.append(["diagnose", *sessions, *arm, *in_force, *outputs])
             case "verify":
                 limits = [] if options.mpe is None else ["--mpe", str(options.mpe)]
                 outputs = _results(folder, "verify")
-                made.append(["verify", str(folder), *arm, *in_force, *limits, *outputs])
+                argument_lists.append(["verify", str(folder), *arm, *in_force, *limits, *outputs])
             case "repeatability":
                 outputs = _results(folder, "repeatability")
-                made.append(["feature", "repeatability", str(folder), *arm, *in_force, *outputs])
+                argument_lists.append(
+                    ["feature", "repeatability", str(folder), *arm, *in_force, *outputs]
+                )
             case "tip":
                 label = [] if options.tip_name is None else ["--name", options.tip_name]
                 if options.apply_at is not None:
                     label += ["--apply", "--endpoint", options.apply_at]
-                made.append(["tip", "calibrate", str(folder), *label])
+                argument_lists.append(["tip", "calibrate", str(folder), *label])
             case "interim":
                 if options.history is None:
                     continue  # the session is what was asked for
                 if not calibrated:
-                    found, expected = (
+                    problem, expected = (
                         "no calibration in force",
                         "one that the checks are held against",
                     )
-                    raise BadInput("armd interim", "--calibration", found, expected)
+                    raise BadInput("armd interim", "--calibration", problem, expected)
                 history = ["--history", str(options.history)]
-                made.append(["interim", "add", str(folder), *arm, *in_force, *history])
+                argument_lists.append(["interim", "add", str(folder), *arm, *in_force, *history])
             case "none":
                 pass
-    return made
+    return argument_lists
 
 
 @dataclass(frozen=True)
@@ -111,8 +113,8 @@ def run(command: Sequence[str]) -> Done:
         text=True,
         stdin=subprocess.DEVNULL,
     )
-    shown = shlex.join(["armd", *command])
-    return Done(shown, done.returncode, done.stdout, done.stderr)
+    command_line = shlex.join(["armd", *command])
+    return Done(command_line, done.returncode, done.stdout, done.stderr)
 
 
 def _results(folder: Path, name: str) -> list[str]:

@@ -77,10 +77,10 @@ def in_use(info: Mapping[str, Any], calibration_text: str | None) -> MeasuredWit
         identity = hashlib.sha256(data).hexdigest()[:16]
     tip = info["tip"]
     if tip is not None:
-        given = info["configuration"]["tips"][tip]
-        radius_mm = given.get("radius_mm")
+        tip_settings = info["configuration"]["tips"][tip]
+        radius_mm = tip_settings.get("radius_mm")
         radius_mm = arm.tip.radius_mm if radius_mm is None else radius_mm
-        arm, calibration = _with_tip(arm, calibration, tuple(given["offset_mm"]), radius_mm)
+        arm, calibration = _with_tip(arm, calibration, tuple(tip_settings["offset_mm"]), radius_mm)
         data = None
     return MeasuredWith(arm, calibration, identity, tip, data)
 

@@ -83,8 +83,8 @@ class Log:
         try:
             lock_file(self._handle, wait=False)
         except BlockingIOError:
-            found = "another armd measuring into it"
-            raise BadInput(path, "the session", found, "one at a time") from None
+            problem = "another armd measuring into it"
+            raise BadInput(path, "the session", problem, "one at a time") from None
 
     def _whole_lines(self, path: Path) -> list[Entry]:
         """What stands there; a line that a kill tore was never told of, and goes."""
@@ -94,12 +94,12 @@ class Log:
         data = b""
         while len(data) < size and (piece := os.pread(self._handle, size - len(data), len(data))):
             data += piece
-        whole = data.rfind(b"\n") + 1
-        if whole < len(data):
-            os.ftruncate(self._handle, whole)
+        complete_bytes = data.rfind(b"\n") + 1
+        if complete_bytes < len(data):
+            os.ftruncate(self._handle, complete_bytes)
             os.fsync(self._handle)
         lines = []
-        for number, line in enumerate(data[:whole].split(b"\n")[:-1], 1):
+        for number, line in enumerate(data[:complete_bytes].split(b"\n")[:-1], 1):
             entry = _parsed(path, number, line, "a line of this log")
             if not isinstance(entry, dict):
                 raise BadInput(path, f"line {number}", "no object", "a line of this log")
@@ -121,10 +121,10 @@ def begun(folder: Path) -> Entry | None:
 
 
 def _parsed(path: Path, number: int, line: bytes, expected: str) -> Any:
-    where = f"line {number}"
+    location = f"line {number}"
     try:
         return json_value(line)
     except KeyTwice as error:
-        raise BadInput(path, f"{where}: {error.key}", error.found, "it once") from error
+        raise BadInput(path, f"{location}: {error.key}", error.found, "it once") from error
     except (ValueError, RecursionError) as error:
-        raise BadInput(path, where, "no JSON", expected) from error
+        raise BadInput(path, location, "no JSON", expected) from error

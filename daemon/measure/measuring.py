@@ -39,7 +39,7 @@ class Measuring(Closing):
         self.folder, self.plan, self.in_use = folder, plan, in_use
         self._mutex = threading.RLock()
         header = {
-            "plan": plan.plain(),
+            "plan": plan.to_json(),
             "arm": in_use.arm.model_dump(mode="json", by_alias=True),
             "calibration": in_use.identity,
             "tip": in_use.tip,
@@ -68,15 +68,15 @@ class Measuring(Closing):
         """A measurement as published: taken as the next reading, or refused. On the disk when this
         returns. The answer has `event`: "reading" or "refused", and `text`."""
         with self._mutex:
-            measurement = _plain(measurement)
+            measurement = _as_plain_json(measurement)
             station = self._progress.next_station
             refusal, row = self._judged(measurement, station)
             if refusal is not None or station is None or row is None:
                 reason, text = refusal or Refusal("complete", "")
                 refused = {"what": "refused", "reason": reason, "text": text}
                 self._happen(refused | {"measurement": measurement})
-                wanted = None if station is None else station.target
-                return {"event": "refused", "reason": reason, "text": text, "target": wanted}
+                target = None if station is None else station.target
+                return {"event": "refused", "reason": reason, "text": text, "target": target}
             number = self._progress.last_number + 1
             entry: Entry = {
                 "what": "reading",
@@ -213,9 +213,9 @@ class Measuring(Closing):
             try:
                 progress.apply(entry)
             except (KeyError, TypeError, ValueError) as error:
-                found = f"{type(error).__name__}: {error}"
+                problem = f"{type(error).__name__}: {error}"
                 expected = "what can follow the lines before"
-                raise BadInput(self.folder / NAME, f"line {number}", found, expected) from error
+                raise BadInput(self.folder / NAME, f"line {number}", problem, expected) from error
         return progress
 
     def _check_same(self, header: Mapping[str, Any]) -> None:
@@ -224,16 +224,16 @@ class Measuring(Closing):
         judged = ("calibration", "tip", "tip_offset_mm") if self.plan.within_calibration else ()
         for key in ("plan", "arm", *judged):
             if key in then and then[key] != json.loads(json.dumps(header[key])):
-                found = f"a session begun with another {key}"
-                raise BadInput(path, key, found, "the same, or a new folder")
+                problem = f"a session begun with another {key}"
+                raise BadInput(path, key, problem, "the same, or a new folder")
 
     def _judged(
         self, measurement: Mapping[str, Any], station: Station | None
     ) -> tuple[Refusal | None, dict[str, Any] | None]:
         """A refusal, or the row that the measurement would be."""
         try:
-            where = self._following.whereabouts, self._following.earlier
-            refusal = judge(measurement, self.plan, self._progress, station, *where)
+            surroundings = self._following.whereabouts, self._following.earlier
+            refusal = judge(measurement, self.plan, self._progress, station, *surroundings)
             refusal = refusal or changed(measurement, self.plan, self.in_use)
             if refusal is not None or station is None:
                 return refusal, None
@@ -281,7 +281,7 @@ class Measuring(Closing):
         return row
 
 
-def _plain(measurement: Mapping[str, Any]) -> Any:
+def _as_plain_json(measurement: Mapping[str, Any]) -> Any:
     """As JSON that Python and others read alike: what it cannot carry is told as text."""
     try:
         return json.loads(json.dumps(dict(measurement), allow_nan=False))

@@ -90,8 +90,10 @@ def _already_taken(
 ) -> Refusal | None:
     if not progress.readings:
         return None
-    own = measurement["seq"], measurement["stamp_ns"]
-    if any((r.measurement["seq"], r.measurement["stamp_ns"]) == own for r in progress.readings):
+    identity = measurement["seq"], measurement["stamp_ns"]
+    if any(
+        (r.measurement["seq"], r.measurement["stamp_ns"]) == identity for r in progress.readings
+    ):
         return Refusal("twice", "this measurement has been taken")
     last = progress.readings[-1].measurement
     if _turned_rad(measurement, last) < UNMOVED_RAD and not _came_back(measurement, last, plan):
@@ -115,7 +117,7 @@ def _not_moved(
     """In a new placement: the artefact must not stand where it stood."""
     point = np.array(measurement["position_mm"], dtype=float)
     for placement, whereabouts in earlier.items():
-        if target := whereabouts.at(point, plan.near_mm):
+        if target := whereabouts.find_target(point, plan.near_mm):
             text = f"this is {target} in {placement}: the artefact has not been moved"
             return Refusal("too_far", text)
     return None
@@ -132,14 +134,14 @@ def _elsewhere(
     no distance tells; a press that comes to the same place twice does."""
     point = np.array(measurement["position_mm"], dtype=float)
     target, near_mm = station.target, plan.near_mm
-    expected = whereabouts.of(target)
+    expected = whereabouts.get_position(target)
     if expected is not None and math.dist(point, expected) <= near_mm:
         return None
-    if other := whereabouts.at(point, near_mm, but=target):
-        text = f"this is {other}, and {target} is asked for"
-        if whereabouts.seen(other) and _pressed_twice(measurement, plan, progress):
+    if other_target := whereabouts.find_target(point, near_mm, but=target):
+        text = f"this is {other_target}, and {target} is asked for"
+        if whereabouts.is_measured(other_target) and _pressed_twice(measurement, plan, progress):
             text += f"; pressed there twice now: if it is {target}, a press was not heard and this"
-            text += f" place was taken for {other}: delete the reading of {other}"
+            text += f" place was taken for {other_target}: delete the reading of {other_target}"
         return Refusal("too_far", text)
     worst = whereabouts.contradiction_mm(target, point)
     if expected is not None:
@@ -150,8 +152,8 @@ def _elsewhere(
         text = f"{measured:.1f} mm from {name}, where {target} is {certified:.1f} mm from it"
     else:
         return None
-    if other := whereabouts.as_far_as(point, near_mm):
-        return Refusal("too_far", f"{text}; as far as {other} is")
+    if other_target := whereabouts.as_far_as(point, near_mm):
+        return Refusal("too_far", f"{text}; as far as {other_target} is")
     return Refusal("too_far", text + _whose_fault(measurement, plan, progress, target, whereabouts))
 
 
@@ -165,7 +167,7 @@ def _whose_fault(
     """What to do about it: the earlier reading that may be the wrong one, or is."""
     point = np.array(measurement["position_mm"], dtype=float)
     suspects = whereabouts.culprits(target, point, plan.near_mm)
-    if not suspects and whereabouts.seen(target):
+    if not suspects and whereabouts.is_measured(target):
         suspects = [target]  # a seat, or a ball of rounds before
     if not suspects:
         return ""
@@ -184,7 +186,7 @@ def _pressed_twice(measurement: Mapping[str, Any], plan: Plan, progress: Progres
     )
 
 
-def _turned_rad(one: Mapping[str, Any], other: Mapping[str, Any]) -> float:
+def _turned_rad(first: Mapping[str, Any], second: Mapping[str, Any]) -> float:
     """The farthest that a joint turned between two measurements."""
-    pairs = zip(one["angles_rad"], other["angles_rad"], strict=True)
+    pairs = zip(first["angles_rad"], second["angles_rad"], strict=True)
     return max(abs(float(a) - float(b)) for a, b in pairs)

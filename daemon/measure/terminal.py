@@ -74,7 +74,7 @@ class Terminal:
                 if hearing.changed():
                     self._waiting.over()
                     self._tell_of(hearing)
-                if not hearing.silent and (text := self._waiting.due()):
+                if not hearing.silent and (text := self._waiting.take_reminder()):
                     self._say({"event": "waiting", "text": text})
                 for word in self._words():
                     self._obey(word)
@@ -86,7 +86,7 @@ class Terminal:
                 time.sleep(POLL_S)
         return self._finish or self._measuring.complete
 
-    def told(self, done: Done) -> None:
+    def report_command(self, done: Done) -> None:
         """What a command at the end said."""
         if self._json:
             self._put({"event": "result", **done.__dict__})
@@ -143,9 +143,9 @@ class Terminal:
         if measurement.get("trigger") != self._trigger:
             return  # a press in a rest that counts by itself: not a second reading
         self._waiting.over()
-        told = self._measuring.offer(measurement)
-        self._say(told)
-        if told["event"] == "reading" and told["taken"] % ESTIMATE_EVERY == 0:
+        outcome = self._measuring.offer(measurement)
+        self._say(outcome)
+        if outcome["event"] == "reading" and outcome["taken"] % ESTIMATE_EVERY == 0:
             self._estimate()
 
     def _words(self) -> list[str]:
@@ -193,27 +193,32 @@ class Terminal:
             print(KEYS)
         self._print_next(state["next"])
 
-    def _say(self, told: Mapping[str, Any]) -> None:
+    def _say(self, outcome: Mapping[str, Any]) -> None:
         if self._json:
-            self._put(told)
+            self._put(outcome)
             return
-        match told["event"]:
+        match outcome["event"]:
             case "reading":
-                text = f"{told['done']:4d}/{told['wanted']}  {told['text']}; {told['estimate']}"
+                count = f"{outcome['done']:4d}/{outcome['wanted']}"
+                text = f"{count}  {outcome['text']}; {outcome['estimate']}"
             case "refused":
-                text = f"   refused, {told['reason'].replace('_', ' ')}: {told['text']}"
+                text = f"   refused, {outcome['reason'].replace('_', ' ')}: {outcome['text']}"
             case _:
-                text = f"   {told['text']}"
+                text = f"   {outcome['text']}"
         print(printable(text), flush=True)
-        if not self._measuring.complete and told["event"] not in ("refused", "silent", "waiting"):
+        if not self._measuring.complete and outcome["event"] not in (
+            "refused",
+            "silent",
+            "waiting",
+        ):
             self._print_next(self._measuring.state()["next"])
 
     def _print_next(self, following: Mapping[str, Any] | None) -> None:
         if following is None:
             return
         if following["new_placement"]:
-            where = f": {following['place']}" if following["place"] else ""
-            print(printable(f"      placement {following['placement']}{where}"))
+            place = f": {following['place']}" if following["place"] else ""
+            print(printable(f"      placement {following['placement']}{place}"))
         why = f" ({following['why']})" if following["why"] else ""
         print(printable(f"      next {following['target']}: {following['how']}{why}"), flush=True)
 
@@ -243,10 +248,10 @@ class Terminal:
 
     def _tell_estimate(self) -> None:
         try:
-            found = identified(self._measuring.folder, self._measuring.in_use.arm)
+            estimate = identified(self._measuring.folder, self._measuring.in_use.arm)
         except (ArmdError, ArithmeticError, OSError, ValueError) as error:
-            found = {"text": f"nothing can be said of it yet: {error}"}
-        print(printable(f"      so far: {found['text']}"), flush=True)
+            estimate = {"text": f"nothing can be said of it yet: {error}"}
+        print(printable(f"      so far: {estimate['text']}"), flush=True)
 
     def _put(self, line: Mapping[str, Any]) -> None:
         print(json.dumps(line, allow_nan=False), flush=True)

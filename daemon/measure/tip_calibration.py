@@ -68,8 +68,8 @@ def calibrate_tip(
     """
     header = begun(folder) or {}
     plan = header.get("plan")
-    given = plan.get("sphere_mm") if isinstance(plan, dict) else None
-    sphere_mm = given if sphere_mm is None else sphere_mm
+    plan_sphere_mm = plan.get("sphere_mm") if isinstance(plan, dict) else None
+    sphere_mm = plan_sphere_mm if sphere_mm is None else sphere_mm
     if not (folder / ARM).exists():
         expected = f"a session of `armd measure tip`, with {ARM} in it"
         raise BadInput(folder, ARM, "nothing", expected)
@@ -109,14 +109,14 @@ def _frames(
     model, states = Model(arm, calibration), session.states
     points = np.zeros(session.n, POINT)
     for i in np.argsort(states.time_s, kind="stable"):
-        one = slice(int(i), int(i) + 1)
+        row = slice(int(i), int(i) + 1)
         model.fold(states.temperature_c[i], float(states.time_s[i]))
-        model.correct(states.q[one], states.rate[one], states.approach[one], points[one])
+        model.correct(states.q[row], states.rate[row], states.approach[row], points[row])
     offset = np.array(model.constants[arm.layout.tip])
     position = np.array(points["position_mm"])
-    known = np.isfinite(position).all(axis=1)
+    is_known = np.isfinite(position).all(axis=1)
     rotation = np.full((session.n, 3, 3), np.nan)
-    rotation[known] = Rotation.from_quat(points["orientation"][known]).as_matrix()
+    rotation[is_known] = Rotation.from_quat(points["orientation"][is_known]).as_matrix()
     return position - rotation @ offset, rotation, offset
 
 
@@ -128,22 +128,22 @@ def _doubts(fit: TipFit, limit_mm: float, form_mm: float) -> list[str]:
         text = f"the offset's {axis} is known within {expanded:.3f} mm (k = 2) alone"
         doubts.append(f"{text}, expected {limit_mm:g} mm: more readings, in postures less alike")
     if fit.form_error_mm > form_mm:
-        found = f"the readings lie within {fit.form_error_mm:.3f} mm of each other's place"
-        doubts.append(f"{found}, expected {form_mm:g} mm: a loose tip or seat, or the arm itself")
+        problem = f"the readings lie within {fit.form_error_mm:.3f} mm of each other's place"
+        doubts.append(f"{problem}, expected {form_mm:g} mm: a loose tip or seat, or the arm itself")
     if fit.radius_mm is not None and fit.radius_mm <= 0:
-        found = f"the ball's radius comes out as {fit.radius_mm:.3f} mm"
-        doubts.append(f"{found}: another sphere, or touched from inside?")
+        problem = f"the ball's radius comes out as {fit.radius_mm:.3f} mm"
+        doubts.append(f"{problem}: another sphere, or touched from inside?")
     return doubts
 
 
-def moved_mm(found: TipCalibration, last: dict[str, Any] | None) -> tuple[float, float, str]:
+def moved_mm(calibration: TipCalibration, last: dict[str, Any] | None) -> tuple[float, float, str]:
     """How far the offset moved, the expanded uncertainty (k = 2) of that, and since when: the last
     calibration of this tip, else what is in use."""
-    variance = float(np.trace(found.fit.covariance_mm2))
-    before, since = found.before_mm, "what was in use"
+    variance = float(np.trace(calibration.fit.covariance_mm2))
+    before, since = calibration.before_mm, "what was in use"
     if last is not None:
         before = np.array(last["offset_mm"], dtype=float)
         variance += float(np.trace(np.array(last["covariance_mm2"], dtype=float)))
         since = str(last["measured"])
-    distance = float(np.linalg.norm(found.fit.offset_mm - before))
+    distance = float(np.linalg.norm(calibration.fit.offset_mm - before))
     return distance, 2 * math.sqrt(variance), since

@@ -29,11 +29,11 @@ class Waiting:
     def over(self) -> None:
         """What was waited for has come; the next wait begins."""
         self._since_s = self._clock_s()
-        self._told = False
+        self._is_reminded = False
 
-    def due(self) -> str:
+    def take_reminder(self) -> str:
         """What is to be said now, once a wait; "" for nothing."""
-        if self._told or self._clock_s() - self._since_s < PATIENCE_S:
+        if self._is_reminded or self._clock_s() - self._since_s < PATIENCE_S:
             return ""
-        self._told = True
+        self._is_reminded = True
         return self._text

@@ -51,23 +51,23 @@ class Queries:
         session: zenoh.Session,
         serial: str,
         publisher: Publisher,
-        told: Mapping[str, Callable[[], str]],
+        texts_by_key: Mapping[str, Callable[[], str]],
         preamble: Callable[[], list[RawFrame]],
         commands: Mapping[str, QueryHandler] | None,
         unexpected: Unexpected,
     ) -> None:
-        """*told*: by key, what is asked for in another thread; *commands* None: every command is
-        refused."""
+        """*texts_by_key*: by key, what is asked for in another thread; *commands* None: every
+        command is refused."""
         self._publisher = publisher
         self._unexpected = unexpected
         self._preamble = preamble
         self._commands = commands
         self._command_prefix = keys.key(serial, keys.COMMAND) + "/"
         self._raw_key = keys.key(serial, keys.RAW)
-        told = {**told, keys.HEALTH: publisher.health_text}
-        texts = {keys.key(serial, what): text for what, text in told.items()}
+        texts_by_key = {**texts_by_key, keys.HEALTH: publisher.health_text}
+        texts = {keys.key(serial, topic_key): text for topic_key, text in texts_by_key.items()}
         streams = (publisher.measurements, publisher.events)
-        self._own = [
+        self._declared = [
             _declare(session, self._raw_key, self._tell_preamble),
             _declare(session, self._command_prefix + "**", self._obey),
         ]
@@ -81,7 +81,7 @@ class Queries:
 
     def answer(self) -> None:
         """Answer a few of the questions that only the measuring thread can answer."""
-        _answer_some(self._own, self._unexpected)
+        _answer_some(self._declared, self._unexpected)
 
     def close(self) -> None:
         for teller in self._tellers:

@@ -101,9 +101,9 @@ def _close(session: zenoh.Session) -> None:
 
 def open_session(config: Config) -> zenoh.Session:
     """Open Zenoh; raises `BadInput` if it cannot listen or the configuration is not Zenoh's."""
-    given = config.file.zenoh
-    if given.config is not None:
-        path = config.beside(given.config)
+    zenoh_settings = config.file.zenoh
+    if zenoh_settings.config is not None:
+        path = config.resolve_path(zenoh_settings.config)
         try:
             settings = zenoh.Config.from_file(str(path))
         except zenoh.ZError as error:
@@ -111,9 +111,9 @@ def open_session(config: Config) -> zenoh.Session:
     else:
         settings = zenoh.Config()
         for key, value in {
-            "mode": given.mode,
-            "listen/endpoints": given.listen,
-            "connect/endpoints": given.connect,
+            "mode": zenoh_settings.mode,
+            "listen/endpoints": zenoh_settings.listen,
+            "connect/endpoints": zenoh_settings.connect,
             "connect/retry": RETRY,
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
@@ -130,9 +130,9 @@ def open_session(config: Config) -> zenoh.Session:
     try:
         session = zenoh.open(settings)
     except zenoh.ZError as error:
-        where = "zenoh.config" if given.config else "zenoh.listen"
-        found = str(error).split(" at /")[0]
-        raise BadInput(config.path, where, found, "endpoints that can be opened") from error
+        location = "zenoh.config" if zenoh_settings.config else "zenoh.listen"
+        problem = str(error).split(" at /")[0]
+        raise BadInput(config.path, location, problem, "endpoints that can be opened") from error
     for endpoint in json.loads(settings.get_json("listen/endpoints")):
         if isinstance(endpoint, str) and endpoint.startswith(UNIX_SOCKET):
             Path(endpoint.removeprefix(UNIX_SOCKET)).chmod(SOCKET_MODE)

@@ -25,7 +25,7 @@ from armd import POINT, Flag
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import constants_of
 from armd.daemon.bridges.listening import listen
-from armd.daemon.bridges.view import told
+from armd.daemon.bridges.view import page_messages
 from armd.daemon.bridges.view.access import Access, read_token
 from armd.daemon.bridges.view.board import KEPT, MOST_BYTES, Board
 from armd.daemon.bridges.view.features import feature
@@ -100,7 +100,7 @@ def test_a_point_is_told_to_the_last_bit_and_an_invalid_one_has_no_position() ->
     points["position_mm"] = [[1 / 3, -2e-17, 1e3], [np.nan] * 3]
     points["covariance_mm2"] = [[1e-4, 0, 0, 4e-4, 0, 9e-4], [np.nan] * 6]
     points["flags"] = [0, Flag.INVALID]
-    valid, invalid = (json.loads(told.live(point, [0.5, math.nan])) for point in points)
+    valid, invalid = (json.loads(page_messages.live(point, [0.5, math.nan])) for point in points)
     assert valid["p"] == points["position_mm"][0].tolist()
     assert valid["u"] == pytest.approx([0.01, 0.02, 0.03], rel=1e-6)
     assert valid["q"] == [0.5, None]
@@ -108,8 +108,12 @@ def test_a_point_is_told_to_the_last_bit_and_an_invalid_one_has_no_position() ->
 
 
 def test_every_flag_has_words() -> None:
-    assert list(told.FLAGS) == list(Flag)
-    assert {severity for _, severity, _ in told.FLAGS.values()} <= {"info", "warning", "error"}
+    assert list(page_messages.FLAGS) == list(Flag)
+    assert {severity for _, severity, _ in page_messages.FLAGS.values()} <= {
+        "info",
+        "warning",
+        "error",
+    }
 
 
 def test_the_geometry_is_the_calibrations_and_the_tips(tmp_path: Path) -> None:
@@ -122,15 +126,18 @@ def test_the_geometry_is_the_calibrations_and_the_tips(tmp_path: Path) -> None:
         "tip": None,
     }
     nominal = arm.nominal()
-    drawn = told.geometry(info, None)
+    drawn = page_messages.geometry(info, None)
     assert np.allclose(drawn["rows"], nominal[:30].reshape(6, 5), atol=1e-15)
     identified = nominal + np.arange(39) * 1e-3
     calibration = {"constants": constants_of(identified, 6)}
-    found = told.geometry(info, calibration)
+    found = page_messages.geometry(info, calibration)
     flat = [*np.ravel(found["rows"]), *found["tip"], *found["base"]]
     assert np.array_equal(flat, identified)
-    assert told.geometry(info | {"tip": "long"}, calibration)["tip"] == [0, 1, 200]
-    assert told.geometry(info | {"tip": "long"}, calibration)["radius_mm"] == arm.tip.radius_mm
+    assert page_messages.geometry(info | {"tip": "long"}, calibration)["tip"] == [0, 1, 200]
+    assert (
+        page_messages.geometry(info | {"tip": "long"}, calibration)["radius_mm"]
+        == arm.tip.radius_mm
+    )
 
 
 def test_temperatures_of_an_hour_are_kept() -> None:
@@ -606,9 +613,9 @@ def test_an_arm_that_nothing_can_trigger_is_told() -> None:
     """Servos have no button but one that is named; other arms have theirs."""
     servos = {"kind": "feetech", "trigger": None}
     by_button, by_rest = {"trigger": "button"}, {"trigger": "rest"}
-    assert told.trigger({"driver": servos, "measurement": by_button}) is None
-    assert told.trigger({"driver": servos, "measurement": by_rest}) == "rest"
+    assert page_messages.trigger({"driver": servos, "measurement": by_button}) is None
+    assert page_messages.trigger({"driver": servos, "measurement": by_rest}) == "rest"
     named = servos | {"trigger": {"id": 6, "pressed_below": 1000}}
-    assert told.trigger({"driver": named, "measurement": by_button}) == "button"
+    assert page_messages.trigger({"driver": named, "measurement": by_button}) == "button"
     serial = {"kind": "serial", "port": "/dev/ttyUSB0"}
-    assert told.trigger({"driver": serial, "measurement": by_button}) == "button"
+    assert page_messages.trigger({"driver": serial, "measurement": by_button}) == "button"

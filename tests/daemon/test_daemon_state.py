@@ -10,7 +10,7 @@ import pytest
 from armd import Flag
 from armd.daemon.host.journal import BURST, Journal
 from armd.daemon.host.systemd import Systemd
-from armd.daemon.state import Seen, State, assess
+from armd.daemon.state import Observation, State, assess
 from armd.drivers.sample import Event
 
 FINE = {"silent_s": 0.01, "points": 1000}
@@ -29,9 +29,9 @@ FINE = {"silent_s": 0.01, "points": 1000}
         ({"lossy": True}, State.DEGRADED, "lost"),
         ({"late_s": 3.2}, State.DEGRADED, "3.2 s late"),
         ({"late_s": 0.1}, State.READY, "measuring"),
-        ({"held": "from A to B"}, State.INACCURATE, "identified from A to B"),
+        ({"held_period": "from A to B"}, State.INACCURATE, "identified from A to B"),
         ({"changed": "slip of joint 3"}, State.INACCURATE, "slip"),
-        ({"due": "31 h old"}, State.INACCURATE, "31 h"),
+        ({"interim_due": "31 h old"}, State.INACCURATE, "31 h"),
         ({"warning_joints": (4,)}, State.DEGRADED, "joint 4"),
         ({"invalid": 10, "invalid_joints": (3,)}, State.DEGRADED, "joint 3"),
         ({"invalid": 1000, "invalid_joints": (3,)}, State.NOT_READY, "joint 3"),
@@ -41,7 +41,7 @@ FINE = {"silent_s": 0.01, "points": 1000}
     ],
 )
 def test_the_worst_reason_wins(seen, state, reason):
-    found, why = assess(Seen(**(FINE | seen)))
+    found, why = assess(Observation(**(FINE | seen)))
     assert found is state
     assert reason in why
 

@@ -15,7 +15,7 @@ def told(groups, events):
     out, tick_ns = [], 0
     for event, at_ns in events:
         while tick_ns <= at_ns:
-            out += groups.due(tick_ns)
+            out += groups.take_due_events(tick_ns)
             tick_ns += S // 20
         if event is None:
             continue

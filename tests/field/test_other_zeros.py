@@ -13,7 +13,7 @@ import pytest
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.model.arm import load_arm
-from armd.daemon.catalogue.known import arm_text
+from armd.daemon.catalogue.known_arms import arm_text
 from armd.daemon.cli import main
 from support.robot_logs import dataset
 

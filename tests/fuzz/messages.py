@@ -17,7 +17,7 @@ from armd.daemon.bridges import lines
 from armd.daemon.bridges.fleet import Fleet
 from armd.daemon.bridges.ros2.bridge import Bridge
 from armd.daemon.bridges.tips import Tips
-from armd.daemon.bridges.view import told
+from armd.daemon.bridges.view import page_messages
 from armd.received import is_sound, json_object
 from support.careless_network import EVENT, HEALTH, MEASUREMENT
 
@@ -67,7 +67,7 @@ def message_doors(folder: Path) -> Iterator[Door]:
         content = json_object(keys.MEASUREMENT, data)
         if content is None:
             return
-        told.measurement(content)
+        page_messages.measurement(content)
         fields = lines.of_measurement(content, tips, "S")
         for form in (*lines.PRESETS.values(), table):
             if fields is not None:
@@ -87,7 +87,7 @@ def message_doors(folder: Path) -> Iterator[Door]:
         if content is None:
             return
         Fleet().note_event("S", content)
-        told.event(content)
+        page_messages.event(content)
 
     def joints(data: bytes) -> None:
         if is_sound(keys.JOINTS, data):

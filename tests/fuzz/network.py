@@ -31,7 +31,7 @@ from armd.daemon.bridges.listening import listen
 from armd.daemon.bridges.ros2 import urdf
 from armd.daemon.bridges.stream import Reader
 from armd.daemon.bridges.tips import Tips
-from armd.daemon.bridges.view import told
+from armd.daemon.bridges.view import page_messages
 from armd.daemon.bridges.view.feed import describe_arm
 from armd.daemon.commands.live.fleet import table_of
 from armd.daemon.commands.screen import Screen
@@ -187,7 +187,7 @@ def binary() -> Iterator[Door]:
             fields = lines.of_point(row, tips, None, "S")
             for form in lines.PRESETS.values() if fields is not None else ():
                 form(fields or {}).encode()
-            json.loads(told.live(row, [0.1]))
+            json.loads(page_messages.live(row, [0.1]))
         ros2()._tell_points(array)
         recorder = Recorder(io.BytesIO(), info, None)
         recorder.take_points(payloads)

@@ -20,7 +20,7 @@ from armd.compensation.model.calibration import (
     save_calibration,
 )
 from armd.compensation.model.kinematics import forward, jacobian
-from armd.daemon.catalogue.known import KNOWN, arm_text
+from armd.daemon.catalogue.known_arms import KNOWN, arm_text
 from armd.daemon.catalogue.urdf import denavit_hartenberg, read_chain
 from armd.daemon.cli import main
 from armd.files.toml_text import toml_text

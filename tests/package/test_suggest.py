@@ -13,7 +13,7 @@ from armd.compensation.data.readings import load_readings
 from armd.compensation.data.session_files import check_is_session
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.daemon.catalogue.known import canonical
+from armd.daemon.catalogue.known_arms import canonical
 from armd.daemon.cli import main
 from armd.files.schema import Strict, parse_json, parse_toml
 from armd.terminal.suggest import did_you_mean, few, hint, keys_at

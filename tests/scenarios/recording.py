@@ -72,10 +72,10 @@ def record(seconds: float) -> tuple[list[RenderableType], Text]:
                 screen.show(meter.collect(arm), elapsed_s)
                 shown_s += elapsed_s
                 if shown_s >= FRAME_S * (len(frames) + 1):
-                    frames.append(screen.shown)
+                    frames.append(screen.panel)
             meter.collect(arm)
         stage.stop()
-        errors = compare(meter.kept, load_truth(stage.truth))
+        errors = compare(meter.sampled_points, load_truth(stage.truth))
         return frames, Text(summary(meter, arm.lost, errors, calibrated=True))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from armd.compensation.effects.catalogue import _coarseness
 from armd.compensation.model.kinematics import forward
-from armd.daemon.catalogue.known import known_arm
+from armd.daemon.catalogue.known_arms import known_arm
 from armd.simulator.printed import bench
 from armd.simulator.printed.arm import COUNTS_PER_TURN, TIP_MM, PrintedArm
 

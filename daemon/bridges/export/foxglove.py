@@ -81,20 +81,20 @@ def write_foxglove(recording: Recording, path: Path) -> tuple[int, int]:
         balls = channels.SceneUpdateChannel(f"/{serial}/measurements", context=context)
         log = channels.LogChannel(f"/{serial}/events", context=context)
         health = foxglove.Channel(f"/{serial}/health", message_encoding="json", context=context)
-        for what, unix_ns, data in _messages(recording):
-            if what == keys.POINT:
-                point = _read(recording, what, data, _Point)
+        for topic_key, unix_ns, data in _messages(recording):
+            if topic_key == keys.POINT:
+                point = _read(recording, topic_key, data, _Point)
                 if point.position_mm.x is not None:
                     tip.log(draw.tip(point), log_time=point.stamp_ns)
                     frames.log(draw.frame(point), log_time=point.stamp_ns)
                     points += 1
-            elif what == keys.MEASUREMENT:
-                measured = _read(recording, what, data, _Measured)
+            elif topic_key == keys.MEASUREMENT:
+                measured = _read(recording, topic_key, data, _Measured)
                 if measured.position_mm is not None:
                     balls.log(draw.ball(measured), log_time=measured.stamp_ns)
                     measurements += 1
-            elif what == keys.EVENT:
-                event = _read(recording, what, data, _Event)
+            elif topic_key == keys.EVENT:
+                event = _read(recording, topic_key, data, _Event)
                 log.log(draw.event(event), log_time=event.stamp_ns)
             else:
                 health.log(data, log_time=unix_ns)
@@ -102,13 +102,13 @@ def write_foxglove(recording: Recording, path: Path) -> tuple[int, int]:
 
 
 def _messages(recording: Recording) -> Iterator[tuple[str, int, Any]]:
-    by_topic = {topic: what for what, topic in TOPICS.items()}
+    by_topic = {topic: topic_key for topic_key, topic in TOPICS.items()}
     for message in recording.messages(set(by_topic)):
         yield by_topic[message.topic], message.unix_ns, json_data(recording.path, message.data)
 
 
-def _read(recording: Recording, what: str, data: Any, model: type[Content]) -> Content:
-    return validate(f"{recording.path}: {TOPICS[what]}", data, model)
+def _read(recording: Recording, topic_key: str, data: Any, model: type[Content]) -> Content:
+    return validate(f"{recording.path}: {TOPICS[topic_key]}", data, model)
 
 
 class _Drawing:
@@ -149,7 +149,7 @@ class _Drawing:
             size=schemas.Vector3(x=side, y=side, z=side),
             color=schemas.Color(r=r, g=g, b=b, a=a),
         )
-        told = {
+        metadata = {
             "seq": measured.seq, "flags": " ".join(measured.flag_names),
             "x_mm": x, "y_mm": y, "z_mm": z, "tip": measured.tip or "",
         }  # fmt: skip
@@ -157,7 +157,7 @@ class _Drawing:
             timestamp=_stamp(measured.stamp_ns),
             frame_id=self._base,
             id=str(measured.seq),
-            metadata=[schemas.KeyValuePair(key=k, value=str(v)) for k, v in told.items()],
+            metadata=[schemas.KeyValuePair(key=k, value=str(v)) for k, v in metadata.items()],
             spheres=[ball],
         )
         return schemas.SceneUpdate(entities=[entity])

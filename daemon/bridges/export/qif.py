@@ -27,8 +27,8 @@ def as_qif(measurements: Sequence[MeasurementLine], tips: Tips, serial: str) -> 
     The inspection's status is UNKNOWN: nothing was judged.
     """
     points = [m for m in measurements if m.position_mm is not None]
-    most = FIRST_POINT_ID + len(points) - 1
-    document = Element("QIFDocument", xmlns=NAMESPACE, versionQIF="3.0.0", idMax=str(most))
+    last_id = FIRST_POINT_ID + len(points) - 1
+    document = Element("QIFDocument", xmlns=NAMESPACE, versionQIF="3.0.0", idMax=str(last_id))
     _text(document, "QPId", str(uuid.uuid4()))
     header = SubElement(document, "Header")
     application = SubElement(header, "Application")
@@ -76,8 +76,8 @@ def _point(features: Element, identity: int, number: int, m: MeasurementLine, ti
 
 def _instant(stamp_ns: int) -> str:
     """xs:dateTime, UTC, to the nanosecond."""
-    whole = datetime.datetime.fromtimestamp(stamp_ns // 10**9, datetime.UTC)
-    return f"{whole:%Y-%m-%dT%H:%M:%S}.{stamp_ns % 10**9:09d}Z"
+    second = datetime.datetime.fromtimestamp(stamp_ns // 10**9, datetime.UTC)
+    return f"{second:%Y-%m-%dT%H:%M:%S}.{stamp_ns % 10**9:09d}Z"
 
 
 def _text(parent: Element, name: str, text: str) -> Element:

@@ -123,31 +123,33 @@ def from_path(path: Path) -> Measurements:
 
 def from_arm(arm: Arm) -> Measurements:
     """Those of the past that a running daemon still has: the last thousand."""
-    where = f"armd/{arm.serial}/{keys.MEASUREMENT}"
-    found = [_measurement(where, "an answer", line) for line in arm.past(keys.MEASUREMENT)]
-    return Measurements(_in_order(found), arm.serial, arm.info())
+    source_key = f"armd/{arm.serial}/{keys.MEASUREMENT}"
+    measurements = [
+        _measurement(source_key, "an answer", line) for line in arm.past(keys.MEASUREMENT)
+    ]
+    return Measurements(_in_order(measurements), arm.serial, arm.info())
 
 
 def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
-    found = Measurements(serial=serial)
+    result = Measurements(serial=serial)
     for path in files:
         for number, line in _lines(path):
             try:
-                found.measurements.append(_measurement(path, f"line {number}", json_value(line)))
+                result.measurements.append(_measurement(path, f"line {number}", json_value(line)))
             except KeyTwice as error:
-                where = f"line {number}: {error.key}"
-                raise BadInput(path, where, error.found, "it once") from error
+                location = f"line {number}: {error.key}"
+                raise BadInput(path, location, error.found, "it once") from error
             except (ValueError, RecursionError) as error:
                 # The log ends a torn line before it goes on, so it may stand anywhere.
                 if not _is_torn(line):
                     expected = "a measurement as JSON"
                     raise BadInput(path, f"line {number}", str(error), expected) from error
-                found.left_out.append(f"{path}: line {number}: cut short, left out")
-    found.measurements = _in_order(found.measurements)
-    told = {m.serial for m in found.measurements}
-    if told and None not in told:  # a log's folder may have been copied under another name
-        found.serial = str(told.pop()) if len(told) == 1 else ""
-    return found
+                result.left_out.append(f"{path}: line {number}: cut short, left out")
+    result.measurements = _in_order(result.measurements)
+    serials = {m.serial for m in result.measurements}
+    if serials and None not in serials:  # a log's folder may have been copied under another name
+        result.serial = str(serials.pop()) if len(serials) == 1 else ""
+    return result
 
 
 def _is_torn(line: bytes) -> bool:
@@ -167,26 +169,26 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
 def _from_recording(path: Path) -> Measurements:
     recording = Recording(path)
     topic = TOPICS[keys.MEASUREMENT]
-    found = _in_order(
+    measurements = _in_order(
         _measurement(path, topic, json_data(path, message.data))
         for message in recording.messages({topic})
     )
     info = info_of(recording)
     serial = info["arm"]["serial_number"]
     left_out = [] if recording.missing is None else [recording.missing]
-    return Measurements(found, serial, info, left_out)
+    return Measurements(measurements, serial, info, left_out)
 
 
 def info_of(recording: Recording) -> dict[str, Any]:
     """The recorded daemon's `info`; raises `BadInput` where it does not name the arm and its tips.
     (A replay reads more of it, and checks that itself.)"""
     if not names_arm_and_tips(recording.info):
-        where = f"{recording.path}: {INFO_ATTACHMENT}"
-        found, expected = (
+        location = f"{recording.path}: {INFO_ATTACHMENT}"
+        problem, expected = (
             "no serial number, or tips of another form",
             "what `armd record` writes there",
         )
-        raise BadInput(where, "arm, configuration.tips", found, expected)
+        raise BadInput(location, "arm, configuration.tips", problem, expected)
     return recording.info
 
 
@@ -202,10 +204,12 @@ def _from_table(path: Path) -> Measurements:
                 if name not in names:
                     expected = "a table of `armd export`"
                     raise BadInput(path, f"column {name}", "nothing", expected)
-            found = [_measurement(path, f"row {n}", _of_row(row)) for n, row in enumerate(rows, 1)]
+            measurements = [
+                _measurement(path, f"row {n}", _of_row(row)) for n, row in enumerate(rows, 1)
+            ]
         except (ValueError, OverflowError, csv.Error) as error:
             raise BadInput(path, "the table", str(error), "a table of `armd export`") from error
-    return Measurements(_in_order(found))
+    return Measurements(_in_order(measurements))
 
 
 def _of_points(path: Path) -> list[MeasurementLine]:
@@ -232,8 +236,10 @@ def _of_row(row: dict[str, str]) -> dict[str, Any]:
         return [name for name in row if name[:1] == letter and name[1:].isdecimal()]
 
     deviation = numbers(f"u_{axis}_mm" for axis in "xyz")
-    taken = {*COLUMNS, *APPROACH, *joints("q"), *joints("w")}
-    sensors = {name.removeprefix(CLASH): row[name] for name in row if name and name not in taken}
+    column_names = {*COLUMNS, *APPROACH, *joints("q"), *joints("w")}
+    sensors = {
+        name.removeprefix(CLASH): row[name] for name in row if name and name not in column_names
+    }
     return {
         "position_mm": numbers(f"{axis}_mm" for axis in "xyz"),
         "standard_deviation_mm": numbers(f"sd_{axis}_mm" for axis in "xyz"),
@@ -255,17 +261,17 @@ def _of_row(row: dict[str, str]) -> dict[str, Any]:
     }
 
 
-def _measurement(path: str | Path, where: str, data: Any) -> MeasurementLine:
+def _measurement(path: str | Path, location: str, data: Any) -> MeasurementLine:
     try:
         return MeasurementLine.model_validate(data)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         key = ".".join(map(str, fault["loc"])) or "the line"
-        what = "nothing" if fault["type"] == "missing" else repr(fault["input"])[:60]
-        raise BadInput(path, f"{where}: {key}", what, fault["msg"]) from error
+        problem = "nothing" if fault["type"] == "missing" else repr(fault["input"])[:60]
+        raise BadInput(path, f"{location}: {key}", problem, fault["msg"]) from error
 
 
 def _in_order(measurements: Iterable[MeasurementLine]) -> list[MeasurementLine]:
     """By time; one that a source has twice, once."""
-    found = {(m.stamp_ns, m.seq): m for m in measurements}
-    return [found[key] for key in sorted(found)]
+    by_time = {(m.stamp_ns, m.seq): m for m in measurements}
+    return [by_time[key] for key in sorted(by_time)]

@@ -22,8 +22,8 @@ def as_csv(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
     joints = max((len(m.angles_rad or ()) for m in measurements), default=0)
     sensors = list(dict.fromkeys(name for m in measurements for name in m.temperatures_c))
     q, w = ([f"{letter}{k}" for k in range(1, joints + 1)] for letter in "qw")
-    taken = {*COLUMNS, *q, *w, *APPROACH}
-    columns = [f"{CLASH}{name}" if name in taken else name for name in sensors]
+    column_names = {*COLUMNS, *q, *w, *APPROACH}
+    columns = [f"{CLASH}{name}" if name in column_names else name for name in sensors]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*COLUMNS, *q, *w, *APPROACH, *columns])
@@ -110,8 +110,8 @@ def _norm(m: MeasurementLine) -> float:
 
 def _normal(m: MeasurementLine, tips: Tips) -> Sequence[float]:
     """Zero where it is not known: readers of clouds take nan for a broken file."""
-    known = direction(m, tips)
-    return (0.0, 0.0, 0.0) if math.isnan(known[0]) else known
+    normal = direction(m, tips)
+    return (0.0, 0.0, 0.0) if math.isnan(normal[0]) else normal
 
 
 def _numbers(values: Sequence[float], digits: int) -> list[str]:

@@ -67,12 +67,12 @@ def get_machine_class(dialogue: Dialogue, command: Command) -> Answer:
 def get_error_info(dialogue: Dialogue, command: Command) -> Answer:
     if len(command.args) != 1:
         raise DmeError(502)
-    given = command.args[0]
-    if not isinstance(given, float):
+    number = command.args[0]
+    if not isinstance(number, float):
         raise DmeError(509)
-    if given not in TABLE:
+    if number not in TABLE:
         raise DmeError(504)
-    return [quoted(TABLE[int(given)][1])]
+    return [quoted(TABLE[int(number)][1])]
 
 
 def clear_all_errors(dialogue: Dialogue, command: Command) -> Answer:
@@ -207,7 +207,7 @@ def pt_meas(dialogue: Dialogue, command: Command) -> Answer:
 
     def take(fields: ReportedFields) -> None:
         dialogue.hit = None
-        away = math.hypot(*(fields[axis][0] - wanted for axis, wanted in nominal.items()))
+        away = math.hypot(*(fields[axis][0] - nominal_mm for axis, nominal_mm in nominal.items()))
         if away > reach_mm:
             pending.settle(DmeError(1006))
         else:
@@ -221,22 +221,22 @@ def _nominal(args: tuple[Arg, ...]) -> dict[str, float]:
     """Coordinates by axis; raises `DmeError`."""
     if not args:
         raise DmeError(502)
-    found: dict[str, float] = {}
-    seen = set()
+    values: dict[str, float] = {}
+    names = set()
     for arg in args:
         if not isinstance(arg, Property):
             raise DmeError(509)
         numbers = [value for value in arg.values if isinstance(value, float)]
         expected = 3 if arg.name == "IJK" else 1
-        if arg.name not in (*MOTION, "IJK") or arg.name in seen or len(numbers) != expected:
+        if arg.name not in (*MOTION, "IJK") or arg.name in names or len(numbers) != expected:
             raise DmeError(510)
-        seen.add(arg.name)
+        names.add(arg.name)
         if arg.name == "IJK":
             if not np.any(numbers):
                 raise DmeError(1010)
         else:
-            found[arg.name] = numbers[0]
-    return found
+            values[arg.name] = numbers[0]
+    return values
 
 
 METHODS = {

@@ -42,8 +42,8 @@ def set_csy_transformation(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def get_csy_transformation(dialogue: Dialogue, command: Command) -> Answer:
-    found = dialogue.machine.systems.get(word_of(command.args))
-    return [_written(found, dialogue)]
+    transformation = dialogue.machine.systems.get(word_of(command.args))
+    return [_written(transformation, dialogue)]
 
 
 def save_active(dialogue: Dialogue, command: Command) -> Answer:

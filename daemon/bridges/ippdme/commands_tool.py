@@ -26,8 +26,8 @@ def enum_tools(dialogue: Dialogue, command: Command) -> Answer:
 
 def find_tool(dialogue: Dialogue, command: Command) -> Answer:
     toolbox = dialogue.machine.toolbox
-    toolbox.found = toolbox.undefined
-    toolbox.found = toolbox.get(text_of(command.args))
+    toolbox.selected = toolbox.undefined
+    toolbox.selected = toolbox.get(text_of(command.args))
     return ()
 
 
@@ -92,7 +92,7 @@ def tool_in_use(dialogue: Dialogue, command: Command) -> Answer:
 
 def found_tool(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    return [_bare(dialogue.machine.toolbox.found.name)]
+    return [_bare(dialogue.machine.toolbox.selected.name)]
 
 
 def is_alignable(dialogue: Dialogue, command: Command) -> Answer:
@@ -223,7 +223,7 @@ def _tool_and_name(dialogue: Dialogue, name: str) -> tuple[Tool, str]:
     if head == "Tool":
         return toolbox.current, below
     if head == "FoundTool":
-        return toolbox.found, below
+        return toolbox.selected, below
     raise DmeError(510)
 
 

@@ -139,13 +139,13 @@ class CoordinateSystems:
 
     def position(self, base_mm: F64) -> F64:
         """A point (3,) of the base frame in the selected coordinate system, mm."""
-        found: F64 = self._rotation @ base_mm + self._shift
-        return found
+        position: F64 = self._rotation @ base_mm + self._shift
+        return position
 
     def direction(self, base: F64) -> F64:
         """A vector (3,) likewise."""
-        found: F64 = self._rotation @ base
-        return found
+        direction: F64 = self._rotation @ base
+        return direction
 
     def _change(
         self,

@@ -270,8 +270,8 @@ class Dialogue:
             return  # told otherwise; a place that is not known is not reported
         if report.is_due(now_s, position):
             x, y, z = position.tolist()
-            here = {"X": (x,), "Y": (y,), "Z": (z,)}
-            self._reply(report.tag, f"# {listed(written_fields(report.fields, here))}")
+            coordinates = {"X": (x,), "Y": (y,), "Z": (z,)}
+            self._reply(report.tag, f"# {listed(written_fields(report.fields, coordinates))}")
 
     def report_now(self) -> None:
         """What is reported has changed without motion: coordinate system or tool."""

@@ -91,10 +91,10 @@ def parse(line: str) -> Command:
         raise SyntaxFault(1, None, _as_string(line))
     if line[5:6] != " ":
         raise SyntaxFault(2, tag, _as_string(line))
-    found = _METHOD.match(line, 6)
-    if found is None:
+    match = _METHOD.match(line, 6)
+    if match is None:
         raise SyntaxFault(8, tag, _as_string(line))
-    method = found[1]
+    method = match[1]
     reader = _Reader(line, 6 + len(method))
     try:
         args = reader.arguments()
@@ -116,9 +116,9 @@ def number(text: str) -> float | None:
 class _Reader:
     """Reads arguments from a place in a line on."""
 
-    def __init__(self, text: str, at: int, in_property: bool = False) -> None:
+    def __init__(self, text: str, start: int, in_property: bool = False) -> None:
         self._text = text
-        self._at = at
+        self._offset = start
         self._in_property = in_property
 
     def arguments(self) -> tuple[Arg, ...]:
@@ -133,7 +133,7 @@ class _Reader:
         return tuple(args)
 
     def end(self) -> None:
-        if self._at != len(self._text):
+        if self._offset != len(self._text):
             raise ValueError("more after the closing parenthesis")
 
     def _argument(self) -> Arg:
@@ -145,29 +145,29 @@ class _Reader:
                 raise ValueError("too many digits, or too large")
             return value
         name = self._take(_NAME)[0]
-        if _OPEN.match(self._text, self._at):
+        if _OPEN.match(self._text, self._offset):
             # A property of properties is none of the grammar's: nothing is read deeper than this.
             if self._in_property:
                 raise ValueError("a property within a property")
-            inner = _Reader(self._text, self._at, in_property=True)
+            inner = _Reader(self._text, self._offset, in_property=True)
             values = inner.arguments()
-            self._at = inner._at
+            self._offset = inner._offset
             return Property(name, values)
         if "." in name:
             raise ValueError("a property without parentheses")
         return Word(name)
 
     def _try(self, pattern: re.Pattern[str]) -> re.Match[str] | None:
-        found = pattern.match(self._text, self._at)
-        if found is not None:
-            self._at = found.end()
-        return found
+        match = pattern.match(self._text, self._offset)
+        if match is not None:
+            self._offset = match.end()
+        return match
 
     def _take(self, pattern: re.Pattern[str]) -> re.Match[str]:
-        found = self._try(pattern)
-        if found is None:
-            raise ValueError(f"unexpected at {self._at}")
-        return found
+        match = self._try(pattern)
+        if match is None:
+            raise ValueError(f"unexpected at {self._offset}")
+        return match
 
 
 # --- writing: the form that strict parsers and simple-minded hosts both read -----------------
@@ -196,8 +196,8 @@ def listed(parts: dict[str, str]) -> str:
 
 def _as_string(text: str) -> str:
     """What a string of the grammar can hold of it: at least one character."""
-    shown = _ILLEGAL.sub("?", text.replace('"', "#"))
-    return shown[:200] or " "
+    legal = _ILLEGAL.sub("?", text.replace('"', "#"))
+    return legal[:200] or " "
 
 
 def nothing(args: tuple[Arg, ...]) -> None:
@@ -208,15 +208,15 @@ def nothing(args: tuple[Arg, ...]) -> None:
 
 def text_of(args: tuple[Arg, ...]) -> str:
     """The one string; raises `DmeError`."""
-    return _one(args, Text).value
+    return _take_single(args, Text).value
 
 
 def word_of(args: tuple[Arg, ...]) -> str:
     """The one bare word; raises `DmeError`."""
-    return _one(args, Word).value
+    return _take_single(args, Word).value
 
 
-def _one(args: tuple[Arg, ...], kind: type[Kind]) -> Kind:
+def _take_single(args: tuple[Arg, ...], kind: type[Kind]) -> Kind:
     if len(args) != 1:
         raise DmeError(502)
     if not isinstance(args[0], kind):

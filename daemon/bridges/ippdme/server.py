@@ -94,9 +94,9 @@ class DmeServer:
         tips = Tips(info)
         for alias, tip in self._aliases.items():
             if tip not in (REF_TOOL, *tips.names):
-                known = ", ".join([REF_TOOL, *tips.names])
-                where = "--alias"
-                raise BadInput("the command line", where, f"{alias}={tip}", f"a tip: {known}")
+                tip_names = ", ".join([REF_TOOL, *tips.names])
+                expected = f"a tip: {tip_names}"
+                raise BadInput("the command line", "--alias", f"{alias}={tip}", expected)
         toolbox = Toolbox(tips, self._aliases, info["tip"])
         systems = CoordinateSystems(state_file(self._arm.serial))
         if systems.lost is not None:
@@ -117,12 +117,12 @@ class DmeServer:
             return hand_over
 
         with ExitStack() as stack:
-            for what, take in listeners.items():
-                stack.enter_context(self._arm.calling(what, on_loop(take)))
+            for topic_key, take in listeners.items():
+                stack.enter_context(self._arm.calling(topic_key, on_loop(take)))
             points = stack.enter_context(self._arm.stream(keys.POINT))
-            server, where = await listen(address, self._connection)
+            server, endpoint = await listen(address, self._connection)
             async with server:
-                ready("ippdme", where)
+                ready("ippdme", endpoint)
                 while True:
                     await asyncio.sleep(TICK_S)
                     self._tick(points.take())

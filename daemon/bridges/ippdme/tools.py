@@ -124,12 +124,12 @@ class Toolbox:
         for name in tips.names:
             if name not in RESERVED:
                 self._add(name, name, tips.get(name))
-        for alias, meant in aliases.items():
-            known = None if meant == REF_TOOL else meant
-            self._add(alias, known, tips.get(known))
+        for alias, aliased in aliases.items():
+            alias_tip = None if aliased == REF_TOOL else aliased
+            self._add(alias, alias_tip, tips.get(alias_tip))
         self._aliases = list(aliases)
         self.undefined = Tool(UNDEF_TOOL, None, None)
-        self.found = self.undefined
+        self.selected = self.undefined
         self.current = self._by_tip(tip_name)
 
     def _add(self, name: str, tip_name: str | None, tip: CmmTip | None) -> None:

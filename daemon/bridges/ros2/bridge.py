@@ -114,12 +114,12 @@ class Bridge:
                 self._link.look(session)
 
     def _declare(self, node: RosNode) -> None:
-        own = f"/{self._settings.namespace}"
+        prefix = f"/{self._settings.namespace}"
         pose = messages.POSE_WITH_COVARIANCE_STAMPED
-        self._point = node.publisher(f"{own}/point", messages.POINT_STAMPED, STREAM)
-        self._pose = node.publisher(f"{own}/pose", pose, STREAM)
-        self._measurement = node.publisher(f"{own}/measurement", pose, Quality(1000, True))
-        self._joints = node.publisher(f"{own}/joint_states", messages.JOINT_STATE, STREAM)
+        self._point = node.publisher(f"{prefix}/point", messages.POINT_STAMPED, STREAM)
+        self._pose = node.publisher(f"{prefix}/pose", pose, STREAM)
+        self._measurement = node.publisher(f"{prefix}/measurement", pose, Quality(1000, True))
+        self._joints = node.publisher(f"{prefix}/joint_states", messages.JOINT_STATE, STREAM)
         self._tf = node.publisher("/tf", messages.TF_MESSAGE, Quality(100))
         self._tf_static = node.publisher("/tf_static", messages.TF_MESSAGE, Quality(1, True))
         self._diagnostics = node.publisher("/diagnostics", messages.DIAGNOSTIC_ARRAY, STREAM)
@@ -153,8 +153,8 @@ class Bridge:
         stamp_ns = int(joints["stamp_ns"])
         if all(map(math.isfinite, angles)) and self._joint_slots.opens(stamp_ns):
             names = [f"joint_{k}" for k in range(1, n + 1)]
-            known = rates if all(map(math.isfinite, rates)) else []
-            self._joints.put(messages.joint_state(stamp_ns, names, angles, known))
+            finite_rates = rates if all(map(math.isfinite, rates)) else []
+            self._joints.put(messages.joint_state(stamp_ns, names, angles, finite_rates))
 
     def _tell_measurement(self, measurement: dict[str, Any]) -> None:
         if (message := self._as_pose(measurement)) is not None:

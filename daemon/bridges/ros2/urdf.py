@@ -36,8 +36,8 @@ def write(info: Mapping[str, Any], calibration: str | None, namespace: str, fram
 
 def _content(calibration: str) -> Calibration:
     """Of a file that the daemon has in use; raises `BadInput` for an answer that is none."""
-    where = "the daemon's calibration"
-    return validate(where, json_data(where, calibration.encode()), Calibration)
+    source = "the daemon's calibration"
+    return validate(source, json_data(source, calibration.encode()), Calibration)
 
 
 def write_geometry(arm: Arm, parameters: F64, prefix: str, frame: str) -> str:

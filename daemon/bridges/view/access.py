@@ -59,9 +59,9 @@ class Access:
     def knows(self, request: Request) -> bool:
         if self._token is None:
             return True
-        shown = request.headers.get("authorization", "")
-        if shown.startswith("Bearer "):
-            return self.is_token(shown.removeprefix("Bearer ").strip())
+        header = request.headers.get("authorization", "")
+        if header.startswith("Bearer "):
+            return self.is_token(header.removeprefix("Bearer ").strip())
         cookie = request.cookie(COOKIE)
         return cookie is not None and hmac.compare_digest(cookie.encode(), self._cookie().encode())
 

@@ -41,13 +41,13 @@ class Board:
         waiting = [entry for entry in self._latest.values() if entry[0] > version]
         waiting += self._missed(version)
         waiting.sort()
-        said = bytearray()
+        message = bytearray()
         for number, data in waiting:
-            said += data
+            message += data
             version = number
-            if len(said) >= MOST_BYTES:
+            if len(message) >= MOST_BYTES:
                 break
-        return bytes(said), version
+        return bytes(message), version
 
     def _missed(self, version: int) -> Iterator[tuple[int, bytes]]:
         for entry in reversed(self._every):

@@ -20,43 +20,43 @@ def feature(measured: MeasuredById, query: Mapping[str, str]) -> dict[str, Any]:
 
     Raises `BadInput` for what is no feature, `ArmdError` for points that determine none.
     """
-    one = _fitted(measured, query.get("of", ""))
+    first = _fitted(measured, query.get("of", ""))
     if "and" not in query:
-        return one.as_json()
-    other = _fitted(measured, query["and"])
-    return {"distance": _related(distance, one, other), "angle": _related(angle, one, other)}
+        return first.as_json()
+    second = _fitted(measured, query["and"])
+    return {"distance": _related(distance, first, second), "angle": _related(angle, first, second)}
 
 
 def _fitted(measured: MeasuredById, text: str) -> Feature:
     name, _, ids = text.partition(":")
-    shape = next((known for known in SHAPES if known == name), None)
+    shape = next((candidate for candidate in SHAPES if candidate == name), None)
     if shape is None:
         raise BadInput("the page", "feature", repr(name[:40]), f"one of {', '.join(SHAPES)}")
-    chosen = [measured.get(one) for one in dict.fromkeys(ids.split(","))]
-    known = [one for one in chosen if one is not None and one["position_mm"] is not None]
-    if len(known) != len(chosen):
-        found = f"{len(chosen) - len(known)} measurements without a position, or not kept"
-        raise BadInput("the page", "feature", found, "measurements of the list, with a position")
-    points = np.array([one["position_mm"] for one in known], dtype=float)
-    covariances = [one.get("covariance_mm2") for one in known]
-    told = None if None in covariances else np.array([_square(row) for row in covariances])
+    chosen = [measured.get(measurement_id) for measurement_id in dict.fromkeys(ids.split(","))]
+    usable = [m for m in chosen if m is not None and m["position_mm"] is not None]
+    if len(usable) != len(chosen):
+        problem = f"{len(chosen) - len(usable)} measurements without a position, or not kept"
+        raise BadInput("the page", "feature", problem, "measurements of the list, with a position")
+    points = np.array([m["position_mm"] for m in usable], dtype=float)
+    rows = [m.get("covariance_mm2") for m in usable]
+    covariances = None if None in rows else np.array([_unpack_covariance(row) for row in rows])
     try:
-        return fit(shape, points, told)
+        return fit(shape, points, covariances)
     except ArithmeticError as error:
         raise ArmdError(f"no {shape}: {error}") from error
 
 
-def _square(row: Any) -> list[list[float]]:
+def _unpack_covariance(row: Any) -> list[list[float]]:
     xx, xy, xz, yy, yz, zz = row
     return [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
 
 
 def _related(
-    relate: Callable[[Feature, Feature], Relation], one: Feature, other: Feature
+    relate: Callable[[Feature, Feature], Relation], first: Feature, second: Feature
 ) -> dict[str, float | None] | None:
     """None where the two have no such relation: a point has no direction."""
     try:
-        found = relate(one, other)
+        relation = relate(first, second)
     except ArithmeticError:
         return None
-    return {"value": found.value, "standard_uncertainty": found.standard_uncertainty}
+    return {"value": relation.value, "standard_uncertainty": relation.standard_uncertainty}

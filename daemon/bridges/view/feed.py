@@ -14,7 +14,7 @@ import numpy as np
 import armd
 from armd import POINT, Arm, joints_dtype, keys
 from armd.daemon.bridges.process import close_soon, in_thread
-from armd.daemon.bridges.view import told
+from armd.daemon.bridges.view import page_messages
 from armd.daemon.bridges.view.board import KEPT, Board
 from armd.daemon.bridges.view.history import TemperatureHistory
 from armd.errors import ArmdError
@@ -50,13 +50,13 @@ class Feed:
         """Told of each measurement, those of the past too, once."""
         self._health: dict[str, Any] = {}
         self._heard_s = self._uptime_s = 0.0
-        self._said = ""
+        self._link_text = ""
         self._undescribed = ""  # why the page knows no geometry, calibration and tip
         self._described: tuple[Any, ...] = ()  # what `info` was asked for
         self._asking: asyncio.Task[None] | None = None
         self._events: list[dict[str, Any]] = []
-        self._seen: dict[tuple[str, int, str], None] = {}
-        self.kept: dict[str, dict[str, Any]] = {}
+        self._message_keys: dict[tuple[str, int, str], None] = {}
+        self.measurements: dict[str, dict[str, Any]] = {}
         """Measurements by the id that the page has of each, the last ones."""
 
     @property
@@ -112,25 +112,25 @@ class Feed:
         if self._is_new("event", event["stamp_ns"], event["kind"] + event["text"]):
             self._events.append(event)
             del self._events[:-KEPT]
-            self._board.append("event", told.event(event))
+            self._board.append("event", page_messages.event(event))
             self._described = self._described if event["kind"] not in _CHANGES else ()
 
     def _take_measurement(self, measurement: dict[str, Any]) -> None:
         if self._is_new("measurement", measurement["stamp_ns"], str(measurement["seq"])):
-            self._board.append("measurement", told.measurement(measurement))
-            self.kept[told.measurement_id(measurement)] = measurement
-            if len(self.kept) > KEPT:
-                self.kept.pop(next(iter(self.kept)))
+            self._board.append("measurement", page_messages.measurement(measurement))
+            self.measurements[page_messages.measurement_id(measurement)] = measurement
+            if len(self.measurements) > KEPT:
+                self.measurements.pop(next(iter(self.measurements)))
             self.measured(measurement)
 
-    def _is_new(self, what: str, stamp_ns: int, which: str) -> bool:
+    def _is_new(self, topic_key: str, stamp_ns: int, which: str) -> bool:
         """The past comes again with every new session."""
-        key = what, stamp_ns, which
-        if key in self._seen:
+        key = topic_key, stamp_ns, which
+        if key in self._message_keys:
             return False
-        self._seen[key] = None
-        if len(self._seen) > 2 * KEPT:
-            self._seen.pop(next(iter(self._seen)))
+        self._message_keys[key] = None
+        if len(self._message_keys) > 2 * KEPT:
+            self._message_keys.pop(next(iter(self._message_keys)))
         return True
 
     def _take_health(self, payload: bytes, arm: Arm) -> None:
@@ -150,13 +150,13 @@ class Feed:
         """For what changes seldom; again with the next health if nobody answers."""
         try:
             health, since_ms = self._health, self._since_ms()
-            info, said = await in_thread(lambda: describe_arm(arm, health, since_ms))
+            info, description = await in_thread(lambda: describe_arm(arm, health, since_ms))
         except ArmdError as error:
             self._undescribed = f"the daemon does not describe the arm: {error}; asking again"
             return
         self._undescribed = ""
         self.info, self._described = info, described
-        self._board.put("arm", said)
+        self._board.put("arm", description)
 
     def _since_ms(self) -> dict[str, float]:
         """When the calibration and the tip in force came into force."""
@@ -167,14 +167,14 @@ class Feed:
                 since[event["kind"]] = max(started_ms, event["stamp_ns"] / 1e6)
         return since
 
-    def _say(self, here: bool, text: str) -> None:
+    def _say(self, is_connected: bool, text: str) -> None:
         """Whether the daemon is there, and what is known if not."""
-        said = json.dumps(
-            {"here": here, "text": text, "serial": self._serial, "endpoint": self._endpoint}
+        link_text = json.dumps(
+            {"here": is_connected, "text": text, "serial": self._serial, "endpoint": self._endpoint}
         )
-        if said != self._said:
-            self._said = said
-            self._board.put("link", said)
+        if link_text != self._link_text:
+            self._link_text = link_text
+            self._board.put("link", link_text)
 
 
 def describe_arm(
@@ -185,7 +185,7 @@ def describe_arm(
     info, text = arm.info(), arm.calibration_file()
     calibration = None if text is None else json_object(keys.CALIBRATION, text.encode())
     try:
-        return info, told.arm(info, calibration, health, since_ms)
+        return info, page_messages.arm(info, calibration, health, since_ms)
     except (KeyError, TypeError) as error:
         raise ArmdError(f"its answer is none of armd's: {error!r}") from error
 
@@ -214,7 +214,8 @@ class _Live:
             return None
         if self._streams is None:
             point, joints = (
-                self._arm.stream(what, waiting=NEWEST) for what in (keys.POINT, keys.JOINTS)
+                self._arm.stream(topic_key, waiting=NEWEST)
+                for topic_key in (keys.POINT, keys.JOINTS)
             )
             self._streams = point, joints
         points, angles = (stream.take() for stream in self._streams)
@@ -223,7 +224,11 @@ class _Live:
             if len(angles[-1]) == joints_dtype(n).itemsize:
                 row = np.frombuffer(angles[-1], joints_dtype(n))[0]
                 self._angles = row["angle_rad"].tolist()
-        return told.live(np.frombuffer(points[-1], POINT)[0], self._angles) if points else None
+        return (
+            page_messages.live(np.frombuffer(points[-1], POINT)[0], self._angles)
+            if points
+            else None
+        )
 
     def _end(self) -> None:
         for stream in self._streams or ():

@@ -31,12 +31,12 @@ class Files:
 
     def __init__(self) -> None:
         folder = resources.files("armd.daemon.bridges.view") / "page"
-        found = {f"/{entry.name}": entry for entry in folder.iterdir() if entry.is_file()}
+        entries = {f"/{entry.name}": entry for entry in folder.iterdir() if entry.is_file()}
         vendor = folder / "vendor"
-        found |= {f"/vendor/{entry.name}": entry for entry in vendor.iterdir() if entry.is_file()}
+        entries |= {f"/vendor/{entry.name}": entry for entry in vendor.iterdir() if entry.is_file()}
         self._files = {
             path: _file(path, entry.read_bytes())
-            for path, entry in sorted(found.items())
+            for path, entry in sorted(entries.items())
             if "." + path.rpartition(".")[2] in KINDS
         }
         self._files["/"] = self._files["/index.html"]

@@ -79,36 +79,36 @@ class Guided:
                 self._waiting.task_done()
 
     def _tell_waiting(self) -> None:
-        if self._phase == "measuring" and (text := self._patience.due()):
+        if self._phase == "measuring" and (text := self._patience.take_reminder()):
             self._became({"event": "waiting", "text": text})
 
     async def _offer(self, measurement: dict[str, Any]) -> None:
         measuring = self._measuring
         if measuring is None or self._phase != "measuring":
             return
-        told = await in_thread(partial(_guarded, partial(measuring.offer, measurement)))
-        self._became(told)
-        if told["event"] == "reading" and told["taken"] % ESTIMATE_EVERY == 0:
+        outcome = await in_thread(partial(_guarded, partial(measuring.offer, measurement)))
+        self._became(outcome)
+        if outcome["event"] == "reading" and outcome["taken"] % ESTIMATE_EVERY == 0:
             self._estimate(measuring)
 
     def _take(self, measurement: dict[str, Any]) -> None:
         """A measurement that arrived; what was pressed before the beginning does not count."""
-        wanted = measurement.get("trigger") == self._trigger
-        if self._phase == "measuring" and wanted and measurement["stamp_ns"] > self._since_ns:
+        is_triggered = measurement.get("trigger") == self._trigger
+        if self._phase == "measuring" and is_triggered and measurement["stamp_ns"] > self._since_ns:
             self._patience.over()
             self._waiting.put_nowait(measurement)
 
     def choices(self) -> dict[str, Any]:
         """What a measurement can be begun with, and what can be gone on with."""
-        there = sorted(self._folder.iterdir()) if self._folder.is_dir() else []
+        paths = sorted(self._folder.iterdir()) if self._folder.is_dir() else []
         return {
             "folder": str(self._folder),
             "kinds": list(KINDS),
-            "artefacts": [path.name for path in there if path.suffix == ".toml"],
-            "poses": [path.name for path in there if path.suffix == ".csv"],
+            "artefacts": [path.name for path in paths if path.suffix == ".toml"],
+            "poses": [path.name for path in paths if path.suffix == ".csv"],
             "sessions": [
                 {"name": path.name, "results": results(path)}
-                for path in there
+                for path in paths
                 if (path / NAME).is_file()
             ],
         }
@@ -139,10 +139,12 @@ class Guided:
                 self._became(await in_thread(partial(_guarded, deed)))
             case "finish":
                 await in_thread(measuring.finish)
-                made = commands(measuring.folder, measuring.plan, measuring.in_use, self._options)
+                final_commands = commands(
+                    measuring.folder, measuring.plan, measuring.in_use, self._options
+                )
                 self._phase = "ending"
                 self._tell()
-                self._ending = asyncio.ensure_future(self._make(measuring, made))
+                self._ending = asyncio.ensure_future(self._make(measuring, final_commands))
             case "stop":
                 self._phase, self._measuring = "none", None
                 await in_thread(measuring.close)
@@ -182,8 +184,10 @@ class Guided:
             in_use = in_use_of(arm)
             if wishes is None:
                 return Measuring.resume(folder, in_use), trigger
-            known = None if artefact is None else load_toml(artefact, ArtefactFile).artefact
-            plan = plan_of(cast(PlanKind, kind), in_use.arm, known, wishes)
+            artefact_content = (
+                None if artefact is None else load_toml(artefact, ArtefactFile).artefact
+            )
+            plan = plan_of(cast(PlanKind, kind), in_use.arm, artefact_content, wishes)
             return Measuring(folder, plan, in_use), trigger
 
         measuring, self._trigger = await in_thread(begun)
@@ -202,9 +206,9 @@ class Guided:
         self._tell()
         return {"done": f"begun: {folder}"}
 
-    async def _make(self, measuring: Measuring, made: list[list[str]]) -> None:
+    async def _make(self, measuring: Measuring, final_commands: list[list[str]]) -> None:
         """The commands at the end, one after another."""
-        for command in made:
+        for command in final_commands:
             done = await in_thread(partial(run, command))
             self._results.append(asdict(done))
             self._tell()
@@ -212,8 +216,8 @@ class Guided:
         self._phase = "ended"
         self._tell()
 
-    def _became(self, told: dict[str, Any]) -> None:
-        self._outcome = {name: told.get(name) for name in ("event", "reason", "text", "number")}
+    def _became(self, outcome: dict[str, Any]) -> None:
+        self._outcome = {name: outcome.get(name) for name in ("event", "reason", "text", "number")}
         self._tell()
 
     def _estimate(self, measuring: Measuring) -> None:
@@ -224,8 +228,10 @@ class Guided:
 
         async def ask() -> None:
             try:
-                found = await in_thread(lambda: identified(measuring.folder, measuring.in_use.arm))
-                self._so_far = str(found["text"])
+                estimate = await in_thread(
+                    lambda: identified(measuring.folder, measuring.in_use.arm)
+                )
+                self._so_far = str(estimate["text"])
             except (ArmdError, ArithmeticError, OSError, ValueError) as error:
                 self._so_far = f"nothing can be said of it yet: {error}"
             self._tell()
@@ -235,7 +241,7 @@ class Guided:
     def _tell(self) -> None:
         measuring = self._measuring
         state = None if measuring is None else measuring.state()
-        said = {
+        content = {
             "phase": self._phase,
             "state": state,
             "outcome": self._outcome,
@@ -243,7 +249,7 @@ class Guided:
             "results": self._results,
             "files": results(measuring.folder) if measuring and self._results else [],
         }
-        self._board.put(TOPIC, json.dumps(said))
+        self._board.put(TOPIC, json.dumps(content))
 
 
 def _guarded(deed: Callable[[], dict[str, Any]]) -> dict[str, Any]:

@@ -55,18 +55,18 @@ class Request:
 
     def cookie(self, name: str) -> str | None:
         try:
-            found = SimpleCookie(self.headers.get("cookie", "")).get(name)
+            morsel = SimpleCookie(self.headers.get("cookie", "")).get(name)
         except CookieError:
             return None
-        return None if found is None else found.value
+        return None if morsel is None else morsel.value
 
     def json(self) -> dict[str, Any]:
         """The body's JSON object, empty without a body; raises `NotServed`."""
         try:
             content = json.loads(self.body or b"{}")
         except (ValueError, RecursionError) as error:
-            found = f"found {type(error).__name__}, expected JSON"
-            raise NotServed(HTTPStatus.BAD_REQUEST, found) from error
+            problem = f"found {type(error).__name__}, expected JSON"
+            raise NotServed(HTTPStatus.BAD_REQUEST, problem) from error
         if not isinstance(content, dict):
             raise NotServed(HTTPStatus.BAD_REQUEST, "found JSON, expected a JSON object")
         return content
@@ -85,20 +85,22 @@ async def read_request(reader: asyncio.StreamReader) -> Request:
         if "transfer-encoding" in request.headers or not (length.isascii() and length.isdigit()):
             raise NotServed(HTTPStatus.LENGTH_REQUIRED, "expected a body of known length")
         if len(length) > MOST_DIGITS or int(length) > MOST_BODY_BYTES:
-            found = f"found a length of {length[:MOST_DIGITS]}, expected {MOST_BODY_BYTES} at most"
-            raise NotServed(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, found)
+            problem = (
+                f"found a length of {length[:MOST_DIGITS]}, expected {MOST_BODY_BYTES} at most"
+            )
+            raise NotServed(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, problem)
         body = await reader.readexactly(int(length))
     return Request(request.method, request.path, request.query, request.headers, body)
 
 
 def parse(head: bytes) -> Request:
     """A request's head, up to its empty line; raises `NotServed`."""
-    line, _, rest = head.partition(b"\r\n")
+    line, _, header_bytes = head.partition(b"\r\n")
     words = line.decode("latin-1").split(" ")
     if len(words) != 3 or not words[2].startswith("HTTP/1."):
         raise NotServed(HTTPStatus.BAD_REQUEST, "expected METHOD TARGET HTTP/1.1")
     try:
-        fields = http.client.parse_headers(io.BytesIO(rest)).items()
+        fields = http.client.parse_headers(io.BytesIO(header_bytes)).items()
         target = urlsplit(words[1])
     except (http.client.HTTPException, ValueError) as error:
         raise NotServed(HTTPStatus.BAD_REQUEST, f"found {type(error).__name__}") from error
@@ -112,16 +114,16 @@ def parse(head: bytes) -> Request:
 
 
 def answer(
-    status: HTTPStatus, kind: str, body: bytes = b"", more: Mapping[str, str] | None = None
+    status: HTTPStatus, kind: str, body: bytes = b"", headers: Mapping[str, str] | None = None
 ) -> bytes:
     """A whole answer; the connection ends with it."""
     length = {"Content-Length": str(len(body)), "Connection": "close"}
-    return head(status, kind, length | dict(more or {})) + body
+    return head(status, kind, length | dict(headers or {})) + body
 
 
-def head(status: HTTPStatus, kind: str, more: Mapping[str, str]) -> bytes:
+def head(status: HTTPStatus, kind: str, headers: Mapping[str, str]) -> bytes:
     """Up to the empty line."""
-    fields = {"Content-Type": kind, "Cache-Control": "no-store", **GUARDS, **more}
+    fields = {"Content-Type": kind, "Cache-Control": "no-store", **GUARDS, **headers}
     lines = [f"HTTP/1.1 {status.value} {status.phrase}"]
     lines += [f"{name}: {value}" for name, value in fields.items()]
     return ("\r\n".join(lines) + "\r\n\r\n").encode("latin-1")

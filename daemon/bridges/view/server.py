@@ -16,7 +16,7 @@ from armd import Arm
 from armd.daemon.bridges.listening import Address, listen
 from armd.daemon.bridges.process import in_thread, ready
 from armd.daemon.bridges.tips import Tips
-from armd.daemon.bridges.view import sessions, told
+from armd.daemon.bridges.view import page_messages, sessions
 from armd.daemon.bridges.view.access import Access
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.feed import LIVE_HZ, Feed
@@ -72,8 +72,10 @@ def _obeyed(arm: Arm, name: str, parameters: dict[str, str]) -> str:
 def _table(arm: Arm, suffix: str) -> str:
     from armd.daemon.bridges.export import formats, source  # pydantic, only when wanted
 
-    found = source.from_arm(arm)
-    return formats.as_text(suffix, found.measurements, Tips(found.info or {}), found.serial)
+    measurements = source.from_arm(arm)
+    return formats.as_text(
+        suffix, measurements.measurements, Tips(measurements.info or {}), measurements.serial
+    )
 
 
 class PageServer:
@@ -102,9 +104,9 @@ class PageServer:
 
     async def serve(self, address: Address, context: ssl.SSLContext | None = None) -> None:
         """Until cancelled; raises `BadInput` if it cannot listen there."""
-        server, where = await listen(address, self._connection, context)
+        server, endpoint = await listen(address, self._connection, context)
         async with server:
-            ready("view", where)
+            ready("view", endpoint)
             try:
                 async with asyncio.TaskGroup() as tasks:
                     tasks.create_task(self._feed.run())
@@ -195,14 +197,14 @@ class PageServer:
         file = self._files.get(path)
         assert file is not None
         # Kept by the browser, and asked for again each time: an upgrade is seen at once.
-        more = {"Cache-Control": "no-cache", "ETag": file.tag, "Vary": "Accept-Encoding"}
+        headers = {"Cache-Control": "no-cache", "ETag": file.tag, "Vary": "Accept-Encoding"}
         if request.headers.get("if-none-match") == file.tag:
-            return head(HTTPStatus.NOT_MODIFIED, file.kind, more | {"Connection": "close"})
+            return head(HTTPStatus.NOT_MODIFIED, file.kind, headers | {"Connection": "close"})
         if "gzip" in request.headers.get("accept-encoding", ""):
             return answer(
-                HTTPStatus.OK, file.kind, file.packed, more | {"Content-Encoding": "gzip"}
+                HTTPStatus.OK, file.kind, file.packed, headers | {"Content-Encoding": "gzip"}
             )
-        return answer(HTTPStatus.OK, file.kind, file.data, more)
+        return answer(HTTPStatus.OK, file.kind, file.data, headers)
 
     async def _table(self, path: str) -> bytes:
         """All measurements that the daemon still has, as `armd export` writes them."""
@@ -217,23 +219,23 @@ class PageServer:
         except ArmdError as error:
             raise NotServed(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from error
         name = "".join(c if c.isalnum() or c in "-_" else "_" for c in arm.serial)
-        more = {"Content-Disposition": f'attachment; filename="{name}{suffix}"'}
-        return answer(HTTPStatus.OK, TABLES[suffix], text.encode(), more)
+        headers = {"Content-Disposition": f'attachment; filename="{name}{suffix}"'}
+        return answer(HTTPStatus.OK, TABLES[suffix], text.encode(), headers)
 
     async def _feature(self, request: Request) -> bytes:
         """Through measurements that were picked; it changes nothing."""
-        kept = dict(self._feed.kept)
+        measurements = dict(self._feed.measurements)
 
         def fitted() -> object:
             from armd.daemon.bridges.view.features import feature  # scipy, only when wanted
 
-            return feature(kept, request.query)
+            return feature(measurements, request.query)
 
         try:
             return answer(HTTPStatus.OK, JSON, json.dumps(await in_thread(fitted)).encode())
         except ArmdError as error:
-            said = json.dumps({"error": str(error)}).encode()
-            return answer(HTTPStatus.CONFLICT, JSON, said)
+            content = json.dumps({"error": str(error)}).encode()
+            return answer(HTTPStatus.CONFLICT, JSON, content)
 
     async def _done(self, request: Request) -> bytes:
         self._access.check_origin(request)
@@ -248,16 +250,16 @@ class PageServer:
         if request.headers.get("content-type") != JSON:  # no form of a foreign site can say so
             raise NotServed(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"expected {JSON}")
         try:
-            said = json.dumps(await deed(request)).encode()
+            content = json.dumps(await deed(request)).encode()
         except (ArmdError, OSError) as error:
-            said = json.dumps({"error": str(error)}).encode()
-            return answer(HTTPStatus.CONFLICT, JSON, said)
-        return answer(HTTPStatus.OK, JSON, said)
+            content = json.dumps({"error": str(error)}).encode()
+            return answer(HTTPStatus.CONFLICT, JSON, content)
+        return answer(HTTPStatus.OK, JSON, content)
 
     async def _login(self, request: Request) -> bytes:
         """The token, once; from then on a cookie."""
-        shown = parse_qs(request.body.decode("utf-8", "replace")).get("token", [""])[0]
-        if not self._access.is_token(shown):
+        token = parse_qs(request.body.decode("utf-8", "replace")).get("token", [""])[0]
+        if not self._access.is_token(token):
             await asyncio.sleep(WRONG_TOKEN_S)
             return answer(HTTPStatus.SEE_OTHER, TEXT, b"", {"Location": "/login.html#wrong"})
         cookie = {"Location": "/", "Set-Cookie": self._access.cookie_header()}
@@ -288,7 +290,8 @@ class PageServer:
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         hello = {
-            "version": self._files.version, "writing": bool(self._deeds), "flags": told.flags(),
+            "version": self._files.version, "writing": bool(self._deeds),
+            "flags": page_messages.flags(),
         }  # fmt: skip
         writer.write(head(HTTPStatus.OK, "text/event-stream", {"Connection": "close"}))
         writer.write(f"retry: 1000\nevent: hello\ndata: {json.dumps(hello)}\n\n".encode())

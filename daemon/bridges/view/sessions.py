@@ -32,10 +32,10 @@ MOST_BYTES = 64 << 20
 def results(folder: Path) -> list[dict[str, str]]:
     """Of one session: `name` and `path` of each file to read, reports first."""
     order = list(KINDS)
-    found = [path for path in folder.iterdir() if _ours(path)]
-    found.sort(key=lambda path: (order.index(path.suffix), path.name))
+    paths = [path for path in folder.iterdir() if _ours(path)]
+    paths.sort(key=lambda path: (order.index(path.suffix), path.name))
     return [
-        {"name": path.name, "path": PREFIX + quote(f"{folder.name}/{path.name}")} for path in found
+        {"name": path.name, "path": PREFIX + quote(f"{folder.name}/{path.name}")} for path in paths
     ]
 
 

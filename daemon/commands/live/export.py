@@ -67,15 +67,15 @@ def run(args: argparse.Namespace) -> int:
         return _to_foxglove(args)
     since_ns = instant_ns(args.since) if args.since else None
     with aside(args).status("reading the measurements …"):
-        found = _find(args)
-    chosen = [m for m in found.measurements if since_ns is None or m.stamp_ns >= since_ns]
-    tips = Tips(found.info or NO_INFO)
-    write_whole(args.output, formats.as_text(suffix, chosen, tips, found.serial))
+        collection = _find(args)
+    chosen = [m for m in collection.measurements if since_ns is None or m.stamp_ns >= since_ns]
+    tips = Tips(collection.info or NO_INFO)
+    write_whole(args.output, formats.as_text(suffix, chosen, tips, collection.serial))
     without = sum(m.position_mm is None for m in chosen)
     left_out = "their fields empty" if suffix == ".csv" else "left out"
     remark = f", {without} of them without a position: {left_out}" if without else ""
     print(f"armd: {args.output}: {counted(len(chosen), 'measurement')}{remark}")
-    for sentence in found.left_out:
+    for sentence in collection.left_out:
         print(f"armd: {sentence}")
     return 0
 
@@ -83,9 +83,9 @@ def run(args: argparse.Namespace) -> int:
 def _to_foxglove(args: argparse.Namespace) -> int:
     path = Path(args.source or "")
     if path.suffix != source.RECORDING or args.log or args.since:
-        found = "--since" if args.since else "--log" if args.log else repr(args.source or "")
+        problem = "--since" if args.since else "--log" if args.log else repr(args.source or "")
         expected = "a recording (.mcap) alone, for an .mcap that Foxglove draws"
-        raise BadInput("the command line", "SOURCE", found, expected)
+        raise BadInput("the command line", "SOURCE", problem, expected)
     try:
         from armd.daemon.bridges.export.foxglove import write_foxglove
     except ImportError as error:
@@ -115,11 +115,13 @@ def _own_log(serial: str | None) -> Path:
     if serial:
         return log_folder(serial)
     folders = logs_folder()
-    there = sorted(path for path in folders.glob("*") if path.is_dir())
-    if len(there) == 1:
-        return there[0]
-    found = ", ".join(path.name for path in there) or "no log"
-    raise BadInput(folders, "the folder", found, "SERIAL to say which" if there else "a log")
+    log_folders = sorted(path for path in folders.glob("*") if path.is_dir())
+    if len(log_folders) == 1:
+        return log_folders[0]
+    problem = ", ".join(path.name for path in log_folders) or "no log"
+    raise BadInput(
+        folders, "the folder", problem, "SERIAL to say which" if log_folders else "a log"
+    )
 
 
 def instant_ns(text: str) -> int:

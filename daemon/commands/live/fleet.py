@@ -30,11 +30,11 @@ EVENTS_SHOWN = 5
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("serial", nargs="?", help="only this arm (all of them)")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
+    endpoint_group = parser.add_mutually_exclusive_group()
+    endpoint_group.add_argument(
         "--endpoint", default=armd.ENDPOINT, help=f"of a router or a daemon ({armd.ENDPOINT})"
     )
-    where.add_argument(
+    endpoint_group.add_argument(
         "--router",
         type=Path,
         metavar="FILE",
@@ -72,8 +72,8 @@ def _open(args: argparse.Namespace) -> zenoh.Session:
     try:
         return zenoh.open(zenoh.Config.from_file(str(args.router)))
     except zenoh.ZError as error:
-        found = str(error).split(" at /")[0]
-        raise BadInput(args.router, "the file", found, "a router's configuration") from error
+        problem = str(error).split(" at /")[0]
+        raise BadInput(args.router, "the file", problem, "a router's configuration") from error
 
 
 def _close(session: zenoh.Session) -> None:
@@ -87,8 +87,10 @@ def _serve_metrics(args: argparse.Namespace, fleet: Fleet, stack: ExitStack) -> 
     try:
         server = stack.enter_context(closing(MetricsServer(port, fleet.healths, host)))
     except OSError as error:
-        found = f"{host}:{port}: {error.strerror}"
-        raise BadInput("the command line", "--metrics", found, "an address to listen on") from error
+        problem = f"{host}:{port}: {error.strerror}"
+        raise BadInput(
+            "the command line", "--metrics", problem, "an address to listen on"
+        ) from error
     if not args.json:
         process.ready("fleet", f"{host}:{server.port}")
 
@@ -120,11 +122,11 @@ def table_of(fleet: Fleet) -> Table:
             temperatures(row) or "none",
             (row["calibration"] or "none")[:8],
         )
-        table.add_row(_plain(row["serial"]), state, *map(_plain, cells))
+        table.add_row(_as_text(row["serial"]), state, *map(_as_text, cells))
     for serial, text in list(fleet.events)[-EVENTS_SHOWN:]:
-        table.add_row(_plain(serial), Text(printable(text), "dim"))
+        table.add_row(_as_text(serial), Text(printable(text), "dim"))
     return table
 
 
-def _plain(cell: object) -> Text:
+def _as_text(cell: object) -> Text:
     return Text(printable(cell))

@@ -53,43 +53,43 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", action="store_true", help="one line per reading and refusal")
     parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (never)")
-    what = parser.add_argument_group("what to measure")
-    what.add_argument(
+    group = parser.add_argument_group("what to measure")
+    group.add_argument(
         "--artefact", metavar="FILE", type=Path, help="TOML with the table [artefact] of a session"
     )
-    what.add_argument("--targets", metavar="NAME,…", type=_names, help="in this order (all)")
-    what.add_argument(
+    group.add_argument("--targets", metavar="NAME,…", type=_names, help="in this order (all)")
+    group.add_argument(
         "--placements", metavar="NAME,…", type=_names, help="of the artefact (artefact: P1,P2,P3)"
     )
-    what.add_argument(
+    group.add_argument(
         "--repeats",
         metavar="N",
         type=lambda text: whole(text, 1, MOST_STATIONS),
         help="rounds over the targets in each placement (seats: 10, artefact: 3,"
         " repeatability: 30)",
     )
-    what.add_argument(
+    group.add_argument(
         "--poses",
         metavar="POSES.csv",
         type=Path,
         help="a table of `armd design -o`, or (interim) of `armd interim report --poses`",
     )
-    what.add_argument(
+    group.add_argument(
         "--proposed",
         action="store_true",
         help="of interim: the check that --history proposes, where a cause is in doubt",
     )
-    what.add_argument(
+    group.add_argument(
         "--tests", metavar="NAME,…", type=_names, help=f"of verify: {', '.join(TESTS)} (all)"
     )
-    what.add_argument("--sphere-mm", metavar="D", type=positive, help="certified diameter, of tip")
-    what.add_argument(
+    group.add_argument("--sphere-mm", metavar="D", type=positive, help="certified diameter, of tip")
+    group.add_argument(
         "--near-mm",
         metavar="MM",
         type=positive,
         help="a reading farther from its target is refused (5; coarse arms: 20 encoder steps)",
     )
-    what.add_argument(
+    group.add_argument(
         "--artefact-c", metavar="C", type=float, help="the artefact's temperature, °C"
     )
     end = parser.add_argument_group("what to make of it")
@@ -151,7 +151,7 @@ def _lead(args: argparse.Namespace, arm: Arm, measuring: Measuring, options: End
     code = 0
     for command in commands(measuring.folder, measuring.plan, measuring.in_use, options):
         done = run_command(command)
-        face.told(done)
+        face.report_command(done)
         code = max(code, done.code)
     face.close(finished)
     return code

@@ -124,10 +124,10 @@ def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], b
                 if measurement.get("trigger") != trigger:
                     continue  # a press in a rest that has been taken: not a second reading
                 try:
-                    told = folder.take(measurement)
+                    text = folder.take(measurement)
                 except (KeyError, TypeError, ValueError) as error:
-                    told = f"passed over, no measurement of armd's: {printable(repr(error))}"
-                print(f"{folder.n:4d}  {told}; next {folder.target}", flush=True)
+                    text = f"passed over, no measurement of armd's: {printable(repr(error))}"
+                print(f"{folder.n:4d}  {text}; next {folder.target}", flush=True)
     print(f"armd: {args.session}: {counted(folder.n, 'reading')}")
     return 0 if folder.n else 1
 
@@ -181,7 +181,9 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
         raw = opened.enter_context(arm.stream(keys.RAW))
         points = opened.enter_context(arm.stream(keys.POINT))
         messages = {
-            what: opened.enter_context(arm.stream(what)) for what in TOPICS if what != keys.POINT
+            topic_key: opened.enter_context(arm.stream(topic_key))
+            for topic_key in TOPICS
+            if topic_key != keys.POINT
         }
         # Once frames arrive none is missed; the preamble tells what came before them.
         waiting = _first(raw, FIRST_S)
@@ -194,9 +196,9 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
             time.sleep(POLL_S)
             recorder.take_frames(raw.take())
             recorder.take_points(points.take())
-            for what, stream in messages.items():
-                recorder.take_messages(what, stream.take())
-    counted = ", ".join(f"{n} {what.strip('@')}" for what, n in recorder.counts.items())
+            for topic_key, stream in messages.items():
+                recorder.take_messages(topic_key, stream.take())
+    counted = ", ".join(f"{n} {topic_key.strip('@')}" for topic_key, n in recorder.counts.items())
     print(f"armd: {output}: {counted}; {recorder.lost_frames} raw frames lost")
     if not recorder.counts[keys.RAW]:
         silence = f"armd: {output}: raw frames: found none, expected some: the arm's line is silent"

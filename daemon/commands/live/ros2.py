@@ -41,11 +41,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     if not 0 <= args.domain <= MOST_DOMAINS:
-        raise _bad("--domain", str(args.domain), f"a number from 0 to {MOST_DOMAINS}")
+        raise _option_fault("--domain", str(args.domain), f"a number from 0 to {MOST_DOMAINS}")
     if not 0 < args.rate < float("inf"):
-        raise _bad("--rate", f"{args.rate:g}", "a number of points per second")
+        raise _option_fault("--rate", f"{args.rate:g}", "a number of points per second")
     if args.namespace is not None and not NAME.fullmatch(args.namespace.strip("/")):
-        raise _bad("--namespace", repr(args.namespace), "letters, digits and _, no digit first")
+        raise _option_fault(
+            "--namespace", repr(args.namespace), "letters, digits and _, no digit first"
+        )
     if args.urdf is not None:
         check_outputs({"--urdf": (args.urdf, URDF)}, [], args.force)
         with armd.connect(args.serial, args.endpoint) as arm:
@@ -57,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
             print(f"armd: {args.urdf}: {printable(sentence)}", file=sys.stderr)
         return 0
     if args.router is None:
-        raise _bad("--router", "nothing", "the endpoint of ROS's router, or --urdf FILE")
+        raise _option_fault("--router", "nothing", "the endpoint of ROS's router, or --urdf FILE")
     return process.serve(args, lambda arm: Bridge(arm, _settings(args, arm.serial)).serve())
 
 
@@ -67,5 +69,5 @@ def _settings(args: argparse.Namespace, serial: str) -> Settings:
     return Settings(args.router or "", args.domain, namespace, frame, args.rate)
 
 
-def _bad(where: str, found: str, expected: str) -> BadInput:
-    return BadInput("the command line", where, found, expected)
+def _option_fault(option: str, problem: str, expected: str) -> BadInput:
+    return BadInput("the command line", option, problem, expected)

@@ -34,8 +34,8 @@ def run(args: argparse.Namespace) -> int:
         try:
             lines = _lines(health)
         except (KeyError, TypeError, AttributeError, ValueError) as error:
-            found = f"a message without {error!s}"
-            raise BadInput(arm.serial, "health", found, "one of armd's daemon") from error
+            problem = f"a message without {error!s}"
+            raise BadInput(arm.serial, "health", problem, "one of armd's daemon") from error
         print("\n".join(printable(line) for line in lines))
     return 0 if health.get("state") in GOOD else 1
 
@@ -50,8 +50,10 @@ def _lines(health: dict[str, Any]) -> list[str]:
         f"drops        {', '.join(f'{n} {name}' for name, n in drops.items()) or 'none'}",
     ]
     if last := health.get("interim"):
-        told = last["reason"] or "no check known"
+        interim_text = last["reason"] or "no check known"
         if last["check"]:
-            told = f"{last['check']}, {last['age_h']:.0f} h old, {last['state'].replace('_', ' ')}"
-        lines.append(f"interim      {told}")
+            interim_text = (
+                f"{last['check']}, {last['age_h']:.0f} h old, {last['state'].replace('_', ' ')}"
+            )
+        lines.append(f"interim      {interim_text}")
     return [*lines, *([f"warning      {WARNING}"] if health.get("as_root") else [])]

@@ -30,10 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     if args.points is not None and not 0 < args.points < float("inf"):
-        found = f"{args.points:g}"
-        raise BadInput("the command line", "--points", found, "a number of points per second")
-    own = None if args.template is None else lines.template(args.template)
-    line = own or lines.PRESETS[args.format]
+        problem = f"{args.points:g}"
+        raise BadInput("the command line", "--points", problem, "a number of points per second")
+    template = None if args.template is None else lines.template(args.template)
+    line = template or lines.PRESETS[args.format]
     header = lines.CSV_HEADER if line is lines.csv else None
     return process.serve(
         args, lambda arm: LineStream(arm, line, header, args.points).serve(args.listen)

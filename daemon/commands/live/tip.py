@@ -80,8 +80,8 @@ def run(args: argparse.Namespace) -> int:
             expected = f"one of {', '.join(VERBS)}, or the NAME of a tip{guess}"
             raise BadInput("the command line", "armd tip", repr(verb), expected)
         verb, words = "use", args.words
-    most, expected = _WORDS[verb]
-    if not (verb in ("list", "history") or words) or len(words) > most:
+    max_words, expected = _WORDS[verb]
+    if not (verb in ("list", "history") or words) or len(words) > max_words:
         raise BadInput(
             "the command line", f"armd tip {verb}", " ".join(words) or "nothing", expected
         )
@@ -135,29 +135,29 @@ def _list(args: argparse.Namespace, words: list[str]) -> int:
         radius = (
             info["arm"]["tip"]["radius_mm"] if tip.get("radius_mm") is None else tip["radius_mm"]
         )
-        known = last.get(name)
+        calibration = last.get(name)
         table.add_row(
             "▶" if used else "",
             printable("the calibration's own (-)" if name == OWN else name),
             "" if offset is None else " ".join(f"{value:.3f}" for value in offset),
             f"{radius:.3f}",
-            *(("never", "", "") if known is None else _known(known)),
+            *(("never", "", "") if calibration is None else _calibration_cells(calibration)),
         )
     Console().print(table)
     return 0
 
 
-def _known(entry: dict[str, Any]) -> tuple[str, str, str]:
+def _calibration_cells(entry: dict[str, Any]) -> tuple[str, str, str]:
     expanded = 2 * max(entry["standard_uncertainty_mm"])
     # Its reasons stand where it was calibrated, and in the file.
-    return _when(entry), f"{expanded:.4f}", printable(entry["verdict"].partition(":")[0])
+    return _format_minute(entry), f"{expanded:.4f}", printable(entry["verdict"].partition(":")[0])
 
 
 def _when_column() -> Column:
     return Column("calibrated, UTC", no_wrap=True, min_width=16)
 
 
-def _when(entry: dict[str, Any]) -> str:
+def _format_minute(entry: dict[str, Any]) -> str:
     """To the minute, UTC."""
     return str(entry["measured"])[:16].replace("T", " ")
 
@@ -176,13 +176,13 @@ def _history(args: argparse.Namespace, words: list[str]) -> int:
     for entry in entries:
         radius = entry["radius_mm"]
         table.add_row(
-            _when(entry),
+            _format_minute(entry),
             printable(entry["name"]),
             " ".join(f"{value:.3f}" for value in entry["offset_mm"]),
-            _known(entry)[1],
+            _calibration_cells(entry)[1],
             f"{entry['form_error_mm']:.4f}",
             "" if radius is None else f"{radius:.4f}",
-            _known(entry)[2],
+            _calibration_cells(entry)[2],
         )
     console = Console()
     console.print(table)
@@ -200,24 +200,25 @@ def _calibrate(args: argparse.Namespace, words: list[str]) -> int:
         expected = "a name: the calibration's own tip is the calibration's"
         raise BadInput("the command line", "--apply --name", OWN, expected)
     check_outputs({"--json": (args.json, RESULT)}, [folder], args.force)
-    found = calibrate_tip(
+    calibration = calibrate_tip(
         folder, args.name, args.sphere_mm, args.limit_mm, args.form_mm or args.limit_mm
     )
-    entry = found.as_json()
+    entry = calibration.as_json()
     earlier = [
-        one for one in history(found.serial, found.name) if one["session"] != entry["session"]
+        past
+        for past in history(calibration.serial, calibration.name)
+        if past["session"] != entry["session"]
     ]
-    moved, uncertainty, since = moved_mm(found, earlier[-1] if earlier else None)
+    moved, uncertainty, since = moved_mm(calibration, earlier[-1] if earlier else None)
     entry |= {"moved_mm": moved, "moved_expanded_uncertainty_mm": uncertainty, "moved_since": since}
-    kept = keep(found.serial, entry)
+    history_path = keep(calibration.serial, entry)
     if args.json:
         write_whole(args.json, json.dumps({"schema": "armd.tip/1", **entry}, indent=1) + "\n")
-    console, fit = Console(soft_wrap=True), found.fit
+    console, fit = Console(soft_wrap=True), calibration.fit
+    n_readings = counted(len(fit.residual_mm), "reading")
     expanded = " ".join(f"{2 * value:.4f}" for value in fit.uncertainty_mm)
     offset = ", ".join(f"{value:.4f}" for value in fit.offset_mm)
-    console.print(
-        printable(f"tip {found.name} of {found.serial}, {counted(len(fit.residual_mm), 'reading')}")
-    )
+    console.print(printable(f"tip {calibration.name} of {calibration.serial}, {n_readings}"))
     console.print(f"offset        [{offset}] mm, U (k = 2) {expanded} mm", markup=False)
     if fit.radius_mm is not None and fit.radius_uncertainty_mm is not None:
         text = f"{fit.radius_mm:.4f} mm, U (k = 2) {2 * fit.radius_uncertainty_mm:.4f} mm"
@@ -227,13 +228,15 @@ def _calibrate(args: argparse.Namespace, words: list[str]) -> int:
     if moved > args.limit_mm:
         text = f"the offset moved by {moved:.3f} mm, more than {args.limit_mm:g} mm: was the tip"
         console.print(f"WARNING       {text} changed, loosened or hit?")
-    console.print(f"verdict       {found.verdict}")
-    console.print(printable(f"kept in       {kept}"))
-    if found.name != OWN:
-        console.print(printable(f"for armd.toml [tips.{json.dumps(found.name)}]"), markup=False)
+    console.print(f"verdict       {calibration.verdict}")
+    console.print(printable(f"kept in       {history_path}"))
+    if calibration.name != OWN:
+        console.print(
+            printable(f"for armd.toml [tips.{json.dumps(calibration.name)}]"), markup=False
+        )
         console.print(f"              offset_mm = [{offset}]", markup=False)
         if fit.radius_mm is not None:
             console.print(f"              radius_mm = {fit.radius_mm:.4f}")
-    if found.doubts:
+    if calibration.doubts:
         return 1
-    return _apply(args, [found.name, found.serial]) if args.apply else 0
+    return _apply(args, [calibration.name, calibration.serial]) if args.apply else 0

@@ -63,9 +63,9 @@ def run(args: argparse.Namespace) -> int:
 def _check_network(args: argparse.Namespace) -> None:
     for option in ("certificate", "key", "token", "name"):
         if not getattr(args, option):
-            found = f"{args.listen[0]}:{args.listen[1]} without --{option}"
+            problem = f"{args.listen[0]}:{args.listen[1]} without --{option}"
             expected = "127.0.0.1, or certificate, key, token and name (docs/how-to/secure.md)"
-            raise BadInput("the command line", "--listen", found, expected)
+            raise BadInput("the command line", "--listen", problem, expected)
 
 
 def _tls(args: argparse.Namespace) -> ssl.SSLContext | None:

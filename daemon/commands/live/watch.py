@@ -34,16 +34,16 @@ def run(args: argparse.Namespace) -> int:
 
 def _print_json(arm: Arm, seconds: float | None) -> None:
     for point in arm.points(seconds):
-        print(json.dumps(_plain(point), allow_nan=False), flush=True)
+        print(json.dumps(_to_json(point), allow_nan=False), flush=True)
 
 
-def _plain(point: Point) -> dict[str, object]:
+def _to_json(point: Point) -> dict[str, object]:
     """As JSON: no NaN (null instead), flags also by name."""
-    plain: dict[str, object] = {
+    content: dict[str, object] = {
         name: [None if math.isnan(x) else x for x in value] if isinstance(value, tuple) else value
         for name, value in point._asdict().items()
     }
-    return plain | {"flags": int(point.flags), "flag_names": [flag.name for flag in point.flags]}
+    return content | {"flags": int(point.flags), "flag_names": [flag.name for flag in point.flags]}
 
 
 def _show(arm: Arm, seconds: float | None) -> None:

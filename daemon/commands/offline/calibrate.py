@@ -87,11 +87,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _print(result: Result, written: str) -> None:
     console = plain_console()
-    found = result.fit
+    fit = result.fit
     console.print(
-        f"{found.observations.n} readings, {result.rms_um:.2f} µm 3-D RMS,"
+        f"{fit.observations.n} readings, {result.rms_um:.2f} µm 3-D RMS,"
         f" {result.heldout.in_words()} by leaving out {result.left_out_in_words} in turn;"
-        f" rank {found.solution.rank} of {len(found.unknowns.names)}"
+        f" rank {fit.solution.rank} of {len(fit.unknowns.names)}"
     )
     for length in result.lengths:
         console.print(f"certified length {length.in_words()}")
@@ -105,11 +105,11 @@ def _print(result: Result, written: str) -> None:
         console.print(f"thermal order {result.thermal_order}")
     for line in result.unidentifiable:
         console.print(f"not identifiable: {line}")
-    if len(found.weighed_down):
+    if len(fit.weighed_down):
         console.print(
-            f"{counted(len(found.weighed_down), 'reading')} far off have less weight,"
-            f" {len(found.outliers)} of them outliers"
-            + (f": {found.outlier_words()}" if len(found.outliers) else "")
+            f"{counted(len(fit.weighed_down), 'reading')} far off have less weight,"
+            f" {len(fit.outliers)} of them outliers"
+            + (f": {fit.outlier_words()}" if len(fit.outliers) else "")
         )
     for note in result.notes:
         console.print(note)

@@ -57,29 +57,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     table: Path = args.table
-    for path, where in ((table, "the file"), (args.output, "-o")):
+    for path, location in ((table, "the file"), (args.output, "-o")):
         if path.suffix.lower() != ".csv":
-            raise BadInput(path, where, f"the suffix {path.suffix!r}", "a .csv table")
+            raise BadInput(path, location, f"the suffix {path.suffix!r}", "a .csv table")
     inputs = [table, table.parent / "session.toml", args.arm, args.calibration]
     check_outputs({"-o": (args.output, COMMANDED)}, inputs, args.force)
-    model, given = load_given(args)
-    arm, calibration = model.content, given.loaded if given else None
+    model, model_under_test = load_given(args)
+    arm, calibration = model.content, model_under_test.loaded if model_under_test else None
     unit, started_unix_s = session_settings(table, args.angle_unit, args.started)
     corrector = Corrector(arm, calibration, unit, started_unix_s)
     readings = load_readings(table, corrector.columns, [])
     repeated = [name for name in _columns(arm) if readings.has(name)]
     if repeated:
-        found = f"{repeated[0]} already"
-        raise BadInput(table, "the header", found, "a table without columns of commands")
+        problem = f"{repeated[0]} already"
+        raise BadInput(table, "the header", problem, "a table without columns of commands")
     lines = _lines(readings)
     angles(readings, arm, unit)  # none may be missing
-    taken = corrector.take(readings)
+    batch = corrector.take(readings)
     corrector.ended(table)
-    moving = _approach_follows_rates(readings, taken.states)
+    moving = _approach_follows_rates(readings, batch.states)
     with aside(args).status("compensating …"):
-        found_angles = compensate(arm, calibration, taken.states, truths(readings), moving)
+        found_angles = compensate(arm, calibration, batch.states, truths(readings), moving)
     write_whole(args.output, _text(lines, found_angles, arm, unit))
-    flags = corrector.correct(taken)[1]
+    flags = corrector.correct(batch)[1]
     _print(args, found_angles, corrector.remarks, flags)
     return 0 if found_angles.is_ok.all() else 1
 
@@ -91,9 +91,9 @@ def _columns(arm: Arm) -> list[str]:
 
 def _approach_follows_rates(readings: Readings, states: States) -> Mask:
     """(n,) whether the approach is not the table's own but the way that the rates move the tip."""
-    given = np.column_stack([readings.optional(name) for name in APPROACH])
-    known = np.logical_and.reduce(np.isfinite(states.approach), axis=1)
-    follows: Mask = known & np.logical_or.reduce(np.isnan(given), axis=1)
+    given_approach = np.column_stack([readings.optional(name) for name in APPROACH])
+    is_known = np.logical_and.reduce(np.isfinite(states.approach), axis=1)
+    follows: Mask = is_known & np.logical_or.reduce(np.isnan(given_approach), axis=1)
     return follows
 
 
@@ -106,12 +106,12 @@ def _lines(readings: Readings) -> list[bytes]:
     return lines
 
 
-def _text(lines: list[bytes], found: CommandedAngles, arm: Arm, unit: AngleUnit) -> bytes:
+def _text(lines: list[bytes], commanded: CommandedAngles, arm: Arm, unit: AngleUnit) -> bytes:
     """The table with its own text letter by letter, and the new columns behind it."""
     scale = np.array([_radians(arm, k, unit) for k in range(arm.n_joints)])
     out = [lines[0] + b"," + ",".join(_columns(arm)).encode()]
-    lengths = np.round(np.column_stack([found.change_mm, found.residual_mm]), DECIMALS)
-    rows = zip(lines[1:], found.q / scale, lengths.tolist(), found.status, strict=True)
+    lengths = np.round(np.column_stack([commanded.change_mm, commanded.residual_mm]), DECIMALS)
+    rows = zip(lines[1:], commanded.q / scale, lengths.tolist(), commanded.status, strict=True)
     for line, command, length, status in rows:
         numbers = [repr(x) if math.isfinite(x) else "" for x in [*command.tolist(), *length]]
         out.append(line + b"," + ",".join([*numbers, status]).encode())
@@ -128,7 +128,7 @@ def _radians(arm: Arm, k: int, unit: AngleUnit) -> float:
 
 def _print(
     args: argparse.Namespace,
-    found: CommandedAngles,
+    commanded: CommandedAngles,
     remarks: list[str],
     flags: npt.NDArray[np.uint32],
 ) -> None:
@@ -139,13 +139,13 @@ def _print(
         (Flag.TEMPERATURE_STALE, "no temperature of a sensor in use: the last one is held"),
     ):
         if n := int((flags & int(flag) != 0).sum()):
-            told = f"armd: {args.table}: {counted(n, 'row')} with {words}"
-            print(printable(told), file=sys.stderr)
-    counts = Counter(found.status)
+            line = f"armd: {args.table}: {counted(n, 'row')} with {words}"
+            print(printable(line), file=sys.stderr)
+    counts = Counter(commanded.status)
     fine = counts.pop(OK, 0)
-    others = "".join(f", {n} {status}" for status, n in sorted(counts.items()))
-    largest = np.nanmax(np.where(found.is_ok, found.change_mm, np.nan), initial=0.0)
+    other_counts = "".join(f", {n} {status}" for status, n in sorted(counts.items()))
+    largest = np.nanmax(np.where(commanded.is_ok, commanded.change_mm, np.nan), initial=0.0)
     print(
-        f"{args.output}: {counted(len(found.status), 'row')}: {fine} ok{others};"
+        f"{args.output}: {counted(len(commanded.status), 'row')}: {fine} ok{other_counts};"
         f" the tip would have been off by up to {largest:.4f} mm"
     )

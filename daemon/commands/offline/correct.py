@@ -56,11 +56,13 @@ def run(args: argparse.Namespace) -> int:
         names = ", ".join(repeated)
         twice = f"armd: {readings}: has {names} already; the last of each is new"
         print(printable(twice), file=sys.stderr)
-    with bar(aside(args), "correcting") as told:
-        n = correct_file(readings, args.output, corrector, lambda share: told("correcting", share))
+    with bar(aside(args), "correcting") as report_progress:
+        n = correct_file(
+            readings, args.output, corrector, lambda share: report_progress("correcting", share)
+        )
     for remark in corrector.remarks[:MOST_REMARKS]:
         print(printable(f"armd: {remark}"), file=sys.stderr)
-    if (rest := len(corrector.remarks) - MOST_REMARKS) > 0:
-        print(f"armd: {counted(rest, 'more remark')} of the same kind", file=sys.stderr)
+    if (n_omitted := len(corrector.remarks) - MOST_REMARKS) > 0:
+        print(f"armd: {counted(n_omitted, 'more remark')} of the same kind", file=sys.stderr)
     print(printable(f"{args.output}: {counted(n, 'point')}"))
     return 0

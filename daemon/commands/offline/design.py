@@ -100,8 +100,10 @@ def _choose(args: argparse.Namespace) -> DesignResult:
             raise BadInput("command line", f"--{option}", "it beside sessions", expected)
     arm, calibration = load_given(args)
     sessions: list[str] = args.session
-    with bar(aside(args), "reading") as told:
-        return design(arm, sessions, calibration=calibration, readings=args.readings, progress=told)
+    with bar(aside(args), "reading") as report_progress:
+        return design(
+            arm, sessions, calibration=calibration, readings=args.readings, progress=report_progress
+        )
 
 
 def _print(experiment: Experiment, rows: list[dict[str, Any]], sentence: str) -> None:
@@ -113,14 +115,14 @@ def _print(experiment: Experiment, rows: list[dict[str, Any]], sentence: str) ->
         f"{experiment.after:.2f} with the experiment too",
         soft_wrap=True,
     )
-    shown = Table("pose", "tip, mm", "joints, °", "turn last towards", "°C")
+    table = Table("pose", "tip, mm", "joints, °", "turn last towards", "°C")
     for row in rows:
-        shown.add_row(
+        table.add_row(
             str(row["pose"]),
             " ".join(f"{row[f'{a}_mm']:.0f}" for a in "xyz"),
             " ".join(f"{v:.0f}" for k, v in row.items() if k.endswith("_deg")),
             "".join(str(v) for k, v in row.items() if k.startswith("approach_joint")),
             " ".join(f"{v:.0f}" for k, v in row.items() if k.endswith("_c")),
         )
-    console.print(shown)
+    console.print(table)
     console.print(f"armd diagnose says: {sentence}", soft_wrap=True)

@@ -52,9 +52,14 @@ def run(args: argparse.Namespace) -> int:
     about = read_about(args)
     arm, calibration = load_given(args)
     command = shlex.join(["armd", *sys.argv[1:]])
-    with bar(aside(args), "reading") as told:
+    with bar(aside(args), "reading") as report_progress:
         diagnosis = diagnose(
-            args.session, arm, calibration, args.holdout or None, progress=told, command=command
+            args.session,
+            arm,
+            calibration,
+            args.holdout or None,
+            progress=report_progress,
+            command=command,
         )
     result = as_json(diagnosis.details, args.extended)
     if args.json:  # data sets are drawn for it, which takes seconds

@@ -45,10 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     inputs = [args.arm, args.calibration, *args.session]
     check_outputs({"--json": (args.json, RESULT)}, inputs, args.force)
-    model, given = load_given(args)
+    model, model_under_test = load_given(args)
     with aside(args).status("reading …") as status:
         evaluation = evaluate(
-            args.session, model, given, fit_tip=args.fit_tip, progress=status.update
+            args.session, model, model_under_test, fit_tip=args.fit_tip, progress=status.update
         )
     result = evaluation.to_dict()
     if args.json:
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     for remark in result["remarks"]:
         console.print(remark)
     if result["rms_um"] > 1e3 * ABSURD_RMS_MM:
-        calibration = given.content if given else None
+        calibration = model_under_test.content if model_under_test else None
         console.print(_why(args, model.content, calibration, result))
     if result["n_unused"]:
         unused = counted(result["n_unused"], "reading")
@@ -83,9 +83,9 @@ def _why(
     if result["n"] <= MOST_HELD:
         sessions = load_sessions(args.session, arm)
         observations = gather(sessions, arm, calibration.artefact if calibration else None)
-        told = told_of_misnamed(sessions, observations, AssumedModel.under(arm, calibration))
-        if told:
-            return "\n".join(told)
+        reasons = told_of_misnamed(sessions, observations, AssumedModel.under(arm, calibration))
+        if reasons:
+            return "\n".join(reasons)
     return (
         f"residuals of {result['rms_um'] / 1e3:.0f} mm: {args.arm}: is it the drawing of this"
         " arm? (units of angles and lengths, directions, offsets)"

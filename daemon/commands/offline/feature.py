@@ -78,10 +78,10 @@ def run(args: argparse.Namespace) -> int:
             expected = f"it with {REPEATABILITY}"
             raise BadInput("the command line", f"--{option}", f"it with {kind}", expected)
     operands = [_operand(kind, text) for text in args.operand]
-    wanted = 2 if kind in RELATIONS else 1
-    if len(operands) != wanted:
-        found = f"{len(operands)} operands"
-        raise BadInput("the command line", f"armd feature {kind}", found, str(wanted))
+    n_operands = 2 if kind in RELATIONS else 1
+    if len(operands) != n_operands:
+        problem = f"{len(operands)} operands"
+        raise BadInput("the command line", f"armd feature {kind}", problem, str(n_operands))
     if args.inside and args.tip_radius_mm is None:
         raise BadInput("the command line", "--inside", "no --tip-radius-mm", "it as well")
     if args.tip_radius_mm is not None and kind not in ("circle", "sphere", "cylinder"):
@@ -114,27 +114,29 @@ Operand = tuple[Shape, Path, str]
 
 def _operand(kind: str, text: str) -> Operand:
     """A shape, a file, and rows ("" for all)."""
-    shape, rest = kind, text
+    shape, operand = kind, text
     if kind in RELATIONS:
-        shape, equals, rest = text.partition("=")
+        shape, equals, operand = text.partition("=")
         if not equals or shape not in SHAPES:
             expected = f"KIND=FILE[:ROWS], KIND one of {', '.join(SHAPES)}"
             raise BadInput("the command line", f"armd feature {kind}", repr(text), expected)
-    file, colon, rows = rest.rpartition(":")
+    file, colon, rows = operand.rpartition(":")
     if not colon or not ROWS.fullmatch(rows):
-        file, rows = rest, ""
-    known = next(name for name in SHAPES if name == shape)
-    return known, Path(file), rows
+        file, rows = operand, ""
+    shape_name = next(name for name in SHAPES if name == shape)
+    return shape_name, Path(file), rows
 
 
 def _fitted(shape: Shape, path: Path, rows: str) -> Feature:
     measured = from_path(path).measurements
     chosen = [measured[i] for i in _numbers(path, rows, len(measured))]
-    for number, one in enumerate(chosen, 1):
-        if one.position_mm is None:
-            where = f"measurement {number} of those chosen"
-            raise BadInput(path, where, "no position", "valid ones: name their rows, FILE:ROWS")
-    points = np.array([one.position_mm for one in chosen], dtype=float).reshape(-1, 3)
+    for number, measurement in enumerate(chosen, 1):
+        if measurement.position_mm is None:
+            location = f"measurement {number} of those chosen"
+            raise BadInput(path, location, "no position", "valid ones: name their rows, FILE:ROWS")
+    points = np.array([measurement.position_mm for measurement in chosen], dtype=float).reshape(
+        -1, 3
+    )
     try:
         return fit(shape, points, _covariances(chosen))
     except ArithmeticError as error:
@@ -145,44 +147,44 @@ def _numbers(path: Path, rows: str, n: int) -> list[int]:
     """Indices from 0, each once, in the order given."""
     if not rows:
         return list(range(n))
-    found: list[int] = []
+    row_indices: list[int] = []
     for part in rows.split(","):
         first, _, last = part.partition("-")
         low, high = int(first), int(last or first)
         if not 1 <= low <= high <= n:
             raise BadInput(path, f"rows {part}", f"{n} measurements", f"rows of 1 to {n}")
-        found += range(low - 1, high)
-    return list(dict.fromkeys(found))
+        row_indices += range(low - 1, high)
+    return list(dict.fromkeys(row_indices))
 
 
 def _covariances(chosen: list[MeasurementLine]) -> F64 | None:
     """(n, 3, 3) mm²; None unless every point has one."""
     matrices = []
-    for one in chosen:
-        if one.covariance_mm2 is None:
+    for measurement in chosen:
+        if measurement.covariance_mm2 is None:
             return None
-        xx, xy, xz, yy, yz, zz = one.covariance_mm2
+        xx, xy, xz, yy, yz, zz = measurement.covariance_mm2
         matrices.append([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     return np.array(matrices, dtype=float)
 
 
 def _words(feature: Feature) -> list[str]:
-    told = feature.as_json()
+    content = feature.as_json()
     source = "points" if not feature.from_scatter else "residuals' scatter"
-    lines = [f"{feature.shape}, {told['n']} points; U = 2 u (k = 2) from the {source}"]
+    lines = [f"{feature.shape}, {content['n']} points; U = 2 u (k = 2) from the {source}"]
     lines.append(
-        f"  point      {_three(told['point_mm'], 4)} mm"
-        + _expanded(told["point_standard_uncertainty_mm"], 4, " mm")
+        f"  point      {_three(content['point_mm'], 4)} mm"
+        + _expanded(content["point_standard_uncertainty_mm"], 4, " mm")
     )
-    if told["direction"] is not None:
+    if content["direction"] is not None:
         lines.append(
-            f"  direction  {_three(told['direction'], 6)}"
-            + _expanded(told["direction_standard_uncertainty"], 6, "")
+            f"  direction  {_three(content['direction'], 6)}"
+            + _expanded(content["direction_standard_uncertainty"], 6, "")
         )
-    if told["radius_mm"] is not None:
-        uncertain = told["radius_standard_uncertainty_mm"]
+    if content["radius_mm"] is not None:
+        uncertain = content["radius_standard_uncertainty_mm"]
         lines.append(
-            f"  radius     {told['radius_mm']:.4f} mm"
+            f"  radius     {content['radius_mm']:.4f} mm"
             + ("" if uncertain is None else f", U {2 * uncertain:.4f} mm")
             + " (of the tip's centre)"
         )
@@ -200,19 +202,19 @@ def _expanded(uncertainties: list[float] | None, digits: int, unit: str) -> str:
     return f", U {_three([2 * value for value in uncertainties], digits)}{unit}"
 
 
-def _related(kind: str, one: Feature, other: Feature) -> tuple[str, dict[str, Any]]:
+def _related(kind: str, first: Feature, second: Feature) -> tuple[str, dict[str, Any]]:
     try:
-        found = distance(one, other) if kind == "distance" else angle(one, other)
+        relation = distance(first, second) if kind == "distance" else angle(first, second)
     except ArithmeticError as error:
         raise BadInput(
             "the command line", f"armd feature {kind}", str(error), "two directions"
         ) from (error)
     unit, key = ("mm", "mm") if kind == "distance" else ("°", "deg")
-    figures = {f"value_{key}": found.value}
-    figures[f"standard_uncertainty_{key}"] = found.standard_uncertainty  # type: ignore[assignment]
-    uncertain = found.standard_uncertainty
+    figures = {f"value_{key}": relation.value}
+    figures[f"standard_uncertainty_{key}"] = relation.standard_uncertainty  # type: ignore[assignment]
+    uncertain = relation.standard_uncertainty
     words = "not known" if uncertain is None else f"{2 * uncertain:.4f} {unit}"
-    return printable(f"{kind} {found.value:.4f} {unit}, U (k = 2) {words}"), figures
+    return printable(f"{kind} {relation.value:.4f} {unit}, U (k = 2) {words}"), figures
 
 
 def _surface(feature: Feature, tip_mm: float, inside: bool) -> tuple[str, dict[str, Any]]:
@@ -220,7 +222,7 @@ def _surface(feature: Feature, tip_mm: float, inside: bool) -> tuple[str, dict[s
     assert feature.radius_mm is not None  # circles, spheres and cylinders have one
     radius = feature.radius_mm + (tip_mm if inside else -tip_mm)
     if radius <= 0:
-        found = f"{feature.radius_mm:.4f} mm, less than the tip's {tip_mm:g} mm"
-        raise BadInput("--tip-radius-mm", "the radius", found, "--inside, or a smaller tip")
+        problem = f"{feature.radius_mm:.4f} mm, less than the tip's {tip_mm:g} mm"
+        raise BadInput("--tip-radius-mm", "the radius", problem, "--inside, or a smaller tip")
     words = f"  surface    radius {radius:.4f} mm, diameter {2 * radius:.4f} mm"
     return words, {"surface_radius_mm": radius}

@@ -28,22 +28,22 @@ def show(chosen: FirstDesignResult) -> None:
     for sentence in chosen.words:
         console.print(sentence, soft_wrap=True)
     places = ["placement", "target"] if chosen.experiment.placements else []
-    shown = Table("pose", *places, "tip, mm", "joints, °")
+    table = Table("pose", *places, "tip, mm", "joints, °")
     for row in chosen.rows:
-        shown.add_row(
+        table.add_row(
             str(row["pose"]),
             *(row[name] for name in places),
             " ".join(f"{row[f'{a}_mm']:.0f}" for a in "xyz"),
             " ".join(f"{v:.0f}" for k, v in row.items() if k.endswith("_deg")),
         )
-    console.print(shown)
+    console.print(table)
 
 
-def _reach(given: list[float] | None) -> tuple[float, float] | None:
-    if given is None:
+def _reach(limits_mm: list[float] | None) -> tuple[float, float] | None:
+    if limits_mm is None:
         return None
-    least, most = given
-    if not 0.0 <= least < most < float("inf"):
-        found = f"{least:g} {most:g}"
-        raise BadInput("--reach", "value", found, "MIN MAX in mm, MIN at least 0 and below MAX")
-    return least, most
+    lowest_mm, highest_mm = limits_mm
+    if not 0.0 <= lowest_mm < highest_mm < float("inf"):
+        problem = f"{lowest_mm:g} {highest_mm:g}"
+        raise BadInput("--reach", "value", problem, "MIN MAX in mm, MIN at least 0 and below MAX")
+    return lowest_mm, highest_mm

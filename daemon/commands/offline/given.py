@@ -50,8 +50,8 @@ def session_settings(
     readings: Path, unit: AngleUnit | None, started: str | None
 ) -> tuple[AngleUnit, float | None]:
     """What was said on the command line, else what session.toml beside the readings says."""
-    beside = readings.parent / "session.toml"
-    session = load_toml(beside, SessionFile) if beside.exists() else None
+    session_file = readings.parent / "session.toml"
+    session = load_toml(session_file, SessionFile) if session_file.exists() else None
     if started is not None:
         started_unix_s: float | None = parse_instant("--started", started, "the command line")
     else:

@@ -112,10 +112,10 @@ def _add(args: argparse.Namespace) -> int:
     remarks = refuse_unfit(sessions, arm, calibration.content)
     causes = causes_of(arm, calibration.content)
     console, new = aside(args), []
-    with bar(console, "evaluating the checks") as told:
+    with bar(console, "evaluating the checks") as report_progress:
         for number, session in enumerate(sessions, 1):
             new.append(keeping.New(session, reduce(session, arm, calibration.content, causes)))
-            told("evaluating the checks", number / len(sessions))
+            report_progress("evaluating the checks", number / len(sessions))
     with keeping.locked(folder), console.status("judging the history …"):
         lines = chain.read_chain(folder).lines
         before = history.load(folder) if lines else []  # a damaged history takes no more
@@ -124,8 +124,8 @@ def _add(args: argparse.Namespace) -> int:
         try:
             judgement, result, _ = _judged(folder, before)
         except BadInput as error:  # no room for the report, it may be
-            kept = f"{error.expected} (the checks are kept: armd interim report judges them)"
-            raise BadInput(error.file, error.where, error.found, kept) from error
+            advice = f"{error.expected} (the checks are kept: armd interim report judges them)"
+            raise BadInput(error.file, error.where, error.found, advice) from error
     for remark in filter(None, [*remarks, keeping.dated_before(lines, dated)]):
         console.print(f"armd: {remark}", soft_wrap=True, markup=False, highlight=False)
     _say(folder, judgement, result, "-" if args.json else None)
@@ -173,12 +173,12 @@ def _judged(
     judgement = judge(history.load(folder, before), recall(folder))
     judgement = replace(judgement, far_off=tuple(single_readings(folder, judgement)))
     files: list[tuple[str, str] | None] = []
-    for told in (told for epoch in judgement.epochs for told in epoch.told):
-        if told.calibration is None:
+    for finding in (finding for epoch in judgement.epochs for finding in epoch.told):
+        if finding.calibration is None:
             files.append(None)
             continue
         name = f"calibration-{len(files) + 1}.json"
-        saved = save_calibration(folder / name, told.calibration, write_changed)
+        saved = save_calibration(folder / name, finding.calibration, write_changed)
         files.append((name, saved.sha256))
     after = tomorrow(judgement)
     with_growth = None
@@ -230,5 +230,5 @@ def _say(folder: Path, judgement: Judgement, result: dict[str, Any], to: str | N
         )
     print(f"next: {result['next_check']['sentence']}")
     if result["next_check"]["poses_deg"]:
-        where = shlex.quote(str(folder))
-        print(f"to measure it: armd measure interim --proposed --history {where} -o SESSION")
+        folder_text = shlex.quote(str(folder))
+        print(f"to measure it: armd measure interim --proposed --history {folder_text} -o SESSION")

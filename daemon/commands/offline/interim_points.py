@@ -41,9 +41,9 @@ def are_tables(paths: Sequence[str]) -> bool:
     """Whether checks are tables of points; raises `BadInput` for a mixture."""
     kinds = [Path(p).suffix.lower() in TABLES and not Path(p).is_dir() for p in paths]
     if any(kinds) and not all(kinds):
-        other = paths[kinds.index(False)]
+        session = paths[kinds.index(False)]
         expected = "tables of points alone, or session folders alone"
-        raise BadInput("the command line", "SESSION", f"{other} beside tables", expected)
+        raise BadInput("the command line", "SESSION", f"{session} beside tables", expected)
     return all(kinds)
 
 
@@ -69,12 +69,12 @@ def add(args: argparse.Namespace) -> int:
         raise BadInput("the command line", "--tip-radius-mm", f"{radius_mm:g}", "0 to 1000")
     artefact = load_artefact(args.artefact, [])
     new = read_tables(args.session, _started(args.started))
-    dated = [one.dated for one in new]
+    dated = [table.dated for table in new]
     now = math.floor(time.time())
     if not args.future:
         keeping.check_past(dated, now)
-    for one in new:
-        figures_of_points(one.path, one.points, artefact, radius_mm)
+    for table in new:
+        figures_of_points(table.path, table.points, artefact, radius_mm)
     with keeping.locked(folder), aside(args).status("judging the history …"):
         lines = chain.read_lines(folder, chain.PointsLine).lines
         if not args.future:
@@ -82,7 +82,7 @@ def add(args: argparse.Namespace) -> int:
         try:
             keeping.check_new(folder, lines, dated)
         except BadInput as error:
-            if not any(one.by_file and str(one.path) == error.file for one in new):
+            if not any(table.by_file and str(table.path) == error.file for table in new):
                 raise
             expected = f"{error.expected}; it is dated by the file's last change: a column of dates"
             raise BadInput(
@@ -92,8 +92,8 @@ def add(args: argparse.Namespace) -> int:
             load_checks(folder)  # a damaged history takes no more
         keep_tables(folder, len(lines), new, args.artefact, radius_mm)
         epochs, result = _judged(folder)
-    said = [] if args.quiet else [sentence for one in new for sentence in one.said]
-    for remark in filter(None, [*said, keeping.dated_before(lines, dated)]):
+    remarks = [] if args.quiet else [sentence for table in new for sentence in table.said]
+    for remark in filter(None, [*remarks, keeping.dated_before(lines, dated)]):
         aside(args).print(f"armd: {printable(remark)}", soft_wrap=True, markup=False)
     return _say(epochs, result, print_json=args.json)
 

@@ -68,8 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     suffix = args.output.suffix.lower()
     if suffix not in KINDS:
-        found = f"the suffix {suffix!r}" if suffix else "no suffix"
-        raise BadInput(args.output, "-o", found, "one of " + ", ".join(KINDS))
+        problem = f"the suffix {suffix!r}" if suffix else "no suffix"
+        raise BadInput(args.output, "-o", problem, "one of " + ", ".join(KINDS))
     for option, value in (
         ("--like", args.like), ("--base-link", args.base_link), ("--tip-link", args.tip_link),
     ):  # fmt: skip
@@ -87,9 +87,9 @@ def run(args: argparse.Namespace) -> int:
         expected = "six, as Universal Robots' arms have"
         raise BadInput(args.arm, "joint", counted(arm.n_joints, "joint"), expected)
     geometry = geometry_at(arm, loaded.content if loaded else None, args.at_c)
-    content, said = WRITERS[suffix](args, arm, loaded, geometry)
+    content, remarks = WRITERS[suffix](args, arm, loaded, geometry)
     write_whole(args.output, content)
-    _print(args, loaded, geometry, said)
+    _print(args, loaded, geometry, remarks)
     return 0
 
 
@@ -122,8 +122,8 @@ def _yaml(
     identity = loaded.sha256[:16] if loaded else "nominal"
     text = kinematics_yaml(arm, geometry.parameters, arm.serial_number, identity)
     missing = describe_omitted(arm, geometry.parameters)
-    said = f"without what follows the last joint: {', '.join(missing)}" if missing else ""
-    return text, [said] if said else []
+    remark = f"without what follows the last joint: {', '.join(missing)}" if missing else ""
+    return text, [remark] if remark else []
 
 
 def _json(
@@ -176,14 +176,19 @@ def _effects(geometry: Geometry) -> list[str]:
 
 
 def _print(
-    args: argparse.Namespace, loaded: LoadedCalibration | None, geometry: Geometry, said: list[str]
+    args: argparse.Namespace,
+    loaded: LoadedCalibration | None,
+    geometry: Geometry,
+    remarks: list[str],
 ) -> None:
     """What the file holds; what it leaves out is a part of the result, so that -q keeps it."""
-    what = "the calibrated geometry" if loaded else "arm.toml's geometry"
+    geometry_name = "the calibrated geometry" if loaded else "arm.toml's geometry"
     if not args.quiet:
-        print(f"armd: {args.output}: {what} at {geometry.celsius:g} °C")
-    kept = [sentence for sentence in said if sentence.startswith("without") or not args.quiet]
-    for sentence in kept:
+        print(f"armd: {args.output}: {geometry_name} at {geometry.celsius:g} °C")
+    shown_remarks = [
+        sentence for sentence in remarks if sentence.startswith("without") or not args.quiet
+    ]
+    for sentence in shown_remarks:
         print(f"armd: {printable(sentence)}")
     if geometry.terms:
         left_out = geometry.left_out
@@ -199,5 +204,5 @@ def _print(
             f" {geometry.by_temperature.max_mm:.6f} mm elsewhere: a geometry is of one temperature"
         )
         if not low <= geometry.celsius <= high:
-            found = f"{geometry.celsius:g} °C, outside the calibrated {low:g} to {high:g} °C"
-            print(f"armd: --at-c: {found}", file=sys.stderr)
+            problem = f"{geometry.celsius:g} °C, outside the calibrated {low:g} to {high:g} °C"
+            print(f"armd: --at-c: {problem}", file=sys.stderr)

@@ -90,17 +90,17 @@ def run(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm)
     with aside(args).status("reading the measurements …"):
-        found = [source.from_path(path) for path in args.measurements]
+        collections = [source.from_path(path) for path in args.measurements]
     nameless = sum(
-        _nameless(path, one, arm, args.arm)
-        for path, one in zip(args.measurements, found, strict=True)
+        _nameless(path, collection, arm, args.arm)
+        for path, collection in zip(args.measurements, collections, strict=True)
     )
-    chosen = _chosen(found, since_ns)
+    chosen = _chosen(collections, since_ns)
     without = [m for m in chosen if m.angles_rad is None]
     chosen = [m for m in chosen if m.angles_rad is not None]
-    where = ", ".join(map(str, args.measurements))
+    location = ", ".join(map(str, args.measurements))
     with aside(args).status(f"correcting {counted(len(chosen), 'measurement')} again …"):
-        new = _recorrected(chosen, arm, calibration, _tips(args.config), where)
+        new = _recorrected(chosen, arm, calibration, _tips(args.config), location)
     old = np.array([m.position_mm or (np.nan,) * 3 for m in chosen]).reshape(-1, 3)
     distance = np.linalg.norm(new.position_mm - old, axis=1)
     change = Impact(
@@ -113,13 +113,13 @@ def run(args: argparse.Namespace) -> int:
         args.tolerance,
         [m.calibration for m in chosen],
     )
-    left_out = [sentence for one in found for sentence in one.left_out]
+    left_out = [sentence for collection in collections for sentence in collection.left_out]
     if without:
         none = counted(len(without), "measurement")
         left_out.insert(0, f"{none} without angles left out (pressed while invalid)")
     if nameless:
-        said = f"{counted(nameless, 'measurement')} without the serial number of an arm (of an"
-        left_out.append(f"{said} older armd) taken for {arm.serial_number}'s")
+        remark = f"{counted(nameless, 'measurement')} without the serial number of an arm (of an"
+        left_out.append(f"{remark} older armd) taken for {arm.serial_number}'s")
     write_whole(args.output, _table(chosen, old, new, change, calibration))
     celsius = [c for m in chosen for c in m.temperatures_c.values() if c is not None]
     write_pages(args, lambda: quality_page(change, _inputs(args), left_out, args.operator, celsius))
@@ -129,34 +129,36 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _nameless(path: Path, found: Measurements, arm: Arm, arm_file: str) -> int:
+def _nameless(path: Path, collection: Measurements, arm: Arm, arm_file: str) -> int:
     """How many measurements say nothing of whose they are; raises `BadInput` for another arm's."""
     expected = f"{arm.serial_number}, as {arm_file} has"
-    if found.serial not in ("", arm.serial_number):
-        raise BadInput(path, "the arm", found.serial, expected)
-    for m in found.measurements:
+    if collection.serial not in ("", arm.serial_number):
+        raise BadInput(path, "the arm", collection.serial, expected)
+    for m in collection.measurements:
         if m.serial not in (None, arm.serial_number):
             raise BadInput(path, f"serial of seq {m.seq}", m.serial, expected)
-    return 0 if found.serial else sum(m.serial is None for m in found.measurements)
+    return 0 if collection.serial else sum(m.serial is None for m in collection.measurements)
 
 
 def _inputs(args: argparse.Namespace) -> dict[str, str]:
     """Every file read, and its SHA-256."""
-    given = [
+    paths = [
         *args.measurements,
         *map(Path, filter(None, (args.arm, args.calibration, args.config))),
     ]
-    files = [file for path in given for file in (log_files(path) if path.is_dir() else [path])]
-    found = {}
+    files = [file for path in paths for file in (log_files(path) if path.is_dir() else [path])]
+    hashes = {}
     for file in files:
         with file.open("rb") as data:
-            found[str(file)] = hashlib.file_digest(data, "sha256").hexdigest()
-    return found
+            hashes[str(file)] = hashlib.file_digest(data, "sha256").hexdigest()
+    return hashes
 
 
-def _chosen(found: Sequence[Measurements], since_ns: int | None) -> list[MeasurementLine]:
+def _chosen(collections: Sequence[Measurements], since_ns: int | None) -> list[MeasurementLine]:
     """Of all sources, by time, each once."""
-    by_time = {(m.stamp_ns, m.seq): m for one in found for m in one.measurements}
+    by_time = {
+        (m.stamp_ns, m.seq): m for collection in collections for m in collection.measurements
+    }
     return [by_time[key] for key in sorted(by_time) if since_ns is None or key[0] >= since_ns]
 
 
@@ -169,28 +171,31 @@ def _recorrected(
     arm: Arm,
     calibration: LoadedCalibration,
     tips: dict[str, Any],
-    where: str,
+    location: str,
 ) -> Recorrected:
     """Each with the tip it was measured with: as *tips* have it, else as it was known then."""
-    states = _states(chosen, arm, where)
+    states = _states(chosen, arm, location)
     position, uncertainty = np.full((2, len(chosen), 3), np.nan)
     flags = np.zeros(len(chosen), np.uint32)
-    offsets = [_offset_mm(m, tips, where) for m in chosen]
+    offsets = [_offset_mm(m, tips, location) for m in chosen]
     for offset in dict.fromkeys(offsets):
         with_tip: tuple[Arm, LoadedCalibration | None] = (arm, calibration)
         if offset is not None:
             with_tip = with_offset(arm, calibration, offset)
         its_arm, its_calibration = with_tip
         assert its_calibration is not None
-        rows = np.array([one == offset for one in offsets])
+        rows = np.array([row_offset == offset for row_offset in offsets])
         # All rows, for lags; then those of this tip.
-        found = recorrect(its_arm, its_calibration, states)
-        position[rows], uncertainty[rows] = found.position_mm[rows], found.uncertainty_mm[rows]
-        flags[rows] = found.flags[rows]
+        recorrected = recorrect(its_arm, its_calibration, states)
+        position[rows], uncertainty[rows] = (
+            recorrected.position_mm[rows],
+            recorrected.uncertainty_mm[rows],
+        )
+        flags[rows] = recorrected.flags[rows]
     return Recorrected(position, uncertainty, flags)
 
 
-def _offset_mm(m: MeasurementLine, tips: dict[str, Any], where: str) -> Vector3 | None:
+def _offset_mm(m: MeasurementLine, tips: dict[str, Any], location: str) -> Vector3 | None:
     """Of its tip; None: the calibration's own."""
     if m.tip is None:
         return None
@@ -199,25 +204,31 @@ def _offset_mm(m: MeasurementLine, tips: dict[str, Any], where: str) -> Vector3 
         return offset
     if m.tip_offset_mm is None:
         expected = "--config with the armd.toml whose [tips] has it"
-        raise BadInput(where, "tip", repr(m.tip), expected)
+        raise BadInput(location, "tip", repr(m.tip), expected)
     return m.tip_offset_mm
 
 
-def _states(chosen: Sequence[MeasurementLine], arm: Arm, where: str) -> States:
+def _states(chosen: Sequence[MeasurementLine], arm: Arm, location: str) -> States:
     n, joints = len(chosen), arm.n_joints
     unknown = [np.nan] * joints
     for m in chosen:
         for name, values in (("angles_rad", m.angles_rad), ("rates_rad_s", m.rates_rad_s)):
             if values is not None and len(values) != joints:
-                found = f"{len(values)} of seq {m.seq}"
-                raise BadInput(where, name, found, f"{joints}, the joints of {arm.serial_number}")
+                problem = f"{len(values)} of seq {m.seq}"
+                raise BadInput(
+                    location, name, problem, f"{joints}, the joints of {arm.serial_number}"
+                )
         if m.temperatures_c and (missing := set(arm.sensors) - set(m.temperatures_c)):
-            there = ", ".join(m.temperatures_c)
-            raise BadInput(where, f"temperature {min(missing)}", f"{there} of seq {m.seq}", "it")
+            sensor_names = ", ".join(m.temperatures_c)
+            raise BadInput(
+                location, f"temperature {min(missing)}", f"{sensor_names} of seq {m.seq}", "it"
+            )
         for name, value in m.temperatures_c.items():
             if value is not None and not LEAST_C <= value <= MOST_C:
                 expected = f"a temperature in °C, {LEAST_C:g} to {MOST_C:g}"
-                raise BadInput(where, f"temperature {name}", f"{value:g} of seq {m.seq}", expected)
+                raise BadInput(
+                    location, f"temperature {name}", f"{value:g} of seq {m.seq}", expected
+                )
     celsius = [[m.temperatures_c.get(name) for name in arm.sensors] for m in chosen]
     return States(
         q=np.array([m.angles_rad for m in chosen], float).reshape(n, joints),

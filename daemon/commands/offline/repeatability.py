@@ -37,7 +37,7 @@ class Visits(NamedTuple):
     time_h: F64  # (n,) NaN unknown
     temperature_c: F64  # (n,) NaN unknown
     sensors: Sequence[str]
-    said: Sequence[str]
+    remarks: Sequence[str]
 
 
 def run(args: argparse.Namespace) -> int:
@@ -51,14 +51,14 @@ def run(args: argparse.Namespace) -> int:
     of_table = path.suffix.lower() in TABLES and not path.is_dir()
     visits = _of_table(args, path) if of_table else _of_session(args, path)
     try:
-        found = fit_repeatability(visits.position_mm, visits.time_h, visits.temperature_c)
+        repeatability = fit_repeatability(visits.position_mm, visits.time_h, visits.temperature_c)
     except ArithmeticError as error:
         raise BadInput(path, "the visits", str(error), "more visits of the seat") from error
-    words = [*repeatability_in_words(found, visits.sensors), *visits.said]
+    words = [*repeatability_in_words(repeatability, visits.sensors), *visits.remarks]
     if args.json:
-        result = found.as_json() | {"sensors": list(visits.sensors)}
+        result = repeatability.as_json() | {"sensors": list(visits.sensors)}
         write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    write_pages(args, lambda: _page(args, found, words, visits, path))
+    write_pages(args, lambda: _page(args, repeatability, words, visits, path))
     console = plain_console()
     for line in words:
         console.print(line, soft_wrap=True)
@@ -73,8 +73,8 @@ def _of_table(args: argparse.Namespace, path: Path) -> Visits:
     points = read_points(path, timed=True)
     _require_one(path, list(zip(points.placement, points.target, strict=True)))
     unknown = np.full(len(points.target), np.nan)
-    said = [f"remark: {sentence}" for sentence in points.said]
-    return Visits(points.position_mm, np.array(points.time_s) / 3600, unknown, (), said)
+    remarks = [f"remark: {sentence}" for sentence in points.said]
+    return Visits(points.position_mm, np.array(points.time_s) / 3600, unknown, (), remarks)
 
 
 def _of_session(args: argparse.Namespace, path: Path) -> Visits:
@@ -93,20 +93,20 @@ def _of_session(args: argparse.Namespace, path: Path) -> Visits:
     loaded = None if calibration is None else calibration.for_arm(arm.content)
     position = positions_of(session, arm.content, loaded)
     usable = np.isfinite(position[:, 0])  # a position is known as a whole
-    said = [f"remark: {line}" for line in single.repeats(session, position).in_words(session)]
+    remarks = [f"remark: {line}" for line in single.repeats(session, position).in_words(session)]
     if not usable.all():
-        said.append(f"remark: {int((~usable).sum())} visits without a temperature do not count")
+        remarks.append(f"remark: {int((~usable).sum())} visits without a temperature do not count")
     time_h = (session.states.time_s - session.started_unix_s) / 3600
     temperature, sensors = _temperature(session, arm.content.sensors, usable)
-    return Visits(position[usable], time_h[usable], temperature[usable], sensors, said)
+    return Visits(position[usable], time_h[usable], temperature[usable], sensors, remarks)
 
 
 def _temperature(session: Session, names: Sequence[str], usable: Mask) -> tuple[F64, list[str]]:
     """Mean of the sensors that every visit has; else the artefact's temperature."""
     every = session.states.temperature_c
-    whole = [i for i in range(every.shape[1]) if np.isfinite(every[usable, i]).all()]
-    if whole:
-        return every[:, whole].mean(axis=1), [names[i] for i in whole]
+    complete = [i for i in range(every.shape[1]) if np.isfinite(every[usable, i]).all()]
+    if complete:
+        return every[:, complete].mean(axis=1), [names[i] for i in complete]
     return session.artefact_c, ["artefact_c"] if np.isfinite(session.artefact_c).all() else []
 
 
@@ -114,13 +114,13 @@ def _require_one(path: Path, places: Sequence[tuple[str, str]]) -> None:
     """Raise `BadInput` unless all visits are of one target in one placement."""
     different = list(dict.fromkeys(places))
     if len(different) > 1:
-        found = few([f"{target} in {placement}" for placement, target in different])
-        raise BadInput(path, "target", found, "one seat in one placement, visited many times")
+        problem = few([f"{target} in {placement}" for placement, target in different])
+        raise BadInput(path, "target", problem, "one seat in one placement, visited many times")
 
 
 def _page(
     args: argparse.Namespace,
-    found: Repeatability,
+    repeatability: Repeatability,
     words: Sequence[str],
     visits: Visits,
     path: Path,
@@ -136,5 +136,5 @@ def _page(
         "arm": InputFile.read(args.arm),
         "calibration": InputFile.read(args.calibration),
     }
-    when = visits.time_h, visits.temperature_c
-    return repeatability_page(found, words, when, path.resolve().name, files)
+    conditions = visits.time_h, visits.temperature_c
+    return repeatability_page(repeatability, words, conditions, path.resolve().name, files)

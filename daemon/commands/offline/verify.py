@@ -84,12 +84,12 @@ def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None, about
     test = limits.uncertainty if limits else TestUncertainty()
     radius_mm = args.tip_radius_mm or (load_arm(args.arm).tip.radius_mm if args.arm else 0.0)
     path = Path(args.session)
-    found = verify_points(path, artefact, radius_mm, test, judged=limits is not None)
-    for sentence in () if args.quiet else found.said:
+    verification = verify_points(path, artefact, radius_mm, test, judged=limits is not None)
+    for sentence in () if args.quiet else verification.said:
         print(f"armd: {printable(sentence)}")
-    verdict = judge(found.verification, limits)
+    verdict = judge(verification.verification, limits)
     require_judged(verdict, args.session)
-    return _finish(args, verdict, limits, lambda: _page(args, verdict, found, about))
+    return _finish(args, verdict, limits, lambda: _page(args, verdict, verification, about))
 
 
 def _finish(
@@ -105,12 +105,12 @@ def _finish(
     return 0 if limits is None or verdict.passed else 1
 
 
-def _page(args: argparse.Namespace, verdict: Verdict, found: OfPoints, about: About) -> str:
+def _page(args: argparse.Namespace, verdict: Verdict, verification: OfPoints, about: About) -> str:
     from armd.compensation.report.sessions import InputFile
     from armd.compensation.report.verification import verification_report  # drawings load slowly
 
     files = {"arm": InputFile.read(args.arm), "limits": InputFile.read(args.mpe)}
-    return verification_report(verdict, found.session, found.arm, files, about)
+    return verification_report(verdict, verification.session, verification.arm, files, about)
 
 
 def _print(verdict: Verdict, limits: PermissibleErrors | None) -> None:

@@ -68,11 +68,11 @@ def numbered_like(
     """
     instants = truth["seq"].astype(np.int64)
     seq = points["seq"].astype(np.int64)
-    apart = median_filter(np.searchsorted(instants, points["monotonic_ns"]) - seq, AROUND)
-    found = np.zeros(len(points), TRUTH)
-    found["seq"] = points["seq"]
-    found["position_mm"] = truth["position_mm"][np.clip(seq + apart, 0, len(truth) - 1)]
-    return found
+    shift = median_filter(np.searchsorted(instants, points["monotonic_ns"]) - seq, AROUND)
+    matches = np.zeros(len(points), TRUTH)
+    matches["seq"] = points["seq"]
+    matches["position_mm"] = truth["position_mm"][np.clip(seq + shift, 0, len(truth) - 1)]
+    return matches
 
 
 def at_their_instants(
@@ -83,18 +83,18 @@ def at_their_instants(
     A servo has no number of a latch and samples when it is asked: `seq` of *truth* is an instant
     (CLOCK_MONOTONIC, ns), and the tip is on the straight line between two of them.
     """
-    instants, asked = truth["seq"].astype(np.int64), points["monotonic_ns"]
+    instants, times_ns = truth["seq"].astype(np.int64), points["monotonic_ns"]
     if len(instants) == 0:
         return np.zeros(0, TRUTH)
-    within = points[(asked >= instants[0]) & (asked <= instants[-1])]
-    found = np.zeros(len(within), TRUTH)
-    found["seq"] = within["seq"]
+    within = points[(times_ns >= instants[0]) & (times_ns <= instants[-1])]
+    matches = np.zeros(len(within), TRUTH)
+    matches["seq"] = within["seq"]
     since = instants - instants[0]
     for axis in range(3):
-        found["position_mm"][:, axis] = np.interp(
+        matches["position_mm"][:, axis] = np.interp(
             within["monotonic_ns"] - instants[0], since, truth["position_mm"][:, axis]
         )
-    return found
+    return matches
 
 
 def _placement(points: F64, true: F64) -> tuple[F64, F64]:

@@ -89,10 +89,10 @@ def run(args: argparse.Namespace) -> int:
         stage.stop()  # servos write down the truth at their end
         truth = load_truth(stage.truth)
         if wire is CAN:
-            truth = numbered_like(meter.kept, truth)
+            truth = numbered_like(meter.sampled_points, truth)
         elif args.servo:
-            truth = at_their_instants(meter.kept, truth)
-        errors = compare(meter.kept, truth)
+            truth = at_their_instants(meter.sampled_points, truth)
+        errors = compare(meter.sampled_points, truth)
     console.print(summary(meter, arm.lost, errors, calibrated), highlight=False)
     return 1 if arm.lost.total else 0
 
@@ -103,9 +103,9 @@ class Steps:
     def __init__(self, console: Console) -> None:
         self._console, self._last_s = console, time.monotonic()
 
-    def done(self, what: str) -> None:
+    def done(self, step: str) -> None:
         now_s = time.monotonic()
-        self._console.print(f"{now_s - self._last_s:5.1f} s  {what}", highlight=False)
+        self._console.print(f"{now_s - self._last_s:5.1f} s  {step}", highlight=False)
         self._last_s = now_s
 
 
@@ -115,7 +115,7 @@ class Meter:
     def __init__(self) -> None:
         self._arrived: deque[tuple[int, bytes]] = deque()
         self._latency_us: list[npt.NDArray[np.int32]] = []
-        self._kept: list[npt.NDArray[np.void]] = []
+        self._samples: list[npt.NDArray[np.void]] = []
         self.samples = 0
 
     def take(self, payload: bytes) -> None:
@@ -127,16 +127,16 @@ class Meter:
         if not arrived:
             return np.empty(0, POINT)
         points = arm.decode([payload for _, payload in arrived])
-        latency_ns = np.array([when for when, _ in arrived]) - points["monotonic_ns"]
+        latency_ns = np.array([arrival_ns for arrival_ns, _ in arrived]) - points["monotonic_ns"]
         mapped = (points["flags"] & armd.Flag.CLOCK) == 0
         self._latency_us.append((latency_ns[mapped] // 1000).astype(np.int32))
-        self._kept.append(points[::KEPT].copy())
+        self._samples.append(points[::KEPT].copy())
         self.samples += len(points)
         return points
 
     @property
-    def kept(self) -> npt.NDArray[np.void]:
-        return np.concatenate(self._kept) if self._kept else np.empty(0, POINT)
+    def sampled_points(self) -> npt.NDArray[np.void]:
+        return np.concatenate(self._samples) if self._samples else np.empty(0, POINT)
 
     @property
     def latency_ms(self) -> F64:

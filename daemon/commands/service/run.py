@@ -36,7 +36,8 @@ def run(args: argparse.Namespace) -> int:
 
 def serve(config: Config) -> int:
     """Publish until a signal says stop, or until a replay has ended."""
-    asked = Asked()  # from here on a signal is heard, and done when there is something to do it
+    # From here on a signal is heard, and done when there is something to do it.
+    signals = SignalRequests()
     arm = ArmInUse(config)
     rehearse(config, arm)  # compiles everything the stream needs, before ready is said
     driver = open_driver(config.driver, config.expectation)
@@ -46,7 +47,7 @@ def serve(config: Config) -> int:
         service = stack.enter_context(closing(Service(config, driver, session, arm)))
         if config.file.metrics is not None:
             stack.enter_context(closing(_serve_metrics(config, service)))
-        asked.of(service)
+        signals.start_serving(service)
         gc.freeze()  # what start-up made stays; the collector need not look at it again
         say(_ready(config, arm))
         if config.driver.kind != "replay":  # which may run as fast as it can
@@ -57,7 +58,7 @@ def serve(config: Config) -> int:
     return 0
 
 
-class Asked:
+class SignalRequests:
     """What signals ask for: at once to end, or to reload, before there is a service too."""
 
     def __init__(self) -> None:
@@ -65,7 +66,7 @@ class Asked:
         self._reload = False
         signal.signal(signal.SIGHUP, self._hang_up)
 
-    def of(self, service: Service) -> None:
+    def start_serving(self, service: Service) -> None:
         """From now on the service does it."""
         self._service = service
         signal.signal(signal.SIGTERM, lambda *_: service.stop())
@@ -85,17 +86,17 @@ def _serve_metrics(config: Config, service: Service) -> MetricsServer:
     try:
         return MetricsServer(port, lambda: [service.health()])
     except OSError as error:
-        found = f"{port}: {error.strerror}"
-        raise BadInput(config.path, "metrics.port", found, "a free port") from error
+        problem = f"{port}: {error.strerror}"
+        raise BadInput(config.path, "metrics.port", problem, "a free port") from error
 
 
 def _ready(config: Config, arm: ArmInUse) -> str:
-    where = ", ".join(config.file.zenoh.listen) or "no listener"
+    endpoints = ", ".join(config.file.zenoh.listen) or "no listener"
     if config.file.zenoh.config is not None:
-        where = config.file.zenoh.config
+        endpoints = config.file.zenoh.config
     calibration = arm.calibration
     made_with = "nominal geometry" if calibration is None else calibration.sha256[:16]
-    line = f"armd: ready {config.arm.serial_number} on {where}, {made_with}"
+    line = f"armd: ready {config.arm.serial_number} on {endpoints}, {made_with}"
     if config.driver.kind == "replay":
         return line
     # Subscribers may connect; when the arm itself is there, the state tells.

@@ -117,9 +117,9 @@ class Stage(Closing):
 
     def start(self) -> None:
         """The arm on its wire, then the daemon, until it is ready."""
-        told = ["--arm-out", str(self.folder / "arm.toml"), "--truth", str(self.truth)]
+        output_options = ["--arm-out", str(self.folder / "arm.toml"), "--truth", str(self.truth)]
         log = ["--fault-log", str(self.folder / "simulator.jsonl")]
-        place = self._start([*SIMULATOR, *self._simulation, *told, *log], "simulator.log")
+        place = self._start([*SIMULATOR, *self._simulation, *output_options, *log], "simulator.log")
         config = self.folder / "armd.toml"
         host, _, port = place.rpartition(":")
         driver = self._wire.driver.format(place=place, host=host, port=port)

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from armd.compensation.model.arm import Arm
 from armd.daemon.catalogue import microscribe
-from armd.daemon.catalogue.known import (
+from armd.daemon.catalogue.known_arms import (
     KNOWN,
     Bus,
     arm_text,
@@ -83,9 +83,9 @@ def run(args: argparse.Namespace) -> int:
     if args.name == "import-lerobot":
         if args.file is None:
             raise BadInput("armd arm", "import-lerobot", "no file", "CALIBRATION.json")
-        taken = take_over(args.file, args.arm, args.prefix, args.short_sweep)
-        text, bus = taken.text, taken.bus
-        for sentence in () if args.quiet else taken.said:
+        takeover = take_over(args.file, args.arm, args.prefix, args.short_sweep)
+        text, bus = takeover.text, takeover.bus
+        for sentence in () if args.quiet else takeover.remarks:
             print(f"armd: {printable(sentence)}", file=sys.stderr)
     elif args.name == "microscribe":
         return _microscribe(args)
@@ -143,8 +143,8 @@ def _write_daemon_file(output: Path, bus: Bus, port: str | None) -> None:
         return
     ports = serial_ports() if port is None else [Path(port)]
     if len(ports) != 1:
-        found = "no serial port is plugged in" if not ports else f"{len(ports)} ports are there"
-        print(f"{path}: not written, {found}; with --port PORT it is. Its [driver]:", end="\n  ")
+        reason = "no serial port is plugged in" if not ports else f"{len(ports)} ports are there"
+        print(f"{path}: not written, {reason}; with --port PORT it is. Its [driver]:", end="\n  ")
         print(*_driver(bus, port), sep="\n  ")
         return
     write_whole(path, daemon_text(output.name, bus, str(ports[0])))

@@ -38,10 +38,10 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput(path, "the file", "nothing", f"an existing file{near(path)}")
     arms = _arms(args.file)
     wrong = False
-    beside, doubts = _sessions_beside_each_other(args.file, arms, aside(args))
+    session_faults, doubts = _sessions_beside_each_other(args.file, arms, aside(args))
     for path in args.file:
         faults, remark = _check(path, arms)
-        faults = [*faults, *beside.get(_folder(path), [])]
+        faults = [*faults, *session_faults.get(_folder(path), [])]
         for fault in faults:
             print(f"armd: {printable(fault)}", file=sys.stderr)
         if not faults:
@@ -83,8 +83,8 @@ def _sessions_beside_each_other(
             try:
                 doubts.append(remark(sessions, gather(sessions, arms[serial])))
             except BadInput as fault:
-                for one in (fault, *fault.more):
-                    faults.setdefault(_folder(Path(one.file)), []).append(one)
+                for session_fault in (fault, *fault.more):
+                    faults.setdefault(_folder(Path(session_fault.file)), []).append(session_fault)
     return faults, list(filter(None, doubts))
 
 
@@ -115,8 +115,8 @@ def _checker(path: Path) -> Checker:
         raise BadInput(path, "the session", "a table alone", expected)
     schema = _schema(path)
     if schema not in CHECKERS:
-        found = repr(schema) if schema else "nothing"
-        raise BadInput(path, "schema", found, f"one of {', '.join(CHECKERS)}")
+        problem = repr(schema) if schema else "nothing"
+        raise BadInput(path, "schema", problem, f"one of {', '.join(CHECKERS)}")
     return CHECKERS[schema]
 
 
@@ -134,10 +134,10 @@ def _schema(path: Path) -> str:
 def _arms(paths: Sequence[Path]) -> Arms:
     """Arms among the files, and those in or above their folders."""
     arms: Arms = {}
-    beside = [
+    arm_files = [
         folder / "arm.toml" for path in paths for folder in (path, *path.absolute().parents[:2])
     ]
-    for path in (*beside, *paths):
+    for path in (*arm_files, *paths):
         if path.suffix == ".toml" and path.is_file():
             try:
                 arm = load_arm(path)
@@ -155,8 +155,8 @@ def _arm(path: Path, _: Arms) -> str:
 def _calibration(path: Path, arms: Arms) -> str:
     serial = load_calibration(path).content.arm
     if serial not in arms:
-        meant = did_you_mean(serial, arms)
-        return f" (on its own: the arm.toml of {serial!r} is not among the files{meant})"
+        suggestion = did_you_mean(serial, arms)
+        return f" (on its own: the arm.toml of {serial!r} is not among the files{suggestion})"
     load_calibration(path, arms[serial])
     return ""
 
@@ -184,9 +184,10 @@ def _session(path: Path, arms: Arms) -> str:
     check_is_session(folder)
     serial = load_toml(folder / "session.toml", SessionFile).arm
     if serial not in arms:
-        meant = did_you_mean(serial, arms)
+        suggestion = did_you_mean(serial, arms)
         return (
-            f" (session.toml; the readings want the arm.toml of {serial!r} among the files{meant})"
+            f" (session.toml; the readings want the arm.toml of {serial!r} among the files"
+            f"{suggestion})"
         )
     unused = load_session(folder, arms[serial]).unused_columns
     return f" (columns not used: {', '.join(unused)})" if unused else ""
@@ -195,11 +196,11 @@ def _session(path: Path, arms: Arms) -> str:
 def _artefact(path: Path, _: Arms) -> str:
     from armd.compensation.data.session_format import ArtefactFile
 
-    found = load_toml(path, ArtefactFile).artefact
-    unknown = sum(target.position_mm is None for target in found.targets)
-    lengths = counted(len(found.distances), "certified length")
-    surfaces = f", {counted(len(found.surfaces), 'surface')}" if found.surfaces else ""
-    targets = f"{counted(len(found.targets), 'target')}, {unknown} without position"
+    artefact = load_toml(path, ArtefactFile).artefact
+    unknown = sum(target.position_mm is None for target in artefact.targets)
+    lengths = counted(len(artefact.distances), "certified length")
+    surfaces = f", {counted(len(artefact.surfaces), 'surface')}" if artefact.surfaces else ""
+    targets = f"{counted(len(artefact.targets), 'target')}, {unknown} without position"
     return f" ({targets}{surfaces}; {lengths})"
 
 

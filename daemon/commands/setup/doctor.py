@@ -22,9 +22,11 @@ from armd.terminal.plain import moving_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--port", help="this serial port alone (default: all ports and CAN buses)")
-    where.add_argument(
+    target_group = parser.add_mutually_exclusive_group()
+    target_group.add_argument(
+        "--port", help="this serial port alone (default: all ports and CAN buses)"
+    )
+    target_group.add_argument(
         "--config",
         type=Path,
         metavar="FILE",

@@ -147,29 +147,29 @@ def run(args: argparse.Namespace) -> int:
         if args.points is not None:
             points = read_table(args.points)
             table = join_tables(table, points, arm, args.join, args.within or WITHIN_S)
-    given = Given(
+    arguments = Given(
         dict(args.column),
         NORMALISED if args.lerobot else "rad" if args.servo_zeros else args.angle_unit,
         args.length_unit,
         args.started,
         [] if artefact is None else [target["name"] for target in artefact["target"]],
     )
-    found = find_columns(table, arm, given)
-    said = [*table.assumed, *found.said]
+    import_columns = find_columns(table, arm, arguments)
+    remarks = [*table.assumed, *import_columns.said]
     if args.lerobot:
-        said.append(_from_lerobot(args.lerobot, arm, found, args.prefix))
+        remarks.append(_from_lerobot(args.lerobot, arm, import_columns, args.prefix))
     if args.servo_zeros:
-        said.append(_from_servo_zeros(args.servo_zeros, arm, args.arm, found))
+        remarks.append(_from_servo_zeros(args.servo_zeros, arm, args.arm, import_columns))
     n = len(table.rows)
-    content = _content(args, arm, found, artefact, said)
-    reflector = [REFLECTOR] if REFLECTOR in found.texts else []
-    names = ["time_s", "placement", "target", *reflector, *arm_columns(found.numbers)]
-    columns = {name: (found.numbers | found.texts)[name] for name in names}
+    content = _content(args, arm, import_columns, artefact, remarks)
+    reflector = [REFLECTOR] if REFLECTOR in import_columns.texts else []
+    names = ["time_s", "placement", "target", *reflector, *arm_columns(import_columns.numbers)]
+    columns = {name: (import_columns.numbers | import_columns.texts)[name] for name in names}
     with aside(args).status("writing the session …"):
         _write(args, arm, content, columns)
-    for sentence in () if args.quiet else said:
+    for sentence in () if args.quiet else remarks:
         print(f"armd: {cut(printable(sentence))}")
-    targets = counted(len(set(found.texts["target"])), "target")
+    targets = counted(len(set(import_columns.texts["target"])), "target")
     print(f"armd: {args.output}: {counted(n, 'reading')}, {targets}")
     return 0
 
@@ -182,28 +182,28 @@ def arm_columns(numbers: dict[str, list[float]]) -> list[str]:
 def _content(
     args: argparse.Namespace,
     arm: Arm,
-    found: FoundColumns,
+    columns: FoundColumns,
     artefact: dict[str, Any] | None,
-    said: list[str],
+    remarks: list[str],
 ) -> dict[str, Any]:
-    started = found.started or args.started
+    started = columns.started or args.started
     if started is None:
         modified_s = int(args.table.stat().st_mtime)
         started = datetime.datetime.fromtimestamp(modified_s, datetime.UTC)
-        said.append(
+        remarks.append(
             f"measured when the file was last changed: {started:%Y-%m-%d %H:%M}Z (--started)"
         )
     elif args.started is None:
-        said.append(f"the first reading: {started:%Y-%m-%d %H:%M:%S}Z")
+        remarks.append(f"the first reading: {started:%Y-%m-%d %H:%M:%S}Z")
     if artefact is None:
-        names = dict.fromkeys(found.texts["target"])
+        names = dict.fromkeys(columns.texts["target"])
         artefact = {"name": args.table.stem, "target": [{"name": name} for name in names]}
-        said.append("the targets are fixed points at unknown places (--artefact FILE)")
+        remarks.append("the targets are fixed points at unknown places (--artefact FILE)")
     return {
         "schema": "armd.session/1",
         "arm": arm.serial_number,
         "started": started,
-        "angle_unit": found.angle_unit,
+        "angle_unit": columns.angle_unit,
         "artefact": artefact,
     } | ({"operator": args.operator} if args.operator else {})
 
@@ -214,8 +214,8 @@ def _artefact(args: argparse.Namespace) -> dict[str, Any]:
     from armd.daemon.files.session_folder import load_artefact
 
     if args.artefact.suffix.lower() in TABLES:
-        artefact, said = artefact_of_table(args.artefact)
-        for sentence in () if args.quiet else said:
+        artefact, remarks = artefact_of_table(args.artefact)
+        for sentence in () if args.quiet else remarks:
             print(f"armd: {cut(printable(sentence))}")
     else:
         artefact = load_artefact(args.artefact, [])
@@ -223,35 +223,35 @@ def _artefact(args: argparse.Namespace) -> dict[str, Any]:
     return content
 
 
-def _from_lerobot(path: Path, arm: Arm, found: FoundColumns, prefix: str | None) -> str:
+def _from_lerobot(path: Path, arm: Arm, columns: FoundColumns, prefix: str | None) -> str:
     """Angles of LeRobot's normalised positions, in place; what was done, in a sentence."""
     from armd.daemon.catalogue.lerobot_file import Normalised
 
-    sweeps = Normalised(path, found.joints, prefix)
+    sweeps = Normalised(path, columns.joints, prefix)
     counts = all(joint.counts_per_turn == 4096 for joint in arm.joint)
-    for name in found.joints:
-        found.numbers[name] = [
+    for name in columns.joints:
+        columns.numbers[name] = [
             sweeps.count(name, value) if counts else sweeps.degrees(name, value)
-            for value in found.numbers[name]
+            for value in columns.numbers[name]
         ]
-    found.angle_unit = "count" if counts else "deg"
+    columns.angle_unit = "count" if counts else "deg"
     how = "counts of its servos" if counts else "degrees from the middle of each sweep"
     return f"-100 to 100 of the sweeps in {path.name} became {how}"
 
 
-def _from_servo_zeros(path: Path, arm: Arm, arm_path: Path, found: FoundColumns) -> str:
+def _from_servo_zeros(path: Path, arm: Arm, arm_path: Path, columns: FoundColumns) -> str:
     """Counts of the servos in place of another program's angles; what was done, in a sentence."""
     from armd.daemon.catalogue.servo_zeros import COUNTS, read_servo_zeros
 
     for k, joint in enumerate(arm.joint, 1):
         if joint.counts_per_turn != COUNTS:
             found_text = str(joint.counts_per_turn or "nothing")
-            where = f"joint[{k}].counts_per_turn"
-            raise BadInput(arm_path, where, found_text, f"{COUNTS}, as --servo-zeros has")
+            location = f"joint[{k}].counts_per_turn"
+            raise BadInput(arm_path, location, found_text, f"{COUNTS}, as --servo-zeros has")
     zeros = read_servo_zeros(path, arm.n_joints)
     for k in range(arm.n_joints):
-        found.numbers[f"q{k + 1}"] = zeros.counts(k, found.numbers[f"q{k + 1}"])
-    found.angle_unit = "count"
+        columns.numbers[f"q{k + 1}"] = zeros.counts(k, columns.numbers[f"q{k + 1}"])
+    columns.angle_unit = "count"
     return f"{zeros.program}'s angles became counts of its servos by {path.name}"
 
 
@@ -276,10 +276,10 @@ def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns:
 def _urdf(args: argparse.Namespace) -> int:
     from armd.daemon.catalogue.urdf import arm_toml
 
-    text, said = arm_toml(args.table, args.tip_link)
+    text, remarks = arm_toml(args.table, args.tip_link)
     check_same(args.output, text, ARM, args.force, [args.table])
     write_whole(args.output, text)
-    for sentence in () if args.quiet else said:
+    for sentence in () if args.quiet else remarks:
         print(f"armd: {cut(printable(sentence))}")
     print(f"armd: {args.output}: written; add the tip's radius and the encoders' counts per turn")
     return 0

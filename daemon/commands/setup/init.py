@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 
 from armd.compensation.model.arm import Arm
-from armd.daemon.catalogue.known import (
+from armd.daemon.catalogue.known_arms import (
     KNOWN,
     Bus,
     arm_text,
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     check_output_folder(args.folder)
     for name in QUESTIONS:
         if getattr(args, name) is None:
-            setattr(args, name, _asked(name))
+            setattr(args, name, _ask_user(name))
     text, bus = _arm(args)
     validate(f"--from {args.start_from}", tomllib.loads(text), Arm)
     daemon = DAEMON.format(port=args.port)
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _asked(name: str) -> str:
+def _ask_user(name: str) -> str:
     """By the person at the terminal, or what Enter means; raises `BadInput` without a person."""
     question, default = QUESTIONS[name]
     if sys.stdin.isatty():
@@ -124,30 +124,30 @@ def _arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
     """arm.toml's text, and the bus of an arm that is known."""
     source = Path(args.start_from)
     bus = None
-    said: list[str] = []
+    remarks: list[str] = []
     if source.suffix.lower() in ROBOTS:
         from armd.daemon.catalogue.urdf import arm_toml  # scipy, only for this
 
-        text, said = arm_toml(source, args.tip_link)
+        text, remarks = arm_toml(source, args.tip_link)
     elif source.suffix:
-        text, said = from_rows(source, args.convention)
+        text, remarks = from_rows(source, args.convention)
     else:
         name = args.start_from.lower().replace("_", "-")
         if name not in KNOWN:
             expected = f"FILE.urdf, FILE.csv, or a known arm{hint(name, KNOWN)}"
             raise BadInput("the command line", "--from", args.start_from, expected)
         text, bus = arm_text(name), KNOWN[name]
-        said.append(geometry_in_words(text))
-    for sentence in () if args.quiet else said:
+        remarks.append(geometry_in_words(text))
+    for sentence in () if args.quiet else remarks:
         print(f"armd: {sentence}")
     joints = tomllib.loads(text)["joint"]
     unsaid = [k for k, joint in enumerate(joints, 1) if "counts_per_turn" not in joint]
     for k in unsaid:
         text = with_joint(text, k, {"counts_per_turn": args.counts_per_turn})
     if unsaid and not args.quiet:
-        of = ", ".join(map(str, unsaid))
+        joint_text = ", ".join(map(str, unsaid))
         print(
-            f"armd: counts_per_turn of joint {of} is taken as {args.counts_per_turn}"
+            f"armd: counts_per_turn of joint {joint_text} is taken as {args.counts_per_turn}"
             " (--counts-per-turn); it matters on a live arm and for readings in counts"
         )
     if not text.startswith("#"):

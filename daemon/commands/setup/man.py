@@ -20,8 +20,8 @@ def page() -> str:
     """What `armd --help` and `armd COMMAND --help` say."""
     from armd.daemon.cli import installed, parsers
 
-    here = installed()
-    parser, commands = parsers(here)
+    names = installed()
+    parser, commands = parsers(names)
     parts = [
         f'.TH ARMD 1 "" "armd {__version__}" "User commands"',
         f".SH NAME\narmd \\- {_text(str(parser.description))}",
@@ -34,7 +34,7 @@ def page() -> str:
         if name == "simulate":  # a program of its own
             parts.append("See armd simulate \\-\\-help.")
             continue
-        if name not in here:
+        if name not in names:
             parts.append(
                 "Needs packages that are not installed here; it says which when it is run."
             )

@@ -60,14 +60,14 @@ def plan_of(kind: PlanKind, arm: Arm, artefact: Artefact | None, wishes: Wishes)
     if artefact is not None and kind in ("poses", "interim"):  # they go to points with a name
         refuse_surfaces(artefact, "the artefact", "`armd measure`")
     artefact, stations = _MAKERS[kind](arm, artefact, wishes)
-    known = artefact.target_names
+    names = artefact.target_names
     for name in wishes.targets or ():
-        if name not in known:
-            expected = f"targets of the artefact: {', '.join(known[:20])}"
+        if name not in names:
+            expected = f"targets of the artefact: {', '.join(names[:20])}"
             raise BadInput(COMMAND_LINE, "--targets", repr(name), expected)
     if not 0 < len(stations) <= MOST_STATIONS:
-        found = f"{len(stations)} readings"
-        raise BadInput(COMMAND_LINE, "the plan", found, f"1 to {MOST_STATIONS}")
+        problem = f"{len(stations)} readings"
+        raise BadInput(COMMAND_LINE, "the plan", problem, f"1 to {MOST_STATIONS}")
     return Plan(
         kind=kind,
         artefact=artefact,
@@ -109,8 +109,8 @@ def _seats(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
 
 def _artefact(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     assert artefact is not None  # asked for
-    wanted = wishes.targets or artefact.target_names
-    targets = [name for name in wanted if name not in artefact.surface_kinds]
+    names = wishes.targets or artefact.target_names
+    targets = [name for name in names if name not in artefact.surface_kinds]
     count = LEAST_PLACEMENTS if targets else SURFACE_PLACEMENTS
     placements = wishes.placements or [f"P{i + 1}" for i in range(count)]
     positions = {target.name: target.position_mm for target in artefact.targets}
@@ -123,31 +123,31 @@ def _artefact(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
         for placement in placements
         for station in (
             *rounds([placement], targets, wishes.repeats or enough, BALL_HOW),
-            *surface_stations(artefact, placement, wanted, touches),
+            *surface_stations(artefact, placement, names, touches),
         )
     ]
 
 
 def _verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     artefact = _with_points(artefact or seats_artefact(SPAT), wishes.tests or ())
-    made: list[Station] = []
-    wanted = list(wishes.tests or TESTS)
-    for test in wanted:
+    stations: list[Station] = []
+    tests = list(wishes.tests or TESTS)
+    for test in tests:
         if test not in TESTS:
             expected = f"one of {', '.join(TESTS)}"
             raise BadInput(COMMAND_LINE, "--tests", repr(test), expected)
-        found = TESTS[test](artefact.target_names)
-        if wishes.tests and not found:
+        test_stations = TESTS[test](artefact.target_names)
+        if wishes.tests and not test_stations:
             expected = f"the targets of {test} (docs/how-to/verify.md)"
-            shown = ", ".join(artefact.target_names[:8])
-            raise BadInput("the artefact", "target", shown, expected)
-        made += found
+            names = ", ".join(artefact.target_names[:8])
+            raise BadInput("the artefact", "target", names, expected)
+        stations += test_stations
     if not wishes.tests:
-        made += verified_surfaces(artefact)
-    if not made:
+        stations += verified_surfaces(artefact)
+    if not stations:
         expected = "targets whose names say which test they are of (docs/how-to/verify.md)"
         raise BadInput("the artefact", "target", ", ".join(artefact.target_names[:8]), expected)
-    return artefact, made
+    return artefact, stations
 
 
 def _with_points(artefact: Artefact, tests: Sequence[str]) -> Artefact:
@@ -208,20 +208,20 @@ def _interim(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
 def _interim_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     """The check that a history proposes, or a table of it: each pose once, the seats in turn."""
     option = "--poses" if wishes.proposed is None else "--proposed"
-    given = {
+    options = {
         "--artefact": artefact is not None,
         "--repeats": wishes.repeats is not None,
         "--poses": wishes.poses is not None and option == "--proposed",
     }
-    for name, there in given.items():
-        if there:
+    for name, is_given in options.items():
+        if is_given:
             expected = f"one of both: {option} says what is touched and how often"
             raise BadInput(COMMAND_LINE, name, f"it with {option}", expected)
     seats, poses = list(wishes.targets or INTERIM_SEATS), _interim_table(arm, wishes)
-    if len(seats) != (wanted := len(INTERIM_SEATS)):
-        raise BadInput(COMMAND_LINE, "--targets", counted(len(seats), "name"), f"{wanted}: seats")
-    made = seats_artefact(seats)
-    return made, stations_of(poses, made, (wishes.placements or ["1"])[0])
+    if len(seats) != (n_seats := len(INTERIM_SEATS)):
+        raise BadInput(COMMAND_LINE, "--targets", counted(len(seats), "name"), f"{n_seats}: seats")
+    check_artefact = seats_artefact(seats)
+    return check_artefact, stations_of(poses, check_artefact, (wishes.placements or ["1"])[0])
 
 
 def _interim_table(arm: Arm, wishes: Wishes) -> list[Pose]:

@@ -48,16 +48,16 @@ def read_poses(path: Path, n_joints: int, sensors: Sequence[str]) -> list[Pose]:
     missing = [name for name in (*tip, *joints) if name not in (rows.fieldnames or [])]
     if missing:
         raise BadInput(path, "header", f"no column {missing[0]}", "a table of `armd design -o`")
-    found = []
+    poses = []
     for number, row in enumerate(rows, 2):
         x, y, z = (_number(path, number, row, name) for name in tip)
         posture = tuple(_number(path, number, row, name) for name in joints)
         how = how_to(number - 1, row, n_joints, sensors)
         named = (row.get("placement") or "", row.get("target") or "")
-        found.append(Pose((x, y, z), posture, how, *named))
-    if not found:
+        poses.append(Pose((x, y, z), posture, how, *named))
+    if not poses:
         raise BadInput(path, "the file", "no pose", "a table of `armd design -o`")
-    return found
+    return poses
 
 
 def stations_of(poses: Sequence[Pose], artefact: Artefact, placement: str) -> list[Station]:
@@ -67,25 +67,25 @@ def stations_of(poses: Sequence[Pose], artefact: Artefact, placement: str) -> li
     if all(pose.placement and pose.target for pose in poses):
         return _named_stations(poses, artefact)
     names = artefact.target_names
-    known = np.flatnonzero(np.isfinite(artefact.positions_mm()).all(axis=1))
-    targets, where = [names[i % len(names)] for i in range(len(poses))], ""
+    located = np.flatnonzero(np.isfinite(artefact.positions_mm()).all(axis=1))
+    targets, hint = [names[i % len(names)] for i in range(len(poses))], ""
     tips = np.array([pose.tip_mm for pose in poses])
-    if len(known) > 1:
-        local = artefact.positions_mm()[known]
+    if len(located) > 1:
+        local = artefact.positions_mm()[located]
         placed, nearest = _placed(local, tips)
-        targets = [names[known[i]] for i in nearest]
-        ends = [f"{names[known[i]]} near {_in_words(placed[i])}" for i in _far_apart(local)]
-        where = f"; the artefact with {', '.join(ends)}"
-    elif len(names) == 1 or not len(known):
-        own = [tips[i :: len(names)].mean(axis=0) for i in range(min(len(names), len(tips)))]
-        where = "; " + ", ".join(
-            f"{name} near {_in_words(at)}" for name, at in zip(names, own, strict=False)
+        targets = [names[located[i]] for i in nearest]
+        ends = [f"{names[located[i]]} near {_in_words(placed[i])}" for i in _far_apart(local)]
+        hint = f"; the artefact with {', '.join(ends)}"
+    elif len(names) == 1 or not len(located):
+        places = [tips[i :: len(names)].mean(axis=0) for i in range(min(len(names), len(tips)))]
+        hint = "; " + ", ".join(
+            f"{name} near {_in_words(place)}" for name, place in zip(names, places, strict=False)
         )
     return [
         Station(
             placement=placement,
             target=target,
-            how=pose.how + (where if number == 0 else ""),
+            how=pose.how + (hint if number == 0 else ""),
             posture_deg=pose.posture_deg,
         )
         for number, (pose, target) in enumerate(zip(poses, targets, strict=True))
@@ -99,19 +99,19 @@ def _named_stations(poses: Sequence[Pose], artefact: Artefact) -> list[Station]:
         if pose.target not in artefact.target_names:
             expected = f"targets of --artefact: {', '.join(artefact.target_names[:20])}"
             raise BadInput("the table of poses", "target", repr(pose.target), expected)
-        where = ""
+        hint = ""
         if pose.placement not in begun:
             begun.add(pose.placement)
             tips = {p.target: p.tip_mm for p in poses if p.placement == pose.placement}
             local = np.array(list(tips.values()))
-            some = _far_apart(local) if len(tips) > 1 else [0]
-            ends = [f"{list(tips)[i]} near {_in_words(local[i])}" for i in some]
-            where = f"; the artefact with {', '.join(ends)}"
+            corners = _far_apart(local) if len(tips) > 1 else [0]
+            ends = [f"{list(tips)[i]} near {_in_words(local[i])}" for i in corners]
+            hint = f"; the artefact with {', '.join(ends)}"
         stations.append(
             Station(
                 placement=pose.placement,
                 target=pose.target,
-                how=pose.how + where,
+                how=pose.how + hint,
                 posture_deg=pose.posture_deg,
             )
         )
@@ -124,7 +124,7 @@ def _placed(local: F64, tips: F64) -> tuple[F64, I64]:
     points, Besl and McKay 1992)."""
     turns = Rotation.random(TURNS, random_state=0).as_matrix()
     group, weight = np.zeros(len(tips), np.int64), np.ones(len(tips))
-    best, least = (local, np.zeros(len(tips), np.int64)), math.inf
+    best, least_missed = (local, np.zeros(len(tips), np.int64)), math.inf
     for turn in turns:
         placed = (local - local.mean(axis=0)) @ turn.T + tips.mean(axis=0)
         for _ in range(STEPS):
@@ -133,17 +133,17 @@ def _placed(local: F64, tips: F64) -> tuple[F64, I64]:
             placed = local @ rotation[0].T + translation[0]
         away = np.linalg.norm(tips[:, None] - placed, axis=2)
         missed = float((away.min(axis=1) ** 2).sum())
-        if missed < least:
-            best, least = (placed, away.argmin(axis=1)), missed
+        if missed < least_missed:
+            best, least_missed = (placed, away.argmin(axis=1)), missed
     return best
 
 
 def _far_apart(local: F64) -> list[int]:
     """Up to three targets that tell how an artefact stands: the farthest two, and the one farthest
     from these."""
-    apart = np.linalg.norm(local[:, None] - local, axis=2)
-    first, second = np.unravel_index(int(apart.argmax()), apart.shape)
-    third = int(np.minimum(apart[first], apart[second]).argmax())
+    distance_mm = np.linalg.norm(local[:, None] - local, axis=2)
+    first, second = np.unravel_index(int(distance_mm.argmax()), distance_mm.shape)
+    third = int(np.minimum(distance_mm[first], distance_mm[second]).argmax())
     return list(dict.fromkeys([int(first), int(second), third]))
 
 

@@ -46,13 +46,13 @@ def propose(arm: Arm, constants: F64, target_mm: F64 | None, measured: F64, seed
 
 
 def designed(
-    arm: Arm, constants: F64, target_mm: F64 | None, wanted: F64, measured: F64
+    arm: Arm, constants: F64, target_mm: F64 | None, designed_q: F64, measured: F64
 ) -> Proposal:
-    """The posture *wanted* (N,) rad, turned to reach the target where that is known."""
-    q = wanted
+    """The posture *designed_q* (N,) rad, turned to reach the target where that is known."""
+    q = designed_q
     if target_mm is not None:
-        reaching = _solved(arm, constants, target_mm, wanted[None])
-        q = reaching[0] if len(reaching) else wanted
+        reaching = _solved(arm, constants, target_mm, designed_q[None])
+        q = reaching[0] if len(reaching) else designed_q
     return Proposal(q, _beyond(arm, q, measured) if len(measured) else "")
 
 
@@ -63,8 +63,10 @@ def _beyond(arm: Arm, q: F64, measured: F64) -> str:
     j = int(np.argmax(beyond / (high - low)))
     if beyond[j] <= 0:
         return ""
-    least, most = np.degrees([measured[:, j].min(), measured[:, j].max()])
-    return f"joint {j + 1} to about {np.degrees(q[j]):+.0f}°: so far {least:+.0f}° to {most:+.0f}°"
+    lowest, highest = np.degrees([measured[:, j].min(), measured[:, j].max()])
+    return (
+        f"joint {j + 1} to about {np.degrees(q[j]):+.0f}°: so far {lowest:+.0f}° to {highest:+.0f}°"
+    )
 
 
 def _reaching(arm: Arm, constants: F64, target_mm: F64, seed: int) -> F64:
@@ -78,5 +80,5 @@ def _reaching(arm: Arm, constants: F64, target_mm: F64, seed: int) -> F64:
 def _solved(arm: Arm, constants: F64, target_mm: F64, q: F64) -> F64:
     """Of postures *q* (m, N) those that can be turned to reach the target within the limits."""
     solved, reached = solve_postures(arm, constants, target_mm, q)
-    found: F64 = solved[reached]
-    return found
+    solutions: F64 = solved[reached]
+    return solutions

@@ -58,7 +58,7 @@ class Plan(Strict):
     #: Of a sphere that the tip touches from outside (kind tip); None: the tip stands in a seat.
     sphere_mm: float | None = None
 
-    def plain(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """As JSON."""
         return self.model_dump(mode="json", by_alias=True, exclude_defaults=True)
 
@@ -110,11 +110,11 @@ def seats_artefact(names: Sequence[str]) -> Artefact:
     return validate("the seats", {"name": "seats", "target": targets}, Artefact)
 
 
-def parse_plan(where: str, content: object) -> Plan:
+def parse_plan(source: str, content: object) -> Plan:
     """A plan as the log has it; raises `BadInput`."""
     try:
         return Plan.model_validate(content)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in fault["loc"])
-        raise BadInput(where, f"plan.{key}", repr(fault["input"])[:60], fault["msg"]) from error
+        raise BadInput(source, f"plan.{key}", repr(fault["input"])[:60], fault["msg"]) from error

@@ -36,7 +36,7 @@ def surface_stations(
 def verified_surfaces(artefact: Artefact) -> list[Station]:
     """What `armd verify` counts: each sphere in two positions, and the faces of each block."""
     spheres = [surface.name for surface in artefact.surfaces if surface.kind == "sphere"]
-    made = [
+    stations = [
         station
         for position in range(1, SPHERE_POSITIONS + 1)
         for station in surface_stations(artefact, f"SPHERE{position}", spheres, SPHERE_POINTS)
@@ -44,5 +44,5 @@ def verified_surfaces(artefact: Artefact) -> list[Station]:
     planes = {surface.name for surface in artefact.surfaces if surface.kind == "plane"}
     blocks = [d.between for d in artefact.distances if planes.issuperset(d.between)]
     for number, faces in enumerate(blocks, 1):
-        made += surface_stations(artefact, f"BLOCK{number}", faces, FACE_TOUCHES)
-    return made
+        stations += surface_stations(artefact, f"BLOCK{number}", faces, FACE_TOUCHES)
+    return stations

@@ -16,7 +16,7 @@ SEAT_HOW = "the tip in the seat, the arm in another posture than before"
 
 #: Points on a sphere by the test that they are of, as docs/how-to/verify.md counts them.
 SPHERE_POINTS: dict[str, list[str]] = {
-    "probing": [f"SPHERE{where}.{i:02d}" for where in (1, 2) for i in range(1, 26)],
+    "probing": [f"SPHERE{number}.{i:02d}" for number in (1, 2) for i in range(1, 26)],
     "l_dia": [f"LDIA.{k}.{i}" for k in range(1, 6) for i in range(1, 6)],
     "effective_diameter": [f"EFFDIA.{k}.{i}" for k in range(1, 4) for i in range(1, 10)],
 }
@@ -28,9 +28,9 @@ def _starting(names: Sequence[str], prefix: str) -> list[str]:
 
 def _spheres(names: Sequence[str]) -> list[Station]:
     return [
-        Station(placement=where, target=name, how=_on_sphere(name))
-        for where in ("SPHERE1", "SPHERE2")
-        for name in _starting(names, f"{where}.")
+        Station(placement=placement, target=name, how=_on_sphere(name))
+        for placement in ("SPHERE1", "SPHERE2")
+        for name in _starting(names, f"{placement}.")
     ]
 
 
@@ -53,8 +53,8 @@ def _single_points(names: Sequence[str]) -> list[Station]:
     if not set(SPAT) <= set(names):
         return []
     return [
-        Station(placement="SPAT", target=seat, how=f"a seat {where}: {SEAT_HOW}")
-        for seat, where in zip(SPAT, SPAT_WHERE, strict=True)
+        Station(placement="SPAT", target=seat, how=f"a seat {position}: {SEAT_HOW}")
+        for seat, position in zip(SPAT, SPAT_WHERE, strict=True)
         for _ in range(SEAT_READINGS)
     ]
 
@@ -93,5 +93,5 @@ TESTS: dict[str, Callable[[Sequence[str]], list[Station]]] = {
 def _on_sphere(name: str) -> str:
     """Points are numbered from the pole down, ring by ring."""
     number = int(re.sub(r"\D", "", name.rpartition(".")[2]) or "0")
-    where = "at the pole" if number == 1 else "farther down, all around"
-    return f"touch the sphere {where} (docs/how-to/verify.md has the pattern)"
+    region = "at the pole" if number == 1 else "farther down, all around"
+    return f"touch the sphere {region} (docs/how-to/verify.md has the pattern)"

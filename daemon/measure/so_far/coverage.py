@@ -17,8 +17,8 @@ FULL_TURN_DEG = 360.0
 
 def targets_covered(plan: Plan, progress: Progress) -> list[dict[str, Any]]:
     """Each target in each placement of the plan: readings taken and wanted."""
-    wanted = Counter((station.placement, station.target) for station in plan.stations)
-    taken = Counter((reading.placement, reading.target) for reading in progress.readings)
+    planned = Counter((station.placement, station.target) for station in plan.stations)
+    counts = Counter((reading.placement, reading.target) for reading in progress.readings)
     left_out = Counter(
         (plan.stations[i].placement, plan.stations[i].target) for i in progress.skipped
     )
@@ -26,11 +26,11 @@ def targets_covered(plan: Plan, progress: Progress) -> list[dict[str, Any]]:
         {
             "placement": placement,
             "target": target,
-            "done": taken[placement, target],
+            "done": counts[placement, target],
             "wanted": count,
             "left_out": left_out[placement, target],
         }
-        for (placement, target), count in wanted.items()
+        for (placement, target), count in planned.items()
     ]
 
 
@@ -62,8 +62,8 @@ def temperatures_covered(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
     rows = []
     for name in arm.sensors:
         values = [reading.measurement["temperatures_c"].get(name) for reading in progress.readings]
-        known = [value for value in values if value is not None]
-        low, high = (min(known), max(known)) if known else (None, None)
+        measured = [value for value in values if value is not None]
+        low, high = (min(measured), max(measured)) if measured else (None, None)
         rows.append({"sensor": name, "low_c": low, "high_c": high})
     return rows
 

@@ -32,11 +32,11 @@ def estimate(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, 
     return _scatter(plan, progress)
 
 
-def identified(folder: Path, arm: Arm, others: Sequence[Path] = ()) -> dict[str, Any]:
-    """What `armd calibrate` makes of the session in *folder*, with *others*, as it stands: `text`,
-    `enough` and figures. Takes seconds; for a thread of the face's own."""
+def identified(folder: Path, arm: Arm, earlier_sessions: Sequence[Path] = ()) -> dict[str, Any]:
+    """What `armd calibrate` makes of the unfinished session in *folder*, with *earlier_sessions*:
+    `text`, `enough` and figures. Takes seconds; for a thread of the face's own."""
     try:
-        result = calibrate(load_sessions([*others, folder], arm), arm)
+        result = calibrate(load_sessions([*earlier_sessions, folder], arm), arm)
     except BadInput as error:
         text = f"not enough to calibrate yet: found {error.found}, expected {error.expected}"
         return {"text": text, "enough": False}
@@ -64,9 +64,9 @@ def tip_fit(plan: Plan, readings: Sequence[Reading], in_use: MeasuredWith) -> Ti
     """The tip's offset of these readings; raises `ArithmeticError` where they do not tell it."""
     if not readings:
         raise ArithmeticError("no readings")
-    taken = [reading.measurement for reading in readings]
-    rotation = Rotation.from_quat([m["orientation"] for m in taken]).as_matrix()
-    origin = np.array([m["position_mm"] for m in taken]) - rotation @ in_use.offset_mm
+    measurements = [reading.measurement for reading in readings]
+    rotation = Rotation.from_quat([m["orientation"] for m in measurements]).as_matrix()
+    origin = np.array([m["position_mm"] for m in measurements]) - rotation @ in_use.offset_mm
     if plan.sphere_mm is None:
         return fit_in_seat(origin, rotation)
     return fit_on_sphere(origin, rotation, in_use.offset_mm, plan.sphere_mm)
@@ -74,13 +74,15 @@ def tip_fit(plan: Plan, readings: Sequence[Reading], in_use: MeasuredWith) -> Ti
 
 def _tip(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, Any]:
     try:
-        found = tip_fit(plan, progress.readings, in_use)
+        calibrated = tip_fit(plan, progress.readings, in_use)
     except ArithmeticError as error:
         return {"text": f"no tip yet: {error}"}
-    offset = ", ".join(f"{value:.3f}" for value in found.offset_mm)
-    expanded = ", ".join(f"{2 * value:.3f}" for value in found.uncertainty_mm)
-    text = f"offset [{offset}] mm, U = [{expanded}] mm (k = 2), form {found.form_error_mm:.3f} mm"
-    return {"text": text, **found.as_json()}
+    offset = ", ".join(f"{value:.3f}" for value in calibrated.offset_mm)
+    expanded = ", ".join(f"{2 * value:.3f}" for value in calibrated.uncertainty_mm)
+    text = (
+        f"offset [{offset}] mm, U = [{expanded}] mm (k = 2), form {calibrated.form_error_mm:.3f} mm"
+    )
+    return {"text": text, **calibrated.as_json()}
 
 
 def _scatter(plan: Plan, progress: Progress) -> dict[str, Any]:

@@ -45,7 +45,7 @@ class Following:
         if station is None:
             return
         self.whereabouts = _placed(plan, progress, station.placement)
-        self._target_mm = self.whereabouts.of(station.target)
+        self._target_mm = self.whereabouts.get_position(station.target)
         readings = progress.readings
         self._moved = not readings or readings[-1].placement != station.placement
         measured_in = {reading.placement for reading in readings}
@@ -93,5 +93,7 @@ def _placed(plan: Plan, progress: Progress, placement: str) -> Whereabouts:
     for reading in progress.readings:
         if reading.placement == placement:
             points.setdefault(reading.target, []).append(reading.measurement["position_mm"])
-    measured = {name: np.array(seen, dtype=float) for name, seen in points.items()}
+    measured = {
+        name: np.array(target_points, dtype=float) for name, target_points in points.items()
+    }
     return Whereabouts(plan.artefact, measured)

@@ -25,7 +25,7 @@ class Whereabouts:
 
     def __init__(self, artefact: Artefact, measured: Mapping[str, F64]) -> None:
         kinds = artefact.surface_kinds
-        self._seen = {
+        self._positions = {
             name: points.mean(axis=0) for name, points in measured.items() if name not in kinds
         }
         positions = artefact.positions_mm()
@@ -37,12 +37,12 @@ class Whereabouts:
         self._lengths = {
             frozenset(distance.between): distance.length_mm for distance in artefact.distances
         }
-        names = [name for name in self._seen if name in self._certified]
+        names = [name for name in self._positions if name in self._certified]
         self._span = np.zeros((0, 3))  # unit vectors in which the measured ones extend
         if not names:
             return
         local = np.array([self._certified[name] for name in names])
-        base = np.array([self._seen[name] for name in names])
+        base = np.array([self._positions[name] for name in names])
         group, weight = np.zeros(len(names), np.int64), np.ones(len(names))
         rotation, translation = kabsch(local, base, weight, group, 1)
         self._rotation, self._translation = rotation[0], translation[0]
@@ -50,37 +50,37 @@ class Whereabouts:
         _, extent, vectors = np.linalg.svd(local - self._middle, full_matrices=False)
         self._span = vectors[extent > LEAST_SPAN_MM]
 
-    def of(self, target: str) -> F64 | None:
+    def get_position(self, target: str) -> F64 | None:
         """Where a target must be (3,) mm, base frame; None while nobody knows."""
         if target in self._certified:
             return self._placed(self._certified[target])
-        return self._seen.get(target)
+        return self._positions.get(target)
 
-    def seen(self, target: str) -> bool:
+    def is_measured(self, target: str) -> bool:
         """Whether it was measured in this placement."""
-        return target in self._seen
+        return target in self._positions
 
-    def at(self, point_mm: F64, near_mm: float, but: str | None = None) -> str | None:
+    def find_target(self, point_mm: F64, near_mm: float, but: str | None = None) -> str | None:
         """The target that a point belongs to, where that is plain, and not *but*."""
-        found = {
-            name: float(np.linalg.norm(point_mm - where))
-            for name in (*self._certified, *self._seen)
-            if name != but and (where := self.of(name)) is not None
+        distances_mm = {
+            name: float(np.linalg.norm(point_mm - position))
+            for name in (*self._certified, *self._positions)
+            if name != but and (position := self.get_position(name)) is not None
         }
-        if not found:
+        if not distances_mm:
             return None
-        nearest = min(found, key=lambda name: found[name])
-        return nearest if found[nearest] <= near_mm else None
+        nearest = min(distances_mm, key=lambda name: distances_mm[name])
+        return nearest if distances_mm[nearest] <= near_mm else None
 
     def contradiction_mm(self, target: str, point_mm: F64) -> tuple[str, float, float] | None:
         """The measured target whose distance disagrees most: its name, the distance measured and
         the certified one, mm; None where nothing is certified between them."""
         worst: tuple[str, float, float] | None = None
-        for name, seen in self._seen.items():
+        for name, position in self._positions.items():
             certified = self._between(target, name)
             if name == target or certified is None:
                 continue
-            measured = float(np.linalg.norm(point_mm - seen))
+            measured = float(np.linalg.norm(point_mm - position))
             if worst is None or abs(measured - certified) > abs(worst[1] - worst[2]):
                 worst = name, measured, certified
         return worst
@@ -88,36 +88,41 @@ class Whereabouts:
     def culprits(self, target: str, point_mm: F64, near_mm: float) -> list[str]:
         """With *target* at a point: the measured targets each of which alone, were it elsewhere,
         would end every contradiction of certified distances; *target* itself is not listed."""
-        seen = {**self._seen, target: point_mm}
+        positions = {**self._positions, target: point_mm}
         torn = [
             (a, b)
-            for a, b in itertools.combinations(seen, 2)
+            for a, b in itertools.combinations(positions, 2)
             if (certified := self._between(a, b)) is not None
-            and abs(float(np.linalg.norm(seen[a] - seen[b])) - certified) > near_mm
+            and abs(float(np.linalg.norm(positions[a] - positions[b])) - certified) > near_mm
         ]
-        alone = [name for name in self._seen if all(name in pair for pair in torn)]
-        return [name for name in alone if torn and name != target]
+        suspects = [name for name in self._positions if all(name in pair for pair in torn)]
+        return [name for name in suspects if torn and name != target]
 
     def as_far_as(self, point_mm: F64, near_mm: float) -> str | None:
         """The one target not yet measured that is as far from all measured ones as a point is."""
         fitting = []
-        for name in self._certified.keys() - self._seen.keys():
-            certified = {other: self._between(name, other) for other in self._seen}
+        for name in self._certified.keys() - self._positions.keys():
+            certified = {reference: self._between(name, reference) for reference in self._positions}
             away = {
-                other: float(np.linalg.norm(point_mm - self._seen[other])) for other in certified
+                reference: float(np.linalg.norm(point_mm - self._positions[reference]))
+                for reference in certified
             }
-            known = {other: length for other, length in certified.items() if length is not None}
-            if known and all(abs(away[other] - known[other]) <= near_mm for other in known):
+            lengths = {
+                reference: length for reference, length in certified.items() if length is not None
+            }
+            if lengths and all(
+                abs(away[reference] - lengths[reference]) <= near_mm for reference in lengths
+            ):
                 fitting.append(name)
         return fitting[0] if len(fitting) == 1 else None
 
-    def _between(self, one: str, other: str) -> float | None:
-        if one in self._certified and other in self._certified:
-            return float(np.linalg.norm(self._certified[one] - self._certified[other]))
-        return self._lengths.get(frozenset((one, other)))
+    def _between(self, first: str, second: str) -> float | None:
+        if first in self._certified and second in self._certified:
+            return float(np.linalg.norm(self._certified[first] - self._certified[second]))
+        return self._lengths.get(frozenset((first, second)))
 
     def _placed(self, local: F64) -> F64 | None:
-        if not any(name in self._certified for name in self._seen):
+        if not any(name in self._certified for name in self._positions):
             return None
         away = local - self._middle
         if len(self._span) < 2 and np.linalg.norm(away - self._span.T @ (self._span @ away)) > (

@@ -15,7 +15,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import frames
 from armd.daemon import cli
-from armd.daemon.catalogue.known import KNOWN, arm_text, known_arm
+from armd.daemon.catalogue.known_arms import KNOWN, arm_text, known_arm
 from armd.daemon.config import load_config
 from armd.drivers.ports import serial_ports
 

@@ -15,15 +15,15 @@ from armd.daemon.measure.waiting import PATIENCE_S, Waiting
 def test_it_is_said_after_20_s_once_a_wait(trigger, what):
     now = {"s": 0.0}
     waits = Waiting(trigger, lambda: now["s"])
-    assert PATIENCE_S == 20.0 and waits.due() == ""
+    assert PATIENCE_S == 20.0 and waits.take_reminder() == ""
     now["s"] = 20.0
-    assert what in waits.due() and waits.due() == ""
+    assert what in waits.take_reminder() and waits.take_reminder() == ""
     now["s"] = 30.0
     waits.over()
     now["s"] = 49.0
-    assert waits.due() == ""
+    assert waits.take_reminder() == ""
     now["s"] = 50.0
-    assert what in waits.due()
+    assert what in waits.take_reminder()
 
 
 def test_in_the_terminal(command, monkeypatch):  # noqa: F811

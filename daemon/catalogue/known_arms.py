@@ -45,14 +45,14 @@ KNOWN: dict[str, Bus | None] = {
 
 def canonical(name: str) -> str:
     """The table's spelling of *name*, as SO-100; raises `BadInput` for an arm not in it."""
-    found = name.lower().replace("_", "-")
-    plain = {known.replace("-", ""): known for known in KNOWN}
-    found = plain.get(found.replace("-", "").replace(" ", ""), found)
-    if found not in KNOWN:
+    key = name.lower().replace("_", "-")
+    by_letters = {arm.replace("-", ""): arm for arm in KNOWN}
+    key = by_letters.get(key.replace("-", "").replace(" ", ""), key)
+    if key not in KNOWN:
         names = [*KNOWN, "microscribe"]
-        expected = f"one of {', '.join(names)}{did_you_mean(found, names)}"
+        expected = f"one of {', '.join(names)}{did_you_mean(key, names)}"
         raise BadInput("armd arm", "NAME", repr(name), expected)
-    return found
+    return key
 
 
 def arm_text(name: str) -> str:
@@ -78,12 +78,12 @@ def with_serial_number(text: str, serial_number: str) -> str:
 def with_joint(text: str, k: int, values: Mapping[str, float | int]) -> str:
     """*text* with keys of joint *k* (from 1) replaced; a key that is not there is added."""
     head, *joints = re.split(r"(?m)^(?=\[\[joint\]\]$)", text)
-    block, end, rest = joints[k - 1].partition("\n\n")
+    block, end, others_text = joints[k - 1].partition("\n\n")
     for key, value in values.items():
         line = f"{key} = {value!r}"
-        block, found = re.subn(rf"(?m)^{key} = .*$", lambda _, line=line: line, block)
-        block += "" if found else f"\n{line}"
-    joints[k - 1] = block + end + rest
+        block, n_replaced = re.subn(rf"(?m)^{key} = .*$", lambda _, line=line: line, block)
+        block += "" if n_replaced else f"\n{line}"
+    joints[k - 1] = block + end + others_text
     return head + "".join(joints)
 
 

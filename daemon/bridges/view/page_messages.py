@@ -178,10 +178,10 @@ def geometry(info: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> 
         ]
         base, offset = [0.0] * len(BASE_PARAMETERS), tip["offset_mm"]
     else:
-        known = calibration["constants"]
-        rows = [[known.get(f"{name}_{k}", 0.0) for name in JOINT_PARAMETERS] for k in numbers]
-        base = [known.get(name, 0.0) for name in BASE_PARAMETERS]
-        offset = [known.get(name, 0.0) for name in TIP_PARAMETERS]
+        constants = calibration["constants"]
+        rows = [[constants.get(f"{name}_{k}", 0.0) for name in JOINT_PARAMETERS] for k in numbers]
+        base = [constants.get(name, 0.0) for name in BASE_PARAMETERS]
+        offset = [constants.get(name, 0.0) for name in TIP_PARAMETERS]
     radius_mm = tip["radius_mm"]
     chosen = info["configuration"]["tips"].get(info["tip"]) if info["tip"] else None
     if chosen is not None:
