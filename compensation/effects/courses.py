@@ -289,5 +289,5 @@ def swing(candidate: Candidate, amplitudes: F64, parameter: str) -> float:
     total = np.zeros(POINTS)
     for value, factor in own:
         if isinstance(factor, Dated):
-            total += value * factor.at_times(times)
+            total += value * factor.evaluate_at_times(times)
     return float(np.ptp(total))

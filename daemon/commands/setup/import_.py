@@ -155,7 +155,7 @@ def run(args: argparse.Namespace) -> int:
         [] if artefact is None else [target["name"] for target in artefact["target"]],
     )
     found = find_columns(table, arm, given)
-    said = [*table.assumed, *found.said]
+    said = [*table.assumed, *found.remarks]
     if args.lerobot:
         said.append(_from_lerobot(args.lerobot, arm, found, args.prefix))
     if args.servo_zeros:
