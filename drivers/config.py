@@ -77,31 +77,31 @@ class CanConfig(Strict):
         from armd.drivers.can.options import INTERFACES, options_of
 
         if self.interface not in INTERFACES:
-            found, expected = repr(self.interface), f"one of {', '.join(INTERFACES)}"
-            raise _wrong("interface", found, expected)
+            actual, expected = repr(self.interface), f"one of {', '.join(INTERFACES)}"
+            raise _wrong("interface", actual, expected)
         options = options_of(self.interface)
         if options is None:
             return self
-        given = self.model_extra or {}
-        for key in given:
-            if key not in options.known:
+        extra = self.model_extra or {}
+        for key in extra:
+            if key not in options.names:
                 ours = set(type(self).model_fields)
-                near = get_close_matches(key, sorted(ours | options.known), 1, 0.5)
-                hint = f"; {near[0]}?" if near else ""
+                matches = get_close_matches(key, sorted(ours | options.names), 1, 0.5)
+                hint = f"; {matches[0]}?" if matches else ""
                 expected = f"a key of armd or of python-can's {self.interface}{hint}"
                 raise _wrong(key, "an unknown key", expected)
-            if expected := options.expected(key, given[key]):
-                raise _wrong(key, repr(given[key]), expected)
+            if expected := options.expected(key, extra[key]):
+                raise _wrong(key, repr(extra[key]), expected)
         named = set() if self.channel is None else {"channel"}
-        for key in sorted(options.required - set(given) - named):
+        for key in sorted(options.required - set(extra) - named):
             raise _wrong(key, "nothing", f"this key, which python-can's {self.interface} needs")
         return self
 
 
-def _wrong(key: str, found: str, expected: str) -> PydanticCustomError:
+def _wrong(key: str, actual: str, expected: str) -> PydanticCustomError:
     """See `armd.files.schema.KEY_FAULT`."""
     return PydanticCustomError(
-        KEY_FAULT, "{found}", {"key": key, "found": found, "expected": expected}
+        KEY_FAULT, "{found}", {"key": key, "found": actual, "expected": expected}
     )
 
 

@@ -17,7 +17,7 @@ class HostTime:
         """(monotonic_ns, unix_ns)."""
         before = time.monotonic_ns()
         unix = time.time_ns()
-        apart = time.monotonic_ns() - before
-        if apart < TOGETHER_NS:
-            self._unix_minus_monotonic_ns = unix - before - apart // 2
+        took_ns = time.monotonic_ns() - before
+        if took_ns < TOGETHER_NS:
+            self._unix_minus_monotonic_ns = unix - before - took_ns // 2
         return before, before + self._unix_minus_monotonic_ns

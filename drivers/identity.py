@@ -26,10 +26,10 @@ class Expectation:
             faults.append(f"joints: found {n_joints}, expected {self.n_joints}")
         else:
             faults += [
-                f"joint {k} counts per turn: found {found}, expected {expected}"
-                for k, (found, expected) in enumerate(
+                f"joint {k} counts per turn: found {reported}, expected {expected}"
+                for k, (reported, expected) in enumerate(
                     zip(counts_per_turn, self.counts_per_turn, strict=True), start=1
                 )
-                if expected is not None and found != expected
+                if expected is not None and reported != expected
             ]
         return faults

@@ -34,21 +34,21 @@ class JointWatch:
         if not self._last_bad_ns and not bad.any():
             return []
         device_ns, now_ns = int(samples["device_ns"][-1]), int(samples["monotonic_ns"][-1])
-        found = []
+        events = []
         for k in range(1, samples["count"].shape[1] + 1):
             rows = np.flatnonzero((bad >> (k - 1)) & 1)
             if len(rows):
                 if k not in self._last_bad_ns:
                     text = f"{self._name(k)}: {self._trouble}"
-                    found.append(Event(self._kind, text, now_ns, "error", {"joint": k}))
+                    events.append(Event(self._kind, text, now_ns, "error", {"joint": k}))
                 self._last_bad_ns[k] = int(samples["device_ns"][rows[-1]])
             elif k in self._last_bad_ns and not (
                 0 <= device_ns - self._last_bad_ns[k] < GOOD_FOR_NS
             ):
                 del self._last_bad_ns[k]
                 text = f"{self._name(k)} is valid again: {self._over}"
-                found.append(Event("joint_valid", text, now_ns, "info", {"joint": k}))
-        return found
+                events.append(Event("joint_valid", text, now_ns, "info", {"joint": k}))
+        return events
 
     def _name(self, k: int) -> str:
         return self._names[k - 1] if self._names else f"joint {k}"

@@ -71,7 +71,7 @@ class GuardedDriver:
         except ArmdError:
             raise
         except Exception as error:
-            raise ArmdError(f"driver {self._kind}: {_said(error)}") from error
+            raise ArmdError(f"driver {self._kind}: {_describe(error)}") from error
         self._dtype = sample_dtype(expectation.n_joints)
         self._n_sensors = expectation.n_sensors
         self._line = LineHealth(f"driver {config.kind}", 0)
@@ -92,10 +92,10 @@ class GuardedDriver:
 
     @property
     def counters(self) -> dict[str, int]:
-        own: dict[str, int] = self._ask(
+        driver_counters: dict[str, int] = self._ask(
             lambda: {str(k): int(n) for k, n in self._driver.counters.items()}, {}
         )
-        return own | {"reconnects": self._line.reconnects}
+        return driver_counters | {"reconnects": self._line.reconnects}
 
     def open(self) -> None:
         """Nothing yet: `read` opens it, and goes on trying."""
@@ -121,7 +121,7 @@ class GuardedDriver:
         except Exception as error:
             self._log(error)
             self.close()
-            text = f"the driver {self._kind} failed and is opened again: {_said(error)}"
+            text = f"the driver {self._kind} failed and is opened again: {_describe(error)}"
             return self._line.lost(FAILED, text, time.monotonic_ns())
         return self._line.heard(None, items)
 
@@ -152,10 +152,10 @@ class GuardedDriver:
 
     def _log(self, error: Exception) -> None:
         """Where it happened, once: for who wrote the driver."""
-        if (said := _said(error)) not in self._logged:
-            self._logged.add(said)
-            _log.warning("driver %s: %s", self._kind, said, exc_info=error)
+        if (text := _describe(error)) not in self._logged:
+            self._logged.add(text)
+            _log.warning("driver %s: %s", self._kind, text, exc_info=error)
 
 
-def _said(error: Exception) -> str:
+def _describe(error: Exception) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"

@@ -209,8 +209,10 @@ def check_places(options: argparse.Namespace) -> None:
     if options.link is not None:
         check_folder(options.link.parent)
         if os.path.lexists(options.link) and not options.link.is_symlink():
-            found = "no symbolic link"
-            raise BadInput(options.link, "--link", found, "nothing, or a link that may be replaced")
+            actual = "no symbolic link"
+            raise BadInput(
+                options.link, "--link", actual, "nothing, or a link that may be replaced"
+            )
 
 
 def check_twin(options: argparse.Namespace) -> None:

@@ -129,7 +129,7 @@ class Corrector(Displayed):
         if not is_recorded(header) and (twice := sorted(set(added) & set(header))):
             raise BadInput(path, f"column {twice[0]}", "it already", "a table without it")
         corrector = FileCorrector(self._arm, self._calibration, self._unit, self._started_unix_s)
-        numbers = cast_columns(path, readings, corrector.wanted(header))
+        numbers = cast_columns(path, readings, corrector.select_columns(header))
         readings = drop_published(readings, corrector.identity)
 
         def take_pieces() -> Iterator[Taken]:

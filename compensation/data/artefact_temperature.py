@@ -11,28 +11,28 @@ from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm
 
 
-def told_of_artefact(sessions: Sequence[Session], arm: Arm) -> list[str]:
+def report_artefact_temperature(sessions: Sequence[Session], arm: Arm) -> list[str]:
     """A sentence for each session with `artefact_c` in some rows only, and one for each artefact
     that expands and has none in any row of a session."""
-    told = []
+    remarks = []
     for session in sessions:
-        known = int(np.isfinite(session.artefact_c).sum())
-        if 0 < known < session.n:
-            told.append(
-                f"{session.name}: artefact_c in {known} of {session.n} rows; a row without has the "
-                "last one before it."
+        n_known = int(np.isfinite(session.artefact_c).sum())
+        if 0 < n_known < session.n:
+            remarks.append(
+                f"{session.name}: artefact_c in {n_known} of {session.n} rows; a row without has "
+                "the last one before it."
             )
     without = [
         s for s in sessions if s.artefact.expansion_per_k and not np.isfinite(s.artefact_c).any()
     ]
     without.sort(key=lambda session: session.artefact.name)
-    for name, of in itertools.groupby(without, key=lambda session: session.artefact.name):
-        alike = list(of)
-        told.append(
+    for name, group in itertools.groupby(without, key=lambda session: session.artefact.name):
+        alike = list(group)
+        remarks.append(
             f"No artefact_c ({', '.join(s.name for s in alike)}): {name} is taken to be at "
             f"{alike[0].artefact.reference_temperature_c:g} °C{_at_stake(alike, arm)}."
         )
-    return told
+    return remarks
 
 
 def _at_stake(sessions: Sequence[Session], arm: Arm) -> str:

@@ -40,9 +40,9 @@ def reachable_k(seconds: F64) -> F64:
 
 def _jumps(value: F64, time: F64) -> I64:
     """Where (from 0) readings stand that the one before does not lead to."""
-    far = np.flatnonzero(np.abs(np.diff(value)) > LEAST_K)  # no less is impossible
-    reach_k = reachable_k(time[far + 1] - time[far])
-    jumps: I64 = far[np.abs(value[far + 1] - value[far]) > reach_k] + 1
+    steps = np.flatnonzero(np.abs(np.diff(value)) > LEAST_K)  # no less is impossible
+    reach_k = reachable_k(time[steps + 1] - time[steps])
+    jumps: I64 = steps[np.abs(value[steps + 1] - value[steps]) > reach_k] + 1
     return jumps
 
 
@@ -79,20 +79,20 @@ class SensorHeat:
         bad = np.zeros(len(celsius), dtype=bool)
         if not len(celsius):
             return bad
-        known: I64 | slice = slice(None)
+        finite: I64 | slice = slice(None)
         span_k = float(celsius.max() - celsius.min())
         if not math.isfinite(span_k):
-            known = np.flatnonzero(np.isfinite(celsius))
-            if not len(known):
+            finite = np.flatnonzero(np.isfinite(celsius))
+            if not len(finite):
                 return bad
-        value, time = celsius[known], time_s[known]
+        value, time = celsius[finite], time_s[finite]
         jumps = [] if span_k <= NO_JUMP_K else _jumps(value, time).tolist()
         edges = [0, *jumps, len(value)]
         owners = [self._extend(value[a:b], time[a:b]) for a, b in itertools.pairwise(edges)]
         believed = max(self._histories, key=lambda h: (h.n, -abs(h.last_c - self._usual_c)))
         if len(owners) == 1 and owners[0] is believed:
             return bad
-        bad[known] = np.repeat([owner is not believed for owner in owners], np.diff(edges))
+        bad[finite] = np.repeat([owner is not believed for owner in owners], np.diff(edges))
         return bad
 
     def _extend(self, value: F64, time: F64) -> History:
@@ -102,8 +102,10 @@ class SensorHeat:
         history = max(before, key=lambda h: h.n) if before else History(first_c, first_s)
         history.last_c, history.last_s = float(value[-1]), float(time[-1])
         history.n += len(value)
-        rest = sorted((h for h in self._histories if h is not history), key=lambda h: -h.n)
-        self._histories = [*rest[: MOST_HISTORIES - 1], history]
+        other_histories = sorted(
+            (h for h in self._histories if h is not history), key=lambda h: -h.n
+        )
+        self._histories = [*other_histories[: MOST_HISTORIES - 1], history]
         return history
 
 

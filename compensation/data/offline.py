@@ -113,12 +113,12 @@ class Corrector:
         #: sentences: what was read and does not count as it stands
         self.remarks: list[str] = []
 
-    def wanted(self, header: Collection[str]) -> dict[str, pa.DataType]:
+    def select_columns(self, header: Collection[str]) -> dict[str, pa.DataType]:
         """The columns that are asked for of a table with these, and what they hold."""
-        wanted: dict[str, pa.DataType] = {
+        types: dict[str, pa.DataType] = {
             name: pa.float64() for name in self.columns if name in header
         }
-        return wanted | (RECORDED_TYPES if is_recorded(header) else {})
+        return types | (RECORDED_TYPES if is_recorded(header) else {})
 
     def take(self, readings: Readings) -> Taken:
         """The next readings of the file, checked."""
@@ -163,27 +163,27 @@ class Corrector:
         self.remarks += report_open_turns([turned], self._arm)[0]
 
     def correct(
-        self, taken: Taken, *, uncertainty: bool = True
+        self, batch: Taken, *, uncertainty: bool = True
     ) -> tuple[F64, npt.NDArray[np.uint32]]:
         """Positions and their standard uncertainties (n, 6) mm, or positions (n, 3); flags (n,).
 
         NaN where an angle is missing or a number overflows, in the whole row; uncertainties also
         where the calibration states none.
         """
-        states = taken.states
+        states = batch.states
         # Once, as the compiled functions want it; each of them would do it otherwise.
         ordered = replace(states, q=np.ascontiguousarray(states.q))
-        figures = judged = self._model.position_rows(ordered, taken.slow)
+        figures = judged = self._model.position_rows(ordered, batch.slow)
         if uncertainty:
-            figures = np.hstack([judged, self._model.uncertainty_rows(ordered, taken.slow)])
+            figures = np.hstack([judged, self._model.uncertainty_rows(ordered, batch.slow)])
             if self._model.states_uncertainty:
                 judged = figures
         if math.isfinite(judged.sum()):  # of a missing angle comes no position
             invalid = np.zeros(states.n, bool)
         else:
             invalid = np.logical_or.reduce(~np.isfinite(judged), axis=1)
-        if taken.published is not None:  # a point that was withheld stays so
-            invalid |= (taken.published & np.uint32(Flag.INVALID)) != 0
+        if batch.published is not None:  # a point that was withheld stays so
+            invalid |= (batch.published & np.uint32(Flag.INVALID)) != 0
         if invalid.any():
             figures[invalid] = np.nan
 
@@ -194,12 +194,12 @@ class Corrector:
         low, high = self._low + END_STOP_RAD, self._high - END_STOP_RAD
         near_end = _beyond(states.q, low, high, range(len(low)))
         flags = np.full(states.n, int(self._always), np.uint32)
-        if taken.published is not None:
-            flags |= taken.published
+        if batch.published is not None:
+            flags |= batch.published
         for flag, rows in (
             (Flag.INVALID, invalid),
             (Flag.TEMPERATURE_RANGE, outside),
-            (Flag.TEMPERATURE_STALE, taken.stale),
+            (Flag.TEMPERATURE_STALE, batch.stale),
             (Flag.END_STOP, near_end),
         ):
             if rows.any():
@@ -242,20 +242,20 @@ class Corrector:
         if len(measured_c) and not np.isnan(measured_c.min(initial=0.0)):
             self._held_c = measured_c[-1].copy()
             return measured_c
-        held = np.vstack([self._held_c, measured_c])
-        for column in held.T:
+        filled_c = np.vstack([self._held_c, measured_c])
+        for column in filled_c.T:
             last = np.maximum.accumulate(np.where(np.isnan(column), 0, np.arange(len(column))))
             column[:] = column[last]
-        self._held_c = held[-1].copy()
-        return held[1:]
+        self._held_c = filled_c[-1].copy()
+        return filled_c[1:]
 
     def _time_s(self, readings: Readings) -> F64:
         if not self._needs_time:
             return self._same(readings.n, 0.0)
         if self._needs_date and self._started_unix_s is None:
-            found = "nothing"
+            actual = "nothing"
             expected = "an instant: the calibration has terms that depend on the date"
-            raise BadInput(readings.path, "--started", found, expected)
+            raise BadInput(readings.path, "--started", actual, expected)
         return readings.required("time_s") + (self._started_unix_s or 0.0)
 
 

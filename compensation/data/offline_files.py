@@ -44,13 +44,13 @@ def correct_file(
     twice = [] if is_recorded(header) else sorted(set(COLUMNS) & set(header))
     if target.suffix == ".parquet" and twice:
         raise BadInput(source, f"column {twice[0]}", "it already", "a table without it")
-    wanted = corrector.wanted(header)
+    types = corrector.select_columns(header)
     n = 0
     with whole_file(target) as part:
         if csv_source:
-            pieces = _csv_pieces(source, part, header, wanted, corrector)
+            pieces = _csv_pieces(source, part, header, types, corrector)
         else:
-            pieces = _parquet_pieces(source, part, target.suffix, wanted, corrector)
+            pieces = _parquet_pieces(source, part, target.suffix, types, corrector)
         for n, share in pieces:  # noqa: B007 (the last one counts)
             progress(share)
         corrector.ended(source)
@@ -63,7 +63,7 @@ def _csv_pieces(
     source: Path,
     part: Path,
     header: list[str],
-    wanted: dict[str, pa.DataType],
+    types: dict[str, pa.DataType],
     corrector: Corrector,
 ) -> Iterator[tuple[int, float]]:
     """Yields the number of rows and the share of the file done so far."""
@@ -73,16 +73,16 @@ def _csv_pieces(
         names = lines.readline().rstrip(b"\r\n")
         out.write(names + b"," + ",".join(COLUMNS).encode() + b"\n")
 
-        def taken() -> Iterator[tuple[list[bytes], Taken, int]]:
+        def take_pieces() -> Iterator[tuple[list[bytes], Taken, int]]:
             begun = 0
             for piece in line_pieces(source, lines):
                 rows = [line for line in piece if line.strip()]  # a blank line is no row
                 if not rows:
                     continue
-                table = parse_csv(source, io.BytesIO(b"\n".join(rows) + b"\n"), header, wanted)
+                table = parse_csv(source, io.BytesIO(b"\n".join(rows) + b"\n"), header, types)
                 if len(table) != len(rows):
-                    found = "a line break inside a value"
-                    raise BadInput(source, f"after row {begun}", found, "one line per row")
+                    actual = "a line break inside a value"
+                    raise BadInput(source, f"after row {begun}", actual, "one line per row")
                 new = corrector.take(Readings(source, header, table, begun))
                 begun += len(rows)
                 yield rows, new, lines.tell()
@@ -94,7 +94,7 @@ def _csv_pieces(
             pa.csv.write_csv(make_point_columns(*corrector.correct(new)), text, options)
             return rows, text.getvalue().to_pybytes(), end
 
-        for rows, text, end in in_order(written, taken()):
+        for rows, text, end in in_order(written, take_pieces()):
             added = text.splitlines(keepends=True)
             out.writelines(
                 old.rstrip(b"\r") + b"," + new for old, new in zip(rows, added, strict=True)
@@ -104,21 +104,21 @@ def _csv_pieces(
 
 
 def _parquet_pieces(
-    source: Path, part: Path, suffix: str, wanted: dict[str, pa.DataType], corrector: Corrector
+    source: Path, part: Path, suffix: str, types: dict[str, pa.DataType], corrector: Corrector
 ) -> Iterator[tuple[int, float]]:
     """Yields the number of rows and the share of the file done so far."""
     done = 0
     with open_parquet(source) as file:
         old = file.schema_arrow
         added = [(name, pa.float64()) for name in COLUMNS[:-1]] + [(COLUMNS[-1], pa.uint32())]
-        kept = drop_published(old.empty_table(), corrector.identity).schema
-        schema = pa.schema([*kept, *pa.schema(added)])
+        unpublished = drop_published(old.empty_table(), corrector.identity).schema
+        schema = pa.schema([*unpublished, *pa.schema(added)])
 
-        def taken() -> Iterator[tuple[pa.Table, Taken]]:
+        def take_pieces() -> Iterator[tuple[pa.Table, Taken]]:
             begun = 0
             for table in parquet_pieces(source, file):
-                asked = cast_columns(source, table, wanted)
-                yield table, corrector.take(Readings(source, old.names, asked, begun))
+                cast = cast_columns(source, table, types)
+                yield table, corrector.take(Readings(source, old.names, cast, begun))
                 begun += len(table)
 
         def corrected(piece: tuple[pa.Table, Taken]) -> pa.Table:
@@ -129,7 +129,7 @@ def _parquet_pieces(
 
         with table_writer(source, part, suffix, schema) as out:
             group: list[pa.Table] = []
-            for table in in_order(corrected, taken()):
+            for table in in_order(corrected, take_pieces()):
                 group.append(table)
                 if sum(map(len, group)) >= GROUP_ROWS:
                     write_group(source, out, group)

@@ -20,24 +20,24 @@ def orientations(readings: Readings) -> F64 | None:
     `qx, qy, qz, qw`, or URDF's roll, pitch and yaw in degrees: Rz(yaw)·Ry(pitch)·Rx(roll). None
     without such columns; raises `BadInput`.
     """
-    given = [names for names in (QUATERNION, ROLL_PITCH_YAW) if any(map(readings.has, names))]
-    if not given:
+    groups = [names for names in (QUATERNION, ROLL_PITCH_YAW) if any(map(readings.has, names))]
+    if not groups:
         return None
-    if len(given) > 1:
-        found = f"{QUATERNION[0]} … and {ROLL_PITCH_YAW[0]} …"
-        raise BadInput(readings.path, "the header", found, "one of them: a quaternion or angles")
-    (names,) = given
+    if len(groups) > 1:
+        actual = f"{QUATERNION[0]} … and {ROLL_PITCH_YAW[0]} …"
+        raise BadInput(readings.path, "the header", actual, "one of them: a quaternion or angles")
+    (names,) = groups
     values = np.column_stack([readings.number(name) for name in names])
     missing = np.isnan(values)
     for i, name in enumerate(names):
         partly = missing[:, i] & ~missing.all(axis=1)
         readings.refuse(partly, name, values[:, i], "a number, as in the other columns")
-    known: Mask = ~np.any(missing, axis=1)
+    complete: Mask = ~np.any(missing, axis=1)
     turns = np.full((readings.n, 3, 3), np.nan)
     if names == QUATERNION:
         length = np.linalg.norm(values, axis=1)
         readings.refuse(np.abs(length - 1.0) > MOST_OFF, names[0], length, "a length of 1")
-        turns[known] = Rotation.from_quat(values[known]).as_matrix()
+        turns[complete] = Rotation.from_quat(values[complete]).as_matrix()
     else:
-        turns[known] = Rotation.from_euler("xyz", values[known], degrees=True).as_matrix()
+        turns[complete] = Rotation.from_euler("xyz", values[complete], degrees=True).as_matrix()
     return turns

@@ -15,8 +15,8 @@ MOST_NAMED = 5
 
 def overflowed(position_mm: F64) -> Mask:
     """Return which rows (n,) of positions (n, 3) are not finite, or too far to be squared."""
-    near: Mask = np.all(np.abs(position_mm) < FARTHEST_MM, axis=1)
-    return ~near
+    in_range: Mask = np.all(np.abs(position_mm) < FARTHEST_MM, axis=1)
+    return ~in_range
 
 
 def refuse_overflow(session: str, row: I64, overflow: Mask) -> None:

@@ -33,10 +33,10 @@ PIECE_ROWS = 1 << 14
 def reading_pieces(path: Path, numbers: list[str], texts: list[str]) -> Iterator[Readings]:
     """What `load_readings` gives, in pieces that follow each other, none of them empty."""
     header = read_header(path)
-    wanted = wanted_columns(header, numbers, texts)
+    types = wanted_columns(header, numbers, texts)
     done = 0
     tables = _csv_tables if path.suffix == ".csv" else _parquet_tables
-    for table in tables(path, header, wanted):
+    for table in tables(path, header, types):
         if table.num_rows:
             yield Readings(path, header, table, done)
             done += table.num_rows
@@ -46,26 +46,24 @@ def reading_pieces(path: Path, numbers: list[str], texts: list[str]) -> Iterator
         raise without_readings(path)
 
 
-def _csv_tables(
-    path: Path, header: list[str], wanted: dict[str, pa.DataType]
-) -> Iterator[pa.Table]:
+def _csv_tables(path: Path, header: list[str], types: dict[str, pa.DataType]) -> Iterator[pa.Table]:
     options = pa.csv.ReadOptions(column_names=header, skip_rows=1, block_size=PIECE_BYTES)
     try:
         with pa.csv.open_csv(
-            path, read_options=options, convert_options=convert_options(wanted)
+            path, read_options=options, convert_options=convert_options(types)
         ) as batches:
             for batch in batches:
                 yield pa.Table.from_batches([batch])
     except pa.ArrowInvalid as error:
-        raise explain(path, header, wanted, error) from error
+        raise explain(path, header, types, error) from error
 
 
 def _parquet_tables(
-    path: Path, header: list[str], wanted: dict[str, pa.DataType]
+    path: Path, header: list[str], types: dict[str, pa.DataType]
 ) -> Iterator[pa.Table]:
     with open_parquet(path) as file:
-        for table in parquet_pieces(path, file, [name for name in header if name in wanted]):
-            yield cast_columns(path, table, wanted)
+        for table in parquet_pieces(path, file, [name for name in header if name in types]):
+            yield cast_columns(path, table, types)
 
 
 def open_parquet(path: Path) -> pa.parquet.ParquetFile:

@@ -54,8 +54,8 @@ class Readings:
         """As `number`, for a caller that holds the column against bounds of its own."""
         self._must_have(name)
         column = self.table[name]  # combining would copy what is one chunk already
-        whole = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
-        numbers: F64 = np.asarray(whole.to_numpy(zero_copy_only=False), dtype=np.float64)
+        chunk = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
+        numbers: F64 = np.asarray(chunk.to_numpy(zero_copy_only=False), dtype=np.float64)
         return numbers
 
     def number(self, name: str) -> F64:
@@ -96,10 +96,10 @@ class Readings:
                 raise self.fault(row, name, f"the character {hidden}", "a name that can be read")
         return indices, names
 
-    def fault(self, row: int, column: str, found: str, expected: str) -> BadInput:
+    def fault(self, row: int, column: str, actual: str, expected: str) -> BadInput:
         """What is wrong with one cell; *row* counts from 0, people count from 1."""
-        where = f"{row_in_words(self.path, row + self.first_row)}, column {column}"
-        return BadInput(self.path, where, found, expected)
+        location = f"{row_in_words(self.path, row + self.first_row)}, column {column}"
+        return BadInput(self.path, location, actual, expected)
 
     def refuse(self, bad: Mask, column: str, values: F64, expected: str) -> None:
         """Raise the fault of the first row that is *bad* (n,), if any."""
@@ -108,9 +108,9 @@ class Readings:
 
     def _must_have(self, name: str) -> None:
         if not self.has(name):
-            meant = did_you_mean(name, self.header).replace("did you mean", "is it")
-            found = "no such column" if meant else f"no such column among {few(self.header)}"
-            raise BadInput(self.path, f"column {name}", found, f"this column{meant}")
+            suggestion = did_you_mean(name, self.header).replace("did you mean", "is it")
+            actual = "no such column" if suggestion else f"no such column among {few(self.header)}"
+            raise BadInput(self.path, f"column {name}", actual, f"this column{suggestion}")
 
 
 def row_in_words(path: Path, row: int) -> str:
@@ -122,13 +122,13 @@ def row_in_words(path: Path, row: int) -> str:
 def load_readings(path: Path, numbers: list[str], texts: list[str]) -> Readings:
     """Read those of the named columns that *path* has; raises `BadInput` naming row and column."""
     header = read_header(path)
-    wanted = wanted_columns(header, numbers, texts)
+    types = wanted_columns(header, numbers, texts)
     if path.suffix == ".csv":
-        table = parse_csv(path, path, header, wanted)
+        table = parse_csv(path, path, header, types)
         check_quotes(path, table.num_rows)
     else:
-        table = _parquet_table(path, [name for name in header if name in wanted])
-        table = cast_columns(path, table, wanted)
+        table = _parquet_table(path, [name for name in header if name in types])
+        table = cast_columns(path, table, types)
     if table.num_rows == 0:
         raise without_readings(path)
     return Readings(path, header, table)
@@ -138,8 +138,8 @@ def wanted_columns(
     header: list[str], numbers: list[str], texts: list[str]
 ) -> dict[str, pa.DataType]:
     """Those of the named columns that there are, and what they hold."""
-    wanted = {name: pa.float64() for name in numbers if name in header}
-    return wanted | {name: pa.string() for name in texts if name in header}
+    types = {name: pa.float64() for name in numbers if name in header}
+    return types | {name: pa.string() for name in texts if name in header}
 
 
 def without_readings(path: Path) -> BadInput:
@@ -176,7 +176,7 @@ def _csv_header(path: Path) -> list[str]:
 
 
 def parse_csv(
-    path: Path, source: Path | io.BytesIO, header: list[str], wanted: dict[str, pa.DataType]
+    path: Path, source: Path | io.BytesIO, header: list[str], types: dict[str, pa.DataType]
 ) -> pa.Table:
     """The wanted columns of *source*: the file *path*, header and all, or rows out of it."""
     try:
@@ -185,36 +185,38 @@ def parse_csv(
             read_options=pa.csv.ReadOptions(
                 column_names=header, skip_rows=0 if isinstance(source, io.BytesIO) else 1
             ),
-            convert_options=convert_options(wanted),
+            convert_options=convert_options(types),
         )
     except pa.ArrowInvalid as error:
-        raise explain(path, header, wanted, error) from error
+        raise explain(path, header, types, error) from error
 
 
-def convert_options(wanted: dict[str, pa.DataType]) -> pa.csv.ConvertOptions:
+def convert_options(types: dict[str, pa.DataType]) -> pa.csv.ConvertOptions:
     """How Arrow is to take the wanted columns of a CSV file, and no others."""
     return pa.csv.ConvertOptions(
-        column_types=wanted,
-        include_columns=list(wanted),
+        column_types=types,
+        include_columns=list(types),
         null_values=list(MISSING),
         strings_can_be_null=False,
     )
 
 
 def explain(
-    path: Path, header: list[str], wanted: dict[str, pa.DataType], error: pa.ArrowInvalid
+    path: Path, header: list[str], types: dict[str, pa.DataType], error: pa.ArrowInvalid
 ) -> BadInput:
     """Find the cell (or ragged row) at fault by reading the file as text."""
     rows = csv.reader(_lines(path))
     try:
         next(rows)
         for i, row in enumerate((row for row in rows if row), 1):
-            where = f"row {i} (line {rows.line_num})"
+            location = f"row {i} (line {rows.line_num})"
             if len(row) != len(header):
-                return BadInput(path, where, f"{len(row)} columns", f"{len(header)}")
+                return BadInput(path, location, f"{len(row)} columns", f"{len(header)}")
             for name, cell in zip(header, row, strict=True):
-                if wanted.get(name) == pa.float64() and not _is_number(cell):
-                    return BadInput(path, f"{where}, column {name}", _shown(cell), "a number")
+                if types.get(name) == pa.float64() and not _is_number(cell):
+                    return BadInput(
+                        path, f"{location}, column {name}", _abbreviate(cell), "a number"
+                    )
     except csv.Error as fault:
         return BadInput(path, f"line {rows.line_num}", str(fault), "a row of a CSV table")
     return BadInput(path, "the file", str(error), "a CSV table")
@@ -232,8 +234,8 @@ def check_quotes(path: Path, rows: int) -> None:
         for _ in table:
             pass
     except csv.Error as fault:
-        where = f"line {table.line_num}"
-        raise BadInput(path, where, str(fault), "every quotation mark closed") from fault
+        location = f"line {table.line_num}"
+        raise BadInput(path, location, str(fault), "every quotation mark closed") from fault
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -249,7 +251,7 @@ def _lines(path: Path) -> Iterator[str]:
             yield line
 
 
-def _shown(cell: str) -> str:
+def _abbreviate(cell: str) -> str:
     return repr(cell if len(cell) <= 80 else cell[:77] + "...")
 
 
@@ -281,17 +283,17 @@ def not_parquet(path: Path, error: Exception) -> BadInput:
     return BadInput(path, "the file", " ".join(str(error).split()), "a Parquet table")
 
 
-def cast_columns(path: Path, table: pa.Table, wanted: dict[str, pa.DataType]) -> pa.Table:
+def cast_columns(path: Path, table: pa.Table, types: dict[str, pa.DataType]) -> pa.Table:
     """The wanted columns of *table*, in their wanted types."""
-    table = table.select([name for name in table.column_names if name in wanted])
+    table = table.select([name for name in table.column_names if name in types])
     for i, name in enumerate(table.column_names):
         kind = table[name].type
         if pa.types.is_boolean(kind):  # Arrow casts it: a true angle were 1 rad
-            raise BadInput(path, f"column {name}", str(kind), str(wanted[name]))
+            raise BadInput(path, f"column {name}", str(kind), str(types[name]))
         try:
-            table = table.set_column(i, name, table[name].cast(wanted[name]))
+            table = table.set_column(i, name, table[name].cast(types[name]))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
-            raise BadInput(path, f"column {name}", str(kind), str(wanted[name])) from error
+            raise BadInput(path, f"column {name}", str(kind), str(types[name])) from error
     return table
 
 

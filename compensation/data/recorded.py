@@ -48,10 +48,10 @@ def drop_published(table: pa.Table, identity: int) -> pa.Table:
     its calibration (0: none); any other table as it is."""
     if not is_recorded(table.column_names):
         return table
-    kept = table.select([name for name in table.column_names if name not in REPLACED])
-    place = kept.column_names.index(CALIBRATION)
-    again = pa.array(np.full(len(kept), identity, np.uint64))
-    return kept.set_column(place, CALIBRATION, again)
+    unpublished = table.select([name for name in table.column_names if name not in REPLACED])
+    place = unpublished.column_names.index(CALIBRATION)
+    again = pa.array(np.full(len(unpublished), identity, np.uint64))
+    return unpublished.set_column(place, CALIBRATION, again)
 
 
 def instants_s(readings: Readings) -> F64:

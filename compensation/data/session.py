@@ -87,28 +87,28 @@ class Session:
         those before the first have the first. At the reference, it would be another artefact's.
         """
         rise = self.artefact_c - self.artefact.reference_temperature_c
-        known = np.flatnonzero(np.isfinite(rise))
+        finite = np.flatnonzero(np.isfinite(rise))
         before = self.artefact_before_c - self.artefact.reference_temperature_c
-        if not len(known):
+        if not len(finite):
             return np.full(self.n, np.nan_to_num(before))
-        last = np.searchsorted(known, np.arange(self.n), side="right") - 1
-        filled = rise[known[np.maximum(last, 0)]]
+        last = np.searchsorted(finite, np.arange(self.n), side="right") - 1
+        filled = rise[finite[np.maximum(last, 0)]]
         if np.isfinite(before):
             filled[last < 0] = before
         return filled
 
-    def rows(self, kept: Mask | I64) -> Session:
+    def rows(self, chosen: Mask | I64) -> Session:
         """The chosen rows only."""
         return replace(
             self,
-            states=self.states.rows(kept),
-            placement=self.placement[kept],
-            target=self.target[kept],
-            truth_mm=self.truth_mm[kept],
-            artefact_c=self.artefact_c[kept],
-            row=self.row[kept],
-            reflector=None if self.reflector is None else self.reflector[kept],
-            turn=None if self.turn is None else self.turn[kept],
+            states=self.states.rows(chosen),
+            placement=self.placement[chosen],
+            target=self.target[chosen],
+            truth_mm=self.truth_mm[chosen],
+            artefact_c=self.artefact_c[chosen],
+            row=self.row[chosen],
+            reflector=None if self.reflector is None else self.reflector[chosen],
+            turn=None if self.turn is None else self.turn[chosen],
         )
 
     def row_in_words(self, i: int) -> str:
@@ -156,21 +156,23 @@ def report_turns(
     sessions: Sequence[Session], arm: Arm, besides: Sequence[Session] = ()
 ) -> list[Session]:
     """The sessions, with remarks on joints whose turn no limit decides."""
-    known = [AngleRange.of(session.name, session.states.q) for session in (*sessions, *besides)]
+    ranges = [
+        AngleRange.from_angles(session.name, session.states.q) for session in (*sessions, *besides)
+    ]
     return [
         replace(session, remarks=(*session.remarks, *remarks))
-        for session, remarks in zip(sessions, report_open_turns(known, arm), strict=False)
+        for session, remarks in zip(sessions, report_open_turns(ranges, arm), strict=False)
     ]
 
 
 def check_once(paths: Sequence[str | Path], besides: Sequence[Session] = ()) -> None:
     """Raises `BadInput` at a session that is given twice, or that is one of *besides*."""
-    seen = {os.path.realpath(session.path) for session in besides}
+    real_paths = {os.path.realpath(session.path) for session in besides}
     for path in map(Path, paths):
         real = os.path.realpath(path)  # of a link that leads back to itself, too
-        if real in seen:
+        if real in real_paths:
             raise BadInput(path, "the session", "given twice", "every session once")
-        seen.add(real)
+        real_paths.add(real)
 
 
 def load_session(path: str | Path, arm: Arm) -> Session:
@@ -252,9 +254,9 @@ def _session(
     """*placements*: names of earlier rows and their numbers; new ones are added to it. *celsius*:
     what the sensors read in earlier rows."""
     numbers = number_columns(arm)
-    own, names = readings.names("placement")
+    codes, names = readings.names("placement")
     numbered = [placements.setdefault(name, len(placements)) for name in names]
-    placement = np.array(numbered, dtype=np.int64)[own]
+    placement = np.array(numbered, dtype=np.int64)[codes]
     artefact = file.artefact.with_documented(readings.names("target")[1])
     time_s = times(readings)
     q, turns = fold_turns(angles(readings, arm, file.angle_unit), arm)
@@ -288,18 +290,18 @@ def _session(
         turn=orientations(readings),
         reflector=reflector,
         reflector_names=tuple(reflectors),
-        offset_mm={one.name: one.offset_mm for one in file.reflectors},
+        offset_mm={entry.name: entry.offset_mm for entry in file.reflectors},
     )
 
 
 def _targets(readings: Readings, artefact: Artefact) -> I64:
     codes, names = readings.names("target")
-    known = {name: i for i, name in enumerate(artefact.target_names)}
+    index_of = {name: i for i, name in enumerate(artefact.target_names)}
     for code, name in enumerate(names):
-        if name not in known:
+        if name not in index_of:
             row = int(np.argmax(codes == code))
-            expected = f"a target of the artefact{hint(name, known)}"
-            if not known:
+            expected = f"a target of the artefact{hint(name, index_of)}"
+            if not index_of:
                 expected = "a [[artefact.target]] of this name in session.toml"
             raise readings.fault(row, "target", repr(name), expected)
-    return np.array([known[name] for name in names], dtype=np.int64)[codes]
+    return np.array([index_of[name] for name in names], dtype=np.int64)[codes]

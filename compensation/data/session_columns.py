@@ -83,7 +83,7 @@ class LikeRadians:
         self._unit = unit
         turns = [360.0 if unit == "deg" else float(j.counts_per_turn or 1) for j in arm.joint]
         self._turn = np.array(turns)
-        self._most = np.zeros(arm.n_joints)  # as written
+        self._largest = np.zeros(arm.n_joints)  # as written
         self._rows = 0
         self._fault: BadInput | None = None
 
@@ -91,11 +91,13 @@ class LikeRadians:
         """The next rows, and their angles (n, N) rad."""
         if self._unit == "rad":
             return
-        whole = q[np.isfinite(q).all(axis=1)]
-        if not len(whole):
+        complete = q[np.isfinite(q).all(axis=1)]
+        if not len(complete):
             return
-        self._rows += len(whole)
-        self._most = np.maximum(self._most, np.abs(whole).max(axis=0) * self._turn / math.tau)
+        self._rows += len(complete)
+        self._largest = np.maximum(
+            self._largest, np.abs(complete).max(axis=0) * self._turn / math.tau
+        )
         if self._fault is None:
             expected = f"angles in {self._unit}: all of them lie within 2π, like radians"
             first = f"{readings.number('q1')[0]:g}"
@@ -103,7 +105,7 @@ class LikeRadians:
 
     def judge(self) -> None:
         """At the end of the file."""
-        alike = (self._turn >= 300) & (self._most <= math.tau)
+        alike = (self._turn >= 300) & (self._largest <= math.tau)
         if self._fault is not None and self._rows >= 10 and alike.all():
             raise self._fault
 
@@ -162,10 +164,10 @@ def approaches(readings: Readings, arm: Arm, q: F64, rate: F64, *, from_motion: 
     rated = any(readings.has(f"w{k}") for k in range(1, arm.n_joints + 1))
     if not (rated and from_motion) and not any(map(readings.has, APPROACH)):
         return np.full((readings.n, 3), np.nan)
-    given = _three(readings, APPROACH)
-    length = np.linalg.norm(given, axis=1)
+    vectors = _three(readings, APPROACH)
+    length = np.linalg.norm(vectors, axis=1)
     readings.refuse(np.abs(length - 1) > 0.01, APPROACH[0], length, "a vector of length 1")
-    approach: F64 = given / length[:, None]
+    approach: F64 = vectors / length[:, None]
     if not from_motion:
         return approach
     moved = np.flatnonzero(

@@ -16,25 +16,25 @@ def check_is_session(folder: Path) -> None:
     """Raises `BadInput` for what is no session's folder, and says where one is nearby."""
     expected = "a folder with session.toml and readings.csv"
     if not folder.is_dir():
-        found = "a file" if folder.exists() else "nothing"
+        actual = "a file" if folder.exists() else "nothing"
         if folder.is_file() and (folder.parent / "session.toml").is_file():
-            found, expected = "a file of a session", f"its folder, {folder.parent}"
+            actual, expected = "a file of a session", f"its folder, {folder.parent}"
         elif folder.suffix.lower() in TABLES:
             expected += ": armd import makes one of a table"
         elif not folder.exists():
-            beside = sorted(path.parent.name for path in folder.parent.glob("*/session.toml"))
-            expected += near(folder) or (f": there is {few(beside)}" if beside else "")
-        raise BadInput(folder, "the session", found, expected)
+            siblings = sorted(path.parent.name for path in folder.parent.glob("*/session.toml"))
+            expected += near(folder) or (f": there is {few(siblings)}" if siblings else "")
+        raise BadInput(folder, "the session", actual, expected)
     if (folder / "session.toml").exists():
         return
     below = sorted(path.parent.name for path in folder.glob("*/session.toml"))
     if below:
-        found = f"a folder of {counted(len(below), 'session')}"
+        actual = f"a folder of {counted(len(below), 'session')}"
         expected = f"sessions, as {' '.join(str(folder / name) for name in below[:2])}"
-        raise BadInput(folder, "the session", found, expected + " …" * (len(below) > 2))
+        raise BadInput(folder, "the session", actual, expected + " …" * (len(below) > 2))
     if (folder.parent / "session.toml").is_file():
-        found = "a folder within a session"
-        raise BadInput(folder, "the session", found, f"the session, {folder.parent}")
+        actual = "a folder within a session"
+        raise BadInput(folder, "the session", actual, f"the session, {folder.parent}")
     raise BadInput(
         folder, "the session", f"a folder without session.toml{within(folder)}", expected
     )
@@ -44,6 +44,6 @@ def readings_path(folder: Path) -> Path:
     """The table of readings in a session's folder; raises `BadInput` if there is not one."""
     present = [folder / name for name in READINGS if (folder / name).exists()]
     if len(present) != 1:
-        found = "both" if present else "neither"
-        raise BadInput(folder, " or ".join(READINGS), found, "one of them")
+        actual = "both" if present else "neither"
+        raise BadInput(folder, " or ".join(READINGS), actual, "one of them")
     return present[0]

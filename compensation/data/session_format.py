@@ -153,10 +153,10 @@ class Artefact(Strict):
         if kinds == [None, None]:
             return False
         if kinds != ["plane", "plane"]:
-            one, other = distance.between
+            first, second = distance.between
             raise ValueError(
                 f"distance[{i}] between two targets or between two surfaces of kind"
-                f' "plane", not {one!r} and {other!r}'
+                f' "plane", not {first!r} and {second!r}'
             )
         return True
 
@@ -165,15 +165,17 @@ class Artefact(Strict):
         if self._between_planes(i, distance):
             return
         ends = [self.targets[self.target_names.index(name)] for name in distance.between]
-        one, other = (end.position_mm for end in ends)
-        if one is None or other is None:
+        first_mm, second_mm = (end.position_mm for end in ends)
+        if first_mm is None or second_mm is None:
             return
-        apart = math.dist(one, other)
-        known = sum(end.standard_uncertainty_mm for end in ends) + distance.standard_uncertainty_mm
-        if abs(apart - distance.length_mm) > CONTRADICTION_MM + 6.0 * known:
+        distance_mm = math.dist(first_mm, second_mm)
+        uncertainty_mm = (
+            sum(end.standard_uncertainty_mm for end in ends) + distance.standard_uncertainty_mm
+        )
+        if abs(distance_mm - distance.length_mm) > CONTRADICTION_MM + 6.0 * uncertainty_mm:
             raise ValueError(
                 f"a length_mm in distance[{i}] as far as the positions of {ends[0].name} and"
-                f" {ends[1].name} are apart, {apart:.3f} mm, not {distance.length_mm:g}"
+                f" {ends[1].name} are apart, {distance_mm:.3f} mm, not {distance.length_mm:g}"
             )
 
     @property

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.artefact_temperature import told_of_artefact
+from armd.compensation.data.artefact_temperature import report_artefact_temperature
 from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm
 
@@ -41,7 +41,7 @@ class Sound:
 
     sessions: tuple[Session, ...]
     arm: Arm
-    told: tuple[str, ...]
+    remarks: tuple[str, ...]
 
 
 def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
@@ -50,15 +50,15 @@ def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
     The arm is another one only where a channel shows nothing in any session: its links then follow
     the mean of the other sensors.
     """
-    told = [remark for session in sessions for remark in session.remarks]
-    mended = [_clock_on(_once(session, told), told) for session in sessions]
+    remarks = [remark for session in sessions for remark in session.remarks]
+    mended = [_clock_on(_once(session, remarks), remarks) for session in sessions]
     surfaces = any(session.artefact.surfaces for session in sessions)
     if surfaces and any(session.turn is not None for session in sessions):
-        told.append("Orientations take no part beside surfaces.")
-    told += _clocks(mended)
-    told += told_of_artefact(mended, arm)
-    mended, arm = _without_dead_channels(mended, arm, told)
-    return Sound(tuple(mended), arm, tuple(told))
+        remarks.append("Orientations take no part beside surfaces.")
+    remarks += _clocks(mended)
+    remarks += report_artefact_temperature(mended, arm)
+    mended, arm = _without_dead_channels(mended, arm, remarks)
+    return Sound(tuple(mended), arm, tuple(remarks))
 
 
 def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
@@ -73,14 +73,14 @@ def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
         for name in columns
     }
     live = [name for name in columns if not any(why[name])]
-    told = [remark for session in sessions for remark in session.remarks]
-    mended = [_once(session, told) for session in sessions]
-    told += told_of_artefact(mended, arm)
+    remarks = [remark for session in sessions for remark in session.remarks]
+    mended = [_once(session, remarks) for session in sessions]
+    remarks += report_artefact_temperature(mended, arm)
     for name in columns if live else ():
         reasons = " and ".join(dict.fromkeys(filter(None, why[name])))
         if reasons and all(why[name]):
             arm = _following(arm, name, live)
-            told.append(
+            remarks.append(
                 f"sensor {name} {reasons}, in all sessions: its links follow the mean of the others"
             )
         still = [i for i, reason in enumerate(why[name]) if reason and not all(why[name])]
@@ -89,29 +89,29 @@ def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
             celsius[:, columns[name]] = np.nan
             mended[i] = replace(mended[i], states=replace(mended[i].states, temperature_c=celsius))
         if still:
-            where = ", ".join(sessions[i].name for i in still)
-            told.append(f"sensor {name} {reasons} ({where}): no temperature there")
-    return Sound(tuple(mended), arm, tuple(told))
+            names = ", ".join(sessions[i].name for i in still)
+            remarks.append(f"sensor {name} {reasons} ({names}): no temperature there")
+    return Sound(tuple(mended), arm, tuple(remarks))
 
 
 def still_and_far(session: Session, arm: Arm) -> list[tuple[str, float]]:
     """Temperatures, the artefact's among them, of one value in all rows that is far from all other
     values, °C: a channel that shows nothing, or the others do."""
     names = [*arm.used_sensors, "artefact_c"]
-    own = session.states.temperature_c[:, arm.used_columns]
-    celsius = np.column_stack([own, session.artefact_c])
+    sensors_c = session.states.temperature_c[:, arm.used_columns]
+    celsius = np.column_stack([sensors_c, session.artefact_c])
     still = (celsius == celsius[:1]).all(axis=0)  # NaN equals nothing
-    found = []
+    channels = []
     for k in np.flatnonzero(still) if session.n >= LEAST_STILL else ():
         at_c = float(celsius[0, k])
-        others = celsius[:, ~(still & (celsius[0] == at_c))]
-        known = others[np.isfinite(others)]
-        if known.size and (np.abs(known - at_c) > FAR_K).all():
-            found.append((names[k], at_c))
-    return found
+        moving = celsius[:, ~(still & (celsius[0] == at_c))]
+        finite = moving[np.isfinite(moving)]
+        if finite.size and (np.abs(finite - at_c) > FAR_K).all():
+            channels.append((names[k], at_c))
+    return channels
 
 
-def _once(session: Session, told: list[str]) -> Session:
+def _once(session: Session, remarks: list[str]) -> Session:
     """Without rows that stand there a second time, digit for digit."""
     states = session.states
     columns = [
@@ -128,14 +128,14 @@ def _once(session: Session, told: list[str]) -> Session:
     if len(first) == session.n:
         return session
     again = np.setdiff1d(np.arange(session.n), first)
-    told.append(
+    remarks.append(
         f"{session.name}: {len(again)} of {session.n} rows stand there twice (the first is row "
         f"{session.row[again[0]] + 1}); they count once."
     )
     return session.rows(first)
 
 
-def _clock_on(session: Session, told: list[str]) -> Session:
+def _clock_on(session: Session, remarks: list[str]) -> Session:
     """A clock that was set back during a placement goes on at the usual pace."""
     time_s = session.states.time_s
     steps = np.diff(time_s)
@@ -145,11 +145,11 @@ def _clock_on(session: Session, told: list[str]) -> Session:
         return session  # rows may stand in any order
     usual = float(np.median(steps))
     time_s = time_s.copy()
-    for at in back:
-        gone = time_s[at] + usual - time_s[at + 1]
-        time_s[at + 1 :] += gone
-        told.append(
-            f"{session.name}: at row {session.row[at + 1] + 1} the clock runs back by "
+    for step in back:
+        gone = time_s[step] + usual - time_s[step + 1]
+        time_s[step + 1 :] += gone
+        remarks.append(
+            f"{session.name}: at row {session.row[step + 1] + 1} the clock runs back by "
             f"{_duration(gone - usual)}; it is taken to have been set back there."
         )
     return replace(session, states=replace(session.states, time_s=time_s))
@@ -159,12 +159,12 @@ def _clocks(sessions: Sequence[Session]) -> list[str]:
     """Sessions that one arm cannot have measured at the times they state."""
     timed = [s for s in sessions if np.isfinite(s.states.time_s).all()]
     order = sorted(timed, key=lambda s: float(s.states.time_s.min()))
-    told = []
+    remarks = []
     for i, later in enumerate(order):
         for earlier in order[:i]:
             over = float(earlier.states.time_s.max() - later.states.time_s.min())
             if over > BACK_S:
-                told.append(
+                remarks.append(
                     f"{later.name} begins {_duration(over)} before {earlier.name} ends: one arm "
                     "cannot do that, and the clock of one is wrong. The instants, and "
                     "the drift between sessions, depend on these clocks."
@@ -173,13 +173,13 @@ def _clocks(sessions: Sequence[Session]) -> list[str]:
     numbered = sorted(counted, key=lambda pair: pair[0])
     stems = {re.sub(r"\d+$", "", s.name) for _, s in numbered}
     if len(stems) == 1:
-        for (_, one), (_, next_) in itertools.pairwise(numbered):
-            if next_.states.time_s.min() < one.states.time_s.min():
-                told.append(
-                    f"By their clocks {next_.name} was measured before {one.name}: if that is "
+        for (_, current), (_, next_) in itertools.pairwise(numbered):
+            if next_.states.time_s.min() < current.states.time_s.min():
+                remarks.append(
+                    f"By their clocks {next_.name} was measured before {current.name}: if that is "
                     "wrong, the instants and the drift in the result are wrong, too."
                 )
-    return told
+    return remarks
 
 
 def _number(session: Session) -> int | None:
@@ -195,7 +195,7 @@ def _duration(seconds: float) -> str:
 
 
 def _without_dead_channels(
-    sessions: list[Session], arm: Arm, told: list[str]
+    sessions: list[Session], arm: Arm, remarks: list[str]
 ) -> tuple[list[Session], Arm]:
     """Channels that show nothing are filled with the mean of the others, where these are there."""
     used = arm.used_sensors
@@ -207,18 +207,18 @@ def _without_dead_channels(
     lost = [name for name in used if any(why[name])]
     if not lost or not live:
         return sessions, arm
-    others = [columns[name] for name in live]
+    live_columns = [columns[name] for name in live]
     for name in lost:
         links = [k for k, joint in enumerate(arm.joint, 1) if joint.weights.get(name)]
-        own = columns[name]
+        column = columns[name]
         alive = [s for s, reason in zip(sessions, why[name], strict=True) if not reason]
-        apart_k = [s.states.temperature_c[:, own] - _mean(s, others) for s in alive]
+        apart_k = [s.states.temperature_c[:, column] - _mean(s, live_columns) for s in alive]
         offset_k = float(np.nanmedian(np.concatenate(apart_k))) if alive else 0.0
         mended = []
         for session, reason in zip(sessions, why[name], strict=True):
             if reason:
                 celsius = session.states.temperature_c.copy()
-                celsius[:, own] = _mean(session, others) + offset_k
+                celsius[:, column] = _mean(session, live_columns) + offset_k
                 session = replace(
                     session,
                     states=replace(session.states, temperature_c=celsius),
@@ -227,7 +227,7 @@ def _without_dead_channels(
                 )
             mended.append(session)
         sessions = mended
-        told.append(_of_the_channel(sessions, why[name], name, links))
+        remarks.append(_of_the_channel(sessions, why[name], name, links))
         if not alive:
             arm = _following(arm, name, live)
     return sessions, arm
@@ -236,82 +236,85 @@ def _without_dead_channels(
 def _mean(session: Session, columns: Sequence[int]) -> F64:
     """(n,) mean of the channels that have a value."""
     celsius = session.states.temperature_c[:, list(columns)]
-    known = np.isfinite(celsius)
-    mean: F64 = np.where(known, celsius, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-    return np.where(known.any(axis=1), mean, np.nan)
+    finite = np.isfinite(celsius)
+    mean: F64 = np.where(finite, celsius, 0.0).sum(axis=1) / np.maximum(finite.sum(axis=1), 1)
+    return np.where(finite.any(axis=1), mean, np.nan)
 
 
 def _of_the_channel(
     sessions: Sequence[Session], why: Sequence[str], name: str, links: Sequence[int]
 ) -> str:
-    where = [s.name for s, reason in zip(sessions, why, strict=True) if reason]
+    names = [s.name for s, reason in zip(sessions, why, strict=True) if reason]
     reasons = list(dict.fromkeys(reason for reason in why if reason))
-    shown = "all sessions" if len(where) == len(sessions) else ", ".join(where)
-    of = ", ".join(f"link {k}" for k in links)
+    sessions_text = "all sessions" if len(names) == len(sessions) else ", ".join(names)
+    links_text = ", ".join(f"link {k}" for k in links)
     return (
-        f"Sensor {name} {' and '.join(reasons)} ({shown}) and is dropped: {of} is taken to follow "
-        f"the other sensors, its length free in each of these sessions. Not looked for: what "
-        f"depends on {name}, that is expansion, its curve, lag and gradient of {of}, heat at joint "
+        f"Sensor {name} {' and '.join(reasons)} ({sessions_text}) and is dropped: {links_text} is "
+        f"taken to follow the other sensors, its length free in each of these sessions. Not looked "
+        f"for: what depends on {name}, that is expansion, its curve, lag and gradient of "
+        f"{links_text}, heat at joint "
         f"{', '.join(map(str, links))}, and the sensor's own offset or exchange."
     )
 
 
 def _middle(values: F64) -> float:
     """Median of those that are known; NaN of none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else np.nan
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else np.nan
 
 
 def _dead(sessions: Sequence[Session], columns: dict[str, int], name: str) -> list[str]:
     """Per session why the channel shows nothing; empty where it does."""
-    own = [s.states.temperature_c[:, columns[name]] for s in sessions]
-    rest = [column for other, column in columns.items() if other != name]
-    usual = [_middle(_mean(s, rest)) if rest else np.nan for s in sessions]
-    one_value = [bool(np.all(values == values[0])) for values in own]
+    readings_c = [s.states.temperature_c[:, columns[name]] for s in sessions]
+    other_columns = [column for column_name, column in columns.items() if column_name != name]
+    usual = [_middle(_mean(s, other_columns)) if other_columns else np.nan for s in sessions]
+    one_value = [bool(np.all(values == values[0])) for values in readings_c]
     still_at = [  # NaN, which equals nothing, where there is more than one value
-        float(values[0]) if one and len(values) >= LEAST_STILL else np.nan
-        for one, values in zip(one_value, own, strict=True)
+        float(values[0]) if constant and len(values) >= LEAST_STILL else np.nan
+        for constant, values in zip(one_value, readings_c, strict=True)
     ]
-    found = []
-    for i, (session, values) in enumerate(zip(sessions, own, strict=True)):
+    reasons = []
+    for i, (session, values) in enumerate(zip(sessions, readings_c, strict=True)):
         missing = float(np.isnan(values).mean())
         still = any(
             at_c == still_at[i] and abs(usual[k] - usual[i]) > OTHERS_APART_K
             for k, at_c in enumerate(still_at)
         )
         if missing > MOST_MISSING:
-            found.append("has no value" if missing == 1.0 else SOME_ROWS)
-        elif still or _far_and_still(values, session, rest):
-            found.append(f"shows {values[0]:g} °C whatever the others do")
-        elif _stands_still(values, session, rest):
-            found.append(STILL)
+            reasons.append("has no value" if missing == 1.0 else SOME_ROWS)
+        elif still or _far_and_still(values, session, other_columns):
+            reasons.append(f"shows {values[0]:g} °C whatever the others do")
+        elif _stands_still(values, session, other_columns):
+            reasons.append(STILL)
         else:
-            found.append("")
-    stuck = {float(v[-1]) for v, reason in zip(own, found, strict=True) if reason and len(v)}
+            reasons.append("")
+    stuck = {
+        float(v[-1]) for v, reason in zip(readings_c, reasons, strict=True) if reason and len(v)
+    }
     return [  # a session that shows nothing but what a channel stuck at
-        reason or (STILL if one and float(values[0]) in stuck else "")
-        for values, one, reason in zip(own, one_value, found, strict=True)
+        reason or (STILL if constant and float(values[0]) in stuck else "")
+        for values, constant, reason in zip(readings_c, one_value, reasons, strict=True)
     ]
 
 
-def _far_and_still(values: F64, session: Session, rest: Sequence[int]) -> bool:
-    if len(values) < LEAST_STILL or not rest or not np.all(values == values[0]):
+def _far_and_still(values: F64, session: Session, columns: Sequence[int]) -> bool:
+    if len(values) < LEAST_STILL or not columns or not np.all(values == values[0]):
         return False
-    others = session.states.temperature_c[:, list(rest)]
-    known = others[:, np.isfinite(others).all(axis=0)]
-    return bool(known.size and (np.abs(known - values[0]) > FAR_K).all())
+    others_c = session.states.temperature_c[:, list(columns)]
+    finite = others_c[:, np.isfinite(others_c).all(axis=0)]
+    return bool(finite.size and (np.abs(finite - values[0]) > FAR_K).all())
 
 
-def _stands_still(values: F64, session: Session, rest: Sequence[int]) -> bool:
+def _stands_still(values: F64, session: Session, columns: Sequence[int]) -> bool:
     """Whether the longest run of one value lasts while most other channels change."""
     changes = np.flatnonzero(np.diff(values) != 0)
     edges = np.concatenate([[0], changes + 1, [len(values)]])
     longest = int(np.argmax(np.diff(edges)))
     run = slice(int(edges[longest]), int(edges[longest + 1]))
-    if run.stop - run.start < max(LEAST_STILL, STILL_SHARE * len(values)) or not rest:
+    if run.stop - run.start < max(LEAST_STILL, STILL_SHARE * len(values)) or not columns:
         return False
-    others = session.states.temperature_c[run][:, list(rest)]
-    span = np.ptp(others, axis=0)[np.isfinite(others).all(axis=0)]
+    others_c = session.states.temperature_c[run][:, list(columns)]
+    span = np.ptp(others_c, axis=0)[np.isfinite(others_c).all(axis=0)]
     return bool(span.size and np.median(span) > OTHERS_MOVED_K)
 
 
@@ -321,8 +324,8 @@ def _following(arm: Arm, name: str, live: Sequence[str]) -> Arm:
     for joint in arm.joint:
         if share := joint.weights.get(name, 0.0):
             weights = {k: v for k, v in joint.weights.items() if k != name}
-            for other in live:
-                weights[other] = weights.get(other, 0.0) + share / len(live)
+            for live_name in live:
+                weights[live_name] = weights.get(live_name, 0.0) + share / len(live)
             joint = joint.model_copy(update={"temperature": weights})
         joints.append(joint)
     return arm.model_copy(update={"joint": joints})

@@ -45,9 +45,9 @@ class TemperatureColumns:
             if np.isfinite(celsius[-1, column]):
                 self._last_c[column] = celsius[-1, column]
                 continue
-            known = np.flatnonzero(np.isfinite(celsius[:, column]))
-            if len(known):
-                self._last_c[column] = celsius[known[-1], column]
+            finite = np.flatnonzero(np.isfinite(celsius[:, column]))
+            if len(finite):
+                self._last_c[column] = celsius[finite[-1], column]
         return celsius[:, :-1], celsius[:, -1], remarks
 
 
@@ -62,13 +62,15 @@ class _Dropped:
     def in_words(self, readings: Readings, name: str, around_c: float) -> str:
         table = f"{name}/{readings.path.name}" if name else str(readings.path)
         first = row_in_words(readings.path, readings.first_row + int(self.rows[0]))
-        apart = abs(float(self.read_c[0]) - around_c)
+        jump_k = abs(float(self.read_c[0]) - around_c)
         text = f"{table} {first}: {self.sensor} reads {self.read_c[0]:g} °C"
-        if np.isfinite(apart):
-            text += f", {apart:.0f} K from the readings before and after"
-        if more := [str(readings.first_row + int(row) + 1) for row in self.rows[1:]]:
-            named = ", ".join(more[: MOST_ROWS - 1]) + " …" * (len(more) >= MOST_ROWS)
-            text += f", and likewise in {len(more)} more ({named})"
+        if np.isfinite(jump_k):
+            text += f", {jump_k:.0f} K from the readings before and after"
+        if further_rows := [str(readings.first_row + int(row) + 1) for row in self.rows[1:]]:
+            named = ", ".join(further_rows[: MOST_ROWS - 1]) + " …" * (
+                len(further_rows) >= MOST_ROWS
+            )
+            text += f", and likewise in {len(further_rows)} more ({named})"
         return text + "; no link warms and cools so fast: the temperature counts as missing there."
 
 
@@ -77,5 +79,5 @@ def _around(celsius: F64, row: int, before_c: float) -> float:
     earlier, later = celsius[:row], celsius[row + 1 :]
     earlier, later = earlier[np.isfinite(earlier)], later[np.isfinite(later)]
     ends = [*(earlier[-1:] if len(earlier) else [before_c]), *later[:1]]
-    known = [end for end in ends if np.isfinite(end)]
-    return float(np.mean(known)) if known else float("nan")
+    finite = [end for end in ends if np.isfinite(end)]
+    return float(np.mean(finite)) if finite else float("nan")

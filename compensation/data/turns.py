@@ -29,17 +29,17 @@ def whole_turns(q: F64, arm: Arm) -> I64:
     """
     low, high = arm.limits_rad
     turns = np.zeros_like(q, dtype=np.int64)
-    for k, (least, most) in enumerate(zip(low, high, strict=True)):
-        if not (math.isfinite(least) and math.isfinite(most)):
+    for k, (low_rad, high_rad) in enumerate(zip(low, high, strict=True)):
+        if not (math.isfinite(low_rad) and math.isfinite(high_rad)):
             continue
-        if _leaves_no_doubt(q[:, k], least, most):
+        if _leaves_no_doubt(q[:, k], low_rad, high_rad):
             continue
-        if most - least <= math.tau * (1 + 1e-9):
-            off = np.floor((q[:, k] - (least + most) / 2) / math.tau + 0.5)
+        if high_rad - low_rad <= math.tau * (1 + 1e-9):
+            off = np.floor((q[:, k] - (low_rad + high_rad) / 2) / math.tau + 0.5)
         else:
-            fewest = np.ceil((q[:, k] - most) / math.tau)  # so many turns back are inside …
-            largest = np.floor((q[:, k] - least) / math.tau)  # … up to so many
-            outside = (q[:, k] < least) | (q[:, k] > most)
+            fewest = np.ceil((q[:, k] - high_rad) / math.tau)  # so many turns back are inside …
+            largest = np.floor((q[:, k] - low_rad) / math.tau)  # … up to so many
+            outside = (q[:, k] < low_rad) | (q[:, k] > high_rad)
             off = np.where(outside & (fewest == largest), fewest, 0.0)
         turns[:, k] = np.nan_to_num(off)
     return turns
@@ -49,16 +49,17 @@ def are_within_limits(q: F64, arm: Arm) -> bool:
     """Whether no angle of (n, N) rad can be a turn off, where limits decide that; much faster."""
     low, high = arm.limits_rad
     return all(
-        not (math.isfinite(least) and math.isfinite(most)) or _leaves_no_doubt(column, least, most)
-        for column, least, most in zip(q.T, low, high, strict=True)
+        not (math.isfinite(low_rad) and math.isfinite(high_rad))
+        or _leaves_no_doubt(column, low_rad, high_rad)
+        for column, low_rad, high_rad in zip(q.T, low, high, strict=True)
     )
 
 
-def _leaves_no_doubt(q: F64, least: float, most: float) -> bool:
+def _leaves_no_doubt(q: F64, low_rad: float, high_rad: float) -> bool:
     """Whether none of *q* (n,) rad is a turn off: it is within the limits or, if these are at most
     a turn apart, nearer to their middle than half a turn."""
-    beyond = max(math.pi - (most - least) / 2, 0.0)
-    return is_within(q, least - beyond + AT_A_LIMIT_RAD, most + beyond - AT_A_LIMIT_RAD)
+    beyond = max(math.pi - (high_rad - low_rad) / 2, 0.0)
+    return is_within(q, low_rad - beyond + AT_A_LIMIT_RAD, high_rad + beyond - AT_A_LIMIT_RAD)
 
 
 def are_decided(arm: Arm) -> Mask:
@@ -98,16 +99,16 @@ class AngleRange:
     middle: F64
 
     @classmethod
-    def of(cls, name: str, q: F64) -> AngleRange:
+    def from_angles(cls, name: str, q: F64) -> AngleRange:
         """Of angles (n, N) rad, n > 0."""
         return cls(name, q.min(axis=0), q.max(axis=0), np.median(q, axis=0))
 
-    def with_rest(self, rest: AngleRange | None) -> AngleRange:
+    def with_rest(self, earlier: AngleRange | None) -> AngleRange:
         """Of this piece and the *rest* of one session; the middle is the earlier one's."""
-        if rest is None:
+        if earlier is None:
             return self
-        low, high = np.minimum(self.low, rest.low), np.maximum(self.high, rest.high)
-        return AngleRange(self.name, low, high, rest.middle)
+        low, high = np.minimum(self.low, earlier.low), np.maximum(self.high, earlier.high)
+        return AngleRange(self.name, low, high, earlier.middle)
 
 
 def report_open_turns(ranges: Sequence[AngleRange], arm: Arm) -> list[list[str]]:
@@ -119,16 +120,16 @@ def report_open_turns(ranges: Sequence[AngleRange], arm: Arm) -> list[list[str]]
     remarks: list[list[str]] = [[] for _ in ranges]
     if not ranges:
         return remarks
-    least, most = arm.limits_rad
+    lower_rad, upper_rad = arm.limits_rad
     for k in np.flatnonzero(~are_decided(arm)):
         low, high = min(r.low[k] for r in ranges), max(r.high[k] for r in ranges)
         if high - low <= math.tau:
             continue
         usual = float(np.median([r.middle[k] for r in ranges]))
-        apart = [i for i, r in enumerate(ranges) if abs(r.middle[k] - usual) >= math.pi]
-        if not apart and math.isfinite(most[k] - least[k]):
+        distant = [i for i, r in enumerate(ranges) if abs(r.middle[k] - usual) >= math.pi]
+        if not distant and math.isfinite(upper_rad[k] - lower_rad[k]):
             continue
-        for i in apart or [0]:
+        for i in distant or [0]:
             r = ranges[i]
             span = (
                 f"{math.degrees(r.low[k]):.0f} to {math.degrees(r.high[k]):.0f}°"

@@ -87,10 +87,10 @@ def _diagnose(
 ) -> Diagnosis:
     progress("model under test", 0.0)
     sound = make_sound(sessions, arm)
-    sessions, arm, told = sound.sessions, sound.arm, list(sound.told)
+    sessions, arm, told = sound.sessions, sound.arm, list(sound.remarks)
     if holdout:
         other = make_sound(holdout, arm)
-        holdout, told = other.sessions, told + list(other.told)
+        holdout, told = other.sessions, told + list(other.remarks)
     for some in filter(None, (sessions, holdout)):
         require_spare(gather_rests(some, arm).observations, ", ".join(str(s.path) for s in some))
     work = WorkBudget.of_readings(sum(session.n for session in sessions))

@@ -292,5 +292,5 @@ def compute_swing(candidate: Candidate, amplitudes: F64, parameter: str) -> floa
     total = np.zeros(POINTS)
     for value, factor in weighted_factors:
         if isinstance(factor, Dated):
-            total += value * factor.at_times(times)
+            total += value * factor.evaluate_at_times(times)
     return float(np.ptp(total))

@@ -74,7 +74,7 @@ def turn_columns(q: F64, rows: F64) -> F64:
 
     By how the tips of the frame's three unit vectors move.
     """
-    tip_columns = ParameterLayout.of(rows.shape[1]).tip
+    tip_columns = ParameterLayout.from_count(rows.shape[1]).tip
     without = rows.copy()
     without[:, tip_columns] = 0.0
     origin, columns = jacobian(q, without)

@@ -57,7 +57,7 @@ class Unknowns:
 
         Zero for θ₁ and d₁: moving the whole arm about its first axis moves every placement alike.
         """
-        layout = ParameterLayout.of(jacobian.shape[2])
+        layout = ParameterLayout.from_count(jacobian.shape[2])
         term_columns = layout.indices(terms[i].parameter for i in self.terms)
         by_term = jacobian[:, :, term_columns] * basis[:, None, list(self.terms)]
         by_constant = jacobian[:, :, layout.indices(self.constants)]
@@ -77,7 +77,7 @@ class Unknowns:
         return np.array(sizes)
 
     def _indices(self, constants: F64) -> list[int]:
-        return ParameterLayout.of(len(constants)).indices(self.constants)
+        return ParameterLayout.from_count(len(constants)).indices(self.constants)
 
 
 def is_indicator(sensor: str) -> bool:

@@ -67,8 +67,8 @@ class _CorrectionRows:
     def modified(self, n_joints: int) -> Iterator[Correction]:
         for k in range(1, n_joints + 2):
             for name in MODIFIED:
-                of = k - 1 if name in OF_JOINT_BEFORE else k
-                source = f"{name}_{of}" if 1 <= of <= n_joints else None
+                source_joint = k - 1 if name in OF_JOINT_BEFORE else k
+                source = f"{name}_{source_joint}" if 1 <= source_joint <= n_joints else None
                 yield self.row("modified", k, name, source)
 
     def row(self, convention: str, joint: int | str, name: str, source: str | None) -> Correction:
@@ -80,10 +80,10 @@ class _CorrectionRows:
         index = self.arm.layout.index(source)
         nominal = _as_drawn(self.arm, source, scale * float(self.arm.nominal()[index]))
         moved = scale * float(self.values[index] - self.arm.nominal()[index])
-        known = self.deviations.get(source)
+        deviation = self.deviations.get(source)
         return Correction(
             convention, joint, named, nominal, nominal + moved, moved,
-            None if known is None else scale * known,
+            None if deviation is None else scale * deviation,
         )  # fmt: skip
 
 

@@ -67,11 +67,13 @@ def geometry_at(arm: Arm, calibration: Calibration | None, celsius: float | None
     if not (ends and any(term.slow and _is_thermal(term) for term in calibration.terms)):
         return Geometry(parameters, at_c, none, pose)
     low, high = min(ends), max(ends)
-    here = fold_terms(arm, calibration, slow, at_c)
+    middle = fold_terms(arm, calibration, slow, at_c)
     q = draw_postures(arm, JUDGED, 3)
-    tip = forward(q, here)[0]
-    ways = [forward(q, fold_terms(arm, calibration, slow, end))[0] - tip for end in (low, high)]
-    return Geometry(parameters, at_c, none, pose, _summary(np.vstack(ways)), (low, high))
+    tip = forward(q, middle)[0]
+    tip_changes = [
+        forward(q, fold_terms(arm, calibration, slow, end))[0] - tip for end in (low, high)
+    ]
+    return Geometry(parameters, at_c, none, pose, _summary(np.vstack(tip_changes)), (low, high))
 
 
 def fold_terms(arm: Arm, calibration: Calibration, slow: list[Term], celsius: float) -> F64:
@@ -92,12 +94,12 @@ def _fit(arm: Arm, calibration: Calibration, start: F64, celsius: float) -> F64:
     layout = arm.layout
     free = layout.indices(free_constants(arm))
     scale = np.array([SCALE[bool(layout.are_lengths[i])] for i in free])
-    q, wanted = _corrected(arm, calibration, celsius, FITTED, 1)
+    q, target_mm = _corrected(arm, calibration, celsius, FITTED, 1)
     parameters = start.copy()
     for _ in range(MOST_STEPS):
         tip, columns = jacobian(q, parameters)
         a = columns[:, :, free].reshape(-1, len(free)) * scale
-        step = np.linalg.lstsq(a, (wanted - tip).ravel(), rcond=RANK)[0]
+        step = np.linalg.lstsq(a, (target_mm - tip).ravel(), rcond=RANK)[0]
         parameters[free] += scale * step
         if np.abs(step).max() < 1e-9:
             break
@@ -105,8 +107,8 @@ def _fit(arm: Arm, calibration: Calibration, start: F64, celsius: float) -> F64:
 
 
 def _difference(arm: Arm, calibration: Calibration, parameters: F64, celsius: float) -> Difference:
-    q, wanted = _corrected(arm, calibration, celsius, JUDGED, 2)
-    return _summary(forward(q, parameters)[0] - wanted)
+    q, target_mm = _corrected(arm, calibration, celsius, JUDGED, 2)
+    return _summary(forward(q, parameters)[0] - target_mm)
 
 
 def _corrected(
@@ -121,5 +123,5 @@ def _corrected(
 
 
 def _summary(difference_mm: F64) -> Difference:
-    square = (difference_mm**2).sum(axis=1)
-    return Difference(float(np.sqrt(square.mean())), float(np.sqrt(square.max())))
+    squared_mm2 = (difference_mm**2).sum(axis=1)
+    return Difference(float(np.sqrt(squared_mm2.mean())), float(np.sqrt(squared_mm2.max())))

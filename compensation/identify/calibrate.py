@@ -93,7 +93,7 @@ def _calibrate(
 ) -> Result:
     files = ", ".join(str(session.path) for session in sessions)
     sound = fit_to_identify(sessions, arm)
-    sessions, arm, notes = sound.sessions, sound.arm, list(sound.told)
+    sessions, arm, notes = sound.sessions, sound.arm, list(sound.remarks)
     unknown = free_constants(arm)
     observations, groups = choose_readings(
         gather(sessions, arm), files, options.thermal_order, notes

@@ -260,7 +260,7 @@ def gauge_of(
 ) -> F64:
     """(C, k) directions, in unknowns over *scale* (C,), that move no point wherever the joints
     stand; *basis* (n, T): the terms' values in the readings."""
-    n_joints = ParameterLayout.of(len(constants)).n_joints
+    n_joints = ParameterLayout.from_count(len(constants)).n_joints
     rng = np.random.default_rng(0)
     # What is 0 in all rows chosen would look like nothing: each term at its least and its most.
     ends = np.concatenate([basis.argmin(axis=0), basis.argmax(axis=0)])

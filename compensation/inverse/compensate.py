@@ -60,40 +60,40 @@ def compensate(
     series of *states*.
     """
     nominal_mm, nominal_turn = forward(states.q, arm.nominal())
-    wanted = nominal_mm
+    target_mm = nominal_mm
     if wanted_mm is not None:
-        wanted = np.where(np.isnan(wanted_mm), nominal_mm, wanted_mm)
+        target_mm = np.where(np.isnan(wanted_mm), nominal_mm, wanted_mm)
     pose = CorrectedPose(arm, calibration.content if calibration else None, states, moving)
-    problem = _PoseProblem(arm, pose, wanted, nominal_turn)
-    found, share = np.empty_like(states.q), np.empty(states.n)
+    problem = _PoseProblem(arm, pose, target_mm, nominal_turn)
+    q, share = np.empty_like(states.q), np.empty(states.n)
     for first in range(0, states.n, PIECE):
         rows = np.arange(first, min(first + PIECE, states.n))
-        found[rows], share[rows] = problem.solve(states.q[rows], rows)
+        q[rows], share[rows] = problem.solve(states.q[rows], rows)
     model = Model(arm, calibration)
     before = model.correct_states(pose.states(states.q))[0]
-    after = model.correct_states(pose.states(found))[0]
-    change_mm, residual_mm = (np.linalg.norm(tip - wanted, axis=1) for tip in (before, after))
-    turned = problem.turned_rad(found)
-    status = _status(arm, found, (residual_mm <= REACHED_MM) & (turned <= REACHED_RAD), share)
-    commands = CommandedAngles(found, change_mm, residual_mm, status)
-    found[~commands.is_ok] = np.nan
+    after = model.correct_states(pose.states(q))[0]
+    change_mm, residual_mm = (np.linalg.norm(tip - target_mm, axis=1) for tip in (before, after))
+    turned = problem.turned_rad(q)
+    status = _status(arm, q, (residual_mm <= REACHED_MM) & (turned <= REACHED_RAD), share)
+    commands = CommandedAngles(q, change_mm, residual_mm, status)
+    q[~commands.is_ok] = np.nan
     return commands
 
 
 def _status(arm: Arm, q: F64, reached: Mask, share: F64) -> list[str]:
     low, high = arm.limits_rad
     beyond = (q < low) | (q > high)
-    said = []
+    statuses = []
     for row in range(len(q)):
         if not reached[row]:
-            said.append(UNREACHABLE)
+            statuses.append(UNREACHABLE)
         elif share[row] < SINGULAR:
-            said.append(SINGULARITY)
+            statuses.append(SINGULARITY)
         elif beyond[row].any():
-            said.append(f"limit joint {int(np.argmax(beyond[row])) + 1}")
+            statuses.append(f"limit joint {int(np.argmax(beyond[row])) + 1}")
         else:
-            said.append(OK)
-    return said
+            statuses.append(OK)
+    return statuses
 
 
 class _PoseProblem:
@@ -101,7 +101,7 @@ class _PoseProblem:
 
     def __init__(self, arm: Arm, pose: CorrectedPose, wanted_mm: F64, turn: F64) -> None:
         self._pose = pose
-        self._nominal = CorrectedPose(arm, None, pose.given)
+        self._nominal = CorrectedPose(arm, None, pose.measured)
         self._wanted_mm = wanted_mm
         self._turn = turn
         self._oriented = arm.n_joints >= FOR_ORIENTATION
@@ -111,20 +111,20 @@ class _PoseProblem:
         """Angles (m, N), and how near to a singularity (m,) these are, or arm.toml's arm at the
         given ones."""
 
-        def constraints(q: F64, of: I64) -> F64:
-            return self.miss(self._pose, q, rows[of])
+        def constraints(q: F64, chosen: I64) -> F64:
+            return self.miss(self._pose, q, rows[chosen])
 
-        def nominal(q: F64, of: I64) -> F64:
-            return self.miss(self._nominal, q, rows[of])
+        def nominal(q: F64, chosen: I64) -> F64:
+            return self.miss(self._nominal, q, rows[chosen])
 
         q, _ = solve_nearest(constraints, q0)
         every = np.arange(len(rows))
-        found, given = derivatives(constraints, q, every), derivatives(nominal, q0, every)
-        return q, np.minimum(inverse_condition(found), inverse_condition(given))
+        corrected, nominal_ = derivatives(constraints, q, every), derivatives(nominal, q0, every)
+        return q, np.minimum(inverse_condition(corrected), inverse_condition(nominal_))
 
     def miss(self, pose: CorrectedPose, q: F64, rows: I64) -> F64:
         """(m, 3) of the position in shares of the reach, then (m, 3) of the rotation in rad."""
-        position, turn = pose.at(q, rows)
+        position, turn = pose.tip_pose(q, rows)
         miss = (position - self._wanted_mm[rows]) / self._reach_mm
         if not self._oriented:
             return miss
@@ -134,23 +134,23 @@ class _PoseProblem:
         """(n,) how far the orientation is off; 0 where it is free."""
         if not self._oriented:
             return np.zeros(len(q))
-        vectors = rotation_vectors(self._pose.at(q)[1], self._turn)
+        vectors = rotation_vectors(self._pose.tip_pose(q)[1], self._turn)
         angle: F64 = np.linalg.norm(vectors, axis=1)
         return angle
 
 
-def rotation_vectors(turn: F64, wanted: F64) -> F64:
+def rotation_vectors(turn: F64, target: F64) -> F64:
     """(n, 3) rad in the base frame: from *wanted* rotations (n, 3, 3) to *turn* (n, 3, 3)."""
-    apart = np.einsum("nij,nkj->nik", turn, wanted)
+    difference = np.einsum("nij,nkj->nik", turn, target)
     sine = 0.5 * np.stack(
         [
-            apart[:, 2, 1] - apart[:, 1, 2],
-            apart[:, 0, 2] - apart[:, 2, 0],
-            apart[:, 1, 0] - apart[:, 0, 1],
+            difference[:, 2, 1] - difference[:, 1, 2],
+            difference[:, 0, 2] - difference[:, 2, 0],
+            difference[:, 1, 0] - difference[:, 0, 1],
         ],
         axis=1,
     )
-    cosine = 0.5 * (np.trace(apart, axis1=1, axis2=2) - 1.0)
+    cosine = 0.5 * (np.trace(difference, axis1=1, axis2=2) - 1.0)
     length = np.linalg.norm(sine, axis=1)
     angle = np.arctan2(length, cosine)
     scale = np.where(length > 1e-9, angle / np.maximum(length, 1e-9), 1.0)

@@ -31,7 +31,7 @@ class CorrectedPose:
         moving: Mask | None = None,
     ) -> None:
         self._arm = arm
-        self.given = states
+        self.measured = states
         self._moving = np.zeros(states.n, bool) if moving is None else moving
         self.constants = arm.nominal() if calibration is None else calibration.vector(arm.n_joints)
         self._reference_c = (
@@ -44,7 +44,7 @@ class CorrectedPose:
         self._slow = self._values(slow, states)
         self._pose_terms = [_part(term, of_pose=True) for term in self._terms]
 
-    def at(self, q: F64, rows: I64 | slice = slice(None)) -> tuple[F64, F64]:
+    def tip_pose(self, q: F64, rows: I64 | slice = slice(None)) -> tuple[F64, F64]:
         """Position (m, 3) mm and rotation (m, 3, 3) at angles (m, N) rad of the chosen rows; NaN
         where a temperature or time that a term uses is missing."""
         if not self._terms:
@@ -55,7 +55,7 @@ class CorrectedPose:
 
     def states(self, q: F64, rows: I64 | slice = slice(None)) -> States:
         """The chosen rows with these angles (m, N) rad."""
-        states = dataclasses.replace(self.given.rows(rows), q=q)
+        states = dataclasses.replace(self.measured.rows(rows), q=q)
         moving = self._moving[rows]
         if not moving.any():
             return states

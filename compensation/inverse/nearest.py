@@ -33,15 +33,15 @@ def solve_nearest(constraints: Constraints, q0: F64) -> tuple[F64, F64]:
     """
     q, miss = _least_change(constraints, q0, q0, np.arange(len(q0)))
     stuck = np.flatnonzero(~(miss <= MET))
-    for number, beside in enumerate(BESIDE_RAD):
+    for number, offset_rad in enumerate(BESIDE_RAD):
         if not len(stuck):
             break
-        start = q0[stuck] + beside * _pattern(q0.shape[1], number)
+        start = q0[stuck] + offset_rad * _pattern(q0.shape[1], number)
         better, its_miss = _damped(constraints, start, stuck)
         met = np.flatnonzero(its_miss <= NEARLY_MET)
-        least, least_miss = _least_change(constraints, better[met], q0[stuck[met]], stuck[met])
+        nearest, least_miss = _least_change(constraints, better[met], q0[stuck[met]], stuck[met])
         nearer = least_miss <= NEARLY_MET
-        better[met[nearer]], its_miss[met[nearer]] = least[nearer], least_miss[nearer]
+        better[met[nearer]], its_miss[met[nearer]] = nearest[nearer], least_miss[nearer]
         gained = ~(its_miss >= miss[stuck])
         q[stuck[gained]], miss[stuck[gained]] = better[gained], its_miss[gained]
         stuck = stuck[~(miss[stuck] <= MET)]
@@ -52,8 +52,8 @@ def derivatives(constraints: Constraints, q: F64, rows: I64) -> F64:
     """Of the constraints by the angles, (m, C, N)."""
     m, n_joints = q.shape
     steps = DIFFERENCE_RAD * np.vstack([np.eye(n_joints), -np.eye(n_joints)])
-    beside = (q + steps[:, None, :]).reshape(-1, n_joints)  # all in one call, which costs most
-    c = constraints(beside, np.tile(rows, 2 * n_joints)).reshape(2, n_joints, m, -1)
+    moved = (q + steps[:, None, :]).reshape(-1, n_joints)  # all in one call, which costs most
+    c = constraints(moved, np.tile(rows, 2 * n_joints)).reshape(2, n_joints, m, -1)
     columns: F64 = (c[0] - c[1]).transpose(1, 2, 0) / (2 * DIFFERENCE_RAD)
     return columns
 
@@ -63,14 +63,14 @@ def _least_change(constraints: Constraints, start: F64, q0: F64, rows: I64) -> t
     moving = np.arange(len(q))
     for _ in range(STEPS):
         c = constraints(q[moving], rows[moving])
-        known = np.isfinite(c).all(axis=1)
-        moving, c = moving[known], c[known]
+        finite = np.isfinite(c).all(axis=1)
+        moving, c = moving[finite], c[finite]
         if not len(moving):
             break
         j = derivatives(constraints, q[moving], rows[moving])
         away = q[moving] - q0[moving]
-        wanted = np.einsum("nij,nj->ni", j, away) - c
-        target = np.einsum("nij,nj->ni", np.linalg.pinv(j, rcond=1e-12), wanted)
+        right_side = np.einsum("nij,nj->ni", j, away) - c
+        target = np.einsum("nij,nj->ni", np.linalg.pinv(j, rcond=1e-12), right_side)
         step = target - away
         length = np.abs(step).max(axis=1)
         step *= np.minimum(1.0, LONGEST_RAD / np.maximum(length, LONGEST_RAD))[:, None]
@@ -87,13 +87,13 @@ def _damped(constraints: Constraints, start: F64, rows: I64) -> tuple[F64, F64]:
     for _ in range(DAMPED_STEPS):
         if not len(moving):
             break
-        here, of = q[moving], rows[moving]
-        j, c = derivatives(constraints, here, of), constraints(here, of)
+        at_q, chosen = q[moving], rows[moving]
+        j, c = derivatives(constraints, at_q, chosen), constraints(at_q, chosen)
         normal = np.einsum("nij,nik->njk", j, j) + damping[moving, None, None] * np.eye(q.shape[1])
         step = -np.linalg.solve(normal, np.einsum("nij,ni->nj", j, c)[:, :, None])[:, :, 0]
         length = np.abs(step).max(axis=1)
         step *= np.minimum(1.0, LONGEST_RAD / np.maximum(length, LONGEST_RAD))[:, None]
-        new = _norm(constraints(here + step, of))
+        new = _norm(constraints(at_q + step, chosen))
         better = new < miss[moving]
         q[moving[better]] += step[better]
         miss[moving[better]] = new[better]
@@ -115,9 +115,9 @@ def _pattern(n_joints: int, number: int) -> F64:
 def inverse_condition(j: F64) -> F64:
     """The least singular value (m,) of matrices (m, C, N), as a share of the largest; 0 where they
     are not finite."""
-    known = np.isfinite(j).all(axis=(1, 2))
+    finite = np.isfinite(j).all(axis=(1, 2))
     share = np.zeros(len(j))
-    if known.any():
-        values = np.linalg.svd(j[known], compute_uv=False)
-        share[known] = values[:, -1] / values[:, 0]
+    if finite.any():
+        values = np.linalg.svd(j[finite], compute_uv=False)
+        share[finite] = values[:, -1] / values[:, 0]
     return share

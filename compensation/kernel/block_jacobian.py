@@ -38,13 +38,13 @@ def make_work(n_joints: int) -> F64:
 @jit
 def row_of(parameter: int, n_joints: int) -> int:
     """The first of the three rows that hold the derivative by a parameter."""
-    beside = parameter - 5 * n_joints
-    if beside < 0:
+    offset = parameter - 5 * n_joints
+    if offset < 0:
         return ROWS * (parameter // 5) + 3 * (parameter % 5)
     last = ROWS * n_joints
-    if beside < 3:
-        return last + (3 if beside == 2 else 15 + 3 * beside)
-    return last + ROWS + 3 * (beside - 3)
+    if offset < 3:
+        return last + (3 if offset == 2 else 15 + 3 * offset)
+    return last + ROWS + 3 * (offset - 3)
 
 
 @jit

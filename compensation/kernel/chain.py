@@ -49,10 +49,10 @@ def _sincos_row(angle: F64, row: int, order: float, out: F64, to: int) -> None:
         c = c * z + 4.166666666660226e-02
         c = 1.0 + z * (c * z - 0.5)
         quadrant = j - 4.0 * np.floor(j * 0.25)
-        odd = abs(quadrant - 2.0) == 1.0
+        is_odd = abs(quadrant - 2.0) == 1.0
         sign = -1.0 if quadrant > 1.5 else 1.0
-        out[to, i] = sign * (c if odd else s)
-        out[to + 1, i] = sign * (-s if odd else c)
+        out[to, i] = sign * (c if is_odd else s)
+        out[to + 1, i] = sign * (-s if is_odd else c)
 
 
 @inlined

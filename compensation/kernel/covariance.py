@@ -44,7 +44,7 @@ class Scratch(NamedTuple):
 
     matrix: F64  # (n, n)
     columns: F64  # (n, n) of the factor, one per row
-    left: F64  # (n,)
+    remaining: F64  # (n,)
 
 
 NO_TERM = -1
@@ -62,8 +62,8 @@ class Uncertainty:
         if calibration is not None:
             noise = calibration.noise
             self.temperature_c = noise.temperature_c
-            known = noise.reading_mm or noise.temperature_c or any(noise.encoder_rad)
-            if known or calibration.covariance_of:
+            has_noise = noise.reading_mm or noise.temperature_c or any(noise.encoder_rad)
+            if has_noise or calibration.covariance_of:
                 # Repeatability is what the encoders do not explain (`identify.noise` parts the
                 # two); their share comes through their Jacobian.
                 self.floor = noise.reading_mm**2
@@ -139,9 +139,9 @@ def _parts(
 @jit
 def _factor(values: F64, changes: F64, parts: Parts, work: Scratch, numbers: F64) -> int:
     """The factor (n, r) into the first n · r of *numbers*; returns r."""
-    matrix, columns, left = work
-    assemble(values, changes, parts, matrix, left)
-    rank = pivoted_cholesky(matrix, left, columns)
+    matrix, columns, scratch = work
+    assemble(values, changes, parts, matrix, scratch)
+    rank = pivoted_cholesky(matrix, scratch, columns)
     for i in range(len(matrix)):
         for r in range(rank):
             numbers[i * rank + r] = columns[r, i] / parts.scale[i]
@@ -149,7 +149,7 @@ def _factor(values: F64, changes: F64, parts: Parts, work: Scratch, numbers: F64
 
 
 @jit
-def assemble(values: F64, changes: F64, parts: Parts, matrix: F64, left: F64) -> None:
+def assemble(values: F64, changes: F64, parts: Parts, matrix: F64, scratch: F64) -> None:
     """The covariance of what acts in each row into *matrix* (n, n), mm²; *left* (n,) is scratch."""
     identified, row, scaled_by, encoder, warm, warm_row, warm_amount, _ = parts
     n = len(matrix)
@@ -160,21 +160,21 @@ def assemble(values: F64, changes: F64, parts: Parts, matrix: F64, left: F64) ->
     for a in range(len(row)):
         by = 1.0 if scaled_by[a] == NO_TERM else values[scaled_by[a]]
         for b in range(len(row)):
-            both = by if scaled_by[b] == NO_TERM else by * values[scaled_by[b]]
-            matrix[row[a], row[b]] += both * identified[a, b]
+            factor = by if scaled_by[b] == NO_TERM else by * values[scaled_by[b]]
+            matrix[row[a], row[b]] += factor * identified[a, b]
     for s in range(len(changes)):
         for i in range(n):
-            left[i] = 0.0
+            scratch[i] = 0.0
         for w in range(len(warm)):
-            left[warm_row[w]] += warm_amount[w] * changes[s, warm[w]]
+            scratch[warm_row[w]] += warm_amount[w] * changes[s, warm[w]]
         for i in range(n):
-            if left[i] != 0.0:
+            if scratch[i] != 0.0:
                 for j in range(n):
-                    matrix[i, j] += left[i] * left[j]
+                    matrix[i, j] += scratch[i] * scratch[j]
 
 
 @jit
-def pivoted_cholesky(matrix: F64, left: F64, columns: F64) -> int:
+def pivoted_cholesky(matrix: F64, remaining: F64, columns: F64) -> int:
     """Columns of L, one per row of *columns*, so that L·L' is *matrix* (n, n) but for a rest.
 
     The rest is positive semidefinite and its trace at most NEGLECTED of the matrix's. Returns the
@@ -184,18 +184,18 @@ def pivoted_cholesky(matrix: F64, left: F64, columns: F64) -> int:
     n = len(matrix)
     total = 0.0
     for i in range(n):
-        left[i] = matrix[i, i]
-        total += left[i]
+        remaining[i] = matrix[i, i]
+        total += remaining[i]
     rank = 0
     while rank < n:
-        rest, pivot = 0.0, 0
+        trace, pivot = 0.0, 0
         for i in range(n):
-            rest += left[i]
-            if left[i] > left[pivot]:
+            trace += remaining[i]
+            if remaining[i] > remaining[pivot]:
                 pivot = i
-        if rest <= NEGLECTED * total:  # never so if a NaN came in: it goes out again
+        if trace <= NEGLECTED * total:  # never so if a NaN came in: it goes out again
             break
-        column, root = columns[rank], math.sqrt(left[pivot])
+        column, root = columns[rank], math.sqrt(remaining[pivot])
         for i in range(n):
             column[i] = matrix[pivot, i]
         for r in range(rank):
@@ -204,9 +204,9 @@ def pivoted_cholesky(matrix: F64, left: F64, columns: F64) -> int:
                 column[i] -= along * columns[r, i]
         for i in range(n):
             column[i] /= root
-            left[i] -= column[i] * column[i]
-            if left[i] < 0.0:
-                left[i] = 0.0
-        left[pivot] = 0.0
+            remaining[i] -= column[i] * column[i]
+            if remaining[i] < 0.0:
+                remaining[i] = 0.0
+        remaining[pivot] = 0.0
         rank += 1
     return rank

@@ -49,7 +49,7 @@ def uncorrected(q: F64, flat: FlatModel, position: F64) -> None:
     for start in range(0, len(q), angle.shape[1]):
         m = min(angle.shape[1], len(q) - start)
         take_angles(q, start, m, angle, trig)
-        to_world(folded.plain, tip, trig, vectors, 0)
+        to_world(folded.constant, tip, trig, vectors, 0)
         for i in range(m):
             for axis in range(3):
                 position[start + i, axis] = vectors[axis, i]
@@ -74,7 +74,7 @@ def correct(
             for axis in range(3):
                 position[start + i, axis] = vectors[axis, i]
         if len(correction):
-            to_world(folded.plain, plain_tip, trig, vectors, 9)
+            to_world(folded.constant, plain_tip, trig, vectors, 9)
             for i in range(m):
                 for axis in range(3):
                     correction[start + i, axis] = vectors[axis, i] - vectors[9 + axis, i]
@@ -103,8 +103,8 @@ def correct_runs(
 def alike(rows: F64, i: int, j: int) -> bool:
     """Whether two rows of *rows* (n, K) hold the same, or nothing (NaN) in the same columns."""
     for k in range(rows.shape[1]):
-        one, other = rows[i, k], rows[j, k]
-        if one != other and not (math.isnan(one) and math.isnan(other)):
+        first, second = rows[i, k], rows[j, k]
+        if first != second and not (math.isnan(first) and math.isnan(second)):
             return False
     return True
 
@@ -138,7 +138,7 @@ def to_world_posed(
     vectors, n_joints, first = work.vectors, len(work.angle), program.first
     start_vectors(vectors, 0, folded.parameters[5 * n_joints :])
     start_vectors(vectors, 3, folded.parameters)
-    evaluate_factors(rate, approach, start, folded.plain, program, work, m)
+    evaluate_factors(rate, approach, start, folded.constant, program, work, m)
     if first[n_joints] < first[n_joints + 1]:
         spread(n_joints, 5 * n_joints, 3, folded, program, work)
         for axis in range(3):

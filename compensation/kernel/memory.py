@@ -25,7 +25,7 @@ class Amounts(NamedTuple):
 class Folded(NamedTuple):
     """Everything that changes with a temperature or the hour, and nothing that does with a pose."""
 
-    plain: F64  # (N+1, 3, 4) base, joint 1 … N by the constants alone
+    constant: F64  # (N+1, 3, 4) base, joint 1 … N by the constants alone
     matrices: F64  # (N+1, 3, 4) by the constants and the slow terms
     parameters: F64  # (P,) constants and slow terms
     constants: F64  # (P,) constants alone
@@ -91,7 +91,7 @@ def opened(flat: FlatModel) -> tuple[Folded, Program, Work]:
     factors, i = i[: 3 * f].reshape(f, 3), i[3 * f :]
     curve_pieces, needs = i[:f], i[f:]
     x, matrix, p = flat.numbers, 12 * (n + 1), 5 * n + 9
-    plain, x = x[:matrix].reshape(n + 1, 3, 4), x[matrix:]
+    constant, x = x[:matrix].reshape(n + 1, 3, 4), x[matrix:]
     matrices, x = x[:matrix].reshape(n + 1, 3, 4), x[matrix:]
     parameters, x = x[:p], x[p:]
     constants, x = x[:p], x[p:]
@@ -103,7 +103,7 @@ def opened(flat: FlatModel) -> tuple[Folded, Program, Work]:
     values, w = w[:f], w[f:]
     down, lever, toward = w[:frames], w[frames : 2 * frames], w[2 * frames :]
     return (
-        Folded(plain, matrices, parameters, constants, coefficients),
+        Folded(constant, matrices, parameters, constants, coefficients),
         Program(
             parameter, first, factor_first, term_factors, factors, curve_pieces, needs,
             curves, gravity,
@@ -124,7 +124,7 @@ def fold(values: F64, amounts: Amounts, flat: FlatModel) -> None:
         parameters[amounts.slow_parameter[t]] += amounts.slow[t] * values[t]
     for t in range(len(amounts.pose)):
         folded.coefficients[t] = amounts.pose[t] * values[slow + t]
-    set_matrices(folded.constants, folded.plain)
+    set_matrices(folded.constants, folded.constant)
     set_matrices(parameters, folded.matrices)
 
 

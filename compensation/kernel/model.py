@@ -185,7 +185,7 @@ class Model:
                 np.require(states.temperature_c, requirements=["C", "W"]),
                 states.time_s if self.dated else np.zeros(states.n),
                 self._uncertainty.temperature_c,
-                self._slow.apart(),
+                self._slow.copy_program(),
                 self._amounts,
                 np.ascontiguousarray(states.q),
                 np.ascontiguousarray(states.rate),

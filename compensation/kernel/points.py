@@ -36,7 +36,7 @@ def fill(
         else:
             to_world(folded.matrices, tip, trig, vectors, 0)
             to_world(folded.matrices, tip, trig, vectors, 3)
-        to_world(folded.plain, plain_tip, trig, vectors, 9)
+        to_world(folded.constant, plain_tip, trig, vectors, 9)
         for i in range(m):
             point = points[start + i]
             for axis in range(3):

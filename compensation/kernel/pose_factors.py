@@ -30,7 +30,7 @@ SIN, COS, ANGLE, CURVE, TORQUE, DIRECTION, MOMENT, SIDE, RATE, APPROACH, APPROAC
 
 @jit
 def evaluate_factors(
-    rate: F64, approach: F64, start: int, plain: F64, program: Program, work: Work, m: int
+    rate: F64, approach: F64, start: int, constant: F64, program: Program, work: Work, m: int
 ) -> None:
     """Every distinct pose factor, one row of `work.factors` each."""
     factors, trig = work.factors, work.trig
@@ -39,15 +39,15 @@ def evaluate_factors(
         for axis in range(3):
             for i in range(width):
                 down[axis, i] = program.gravity[0, axis]
-        _into_links(plain, trig, down)
+        _into_links(constant, trig, down)
     if program.needs[0]:
-        _levers(plain, trig, program.gravity, lever)
+        _levers(constant, trig, program.gravity, lever)
     if program.needs[2]:
         for i in range(m):
             for axis in range(3):
                 toward = approach[start + i, axis]
                 work.toward[axis, i] = 0.0 if np.isnan(toward) else toward
-        _into_links(plain, trig, work.toward)
+        _into_links(constant, trig, work.toward)
     for f in range(len(program.factors)):
         kind, k, detail = program.factors[f, 0], program.factors[f, 1], program.factors[f, 2]
         if kind in (SIN, COS):
@@ -94,7 +94,7 @@ def evaluate_factors(
 
 
 @jit
-def _curve(angle: F64, k: int, curves: F64, at: int, pieces: int, factors: F64, f: int) -> None:
+def _curve(angle: F64, k: int, curves: F64, first: int, pieces: int, factors: F64, f: int) -> None:
     """A periodic piecewise cubic; pieces are counted from angle 0, their argument is in rad."""
     width = 2 * math.pi / pieces
     for i in range(angle.shape[1]):
@@ -102,20 +102,20 @@ def _curve(angle: F64, k: int, curves: F64, at: int, pieces: int, factors: F64, 
         place = (turns - np.floor(turns)) * pieces
         piece = min(int(place), pieces - 1)
         x = (place - piece) * width
-        c = at + piece
+        c = first + piece
         factors[f, i] = curves[c, 0] + x * (curves[c, 1] + x * (curves[c, 2] + x * curves[c, 3]))
 
 
 @jit
-def _into_links(plain: F64, trig: F64, rows: F64) -> None:
+def _into_links(constant: F64, trig: F64, rows: F64) -> None:
     """Turn the vectors of rows 0–2, given in the world, into every frame: rows 3k … 3k + 2.
 
     Rows 0–2 themselves end in the frame before joint 1.
     """
-    for k in range(len(plain)):
-        m00, m01, m02 = plain[k, 0, 0], plain[k, 0, 1], plain[k, 0, 2]
-        m10, m11, m12 = plain[k, 1, 0], plain[k, 1, 1], plain[k, 1, 2]
-        m20, m21, m22 = plain[k, 2, 0], plain[k, 2, 1], plain[k, 2, 2]
+    for k in range(len(constant)):
+        m00, m01, m02 = constant[k, 0, 0], constant[k, 0, 1], constant[k, 0, 2]
+        m10, m11, m12 = constant[k, 1, 0], constant[k, 1, 1], constant[k, 1, 2]
+        m20, m21, m22 = constant[k, 2, 0], constant[k, 2, 1], constant[k, 2, 2]
         source, to = 3 * max(k - 1, 0), 3 * k
         for i in range(rows.shape[1]):
             x, y, z = rows[source, i], rows[source + 1, i], rows[source + 2, i]
@@ -128,16 +128,31 @@ def _into_links(plain: F64, trig: F64, rows: F64) -> None:
 
 
 @jit
-def _levers(plain: F64, trig: F64, gravity: F64, lever: F64) -> None:
+def _levers(constant: F64, trig: F64, gravity: F64, lever: F64) -> None:
     """Mass moments (scaled to Nm under unit gravity) of all links beyond a frame, in that frame."""
-    last = 3 * (len(plain) - 1)
+    last = 3 * (len(constant) - 1)
     for i in range(lever.shape[1]):
         lever[last, i] = lever[last + 1, i] = lever[last + 2, i] = 0.0
-    for k in range(len(plain) - 1, 0, -1):
+    for k in range(len(constant) - 1, 0, -1):
         own_x, own_y, own_z, carried = gravity[k]
-        m00, m01, m02, m03 = plain[k, 0, 0], plain[k, 0, 1], plain[k, 0, 2], plain[k, 0, 3]
-        m10, m11, m12, m13 = plain[k, 1, 0], plain[k, 1, 1], plain[k, 1, 2], plain[k, 1, 3]
-        m20, m21, m22, m23 = plain[k, 2, 0], plain[k, 2, 1], plain[k, 2, 2], plain[k, 2, 3]
+        m00, m01, m02, m03 = (
+            constant[k, 0, 0],
+            constant[k, 0, 1],
+            constant[k, 0, 2],
+            constant[k, 0, 3],
+        )
+        m10, m11, m12, m13 = (
+            constant[k, 1, 0],
+            constant[k, 1, 1],
+            constant[k, 1, 2],
+            constant[k, 1, 3],
+        )
+        m20, m21, m22, m23 = (
+            constant[k, 2, 0],
+            constant[k, 2, 1],
+            constant[k, 2, 2],
+            constant[k, 2, 3],
+        )
         m03, m13, m23 = carried * m03, carried * m13, carried * m23
         a = 3 * k
         for i in range(lever.shape[1]):

@@ -40,8 +40,8 @@ def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
             key = factor.model_dump_json()
             if key not in distinct:
                 distinct[key] = len(rows)
-                kind, of, detail = factor.pose_code(sum(map(len, curves)))
-                rows.append((codes.KINDS.index(kind), of, detail))
+                kind, number, detail = factor.pose_code(sum(map(len, curves)))
+                rows.append((codes.KINDS.index(kind), number, detail))
                 curves.append(factor.table())
                 pieces.append(len(curves[-1]))
             term_factors.append(distinct[key])
@@ -68,7 +68,7 @@ def flattened(program: Program, constants: F64) -> FlatModel:
 
     One by one, because a live sample comes alone, to cold caches: 64 wide the scratch is 50 KB.
     """
-    n = ParameterLayout.of(len(constants)).n_joints
+    n = ParameterLayout.from_count(len(constants)).n_joints
     n_terms, n_factors = len(program.parameter), len(program.factors)
     matrices = np.zeros((n + 1, 3, 4))
     folded = Folded(matrices, matrices, constants, constants, np.zeros(n_terms))

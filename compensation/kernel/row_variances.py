@@ -47,7 +47,7 @@ def row_variances(
     folded, program, work = opened(flat)
     n_joints, posed = q.shape[1], len(program.parameter) > 0
     count, n = len(folded.parameters), len(rows)
-    matrix, left = np.empty((n, n)), np.empty(n)
+    matrix, scratch = np.empty((n, n)), np.empty(n)
     changes = np.empty((celsius.shape[1] + 2 if more_c else 2, values.shape[1]))
     # Rows of Σ are taken four at a time: those after the last one are zero.
     padded = np.zeros((n + 3 - (n + 3) % 4, n + 3 - (n + 3) % 4))
@@ -55,7 +55,7 @@ def row_variances(
     total = np.empty(6 * W)
     # Of each sample of a block: is it the first with its temperatures; parameters, coefficients.
     begins = np.empty(W, np.bool_)
-    parameters, own = np.empty((count, W)), np.empty((count, W))
+    parameters, with_pose = np.empty((count, W)), np.empty((count, W))
     coefficients = np.empty((len(program.parameter), W))
     derivatives = make_work(n_joints)
     settled = False  # all samples of the block before had one row of parameters, which still holds
@@ -79,10 +79,10 @@ def row_variances(
                 _take_column(folded, i, parameters, coefficients)
         if posed:
             take_angles(q, start, m, work.angle, work.trig)
-            evaluate_factors(rate, approach, start, folded.plain, program, work, m)
-            _add_pose_terms(parameters, coefficients, program, work, m, own)
-            take_parameters(own, n_joints, derivatives)
-            block_jacobian(q, start, m, own, derivatives)
+            evaluate_factors(rate, approach, start, folded.constant, program, work, m)
+            _add_pose_terms(parameters, coefficients, program, work, m, with_pose)
+            take_parameters(with_pose, n_joints, derivatives)
+            block_jacobian(q, start, m, with_pose, derivatives)
         else:
             if changed or not settled:
                 take_parameters(parameters, n_joints, derivatives)
@@ -98,7 +98,7 @@ def row_variances(
                 row = start + low
                 if more_c:
                     evaluate(celsius[row], unix_s[row], more_c, slow, changes)
-                assemble(values[row], changes[2:], parts, matrix, left)
+                assemble(values[row], changes[2:], parts, matrix, scratch)
                 for i in range(n):
                     for j in range(n):
                         padded[i, j] = matrix[i, j] / (parts.scale[i] * parts.scale[j])
@@ -123,16 +123,16 @@ def _take_column(folded: Folded, i: int, parameters: F64, coefficients: F64) -> 
 
 @jit
 def _add_pose_terms(
-    parameters: F64, coefficients: F64, program: Program, work: Work, m: int, own: F64
+    parameters: F64, coefficients: F64, program: Program, work: Work, m: int, with_pose: F64
 ) -> None:
     """The parameters of each sample with its pose terms into *own* (P, W)."""
     for p in range(len(parameters)):
         for i in range(W):
-            own[p, i] = parameters[p, i]
+            with_pose[p, i] = parameters[p, i]
     for t in range(len(coefficients)):
         for i in range(m):
-            more = coefficients[t, i] * pose_basis(program, work, t, i)
-            own[program.parameter[t], i] += more
+            change = coefficients[t, i] * pose_basis(program, work, t, i)
+            with_pose[program.parameter[t], i] += change
 
 
 @jit
@@ -173,9 +173,9 @@ def _multiply(matrix: F64, moved: F64, low: int, high: int, along: F64, total: F
                 _add_sixteen(matrix, a, b, moved[b * AXES + since :], n, sums)
             _add_within(matrix, a, moved[a * AXES + since :], n, sums)
         for r in range(4):
-            here = r * AXES + low
+            begin = r * AXES + low
             weight = matrix[a + r, a + r]
-            _add_products(weight, moved[a * AXES + here :], along[here:], high - low, total[low:])
+            _add_products(weight, moved[a * AXES + begin :], along[begin:], high - low, total[low:])
 
 
 @jit

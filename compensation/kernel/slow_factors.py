@@ -60,8 +60,8 @@ class SlowFactors:
             ).reshape(len(means), self._n_sensors),
             lag_s=np.array([lag_s for _, lag_s in means.values()], dtype=np.float64),
             memory=np.full((len(means), 3), np.nan),
-            factors=np.array([whole for whole, _ in rows], dtype=np.int64).reshape(-1, 3),
-            numbers=np.array([others for _, others in rows], dtype=np.float64).reshape(-1, 3),
+            factors=np.array([integers for integers, _ in rows], dtype=np.int64).reshape(-1, 3),
+            numbers=np.array([floats for _, floats in rows], dtype=np.float64).reshape(-1, 3),
             factor_first=np.cumsum([0, *map(len, listed)]),
             term_factors=np.array(
                 [number[factor.model_dump_json()] for row in listed for factor in row], np.int64
@@ -80,7 +80,7 @@ class SlowFactors:
         evaluate(celsius, unix_s, more_c, self._program, rows)
         return rows[0], rows[2:]
 
-    def apart(self) -> SlowProgram:
+    def copy_program(self) -> SlowProgram:
         """A copy whose lags and scratch are its own, for `evaluate` in any thread."""
         program = self._program
         return program._replace(
@@ -110,7 +110,7 @@ def _row(factor: SlowFactor, mean_of: dict[str, int], reference_c: float) -> tup
 @jit
 def evaluate(celsius: F64, unix_s: float, more_c: float, program: SlowProgram, rows: F64) -> None:
     """Row 0 as it is, row 1 with settled lags, row 2 + s what sensor s changes in that."""
-    weights, lag_s, memory, factors, numbers, factor_first, term_factors, means, known = program
+    weights, lag_s, memory, factors, numbers, factor_first, term_factors, means, values = program
     for row in range(len(rows)):
         for d in range(len(lag_s)):
             mean = 0.0
@@ -123,11 +123,11 @@ def evaluate(celsius: F64, unix_s: float, more_c: float, program: SlowProgram, r
                 elif math.isnan(unix_s):
                     mean = math.nan
             means[d] = mean
-        _set_factors(unix_s, means, factors, numbers, known)
+        _set_factors(unix_s, means, factors, numbers, values)
         for t in range(rows.shape[1]):
             value = 1.0
             for j in range(factor_first[t], factor_first[t + 1]):
-                value *= known[term_factors[j]]
+                value *= values[term_factors[j]]
             rows[row, t] = value if row < 2 else value - rows[1, t]
 
 
@@ -135,15 +135,15 @@ def evaluate(celsius: F64, unix_s: float, more_c: float, program: SlowProgram, r
 def _set_factors(unix_s: float, means: F64, factors: I64, numbers: F64, values: F64) -> None:
     for f in range(len(factors)):
         kind, a, b = factors[f, 0], factors[f, 1], factors[f, 2]
-        number, other = numbers[f, 0], numbers[f, 1]
+        number, limit = numbers[f, 0], numbers[f, 1]
         if kind == POWER:
             value = (means[a] - number) ** b
         elif kind == ZONE:
             value = means[a]
             if value < number:
                 value = number
-            if value > other:
-                value = other
+            if value > limit:
+                value = limit
             value = (value - number) ** b
         elif kind == RATE:
             value = (means[a] - means[b]) / number
@@ -151,8 +151,8 @@ def _set_factors(unix_s: float, means: F64, factors: I64, numbers: F64, values: 
             value = unix_s  # NaN stays
             if value < number:
                 value = number
-            if value > other:
-                value = other
+            if value > limit:
+                value = limit
             value -= number
             if kind == TIME:
                 value = (value / 3600) ** a

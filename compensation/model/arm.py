@@ -95,10 +95,10 @@ class Arm(Strict):
                     )
             if joint.temperature is not None and not joint.weights:
                 raise ValueError(f"joint[{k}].temperature with at least one weight")
-            whole = sum(joint.weights.values())
-            if joint.weights and abs(whole - 1.0) > WEIGHTS_OFF:
+            weight_sum = sum(joint.weights.values())
+            if joint.weights and abs(weight_sum - 1.0) > WEIGHTS_OFF:
                 raise ValueError(
-                    f"joint[{k}].temperature with weights that sum to 1, not {whole:g}"
+                    f"joint[{k}].temperature with weights that sum to 1, not {weight_sum:g}"
                 )
             low, high = joint.min_deg, joint.max_deg
             if low is not None and high is not None and low >= high:

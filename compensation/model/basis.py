@@ -33,14 +33,14 @@ def basis_values(
     series of *states*, unless the live path brings its own *delay*.
     """
     instants = Instants(states, arm, reference_c, constants, delay)
-    known: dict[str, F64] = {}  # each distinct factor is evaluated once
+    factor_values: dict[str, F64] = {}  # each distinct factor is evaluated once
     values = np.ones((len(terms), states.n))  # each in one piece of memory
     for t, term in enumerate(terms):
         for factor in term.basis:
             key = factor.model_dump_json()
-            if key not in known:
-                known[key] = factor.at(instants)
-            values[t] *= known[key]
+            if key not in factor_values:
+                factor_values[key] = factor.evaluate(instants)
+            values[t] *= factor_values[key]
     return values.T
 
 
@@ -58,7 +58,7 @@ def tip_motion(
 
 def parameter_rows(constants: F64, terms: Sequence[Term], values: F64) -> F64:
     """Parameters (n, P) of each row: *constants* (P,) + Σ coefficient · *values* (n, T)."""
-    layout = ParameterLayout.of(len(constants))
+    layout = ParameterLayout.from_count(len(constants))
     rows = np.tile(constants, (len(values), 1))
     for term, value in zip(terms, values.T, strict=True):
         rows[:, layout.index(term.parameter)] += term.coefficient * value

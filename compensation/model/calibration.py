@@ -109,23 +109,23 @@ class Calibration(Strict):
         scale = np.where(deviation > 0, deviation, 1.0)
         with np.errstate(over="ignore"):
             correlation = covariance / scale[:, None] / scale
-        known = deviation > 0
+        varies = deviation > 0
         wrong = ~(np.abs(correlation) <= 1.0 + MOST_ROUNDED)
-        wrong |= (correlation != 0) & ~(known[:, None] & known)
+        wrong |= (correlation != 0) & ~(varies[:, None] & varies)
         wrong |= ~(np.abs(correlation - correlation.T) <= MOST_ROUNDED)
         if wrong.any():
             i, j = (int(k) for k in np.argwhere(wrong)[0])
-            one, other = self.covariance_of[i], self.covariance_of[j]
+            first, second = self.covariance_of[i], self.covariance_of[j]
             raise ValueError(
-                f"a symmetric covariance with correlations of ±1 at most, not {one} with {other}:"
-                f" {self.covariance[i][j]:g} and {self.covariance[j][i]:g}, standard deviations"
-                f" {deviation[i]:g} and {deviation[j]:g}"
+                f"a symmetric covariance with correlations of ±1 at most, not {first} with"
+                f" {second}: {self.covariance[i][j]:g} and {self.covariance[j][i]:g}, standard"
+                f" deviations {deviation[i]:g} and {deviation[j]:g}"
             )
-        least = float(np.linalg.eigvalsh((correlation + correlation.T) / 2)[0])
-        if least < -MOST_ROUNDED * len(correlation):
+        least_eigenvalue = float(np.linalg.eigvalsh((correlation + correlation.T) / 2)[0])
+        if least_eigenvalue < -MOST_ROUNDED * len(correlation):
             raise ValueError(
                 "a positive semidefinite covariance: of some combination of the quantities the"
-                f" variance is negative ({least:.3g} of that of one alone)"
+                f" variance is negative ({least_eigenvalue:.3g} of that of one alone)"
             )
 
     def vector(self, n_joints: int) -> F64:
@@ -176,8 +176,8 @@ def parse_calibration(path: str | Path, data: bytes) -> Calibration:
     try:
         return _parse(path, data)
     except (MemoryError, RecursionError, ValueError) as error:
-        found = f"content that cannot be read ({type(error).__name__})"
-        raise BadInput(path, "the file", found, "a calibration") from error
+        actual = f"content that cannot be read ({type(error).__name__})"
+        raise BadInput(path, "the file", actual, "a calibration") from error
 
 
 def save_calibration(
@@ -302,19 +302,19 @@ def check_belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
     """Raise `BadInput` unless *calibration*, of the file *path*, is one of *arm*."""
     if calibration.arm != arm.serial_number:
         raise BadInput(path, "arm", repr(calibration.arm), f"{arm.serial_number!r}, as in arm.toml")
-    known = set(arm.layout.names)
+    parameter_names = set(arm.layout.names)
     for name, value in calibration.constants.items():
-        if name not in known:
+        if name not in parameter_names:
             raise BadInput(path, f"constants.{name}", "this name", "a parameter of the arm")
-        most = MOST_MM if (unit := parameters.unit(name)) == "mm" else MOST_RAD
-        if abs(value) > most:
-            raise BadInput(path, f"constants.{name}", f"{value:g} {unit}", f"{most:g} at most")
-    missing = sorted(known - set(calibration.constants))
+        limit = MOST_MM if (unit := parameters.unit(name)) == "mm" else MOST_RAD
+        if abs(value) > limit:
+            raise BadInput(path, f"constants.{name}", f"{value:g} {unit}", f"{limit:g} at most")
+    missing = sorted(parameter_names - set(calibration.constants))
     if missing:
         raise BadInput(path, f"constants.{missing[0]}", "nothing", "a value for every parameter")
     numbered = {f"term {i}" for i in range(len(calibration.terms))}
     for name in calibration.covariance_of:
-        if name not in known | numbered:
+        if name not in parameter_names | numbered:
             expected = 'a parameter of the arm or "term I", I counting `terms` from 0'
             raise BadInput(path, "covariance_of", repr(name), expected)
     check_terms(path, calibration.terms, arm)
@@ -323,9 +323,9 @@ def check_belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
 def check_terms(path: str | Path, terms: Sequence[Term], arm: Arm) -> None:
     """Raise `BadInput`, which names *path*, unless all *terms* are of parameters, joints and
     sensors of *arm*."""
-    known = set(arm.layout.names)
+    parameter_names = set(arm.layout.names)
     for i, term in enumerate(terms, 1):
-        if term.parameter not in known:
+        if term.parameter not in parameter_names:
             raise BadInput(
                 path, f"terms[{i}].parameter", repr(term.parameter), "a parameter of the arm"
             )

@@ -31,8 +31,8 @@ def link_masses(arm: Arm) -> tuple[F64, F64]:
         end = np.array(arm.tip.offset_mm if k == arm.n_joints - 1 else (0.0, 0.0, 0.0))
         default_kg = DEFAULT_KG_PER_M * float(np.linalg.norm(end - start)) / 1000
         kg[k] = default_kg if joint.mass_kg is None else joint.mass_kg
-        given = joint.centre_of_mass_mm
-        centre_mm[k] = (start + end) / 2 if given is None else given
+        centre = joint.centre_of_mass_mm
+        centre_mm[k] = (start + end) / 2 if centre is None else centre
     return kg, centre_mm
 
 

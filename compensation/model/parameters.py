@@ -40,10 +40,10 @@ class ParameterLayout:
     n_joints: int
 
     @classmethod
-    def of(cls, count: int) -> ParameterLayout:
+    def from_count(cls, count: int) -> ParameterLayout:
         """That of a vector of *count* parameters; raises `ArmdError` where no arm has so many."""
-        n_joints, left = divmod(count - BESIDE_JOINTS, PER_JOINT)
-        if left or n_joints < 1:
+        n_joints, remainder = divmod(count - BESIDE_JOINTS, PER_JOINT)
+        if remainder or n_joints < 1:
             raise ArmdError(f"no arm has {count} parameters")
         return cls(n_joints)
 
@@ -80,14 +80,14 @@ class ParameterLayout:
         """The five of a joint (1…N)."""
         return slice(PER_JOINT * (number - 1), PER_JOINT * number)
 
-    def each(self, name: str) -> slice:
+    def slice_of_joints(self, name: str) -> slice:
         """One of `JOINT_PARAMETERS` of all joints."""
         return slice(JOINT_PARAMETERS.index(name), PER_JOINT * self.n_joints, PER_JOINT)
 
     @property
     def angles(self) -> slice:
         """θ of all joints: where a Jacobian's columns are d tip / d angle."""
-        return self.each("theta")
+        return self.slice_of_joints("theta")
 
     @property
     def tip(self) -> slice:

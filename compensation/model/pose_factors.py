@@ -28,7 +28,7 @@ AXES = "xyz"
 class PoseFactor(Strict):
     """A factor of what differs from sample to sample."""
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         """Its value (n,) at each instant; a missing rate or approach gives 0."""
         raise NotImplementedError
 
@@ -49,7 +49,7 @@ class Harmonic(PoseFactor):
     joint: JointNumber
     order: Annotated[int, Field(ge=1, le=64)] = 1
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         turn = self.order * instants.q[:, self.joint - 1]
         return np.sin(turn) if self.kind == "sin" else np.cos(turn)
 
@@ -64,7 +64,7 @@ class Angle(PoseFactor):
     joint: JointNumber
     power: Annotated[int, Field(ge=1, le=4)] = 1
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         return instants.q[:, self.joint - 1] ** self.power
 
     def pose_code(self, table_at: int) -> tuple[str, int, int]:
@@ -78,7 +78,7 @@ class Curve(PoseFactor):
     joint: JointNumber
     values: Annotated[list[float], Field(min_length=4, max_length=512)]
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         return curve_at(self.values, instants.q[:, self.joint - 1])
 
     def pose_code(self, table_at: int) -> tuple[str, int, int]:
@@ -94,7 +94,7 @@ class GravityTorque(PoseFactor):
     kind: Literal["gravity_torque"] = "gravity_torque"
     joint: JointNumber
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         return instants.gravity_torques[:, self.joint - 1]
 
     def pose_code(self, table_at: int) -> tuple[str, int, int]:
@@ -108,7 +108,7 @@ class GravityDirection(PoseFactor):
     link: JointNumber
     axis: Axis
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         return instants.gravity_directions[:, self.link - 1, AXES.index(self.axis)]
 
     def pose_code(self, table_at: int) -> tuple[str, int, int]:
@@ -125,7 +125,7 @@ class GravityMoment(PoseFactor):
     link: JointNumber
     axis: Axis
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         return instants.gravity_moments[:, self.link - 1, AXES.index(self.axis)]
 
     def pose_code(self, table_at: int) -> tuple[str, int, int]:
@@ -138,7 +138,7 @@ class Side(PoseFactor):
     kind: Literal["side"] = "side"
     joint: JointNumber
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         return np.sign(instants.rate[:, self.joint - 1])
 
     def pose_code(self, table_at: int) -> tuple[str, int, int]:
@@ -151,7 +151,7 @@ class Rate(PoseFactor):
     kind: Literal["rate"] = "rate"
     joint: JointNumber
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         return instants.rate[:, self.joint - 1]
 
     def pose_code(self, table_at: int) -> tuple[str, int, int]:
@@ -165,7 +165,7 @@ class Approach(PoseFactor):
     axis: Axis
     frame: Literal["base", "tip"] = "base"
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         approach = instants.approach if self.frame == "base" else instants.approach_of_tip
         return approach[:, AXES.index(self.axis)]
 

@@ -36,7 +36,7 @@ class SlowFactor(Strict):
         """The mean temperatures that it is made of."""
         return []
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         """Its value (n,) at each instant; a missing temperature or time gives NaN."""
         raise NotImplementedError
 
@@ -65,7 +65,7 @@ class Temperature(SlowFactor):
     def means(self) -> list[Mean]:
         return [(self.weights, self.lag_s)]
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         value = instants.mean_c(self.weights, self.lag_s)
         if self.zone_c is not None:
             low, high = self.zone_c
@@ -91,7 +91,7 @@ class TemperatureRate(SlowFactor):
     def means(self) -> list[Mean]:
         return [(self.weights, 0.0), (self.weights, self.smoothing_s)]
 
-    def at(self, instants: Instants) -> F64:
+    def evaluate(self, instants: Instants) -> F64:
         now, before = (instants.mean_c(*mean) for mean in self.means)
         return (now - before) / self.smoothing_s
 
@@ -102,10 +102,10 @@ class TemperatureRate(SlowFactor):
 class Dated(SlowFactor):
     """A factor of the date alone."""
 
-    def at(self, instants: Instants) -> F64:
-        return self.at_times(instants.time_s)
+    def evaluate(self, instants: Instants) -> F64:
+        return self.evaluate_at_times(instants.time_s)
 
-    def at_times(self, time_s: F64) -> F64:
+    def evaluate_at_times(self, time_s: F64) -> F64:
         """Its value at times (n,) in Unix seconds."""
         raise NotImplementedError
 
@@ -142,7 +142,7 @@ class Time(Period):
     kind: Literal["time"] = "time"
     power: Annotated[int, Field(ge=1, le=3)] = 1
 
-    def at_times(self, time_s: F64) -> F64:
+    def evaluate_at_times(self, time_s: F64) -> F64:
         return (self._held_s(time_s) / 3600) ** self.power
 
     def slow_code(self, means: Sequence[int], reference_c: float) -> tuple[str, int, int, F64]:
@@ -155,7 +155,7 @@ class Relaxation(Period):
     kind: Literal["relaxation"] = "relaxation"
     time_constant_s: Annotated[float, Field(gt=0)]
 
-    def at_times(self, time_s: F64) -> F64:
+    def evaluate_at_times(self, time_s: F64) -> F64:
         return -np.expm1(-self._held_s(time_s) / self.time_constant_s)
 
     def slow_code(self, means: Sequence[int], reference_c: float) -> tuple[str, int, int, F64]:
@@ -167,7 +167,7 @@ class Daily(Period):
 
     kind: Literal["daily_sin", "daily_cos"]
 
-    def at_times(self, time_s: F64) -> F64:
+    def evaluate_at_times(self, time_s: F64) -> F64:
         turn = math.tau * self._held_s(time_s) / DAY_S
         return np.sin(turn) if self.kind == "daily_sin" else np.cos(turn)
 
@@ -181,7 +181,7 @@ class After(Dated):
     kind: Literal["after"] = "after"
     instant_unix_s: UnixSeconds
 
-    def at_times(self, time_s: F64) -> F64:
+    def evaluate_at_times(self, time_s: F64) -> F64:
         return np.where(np.isfinite(time_s), time_s >= self.instant_unix_s, np.nan)
 
     def slow_code(self, means: Sequence[int], reference_c: float) -> tuple[str, int, int, F64]:

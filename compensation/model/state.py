@@ -31,7 +31,7 @@ class States:
     def joined(cls, parts: Sequence[States]) -> States:
         """All rows, one after another; their series as they stand."""
         names = [field.name for field in fields(cls)]
-        return cls(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def rows(self, chosen: Mask | I64 | slice) -> States:
         """The chosen rows only. Lags want all rows of a run: evaluate them before choosing."""

@@ -85,4 +85,4 @@ def verify_points(
         digest=lambda: digest_input(path),
     )
     verification = figures_of(session, arm, points.position_mm, test, whole=judged)
-    return OfPoints(verification, session, arm, points.said)
+    return OfPoints(verification, session, arm, points.remarks)

@@ -148,14 +148,14 @@ class OwnNetwork(canopen.Network):  # type: ignore[misc]
         monotonic_ns, unix_ns = self._time.now()
         if message is None:
             # A closed socketcand returns at once, for ever: do not spin.
-            rest = min(begun + timeout_s - time.monotonic(), 0.001)
-            if rest > 0:
-                time.sleep(rest)
+            pause_s = min(begun + timeout_s - time.monotonic(), 0.001)
+            if pause_s > 0:
+                time.sleep(pause_s)
             return None
         identifier = message.arbitration_id
-        most = EXTENDED_MOST if message.is_extended_id else STANDARD_MOST
-        whole = message.is_remote_frame or len(message.data) == message.dlc
-        if not 0 <= identifier <= most or not whole:
+        largest = EXTENDED_MOST if message.is_extended_id else STANDARD_MOST
+        is_whole = message.is_remote_frame or len(message.data) == message.dlc
+        if not 0 <= identifier <= largest or not is_whole:
             self._note_garbled(f"identifier {identifier:#x}, {len(message.data)} bytes")
             return None
         self._garbled_in_a_row = 0
@@ -165,11 +165,13 @@ class OwnNetwork(canopen.Network):  # type: ignore[misc]
         raw = CanFrame(identifier, bytes(message.data)).to_bytes()
         return RawFrame(monotonic_ns, unix_ns, "rx", raw, "can")
 
-    def _note_garbled(self, what: str) -> None:
+    def _note_garbled(self, description: str) -> None:
         self.garbled += 1
         self._garbled_in_a_row += 1
         if self._garbled_in_a_row >= GARBLED_MOST:
-            raise BusFault(f"{GARBLED_MOST} frames in a row that make no sense, the last: {what}")
+            raise BusFault(
+                f"{GARBLED_MOST} frames in a row that make no sense, the last: {description}"
+            )
 
     def close(self) -> None:
         """What is broken need not be closed well. A job that still sends counts a fault."""

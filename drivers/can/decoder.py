@@ -99,8 +99,8 @@ class CanDecoder:
             echo=self._sync_time.echo,
             first_latch_ns=self._sampler.first_latch_ns,
         )
-        asked = [*self._alarms.values(), *self._warmth.values()]
-        return [settings[0]._replace(data=number), *settings, *asked]
+        answers = [*self._alarms.values(), *self._warmth.values()]
+        return [settings[0]._replace(data=number), *settings, *answers]
 
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes, in the order of the bus."""
@@ -168,9 +168,9 @@ class CanDecoder:
             items += self._recovered(node, frame.monotonic_ns)
             self._await_all &= not all(joint.reporting for joint in self._joints)
         position = int.from_bytes(data[layout.position_at : layout.position_at + 4], "little")
-        alarms, at = node.alarms, layout.alarms_at
-        if at is not None:
-            alarms = int.from_bytes(data[at : at + 2], "little")
+        alarms, alarms_at = node.alarms, layout.alarms_at
+        if alarms_at is not None:
+            alarms = int.from_bytes(data[alarms_at : alarms_at + 2], "little")
         reading = EncoderReading(position, alarms)
         cycle = self._assembler.report(node.number, reading, self._reporting())
         if cycle is not None and self._sampler.ready and self._in_service:
@@ -191,11 +191,11 @@ class CanDecoder:
         return frozenset(node.number for node in self._joints if node.reporting)
 
     def _sync_sent(self, now_ns: int) -> list[Item]:
-        known = self._sync_time.echo
+        echo = self._sync_time.echo
         if not self._sync_time.sent(now_ns):
             return []
         items = self._sync(now_ns, now_ns)
-        if known is None:
+        if echo is None:
             text = "this interface does not return our SYNC: its sending counts as its instant"
             items.append(Event("no_echo", text, now_ns, "info"))
         return items
@@ -220,11 +220,11 @@ class CanDecoder:
         ]
 
     def _second_producer(self, now_ns: int) -> list[Item]:
-        known, self._counted["foreign_sync"] = (
+        was_counted, self._counted["foreign_sync"] = (
             self._counted["foreign_sync"],
             self._sync_time.foreign,
         )
-        if known or not self._sync_time.foreign:
+        if was_counted or not self._sync_time.foreign:
             return []
         text = 'another SYNC producer is on the bus: configure sync = "follower" or switch it off'
         return [Event("second_sync_producer", text, now_ns, "error")]

@@ -28,24 +28,30 @@ def wait(
     readers: Waited, writers: Waited, failing: Waited, timeout_s: float | None = None
 ) -> tuple[list[Any], list[Any], list[Any]]:
     """As `select.select`, for descriptors of any number. Raises `OSError`."""
-    if all(0 <= _number(one) < MOST_OF_SELECT for one in (*readers, *writers, *failing)):
+    if all(
+        0 <= _number(descriptor) < MOST_OF_SELECT for descriptor in (*readers, *writers, *failing)
+    ):
         return select.select(readers, writers, failing, timeout_s)
     ready: tuple[list[Any], list[Any], list[Any]] = ([], [], [])
     waiting = select.poll()
-    wanted: dict[int, int] = {}
+    masks: dict[int, int] = {}
     events = (select.POLLIN, select.POLLOUT, select.POLLPRI)
     for group, event in zip((readers, writers, failing), events, strict=True):
-        for one in group:
-            number = _number(one)
-            wanted[number] = wanted.get(number, 0) | event
-            waiting.register(number, wanted[number])
-    found = dict(waiting.poll(None if timeout_s is None else max(timeout_s, 0.0) * 1e3))
-    if any(mask & select.POLLNVAL for mask in found.values()):
+        for descriptor in group:
+            number = _number(descriptor)
+            masks[number] = masks.get(number, 0) | event
+            waiting.register(number, masks[number])
+    ready_masks = dict(waiting.poll(None if timeout_s is None else max(timeout_s, 0.0) * 1e3))
+    if any(mask & select.POLLNVAL for mask in ready_masks.values()):
         raise OSError("a closed descriptor")
     ended = select.POLLHUP | select.POLLERR
     for group, event, out in zip((readers, writers, failing), events, ready, strict=True):
         also = ended if event != select.POLLPRI else 0
-        out += [one for one in group if found.get(_number(one), 0) & (event | also)]
+        out += [
+            descriptor
+            for descriptor in group
+            if ready_masks.get(_number(descriptor), 0) & (event | also)
+        ]
     return ready
 
 
@@ -58,5 +64,5 @@ def lift_descriptor_limit(bus: can.BusABC) -> None:
             setattr(module, "select", stand_in)  # noqa: B010
 
 
-def _number(one: HasDescriptor | int) -> int:
-    return one if isinstance(one, int) else one.fileno()
+def _number(descriptor: HasDescriptor | int) -> int:
+    return descriptor if isinstance(descriptor, int) else descriptor.fileno()

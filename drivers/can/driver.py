@@ -117,8 +117,8 @@ class CanDriver(Shell[CanDecoder]):
 
     def _sync_if_due(self, network: OwnNetwork) -> None:
         now_ns = time.monotonic_ns()
-        due = self._config.sync == "producer" and now_ns >= self._sync_due_ns
-        if due and self._decoder.may_sync(now_ns):
+        is_due = self._config.sync == "producer" and now_ns >= self._sync_due_ns
+        if is_due and self._decoder.may_sync(now_ns):
             network.send_sync()
             late = (now_ns - self._sync_due_ns) // self._period_ns
             self._sync_due_ns += (late + 1) * self._period_ns

@@ -27,8 +27,8 @@ def limited(
     if nameless:
         lacks.append("no serial number (1018:4): another encoder in its place goes unnoticed")
     if not counts_told:
-        of = f"the {node.counts_per_turn} of arm.toml are taken unchecked"
-        lacks.append(f"no counts per turn (6501): {of}")
+        unchecked = f"the {node.counts_per_turn} of arm.toml are taken unchecked"
+        lacks.append(f"no counts per turn (6501): {unchecked}")
     if node.layout.alarms_at is None:
         how = "asked for by SDO instead" if alarms is not None else "not to be had by SDO either"
         lacks.append(f"no room for its alarms (6503) in TPDO1: they are {how}")

@@ -47,17 +47,17 @@ INTERFACES = tuple(sorted(BACKENDS))
 class InterfaceKeys:
     """The keys of one interface, `channel` among them where it is one."""
 
-    known: frozenset[str]
+    names: frozenset[str]
     required: frozenset[str]
     kinds: Mapping[str, type]  # of their values: bool, int, float or str; where that is known
 
     def expected(self, key: str, value: object) -> str:
         """What should stand there instead of *value*; empty where it may be."""
         kind = self.kinds.get(key)
-        least, most = _RANGES.get(key, (0, math.inf))
+        low, high = _RANGES.get(key, (0, math.inf))
         if kind is None:
             number = isinstance(value, int | float)
-            return "" if not number or _is_within(value, least, most) else "a number of 0 or more"
+            return "" if not number or _is_within(value, low, high) else "a number of 0 or more"
         if kind is bool:
             fits = isinstance(value, bool)
         elif kind is str:
@@ -65,14 +65,14 @@ class InterfaceKeys:
         else:
             numbers = int if kind is int else int | float
             number = isinstance(value, numbers) and not isinstance(value, bool)
-            fits = number and _is_within(value, least, most)
+            fits = number and _is_within(value, low, high)
         if fits:
             return ""
-        return _WORDS[kind] + (f", {least} to {most}" if math.isfinite(most) else _at_least(kind))
+        return _WORDS[kind] + (f", {low} to {high}" if math.isfinite(high) else _at_least(kind))
 
 
-def _is_within(value: Any, least: float, most: float) -> bool:
-    return math.isfinite(value) and least <= value <= most
+def _is_within(value: Any, low: float, high: float) -> bool:
+    return math.isfinite(value) and low <= value <= high
 
 
 def _at_least(kind: type) -> str:
@@ -91,28 +91,28 @@ def options_of(interface: str) -> InterfaceKeys | None:
     except Exception:  # a maker's library that is missing shows itself in any way it likes
         return None
     kinds: dict[str, type] = {}
-    known = set(COMMON) | set(_TAKEN.findall(source))
+    names = set(COMMON) | set(_TAKEN.findall(source))
     required: set[str] = set()
     for base in (base for base in bus.__mro__ if "__init__" in vars(base)):
         hints = get_type_hints(base.__init__)
         for parameter in inspect.signature(base.__init__).parameters.values():
             if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
                 continue
-            known.add(parameter.name)
+            names.add(parameter.name)
             kind = _kind_of(hints.get(parameter.name), parameter.default)
             if kind is not None:
                 kinds.setdefault(parameter.name, kind)
             if base is bus and parameter.default in (parameter.empty, ""):
                 required.add(parameter.name)
-    known.discard("self")
+    names.discard("self")
     required.discard("self")
-    return InterfaceKeys(frozenset(known), frozenset(required), {**_KINDS, **kinds})
+    return InterfaceKeys(frozenset(names), frozenset(required), {**_KINDS, **kinds})
 
 
 def _kind_of(hint: Any, default: object) -> type | None:
     """Of a parameter's values, by its annotation (T, or T | None), or else by its default."""
-    given = [each for each in get_args(hint) or (hint,) if each is not type(None)]
-    if len(given) == 1 and given[0] in _WORDS:
-        kind: type = given[0]
+    types = [part for part in get_args(hint) or (hint,) if part is not type(None)]
+    if len(types) == 1 and types[0] in _WORDS:
+        kind: type = types[0]
         return kind
     return type(default) if hint is None and type(default) in _WORDS else None

@@ -17,7 +17,7 @@ class SyncTime:
         self.echo: bool | None = None  # does the interface return our own SYNC?
         self.foreign = 0  # SYNCs received that, while we send ours, are not ours
         self._sent: deque[int] = deque()
-        self._ways: deque[int] = deque(maxlen=WINDOW)
+        self._echo_delays_ns: deque[int] = deque(maxlen=WINDOW)
         self._unanswered = 0
 
     def sent(self, now_ns: int) -> bool:
@@ -44,5 +44,5 @@ class SyncTime:
             return now_ns, lost
         self.echo = True
         sent_ns = self._sent.popleft()
-        self._ways.append(now_ns - sent_ns)
-        return sent_ns + min(self._ways), lost
+        self._echo_delays_ns.append(now_ns - sent_ns)
+        return sent_ns + min(self._echo_delays_ns), lost

@@ -101,11 +101,11 @@ class Conversation:
         self._buffer += frame.data
         yield from self._take(complete=False)
         if self.phase is Phase.STARTING:
-            _, acknowledged, rest = self._buffer.partition(bytes([wire.RESPOND_TO_MOTION]))
+            _, acknowledged, behind = self._buffer.partition(bytes([wire.RESPOND_TO_MOTION]))
             if acknowledged:
                 self.stream = PacketStream(self.pending.data)
                 self.pending, self._buffer, self.phase = None, b"", Phase.STREAM
-                yield from self._streamed(frame._replace(data=rest))
+                yield from self._streamed(frame._replace(data=behind))
 
     def resume(self, stream: PacketStream) -> None:
         """A recording begins in the middle of a stream."""
@@ -133,12 +133,12 @@ class Conversation:
         if request.data in (wire.SYNC, wire.BEGIN):
             self._greet(request.data)
             return
-        packet, rest = wire.take(request.data[0], self._buffer, complete)
+        packet, behind = wire.take(request.data[0], self._buffer, complete)
         if packet is None:
             return
         self.pending, self._buffer = None, b""
-        self._malformed += bool(rest)
-        if rest and self.phase is Phase.POLL and request.data[0] in wire.POLLS:
+        self._malformed += bool(behind)
+        if behind and self.phase is Phase.POLL and request.data[0] in wire.POLLS:
             return  # a byte too many, perhaps from within: no number in it can be believed
         if self.phase is Phase.STOPPING:
             self.phase, self.stops = Phase.POLL, True

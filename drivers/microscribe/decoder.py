@@ -47,7 +47,7 @@ class MicroScribeDecoder:
         self._jumps = JointWatch("count_jump", "its count jumped", "it jumps no more")
         self._stream = stream
         self._instants = ReadingInstants()
-        self._told = ""  # of streaming, in this session
+        self._streaming_state = ""  # of streaming, in this session
         self._seq = -1  # of the last cycle
         self._delivered = -1  # seq of the last sample
         self._greeting: list[RawFrame] = []  # what told whose arm this is
@@ -88,7 +88,7 @@ class MicroScribeDecoder:
         if self.homing.homed:
             frames.append(first._replace(data=HOMED))
         stream = self.conversation.stream
-        streaming = [self._told, self._instants.state(), stream and stream.state()]
+        streaming = [self._streaming_state, self._instants.state(), stream and stream.state()]
         state = [*streaming, self.homing.state()]
         return [*frames, first._replace(data=TIMED + json.dumps(state).encode())]
 
@@ -110,7 +110,7 @@ class MicroScribeDecoder:
             ]
             items += self._whether_it_streams(frame)
             if self.homing is not None and frame.data[0] == wire.HOME:
-                self.homing.asked()
+                self.homing.note_sent()
             # Not a cycle: HOME, and what is asked of an arm whose samples nobody wants.
             if self.accepted and frame.data[0] in wire.POLLS:
                 self._seq += 1
@@ -128,7 +128,7 @@ class MicroScribeDecoder:
                 self.homing.acknowledged()
         elif data.startswith(TIMED):
             state = json.loads(data.removeprefix(TIMED))
-            self._told, instants, stream, *homing = state
+            self._streaming_state, instants, stream, *homing = state
             self._instants.restore(instants)
             if homing:  # an older recording has none
                 self.homing = Homing.restored(homing[0])
@@ -142,7 +142,7 @@ class MicroScribeDecoder:
                 self._before = self.homing.lost()
             self.accepted, self.homing = False, None
             self._instants.restart()
-            self._told = ""
+            self._streaming_state = ""
 
     # --- replies -------------------------------------------------------------------------
 
@@ -167,7 +167,9 @@ class MicroScribeDecoder:
             return []
         reading = wire.decode_standard(packet)
         maps = self._stream and self.homing.homed and not self._hindrance
-        at_ns, holds = self._instants.asked(request, frame, len(packet), reading.ticks, maps)
+        at_ns, holds = self._instants.estimate_instant(
+            request, frame, len(packet), reading.ticks, maps
+        )
         if self._seq == self._delivered + 1:
             self._seq += self._instants.missing(at_ns)
         self._instants.stream_ended()
@@ -211,34 +213,34 @@ class MicroScribeDecoder:
         packet, heard, _, lost = streamed
         self.last_sample_ns = heard.monotonic_ns
         stream = self.conversation.stream
-        made = self._instants.streamed(streamed, None if stream is None else stream.pace_ticks)
-        if self.homing is None or made is None:
+        instant = self._instants.streamed(streamed, None if stream is None else stream.pace_ticks)
+        if self.homing is None or instant is None:
             self._counted["misplaced"] += 1
             return []
-        at_ns, holds = made
+        at_ns, holds = instant
         if lost is None:  # the first one
             lost = self._instants.missing(at_ns) if self._seq == self._delivered else 0
         self._seq += 1 + lost
         self._counted["streamed"] += 1
-        told = self._whether_it_streams(heard)
+        events = self._whether_it_streams(heard)
         reading = wire.decode_standard(packet)
-        return [*told, *self._sample(reading, at_ns, heard, self.homing, holds)]
+        return [*events, *self._sample(reading, at_ns, heard, self.homing, holds)]
 
     def _whether_it_streams(self, frame: RawFrame) -> list[Item]:
         """Told once in a session, and once more should it cease to."""
         stream, homing = self.conversation.stream, self.homing
         if not self._stream or homing is None or not homing.homed:
             return []
-        if stream is not None and self._told == "":
+        if stream is not None and self._streaming_state == "":
             pace_ms = stream.pace_ticks * TICK_NS / 1e6
             text = f"the arm sends its readings by itself, one every {pace_ms:.1f} ms"
-            self._told = "streaming"
-        elif stream is None and self._hindrance and self._told != "not_streaming":
+            self._streaming_state = "streaming"
+        elif stream is None and self._hindrance and self._streaming_state != "not_streaming":
             text = f"the arm is asked for each reading, as {self._hindrance}"
-            self._told = "not_streaming"
+            self._streaming_state = "not_streaming"
         else:
             return []
-        return [Event(self._told, text, frame.monotonic_ns, "info")]
+        return [Event(self._streaming_state, text, frame.monotonic_ns, "info")]
 
     def _sample(
         self,
@@ -251,7 +253,7 @@ class MicroScribeDecoder:
     ) -> list[Item]:
         """*took_ns*: of a reading that was asked for, from its request to its reply."""
         counts = reading.counts[: wire.N_JOINTS]
-        self._instants.taken(at_ns)
+        self._instants.note_sample(at_ns)
         items: list[Item] = []
         assert self._unwrapper is not None
         was_homed = homing.homed

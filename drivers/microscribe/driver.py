@@ -119,8 +119,8 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
             self._send_ns = now_ns + POLL_NS
             return []
         self._draining = False
-        wanted = homing is not None and not homing.homed and homing.wanted(now_ns)
-        if wanted and now_ns >= self._home_ns:
+        needs_home = homing is not None and not homing.homed and homing.is_due(now_ns)
+        if needs_home and now_ns >= self._home_ns:
             self._home_ns = now_ns + HOME_EVERY_NS
             self._send_ns = now_ns + HOME_EVERY_NS // 3
             return self._send(port, bytes([wire.HOME]))
@@ -161,8 +161,8 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
                 good = self._tried % len(self._bauds)
                 self._bauds, self._tried = self._bauds[good:] + self._bauds[:good], 0
             if self._trying_fastest:
-                others = (baud for baud in self._bauds if baud != self._fastest)
-                self._bauds = (self._fastest, *others)
+                slower = (baud for baud in self._bauds if baud != self._fastest)
+                self._bauds = (self._fastest, *slower)
 
     # --- the port --------------------------------------------------------------------------
 

@@ -49,15 +49,15 @@ def read_factory(port: str, baud: int | None = None) -> Factory:
 
 
 def _ask(talk: _Talk, port: str, baud: int) -> Factory:
-    def answer(command: int, what: str) -> bytes:
+    def answer(command: int, name: str) -> bytes:
         packet = talk.ask(command)
         if packet is None:
-            raise BadInput(port, what, f"no answer to {command:02X}", "the arm's own answer")
+            raise BadInput(port, name, f"no answer to {command:02X}", "the arm's own answer")
         return packet
 
     texts = {
-        what: wire.text(answer(command, what))
-        for command, what in (
+        name: wire.text(answer(command, name))
+        for command, name in (
             (wire.SERIAL_NUMBER, "serial number"),
             (wire.MODEL, "model"),
             (wire.COMMENT, "comment"),
@@ -121,8 +121,8 @@ class _Talk:
     def _hear(self, seconds: float, until: Sequence[bytes]) -> bytes:
         """What comes within *seconds*, or up to one of *until*; without, up to the first bytes."""
         heard, deadline = b"", time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0:
-            if not has_bytes(self._line.fileno(), left):
+        while (remaining_s := deadline - time.monotonic()) > 0:
+            if not has_bytes(self._line.fileno(), remaining_s):
                 break
             heard += self._line.read(4096)
             if not until or any(word in heard for word in until):

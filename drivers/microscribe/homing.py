@@ -49,11 +49,13 @@ class Homing:
     unconfirmed: bool = False  # HOME was acknowledged, and is not believed yet
     _home: Sequence[int] | None = None  # counts in the rest, or in what may be it
     _last: tuple[int, int | None] | None = None  # instant and timer of the last reading when homed
-    _rest: Sequence[int] = ()
+    _rest_counts: Sequence[int] = ()
     _rest_since_ns: int = 0
     _buttons: int | None = None  # of the last reading
     _pressed_ns: int | None = None  # a press that asks for HOME
-    _asked: bool = False  # HOME was sent in this session: the counts are no more those of before
+    _home_sent: bool = (
+        False  # HOME was sent in this session: the counts are no more those of before
+    )
     _doubt: str = ""  # why the press that asks for HOME needs another one
     _lifted: bool = False  # since HOME
     _quickest_ns: int | None = None  # reply of this session, which tells most of the timer
@@ -79,13 +81,13 @@ class Homing:
         before = state["before"]
         return cls(**state | {"before": before and Before(*before)})
 
-    def wanted(self, now_ns: int) -> bool:
+    def is_due(self, now_ns: int) -> bool:
         """HOME is to be sent, again if need be."""
         return self._pressed_ns is not None and now_ns - self._pressed_ns < PATIENCE_NS
 
-    def asked(self) -> None:
+    def note_sent(self) -> None:
         """HOME goes out."""
-        self._asked = True
+        self._home_sent = True
 
     def acknowledged(self) -> bool:
         """HOME was; whether the arm counts as homed."""
@@ -111,22 +113,29 @@ class Homing:
         """A reading of the arm that is not homed, *took_ns* from its request to its reply; why a
         press was refused, if one was."""
         self._look_at_timer(at_ns, ticks, took_ns)
-        moved = not self._rest or self._apart(counts, self._rest)[0] > REST_DEG
+        moved = (
+            not self._rest_counts
+            or self._largest_difference(counts, self._rest_counts)[0] > REST_DEG
+        )
         if moved:
-            self._rest, self._rest_since_ns = tuple(counts), at_ns
+            self._rest_counts, self._rest_since_ns = tuple(counts), at_ns
         if self.unconfirmed:
             self._home = tuple(counts) if self._home is None else self._home
-            self._lifted |= self._apart(counts, self._home)[0] > LIFTED_DEG
+            self._lifted |= self._largest_difference(counts, self._home)[0] > LIFTED_DEG
         risen = 0 if self._buttons is None else buttons & ~self._buttons
         self._buttons = buttons
-        if self._pressed_ns is not None and (moved or not self.wanted(at_ns)):
+        if self._pressed_ns is not None and (moved or not self.is_due(at_ns)):
             self._pressed_ns = None
             return "it moved" if moved else "it did not acknowledge HOME"
         if not risen:
             return ""
         if at_ns - self._rest_since_ns < REST_NS:
             return f"it had not been at rest for {REST_NS / 1e9:g} s"
-        if self.unconfirmed and self._home and self._apart(counts, self._home)[0] <= BACK_DEG:
+        if (
+            self.unconfirmed
+            and self._home
+            and self._largest_difference(counts, self._home)[0] <= BACK_DEG
+        ):
             if not self._lifted:
                 return "the stylus was not lifted out of its rest since the last press"
             self.homed, self.unconfirmed = True, False
@@ -138,9 +147,9 @@ class Homing:
         """Why *counts* may not be those of the stylus in its rest; empty if they are."""
         if self.before is None:
             return ""
-        if self._asked or not self._ran_on:
+        if self._home_sent or not self._ran_on:
             return "nothing tells whether the stylus is in its rest, as the arm may have been off"
-        degrees, joint = self._apart(counts, self.before.home)
+        degrees, joint = self._largest_difference(counts, self.before.home)
         if degrees <= BACK_DEG:
             return ""
         return f"joint {joint} is {degrees:.1f}° from where it was in its rest"
@@ -157,11 +166,13 @@ class Homing:
         fits = abs(off_ns) <= TIMER_NS + TIMER_RATE * since_ns
         self._ran_on = fits and since_ns <= LONGEST_NS
 
-    def _apart(self, counts: Sequence[int], others: Sequence[int]) -> tuple[float, int]:
+    def _largest_difference(
+        self, counts: Sequence[int], counts_before: Sequence[int]
+    ) -> tuple[float, int]:
         """By how many degrees they differ at the most, and which joint (from 1) does."""
         return max(
-            (abs((count - other + turn // 2) % turn - turn // 2) * 360 / turn, joint)
-            for joint, (count, other, turn) in enumerate(
-                zip(counts, others, self.counts_per_turn, strict=True), 1
+            (abs((count - count_before + turn // 2) % turn - turn // 2) * 360 / turn, joint)
+            for joint, (count, count_before, turn) in enumerate(
+                zip(counts, counts_before, self.counts_per_turn, strict=True), 1
             )
         )

@@ -32,14 +32,14 @@ class ReadingInstants:
         """Another session, perhaps another arm on another line."""
         self.timer, self._paced = Timer(), True
 
-    def asked(
+    def estimate_instant(
         self, request: RawFrame, reply: RawFrame, size: int, ticks: int | None, maps: bool
     ) -> tuple[int, bool]:
         """Of a reading whose reply has *size* bytes, and whether it is as certain as a stamp has to
         be; *ticks* of the timer that it holds, if it *maps* that to the host's clock."""
         begin_ns, end_ns = self._between(request, reply, size)
         if maps and ticks is not None:
-            self.timer.asked(begin_ns, end_ns, self.timer.ticks(ticks, end_ns))
+            self.timer.add_exchange(begin_ns, end_ns, self.timer.ticks(ticks, end_ns))
         holds = end_ns - begin_ns <= 2 * PROMISED_NS
         return max((begin_ns + end_ns) // 2, self._last_ns + 1), holds
 
@@ -65,7 +65,7 @@ class ReadingInstants:
         """The next reading was asked for."""
         self._pace_ns = 0.0
 
-    def taken(self, at_ns: int) -> None:
+    def note_sample(self, at_ns: int) -> None:
         """The reading of *at_ns* became a sample."""
         self._last_ns = at_ns
 

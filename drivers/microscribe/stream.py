@@ -38,15 +38,15 @@ class PacketStream:
         self._size = standard_size(command)
         self._open = b""  # what began and may not have ended
         self._heard: RawFrame | None = None  # that `_open` became whole with
-        self._whole: tuple[bytes, RawFrame] | None = None  # the next one decides of it
+        self._complete: tuple[bytes, RawFrame] | None = None  # the next one decides of it
         self._before: int | None = None  # ticks of the last one that counted
-        self._apart: deque[int] = deque([max(delay, 1)] * 4, maxlen=PACE_PACKETS)
+        self._spacings: deque[int] = deque([max(delay, 1)] * 4, maxlen=PACE_PACKETS)
 
     @property
     def pace_ticks(self) -> float:
         """From packet to packet: of the last ones, those that follow a loss apart."""
-        least = sorted(self._apart)[: -(-3 * len(self._apart) // 4)]
-        return sum(least) / len(least)
+        shortest = sorted(self._spacings)[: -(-3 * len(self._spacings) // 4)]
+        return sum(shortest) / len(shortest)
 
     def push(self, frame: RawFrame) -> list[Streamed]:
         """What the bytes of *frame* prove to be packets."""
@@ -61,30 +61,30 @@ class PacketStream:
                 continue
             if len(self._open) == self._size:
                 self._heard = frame
-            if len(self._open) == _TIMER_AT + 2 and self._whole is not None:
-                proven += self._judge(*self._whole)
-                self._whole = None
+            if len(self._open) == _TIMER_AT + 2 and self._complete is not None:
+                proven += self._judge(*self._complete)
+                self._complete = None
         return proven
 
     def _close(self) -> None:
         """Another beginning: what was open is a packet, or none."""
         if len(self._open) < _TIMER_AT + 2:
-            self._whole = None  # nothing tells of the one before
+            self._complete = None  # nothing tells of the one before
         good = len(self._open) == self._size and self._open[0] == self._head
         if good and self._heard is not None:
-            self._whole = self._open, self._heard
+            self._complete = self._open, self._heard
             self.packets += 1
         else:
-            self._whole = None
+            self._complete = None
             self.malformed += bool(self._open)
 
     def _judge(self, packet: bytes, heard: RawFrame) -> list[Streamed]:
         ticks = _timer(packet)
-        apart = (_timer(self._open) - ticks) % TICKS
+        spacing = (_timer(self._open) - ticks) % TICKS
         pace = self.pace_ticks
-        if 0 < apart < TICKS // 2:
-            self._apart.append(apart)
-        if self._open[0] != self._head or not 0 < apart <= NEXT * pace:
+        if 0 < spacing < TICKS // 2:
+            self._spacings.append(spacing)
+        if self._open[0] != self._head or not 0 < spacing <= NEXT * pace:
             self.malformed += 1
             return []
         lost = None
@@ -97,19 +97,26 @@ class PacketStream:
 
     def state(self) -> list[Any]:
         """For `restored`, as JSON."""
-        whole = self._whole and [self._whole[0].hex(), *_time(self._whole[1])]
+        complete = self._complete and [self._complete[0].hex(), *_time(self._complete[1])]
         heard = self._heard and _time(self._heard)
-        return [self.request.hex(), self._open.hex(), heard, whole, self._before, [*self._apart]]
+        return [
+            self.request.hex(),
+            self._open.hex(),
+            heard,
+            complete,
+            self._before,
+            [*self._spacings],
+        ]
 
     @classmethod
     def restored(cls, state: list[Any]) -> PacketStream:
-        request, opened, heard, whole, before, apart = state
+        request, opened, heard, complete, before, spacings = state
         stream = cls(bytes.fromhex(request))
         stream._open = bytes.fromhex(opened)
         stream._heard = heard and _frame(*heard)
-        stream._whole = whole and (bytes.fromhex(whole[0]), _frame(*whole[1:]))
+        stream._complete = complete and (bytes.fromhex(complete[0]), _frame(*complete[1:]))
         stream._before = before
-        stream._apart = deque(apart, maxlen=PACE_PACKETS)
+        stream._spacings = deque(spacings, maxlen=PACE_PACKETS)
         return stream
 
 

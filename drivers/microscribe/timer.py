@@ -46,7 +46,7 @@ class Timer:
         self._total = total, at_ns
         return total
 
-    def asked(self, begin_ns: int, end_ns: int, ticks: int) -> None:
+    def add_exchange(self, begin_ns: int, end_ns: int, ticks: int) -> None:
         """A reading made in tick *ticks*, and between two instants of the host."""
         self._add(begin_ns - TICK_NS, end_ns, _device_ns(ticks))
         self._vain = 0 if self.mapped else self._vain + 1

@@ -99,15 +99,15 @@ def take(command: int, buffer: bytes, complete: bool = False) -> tuple[bytes | N
 
     *complete*: nothing more comes, so that a text may lack its closing zero.
     """
-    at = 0
-    while (at := buffer.find(command | 0x80, at)) >= 0:
-        size = _size(command, buffer[at:], complete)
-        if size is None or at + size > len(buffer):
-            return None, buffer[at:]
-        packet = buffer[at : at + size]
+    begin = 0
+    while (begin := buffer.find(command | 0x80, begin)) >= 0:
+        size = _size(command, buffer[begin:], complete)
+        if size is None or begin + size > len(buffer):
+            return None, buffer[begin:]
+        packet = buffer[begin : begin + size]
         if command & 0x40 or not any(byte & 0x80 for byte in packet[1:]):
-            return packet, buffer[at + size :]
-        at += 1
+            return packet, buffer[begin + size :]
+        begin += 1
     return None, b""
 
 

@@ -44,7 +44,7 @@ class Acquaintance:
         self._look_due_ns = 0
         self._adapter_asked = False
         self._written: set[tuple[int, int]] = set()  # servo and register
-        self._told: set[tuple[int, int]] = set()  # of these, those that were not kept
+        self._refused_writes: set[tuple[int, int]] = set()  # of these, those that were not kept
         self._check: list[int] = []  # whose registers to read after a write
         self._checked: set[int] = set()  # who has been asked since
         self._refusals: list[bytes] = []  # notes on writes that were not kept
@@ -59,16 +59,16 @@ class Acquaintance:
             return self._plan.identity(servos)
         if self._judged is not None:
             return None
-        wanted = self._missing
+        missing = self._missing
         self._tries += 1
         if self._decoder.one_by_one.active:
-            return self._plan.identity_alone(wanted[self._tries % len(wanted)])
+            return self._plan.identity_alone(missing[self._tries % len(missing)])
         # In turns: a servo that answers alone may have been switched on just now.
         beyond = self._tries - (TRIES if roster.servos else 1)
         if beyond > 0 and beyond % 2:
-            return self._plan.identity_alone(wanted[beyond // 2 % len(wanted)])
-        self._unanswered = self._unanswered + 1 if roster.alone else 0
-        return self._plan.identity(wanted)
+            return self._plan.identity_alone(missing[beyond // 2 % len(missing)])
+        self._unanswered = self._unanswered + 1 if roster.single_answers else 0
+        return self._plan.identity(missing)
 
     @property
     def _missing(self) -> list[int]:
@@ -105,10 +105,10 @@ class Acquaintance:
             if not roster.servos or self._tries < self._patience(len(missing)):
                 return
             yield note(note="missing", servos=missing)
-        now_known = {servo: who.geometry for servo, who in roster.servos.items()}
-        known = self._judged is not None and now_known.items() <= self._judged.items()
+        now_known = {servo: identified.geometry for servo, identified in roster.servos.items()}
+        is_unchanged = self._judged is not None and now_known.items() <= self._judged.items()
         self._version = roster.version
-        if known and not self._accepted_meanwhile(now_ns):
+        if is_unchanged and not self._accepted_meanwhile(now_ns):
             return
         self._judged = (self._judged or {}) | now_known
         yield from self._judge()
@@ -117,7 +117,7 @@ class Acquaintance:
         """Requests before *n_missing* servos count as missing."""
         if self._decoder.one_by_one.active:
             return TRIES * len(self._decoder.everyone)
-        if self._decoder.roster.alone:  # it is not known yet whether they know sync reads
+        if self._decoder.roster.single_answers:  # it is not known yet whether they know sync reads
             return math.inf
         return TRIES + 2 * n_missing  # each is asked alone once
 
@@ -144,41 +144,41 @@ class Acquaintance:
 
     def _adapter(self) -> Iterator[bytes]:
         """The USB adapter's serial number, where the configuration names one."""
-        wanted = self._config.adapter_serial
-        if wanted is None:
+        expected = self._config.adapter_serial
+        if expected is None:
             return
         device = Path(self._config.port).resolve()
-        found = next(
+        actual = next(
             (port.serial_number for port in list_ports.comports() if Path(port.device) == device),
             None,
         )
-        if found != wanted:
-            text = f"adapter {self._config.port}: serial number: found {found or 'none'}, "
-            yield note(note="foreign", text=text + f"expected {wanted}")
+        if actual != expected:
+            text = f"adapter {self._config.port}: serial number: found {actual or 'none'}, "
+            yield note(note="foreign", text=text + f"expected {expected}")
 
     def write_due(self) -> bytes | None:
         """What [driver] torque_off and return_delay_us want, once each; nothing else is written."""
         family, roster = self._decoder.family, self._decoder.roster
         if self._judged is None or roster.version == self._idle_version:
             return None
-        for servo, who in roster.servos.items():
-            wanted = []
-            if self._config.torque_off and who.torque:
-                wanted.append(("torque", int(who.torque), 0, 0))
+        for servo, identified in roster.servos.items():
+            writes = []
+            if self._config.torque_off and identified.torque:
+                writes.append(("torque", int(identified.torque), 0, 0))
             delay_us = self._config.return_delay_us
-            if delay_us is not None and who.return_delay_us != delay_us:
-                found = who.return_delay_us
-                wanted.append(("return_delay_us", found, delay_us, delay_us // 2))
-            for name, found, expected, value in wanted:
+            if delay_us is not None and identified.return_delay_us != delay_us:
+                actual = identified.return_delay_us
+                writes.append(("return_delay_us", actual, delay_us, delay_us // 2))
+            for name, actual, expected, value in writes:
                 register = family.registers[name]
                 if (servo, register) not in self._written:
                     self._written.add((servo, register))
                     self._check = [*self._check, servo]
                     self._checked.discard(servo)
                     return family.write(servo, register, bytes([value]))
-                if servo in self._checked and (servo, register) not in self._told:
-                    self._told.add((servo, register))
-                    text = f"{roster.name(servo)}: {family.register(name)}: found {found}, "
+                if servo in self._checked and (servo, register) not in self._refused_writes:
+                    self._refused_writes.add((servo, register))
+                    text = f"{roster.name(servo)}: {family.register(name)}: found {actual}, "
                     text += f"expected {expected}: it did not keep what was written"
                     self._refusals.append(
                         note(note="told", kind="write_refused", text=text, severity="error")

@@ -69,14 +69,14 @@ class ServoDecoder:
         self._sampler = ServoSampler(config.ids, config.max_joint_rate_deg_s)
         self._warmth = Warmth(sensors, self.roster.name, family.register("temperature"))
         self._splitter = family.splitter()
-        self._own = family.splitter()  # of what we say
-        self._asked: dict[bytes, ReadRequest | None] = {}  # what it means, by packet
+        self._request_splitter = family.splitter()  # of what we say
+        self._requests: dict[bytes, ReadRequest | None] = {}  # what it means, by packet
         self._sizes = self._other_sizes = range(0)  # of answers to the last requests
         self._number = -1  # of the present cycle
         self._settled = False  # it is known whose arm this is
         self.counted: Counter[str] = Counter()
         self._missed: Counter[int] = Counter()
-        self._said: Said = {}
+        self._last_answers: Said = {}
         self._under_way: list[RawFrame] = []  # frames of the exchange that is open
         self._before = (-1, False)  # number and broken chain when it began
 
@@ -114,7 +114,10 @@ class ServoDecoder:
             number=number,
             broken=broken,
             one_by_one=self.one_by_one.active,
-            said=[(each.id, each.error, each.data.hex()) for each in self._said.values()],
+            said=[
+                (status.id, status.error, status.data.hex())
+                for status in self._last_answers.values()
+            ],
             sampler=self._sampler.state(),
             **self.roster.state(),
             **self._warmth.state(),
@@ -137,10 +140,10 @@ class ServoDecoder:
 
     def _send(self, frame: RawFrame) -> list[Item]:
         items = self._close(frame)
-        if frame.data not in self._asked:
-            (packet,) = self._own.push(frame.data)
-            self._asked[frame.data] = self.family.request(packet)
-        request = self._asked[frame.data]
+        if frame.data not in self._requests:
+            (packet,) = self._request_splitter.push(frame.data)
+            self._requests[frame.data] = self.family.request(packet)
+        request = self._requests[frame.data]
         if self._gathered is not None and not self._gathered.lacks(request):
             items += self._end_gathered(self._gathered)
         if self._gathered is None:
@@ -151,12 +154,12 @@ class ServoDecoder:
         retry, self.chain_broken = self.chain_broken and not request.fast, False
         if request.address == self.family.position and not retry and self._gathered is None:
             self._number += 1
-            if request.alone:
+            if request.is_single:
                 warm = request.length >= self.family.warm_bytes
                 ids = self.everyone if warm else self.cycle_ids
                 self._gathered = GatheredCycle(request, frame, ids)
         self.exchange = Exchange(
-            request, frame, self.family, self.counted, self._said, self.everyone
+            request, frame, self.family, self.counted, self._last_answers, self.everyone
         )
         sizes = self.family.sizes(request)
         if sizes != self._sizes:
@@ -169,8 +172,10 @@ class ServoDecoder:
         packets = self._splitter.push(frame.data)
         if self.exchange is None:
             self.counted["unasked"] += len(packets)
-            statuses = [each for packet in packets for each in self.family.statuses(packet, 0)]
-            twice = {status.id for status in statuses if contradicts(status, self._said)}
+            statuses = [
+                sent_status for packet in packets for sent_status in self.family.statuses(packet, 0)
+            ]
+            twice = {status.id for status in statuses if contradicts(status, self._last_answers)}
             return [*self.roster.contradicted(twice, frame.monotonic_ns)]
         self.exchange.take(packets, frame.monotonic_ns)  # what it tells is said at its end
         return []
@@ -184,8 +189,8 @@ class ServoDecoder:
         exchange.take(self._splitter.flush(), frame.monotonic_ns)
         if exchange.answers:
             self.last_heard_ns = exchange.heard_ns
-        if exchange.request.alone and not self.one_by_one.active:
-            self.roster.alone |= exchange.answers.keys()
+        if exchange.request.is_single and not self.one_by_one.active:
+            self.roster.single_answers |= exchange.answers.keys()
             return []
         exchange.note()
         twice = exchange.contradicted | exchange.doubtful
@@ -258,18 +263,18 @@ class ServoDecoder:
             for servo, answer in exchange.answers.items()
             if servo not in silent
         }
-        pressed, told = self._button.look(positions, now_ns)
-        items += told
-        here = [positions.get(servo) for servo in self.joints]
-        stuck = self.stuck.look(here)
+        pressed, events = self._button.look(positions, now_ns)
+        items += events
+        counts = [positions.get(servo) for servo in self.joints]
+        stuck = self.stuck.look(counts)
         items += self.stuck.events(now_ns)
         items += self._sampler.sample(
             self._number,
-            here,
+            counts,
             at_ns[: len(self.joints)],
             exchange.late_ns(self.byte_ns, gaps_ns),
             unix_minus_monotonic_ns,
-            (1 << len(here)) - 1 if stuck else self.roster.unusable,
+            (1 << len(counts)) - 1 if stuck else self.roster.unusable,
             warned,
             pressed,
         )
@@ -308,8 +313,8 @@ class ServoDecoder:
                 self.roster.forget()
                 self.stuck.forget()
             case "one_by_one":
-                self.one_by_one.begin(self.roster.alone)
-                self.roster.alone.clear()
+                self.one_by_one.begin(self.roster.single_answers)
+                self.roster.single_answers.clear()
             case "missing":
                 return [*self.roster.miss(note["servos"], self._port, now_ns)]
             case "verdict":
@@ -328,7 +333,7 @@ class ServoDecoder:
                 self.roster.restore(note, now_ns)
                 for servo, error, data in note.get("said", ()):
                     status = Status(servo, error, bytes.fromhex(data))
-                    self._said[servo, len(status.data)] = status
+                    self._last_answers[servo, len(status.data)] = status
                 self._warmth.restore(note)
                 self._sampler.restore(note["sampler"])
         return []

@@ -49,7 +49,7 @@ class Doubles:
     def certain(self) -> list[int]:
         return [servo for servo in self._last_ns if self._times[servo] >= CERTAIN_AFTER]
 
-    def clear(self) -> None:
+    def forget_all(self) -> None:
         self._times.clear()
         self._last_ns.clear()
 
@@ -58,6 +58,6 @@ class Doubles:
 
     def restore(self, state: Iterable[tuple[int, int, int]]) -> None:
         """As `state` gave it, through JSON."""
-        self.clear()
+        self.forget_all()
         for servo, times, at_ns in state:
             self._times[servo], self._last_ns[servo] = times, at_ns

@@ -39,7 +39,9 @@ class ServoDriver(SerialShell[ServoDecoder]):
         self._baud = config.baud
         self._plan = RequestPlan(self._decoder)
         self._pace = Pace()
-        self._known = Acquaintance(config, self._decoder, self._plan, expectation.serial_number)
+        self._acquaintance = Acquaintance(
+            config, self._decoder, self._plan, expectation.serial_number
+        )
         self._packets: dict[ReadRequest, bytes] = {}  # those that were asked for
         self._period_ns = 0 if config.rate_hz is None else round(1e9 / config.rate_hz)
         self._due_ns = 0  # the next cycle
@@ -66,14 +68,14 @@ class ServoDriver(SerialShell[ServoDecoder]):
 
     @property
     def _of_silence(self) -> str:
-        found = "nothing"
+        actual = "nothing"
         if self._strange_bytes:
-            found = f"{self._strange_bytes} bytes that are no answer (another device, or rate?)"
+            actual = f"{self._strange_bytes} bytes that are no answer (another device, or rate?)"
         if self._decoder.counted["echoes"] > self._echoes:
-            found = "what was asked, which the adapter hears (are the servos switched on?)"
+            actual = "what was asked, which the adapter hears (are the servos switched on?)"
         ids = ", ".join(map(str, self._decoder.everyone))
         kind = self._decoder.family.name
-        return f" at {self._baud} baud: found {found}, expected answers of {kind} servos {ids}"
+        return f" at {self._baud} baud: found {actual}, expected answers of {kind} servos {ids}"
 
     def read(self, timeout_s: float) -> list[Item]:
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
@@ -124,7 +126,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         """When no more answers are waited for."""
         due_ns = exchange.sent.monotonic_ns + self._needs_ns
         given_up = self._decoder.roster.given_up
-        if exchange.request.alone and self._is_cycle and self._heard_ns == 0:
+        if exchange.request.is_single and self._is_cycle and self._heard_ns == 0:
             is_expected = not given_up(exchange.request.ids[0])
             return round(due_ns + (PAUSE_MOST_NS if is_expected else self._pace.accustomed_ns))
         if exchange.answers and all(map(given_up, exchange.missing)):
@@ -160,14 +162,16 @@ class ServoDriver(SerialShell[ServoDecoder]):
         if self._plan.within_cycle:
             return self._ask_cycle(port, now_ns)
         items: list[Item] = []
-        for data in self._known.notes(now_ns):
+        for data in self._acquaintance.notes(now_ns):
             items += self._feed("link", data)
-        write = self._known.write_due()
+        write = self._acquaintance.write_due()
         if write is not None:
             self._hold_ns = now_ns + WRITE_NS
             written = self._write(port, write)
             return items if written is None else items + self._take(written)
-        request = self._known.question(now_ns) or self._side or self._plan.side_question(now_ns)
+        request = (
+            self._acquaintance.question(now_ns) or self._side or self._plan.side_question(now_ns)
+        )
         self._side = None
         self._is_cycle = request is None
         if request is not None:
@@ -180,13 +184,13 @@ class ServoDriver(SerialShell[ServoDecoder]):
 
     def _ask_cycle(self, port: serial.Serial, now_ns: int) -> list[Item]:
         request = self._plan.cycle(now_ns)
-        self._plan.asked(request, now_ns)
+        self._plan.note_sent(request, now_ns)
         return self._ask(port, request)
 
     def _think_ahead(self, now_ns: int) -> None:
         """While answers are under way: what to ask as soon as the last of them is here."""
         if not self._plan.within_cycle:
-            if self._period_ns or self._side is not None or not self._known.idle:
+            if self._period_ns or self._side is not None or not self._acquaintance.idle:
                 return
             self._side = self._plan.side_question(now_ns)
             if self._side is not None:
@@ -204,20 +208,20 @@ class ServoDriver(SerialShell[ServoDecoder]):
         if sent is None:
             self._hold_ns = time.monotonic_ns() + WRITE_NS
             return []
-        return self._asked(request, sent)
+        return self._note_sent(request, sent)
 
     def _packet(self, request: ReadRequest) -> bytes:
         packet = self._packets.get(request)
         if packet is None:
             family, span = self._decoder.family, (request.address, request.length)
-            if request.alone:
+            if request.is_single:
                 packet = family.read(request.ids[0], *span)
             else:
                 packet = family.sync_read(request.ids, *span, request.fast)
             self._packets[request] = packet
         return packet
 
-    def _asked(self, request: ReadRequest, sent: RawFrame) -> list[Item]:
+    def _note_sent(self, request: ReadRequest, sent: RawFrame) -> list[Item]:
         """*request* went out; the items of what was under way before."""
         decoder = self._decoder
         items = self._take(sent)
@@ -245,7 +249,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         self._side = self._next = None
         self._due_ns = self._hold_ns = now_ns
         items = self._feed("link", note(note="up"))
-        self._known.restart()
+        self._acquaintance.restart()
         return items
 
     # --- bytes -----------------------------------------------------------------------------
@@ -270,7 +274,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
             self._brought = b""
             return self._take(frame)
         self._undecoded.append(frame)
-        if sent is None and len(self._brought) < self._wanted(exchange):
+        if sent is None and len(self._brought) < self._expected_bytes(exchange):
             return []
         self._decode()
         if sent is None and not exchange.complete:
@@ -279,18 +283,18 @@ class ServoDriver(SerialShell[ServoDecoder]):
         items: list[Item] = []
         if request is not None:
             self._next = None
-            items += self._asked(request, sent) if sent else self._ask(port, request)
+            items += self._note_sent(request, sent) if sent else self._ask(port, request)
         self._pace.took(now_ns - sent_ns - needs_ns)
         self._ended(exchange.complete, now_ns)
         if request is not None:
-            self._plan.asked(request, now_ns)
+            self._plan.note_sent(request, now_ns)
         elif self._is_cycle:
             items += self._ask_if_due(port, now_ns)
         if self._decoder.exchange is exchange:  # else the next request has ended it
             items += self._feed("link", OVER)
         return self._heard(items)
 
-    def _wanted(self, exchange: Exchange) -> float:
+    def _expected_bytes(self, exchange: Exchange) -> float:
         """Bytes of the answers that are still expected."""
         given_up = self._decoder.roster.given_up
         expected = sum(not given_up(servo) for servo in exchange.missing)

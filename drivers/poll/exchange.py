@@ -39,8 +39,8 @@ class Exchange:
         sent: RawFrame,
         family: Family,
         counted: Counter[str],
-        said: Said,
-        known: Container[int],
+        last_answers: Said,
+        other_ids: Container[int],
     ) -> None:
         """*said*: what the servos answered to the requests before this one; *known*: ids that
         other requests ask."""
@@ -50,8 +50,8 @@ class Exchange:
         self.doubtful: set[int] = set()  # two answers that differ: which is it?
         #: who had answered an earlier request, and now does once more, in other words
         self.contradicted: set[int] = set()
-        self._said = said
-        self._known = known
+        self._last_answers = last_answers
+        self._other_ids = other_ids
         self._family = family
         self._counted = counted
 
@@ -59,9 +59,9 @@ class Exchange:
         """It is over: of whom another answer is a second one, and of whom it is only late."""
         length = self.request.length
         for servo in self.request.ids:
-            self._said.pop((servo, length), None)
+            self._last_answers.pop((servo, length), None)
         for servo, answer in self.answers.items():
-            self._said[servo, length] = answer.status
+            self._last_answers[servo, length] = answer.status
 
     @property
     def complete(self) -> bool:
@@ -83,10 +83,10 @@ class Exchange:
         is_asked = status.id in self.request.ids
         refuses = self._family.refuses(status.error) or not status.data
         if not is_asked or len(status.data) != self.request.length:
-            is_known = is_asked or status.id in self._known
+            is_known = is_asked or status.id in self._other_ids
             why = "foreign" if not is_known else "refused" if refuses else "late"
             self._counted[why] += 1
-            if contradicts(status, self._said):
+            if contradicts(status, self._last_answers):
                 self.contradicted.add(status.id)
         elif refuses:
             self._counted["refused"] += 1
@@ -136,7 +136,7 @@ class GatheredCycle:
 
     def __init__(self, first: ReadRequest, sent: RawFrame, ids: tuple[int, ...]) -> None:
         """*first*: the cycle's first request, *sent* in that frame; *ids*: all that it asks."""
-        self.request = first._replace(ids=ids, alone=False)
+        self.request = first._replace(ids=ids, is_single=False)
         self.sent = sent
         self.answers: dict[int, TimedStatus] = {}
         self.doubtful: set[int] = set()
@@ -146,7 +146,7 @@ class GatheredCycle:
         """Whether *request* asks for a part of this cycle that is still missing."""
         return (
             request is not None
-            and request.alone
+            and request.is_single
             and request.address == self.request.address
             and request.length == self.request.length
             and request.ids[0] not in self._exchanges
@@ -196,9 +196,9 @@ class GatheredCycle:
         return max(late_ns)
 
 
-def contradicts(status: Status, said: Said) -> bool:
+def contradicts(status: Status, last_answers: Said) -> bool:
     """Whether its sender has answered that request before, and said something else."""
-    return said.get((status.id, len(status.data)), status) != status
+    return last_answers.get((status.id, len(status.data)), status) != status
 
 
 def instants(

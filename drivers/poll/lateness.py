@@ -19,7 +19,7 @@ class Lateness:
     def __init__(self) -> None:
         self.seen_ns: deque[int] = deque(maxlen=REMEMBERED)  # of the last cycles
 
-    def seen(self, late_ns: int) -> None:
+    def add(self, late_ns: int) -> None:
         """The answers of a cycle came so late."""
         self.seen_ns.append(late_ns)
 

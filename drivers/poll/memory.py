@@ -44,14 +44,17 @@ class Memory:
         Raises `BadInput` for a damaged file, `OSError` where nothing can be remembered.
         """
         before = self._load()
-        found = {servo: who.geometry for servo, who in servos.items()}
-        known = {s: found.get(s, {}) | who for s, who in before.accepted.items()}
-        accepted = known | found if accept else found | known
-        after = before.model_copy(update={"accepted": accepted, "found": before.found | found})
+        reported = {servo: identified.geometry for servo, identified in servos.items()}
+        completed = {
+            s: reported.get(s, {}) | identified for s, identified in before.accepted.items()
+        }
+        accepted = completed | reported if accept else reported | completed
+        after = before.model_copy(update={"accepted": accepted, "found": before.found | reported})
         if after != before:
             self._save(after)
         changed = {
-            servo: differences(who, accepted[servo], self._family) for servo, who in servos.items()
+            servo: differences(identified, accepted[servo], self._family)
+            for servo, identified in servos.items()
         }
         return {servo: phrases for servo, phrases in changed.items() if phrases}
 
@@ -68,13 +71,13 @@ class Memory:
         self._save(before.model_copy(update={"accepted": before.accepted | before.found}))
         return {
             servo: [
-                f"{name.replace('_', ' ')} {found[name]}, before {known[name]}"
-                for name in found
-                if found[name] != known.get(name, found[name])
+                f"{name.replace('_', ' ')} {reported[name]}, before {accepted[name]}"
+                for name in reported
+                if reported[name] != accepted.get(name, reported[name])
             ]
-            for servo, found in sorted(before.found.items())
-            for known in [before.accepted.get(servo, found)]
-            if known != found
+            for servo, reported in sorted(before.found.items())
+            for accepted in [before.accepted.get(servo, reported)]
+            if accepted != reported
         }
 
     def changed_ns(self) -> int:

@@ -15,7 +15,7 @@ class Pauses:
         """*servos*: those identified, as they come and go."""
         self._least_us = family.return_delay_least_us
         self._servos = servos
-        self._known: dict[tuple[int, ...], list[float]] = {}  # by the servos asked
+        self._pauses_ns: dict[tuple[int, ...], list[float]] = {}  # by the servos asked
         self._version = -1  # of the servos that they are of
 
     def before_ns(self, request: ReadRequest, version: int) -> list[float]:
@@ -24,11 +24,13 @@ class Pauses:
         if request.fast:
             return [0.0] * len(request.ids)
         if self._version != version:
-            self._known.clear()
+            self._pauses_ns.clear()
             self._version = version
-        found = self._known.get(request.ids)
-        if found is None:
-            known = map(self._servos.get, request.ids)
-            told_us = [0 if servo is None else servo.return_delay_us for servo in known]
-            found = self._known[request.ids] = [max(us, self._least_us) * 1e3 for us in told_us]
-        return found
+        pauses_ns = self._pauses_ns.get(request.ids)
+        if pauses_ns is None:
+            identified = map(self._servos.get, request.ids)
+            told_us = [0 if servo is None else servo.return_delay_us for servo in identified]
+            pauses_ns = self._pauses_ns[request.ids] = [
+                max(us, self._least_us) * 1e3 for us in told_us
+            ]
+        return pauses_ns

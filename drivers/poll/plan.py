@@ -64,13 +64,13 @@ class RequestPlan:
         self._fast_worked = False
         self._fast_from_ns = now_ns
         self._asked_fast = self._asked_warm = False
-        self._rest: list[ReadRequest] = []  # of a cycle that is read one by one
-        self._whole = True  # nobody has failed to answer in it so far
+        self._remaining: list[ReadRequest] = []  # of a cycle that is read one by one
+        self._is_complete = True  # nobody has failed to answer in it so far
 
     @property
     def within_cycle(self) -> bool:
         """Whether other servos of the same cycle are to be asked next."""
-        return bool(self._rest)
+        return bool(self._remaining)
 
     def select(self, servos: Sequence[int]) -> tuple[int, ...]:
         """Those of *servos* that the next request can ask: all, or one after the other."""
@@ -88,45 +88,45 @@ class RequestPlan:
     def identity_alone(self, servo: int) -> ReadRequest:
         """The same, of one that may not know sync reads. It asks for another length, so that a
         late answer to a sync read does not pass for an answer to this."""
-        return ReadRequest((servo,), 0, self._decoder.family.identity_bytes + 1, alone=True)
+        return ReadRequest((servo,), 0, self._decoder.family.identity_bytes + 1, is_single=True)
 
     def side_question(self, now_ns: int) -> ReadRequest | None:
         """What is due besides the cycles."""
         roster, family = self._decoder.roster, self._decoder.family
         if suspects := roster.suspects & roster.servos.keys():
-            asked = self.select(sorted(suspects))
-            roster.suspects = suspects.difference(asked)
-            return self.identity(asked)
+            selected = self.select(sorted(suspects))
+            roster.suspects = suspects.difference(selected)
+            return self.identity(selected)
         if strangers := roster.strangers:
             due_ns = self._strangers_due_ns
-            due = [servo for servo in strangers if now_ns >= due_ns.get(servo, 0)]
-            if due:
-                asked = self.select(due)
-                due_ns.update(dict.fromkeys(asked, now_ns + STRANGER_EVERY_NS))
-                return self.identity(asked)
+            due_strangers = [servo for servo in strangers if now_ns >= due_ns.get(servo, 0)]
+            if due_strangers:
+                selected = self.select(due_strangers)
+                due_ns.update(dict.fromkeys(selected, now_ns + STRANGER_EVERY_NS))
+                return self.identity(selected)
         if family.alarm is not None and now_ns >= self._explain_due_ns and roster.alerting:
             self._explain_due_ns = now_ns + EXPLAIN_EVERY_NS
             one_by_one = self._decoder.one_by_one.active
-            return ReadRequest(self.select(roster.alerting), family.alarm, 1, alone=one_by_one)
+            return ReadRequest(self.select(roster.alerting), family.alarm, 1, is_single=one_by_one)
         if now_ns >= self._recheck_due_ns and roster.servos:
             self._recheck_due_ns = now_ns + RECHECK_EVERY_NS
             self._rechecked += 1
-            known = list(roster.servos)
-            return self.identity([known[self._rechecked % len(known)]])
+            identified = list(roster.servos)
+            return self.identity([identified[self._rechecked % len(identified)]])
         return None
 
     def cycle(self, now_ns: int) -> ReadRequest:
         """All positions, and the temperatures where these are due; nothing is changed by asking
         for it, `asked` tells that it was sent. One by one: the part that is next."""
-        if self._rest:
-            return self._rest[0]
+        if self._remaining:
+            return self._remaining[0]
         decoder, family = self._decoder, self._decoder.family
         warm = now_ns >= self._warm_due_ns or decoder.roster.wants_warmth
         ids = decoder.everyone if warm else decoder.cycle_ids
         extra = (self._extra + 1) % (2 if self._calm >= CALM_CYCLES else 4)
         length = self._least_bytes(warm) + extra
         if decoder.one_by_one.active:
-            return ReadRequest(ids[:1], family.position, length, alone=True)
+            return ReadRequest(ids[:1], family.position, length, is_single=True)
         fast = (
             family.has_fast
             and not decoder.chain_broken
@@ -142,28 +142,28 @@ class RequestPlan:
         # A Feetech's answer of 2 bytes looks like a late echo of a plain read.
         return family.position_bytes + self._decoder.one_by_one.active
 
-    def asked(self, request: ReadRequest, now_ns: int) -> None:
+    def note_sent(self, request: ReadRequest, now_ns: int) -> None:
         """A `cycle` went out."""
-        if self._rest:
-            del self._rest[0]
+        if self._remaining:
+            del self._remaining[0]
             return
         decoder, family = self._decoder, self._decoder.family
         self._asked_fast = request.fast
         self._asked_warm = request.length >= family.warm_bytes
         self._extra = request.length - self._least_bytes(self._asked_warm)
-        if request.alone:
+        if request.is_single:
             ids = decoder.everyone if self._asked_warm else decoder.cycle_ids
-            self._rest = [request._replace(ids=(servo,)) for servo in ids[1:]]
+            self._remaining = [request._replace(ids=(servo,)) for servo in ids[1:]]
         if self._asked_warm:
             self._warm_due_ns = now_ns + WARM_EVERY_NS
             decoder.roster.wants_warmth = False
 
     def ended(self, complete: bool, now_ns: int) -> None:
         """The answers to the last `cycle` have come, or will not."""
-        self._whole = complete = self._whole and complete
-        if self._rest:
+        self._is_complete = complete = self._is_complete and complete
+        if self._remaining:
             return
-        self._whole = True
+        self._is_complete = True
         self._calm = self._calm + 1 if complete else 0
         if not self._asked_fast:
             return

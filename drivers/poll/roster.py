@@ -39,7 +39,7 @@ class Roster:
         self.foreign = ""  # why this is not our arm, if it is not
         self.heard_ns: dict[int, int] = {}  # when each was heard last
         #: who answered when asked alone, and no sync read, before it is known who they are
-        self.alone: set[int] = set()
+        self.single_answers: set[int] = set()
         self.suspects: set[int] = set()  # to be asked at once whether they are still the same
         self._suspected_ns: dict[int, int] = {}  # when they became so last
         self.wants_warmth = False  # a servo is back, and its temperature is not known
@@ -55,8 +55,8 @@ class Roster:
 
     def model(self, servo: int) -> int | None:
         """As it told last."""
-        found = self._announced.get(servo)
-        return None if found is None else found.model
+        announced = self._announced.get(servo)
+        return None if announced is None else announced.model
 
     @property
     def unusable(self) -> int:
@@ -72,11 +72,11 @@ class Roster:
     def forget(self) -> None:
         """Another connection: whoever answers there must say anew who he is."""
         self.servos.clear()
-        self.alone.clear()
+        self.single_answers.clear()
         self.version += 1
         self.heard_ns.clear()
         self._misses.clear()
-        self.doubles.clear()
+        self.doubles.forget_all()
         self.suspects.clear()
         self._alerts.clear()
         self.changed.clear()
@@ -87,40 +87,44 @@ class Roster:
         """What `restore` needs to go on from here in a replay, as JSON."""
         return {
             "heard": self.heard_ns,
-            "servos": {servo: found.as_json() for servo, found in self.servos.items()},
+            "servos": {servo: identified.as_json() for servo, identified in self.servos.items()},
             "changed": self.changed,
             "doubles": self.doubles.state(),
         }
 
     def restore(self, state: dict[str, Any], now_ns: int) -> None:
         """Go on from where `state` was taken."""
-        for servo, found in state["servos"].items():
-            self.identify(int(servo), Servo(**found), now_ns)
+        for servo, registers in state["servos"].items():
+            self.identify(int(servo), Servo(**registers), now_ns)
         self.heard_ns = {int(servo): at_ns for servo, at_ns in state["heard"].items()}
         self.changed = {int(servo): phrases for servo, phrases in state["changed"].items()}
         self.doubles.restore(state.get("doubles", ()))  # older recordings lack it
 
     # --- who they are ----------------------------------------------------------------------
 
-    def identify(self, servo: int, found: Servo, now_ns: int) -> list[Event]:
+    def identify(self, servo: int, identified: Servo, now_ns: int) -> list[Event]:
         """A servo has told its registers."""
         before = self._announced.get(servo)
-        self.alone.discard(servo)
+        self.single_answers.discard(servo)
         self.wants_warmth |= servo not in self.servos
-        if self.servos.get(servo) != found:
-            self.servos[servo] = self._announced[servo] = found
+        if self.servos.get(servo) != identified:
+            self.servos[servo] = self._announced[servo] = identified
             self.version += 1
         self.heard_ns[servo] = now_ns
-        events = self._refuse(servo, self._family.refusal(found), now_ns)
-        if before is None or before.geometry != found.geometry or before.firmware != found.firmware:
-            known = found.model in self._family.models
-            model = model_name(found.model, self._family.models)
-            text = f"{self.name(servo)} is a {model}, firmware {found.firmware}"
-            if not known:
+        events = self._refuse(servo, self._family.refusal(identified), now_ns)
+        if (
+            before is None
+            or before.geometry != identified.geometry
+            or before.firmware != identified.firmware
+        ):
+            is_known = identified.model in self._family.models
+            model = model_name(identified.model, self._family.models)
+            text = f"{self.name(servo)} is a {model}, firmware {identified.firmware}"
+            if not is_known:
                 text += ", which is not known here; it is read by its family's common registers"
-            detail = {"servo": servo, **found.as_json()}
-            events.append(Event("servo", text, now_ns, "info" if known else "warning", detail))
-        return events + self._torque_events(servo, found.torque, now_ns)
+            detail = {"servo": servo, **identified.as_json()}
+            events.append(Event("servo", text, now_ns, "info" if is_known else "warning", detail))
+        return events + self._torque_events(servo, identified.torque, now_ns)
 
     def _refuse(self, servo: int, why: str, now_ns: int) -> list[Event]:
         if why == self.refused.get(servo, ""):
@@ -162,8 +166,8 @@ class Roster:
         ]
 
     def _missing(self, servo: int, port: str) -> str:
-        found = "two answers that differ" if servo in self.doubles else "no answer"
-        text = f"{self.name(servo)}: found {found} on {port} to id {servo}, expected one"
+        actual = "two answers that differ" if servo in self.doubles else "no answer"
+        text = f"{self.name(servo)}: found {actual} on {port} to id {servo}, expected one"
         return f"{text}: check its cable and its id"
 
     def judge(
@@ -234,8 +238,8 @@ class Roster:
         return events
 
     def _twice(self, servo: int) -> str:
-        found = "found two answers that differ, expected one: are there two servos of this id?"
-        return f"id (register {self._family.id_register}): {found}"
+        actual = "found two answers that differ, expected one: are there two servos of this id?"
+        return f"id (register {self._family.id_register}): {actual}"
 
     def given_up(self, servo: int) -> bool:
         """It has not answered for some cycles: nobody waits for it longer than its slot."""
@@ -256,30 +260,30 @@ class Roster:
 
     def alert(self, servo: int, bits: int, now_ns: int) -> list[Event]:
         """The error byte of an answer: an event as trouble begins, and as it has gone for 0.5 s."""
-        known = self._alerts.get(servo)
+        alert_before = self._alerts.get(servo)
         if bits:
-            before = known[0] if known else 0
+            before = alert_before[0] if alert_before else 0
             words = self._family.complaints(bits) if self._family.alarm is None else "an alert"
-            if known and (before | bits) == before:
-                self._alerts[servo] = before, now_ns, known[2]
+            if alert_before and (before | bits) == before:
+                self._alerts[servo] = before, now_ns, alert_before[2]
                 return []
             self._alerts[servo] = before | bits, now_ns, words
             return [self._complaint(servo, words, now_ns)]
-        if known is None or now_ns - known[1] < GOOD_FOR_NS:
+        if alert_before is None or now_ns - alert_before[1] < GOOD_FOR_NS:
             return []
         del self._alerts[servo]
-        text = f"{self.name(servo)} complains no more ({known[2]})"
+        text = f"{self.name(servo)} complains no more ({alert_before[2]})"
         return [Event("servo_warning", text, now_ns, "info", {"servo": servo})]
 
     def explain(self, servo: int, bits: int, now_ns: int) -> list[Event]:
         """Register `alarm` of a servo that raised an alert."""
-        known = self._alerts.get(servo)
-        if known is None or not bits:
+        alert = self._alerts.get(servo)
+        if alert is None or not bits:
             return []
         words = self._family.complaints(bits)
-        if words == known[2]:
+        if words == alert[2]:
             return []
-        self._alerts[servo] = known[0], known[1], words
+        self._alerts[servo] = alert[0], alert[1], words
         return [self._complaint(servo, words, now_ns)]
 
     def _complaint(self, servo: int, words: str, now_ns: int) -> Event:
@@ -299,12 +303,12 @@ class Roster:
             return f"{self.name(servo)}: {why}"
         for servo, phrases in self.changed.items():
             return f"{self.name(servo)}: {'; '.join(phrases)}; nothing is valid until accepted"
-        said = [f"{self.name(servo)}: {self._twice(servo)}" for servo in self.doubles.certain]
+        reasons = [f"{self.name(servo)}: {self._twice(servo)}" for servo in self.doubles.certain]
         for servo in self._everyone:
             if self._absent(servo, now_ns):
-                said.append(f"{self.name(servo)} does not answer")
+                reasons.append(f"{self.name(servo)} does not answer")
         torque = sorted(self._torque & self.servos.keys())
-        said += [f"{self.name(servo)}: its torque is on" for servo in torque]
+        reasons += [f"{self.name(servo)}: its torque is on" for servo in torque]
         complaints = self._alerts.items()
-        said += [f"{self.name(servo)} complains: {words}" for servo, (_, _, words) in complaints]
-        return "; ".join(said)
+        reasons += [f"{self.name(servo)} complains: {words}" for servo, (_, _, words) in complaints]
+        return "; ".join(reasons)

@@ -56,7 +56,7 @@ class ServoSampler:
         n = len(ids)
         self._lateness = Lateness()
         #: the first cycle of a motion that nobody knows: the second tells how fast it was
-        self._held: Cycle | None = None
+        self._pending: Cycle | None = None
         self._heard_ns = 0.0  # the last cycle
         self._spacings_ns: deque[float] = deque(maxlen=USUAL_OF)  # before it
         self._quickest_ns = [AGES_NS, AGES_NS]  # of `QUICKEST_OF` cycles, and of those since
@@ -104,19 +104,21 @@ class ServoSampler:
         cycle = Cycle(
             number, positions, at_ns, late_ns, unix_minus_monotonic_ns, unusable, warned, pressed
         )
-        self._lateness.seen(late_ns)
+        self._lateness.add(late_ns)
         spacing_ns, self._heard_ns = at_ns[0] - self._heard_ns, at_ns[0]
         self._note_spacing(spacing_ns)
-        if self._held is not None:
-            held, self._held = self._held, None
+        if self._pending is not None:
+            first, self._pending = self._pending, None
             self._spacings_ns.append(spacing_ns)
-            raw = [None if each is None else each - HALF_TURN for each in held.positions]
-            leapt = self._leaps(raw, held.at_ns, spacing_ns)  # over the pause
-            self._begin(held, cycle)
-            return [*self._row(held, 0.0, leapt), *self._row(cycle, spacing_ns, leapt)]
+            raw = [
+                None if position is None else position - HALF_TURN for position in first.positions
+            ]
+            leapt = self._leaps(raw, first.at_ns, spacing_ns)  # over the pause
+            self._begin(first, cycle)
+            return [*self._row(first, 0.0, leapt), *self._row(cycle, spacing_ns, leapt)]
         usual_ns = min(self._spacings_ns, default=0.0)
         if spacing_ns > max(PAUSE_NS, PAUSE_CYCLES * usual_ns):
-            self._held = cycle
+            self._pending = cycle
             self._spacings_ns.clear()
             return []
         self._spacings_ns.append(spacing_ns)
@@ -124,21 +126,21 @@ class ServoSampler:
 
     def pause(self) -> None:
         """The line is closed: what the next cycle brings has nothing to do with the last one."""
-        self._held = None
+        self._pending = None
         self._last = [None] * len(self._last)
 
-    def _begin(self, held: Cycle, cycle: Cycle) -> None:
+    def _begin(self, first: Cycle, cycle: Cycle) -> None:
         """Each joint's last reading before *held*, as if it had come as steadily to *cycle*."""
-        for k, (position, later) in enumerate(zip(held.positions, cycle.positions, strict=True)):
+        for k, (position, later) in enumerate(zip(first.positions, cycle.positions, strict=True)):
             if position is None or later is None:
                 continue
-            apart_ns = cycle.at_ns[k] - held.at_ns[k]
+            apart_ns = cycle.at_ns[k] - first.at_ns[k]
             step = (later - position + HALF_TURN) % COUNTS_PER_TURN - HALF_TURN
             if abs(step) > MARGIN_COUNTS + self._counts_per_ns * apart_ns:
                 step = 0  # a jump is no motion
-            self._last[k] = position - HALF_TURN - step, held.at_ns[k] - apart_ns
+            self._last[k] = position - HALF_TURN - step, first.at_ns[k] - apart_ns
         self._past_ns = 0
-        self._note_past(round(held.at_ns[0]))
+        self._note_past(round(first.at_ns[0]))
 
     def _row(self, cycle: Cycle, usual_ns: float, leapt: int = 0) -> list[Item]:
         number, positions, at_ns, late_ns, unix_minus_monotonic_ns, unusable, warned, pressed = (
@@ -230,8 +232,8 @@ class ServoSampler:
 
     def _note_past(self, row_ns: int) -> None:
         if row_ns - self._past_ns >= PAST_NS:
-            here = [0 if last is None else last[0] for last in self._last]
-            self._past = [self._past[1] if self._past_ns else here, here]
+            counts = [0 if last is None else last[0] for last in self._last]
+            self._past = [self._past[1] if self._past_ns else counts, counts]
             self._past_ns = row_ns
 
     def _moved(
@@ -241,13 +243,13 @@ class ServoSampler:
         moved: list[float] = []
         for k, count in enumerate(counts):
             last = self._last[k]
-            here = float(count)
+            count_then = float(count)
             if not doubtful >> k & 1:
                 if last is not None and at_ns[k] > last[1]:
                     step = (count - last[0] + HALF_TURN) % COUNTS_PER_TURN - HALF_TURN
-                    here -= step * (at_ns[k] - row_ns) / (at_ns[k] - last[1])
+                    count_then -= step * (at_ns[k] - row_ns) / (at_ns[k] - last[1])
                 self._last[k] = count, at_ns[k]
-            moved.append(here)
+            moved.append(count_then)
         return moved
 
     def state(self) -> dict[str, Any]:
@@ -261,7 +263,7 @@ class ServoSampler:
             "told_ns": self._told_ns,
             "past": [self._past, self._past_ns],
             "late": list(self._lateness.seen_ns),
-            "held": self._held,
+            "held": self._pending,
             "heard": [self._heard_ns, *self._spacings_ns],
             "quickest": [*self._quickest_ns, self._since],
             "unwrap": [memory[name].tolist() for name in memory.dtype.names or ()],
@@ -274,7 +276,7 @@ class ServoSampler:
         self._last = [None if last is None else (last[0], last[1]) for last in state["last"]]
         self._past, self._past_ns = state["past"]
         self._lateness.seen_ns.extend(state["late"])
-        self._held = None if state["held"] is None else Cycle(*state["held"])
+        self._pending = None if state["held"] is None else Cycle(*state["held"])
         self._heard_ns, *spacings_ns = state["heard"]
         self._spacings_ns.extend(spacings_ns)
         if "quickest" in state:  # not in recordings of before 0.3

@@ -39,15 +39,15 @@ class StuckWatch:
             self._were_zero = self._stuck = False
         elif not self._were_zero:
             self._were_zero = True
-            self._stuck = before is None or any(map(_far, before, positions))
+            self._stuck = before is None or any(map(_is_far, before, positions))
         return self._stuck
 
     def events(self, now_ns: int) -> list[Event]:
         """What the last `look` gives rise to."""
-        known = self._stuck_ns is not None
+        was_stuck = self._stuck_ns is not None
         if self._stuck:
             self._stuck_ns = now_ns
-            return [] if known else [Event("servos_stuck", STUCK, now_ns, "error")]
+            return [] if was_stuck else [Event("servos_stuck", STUCK, now_ns, "error")]
         if self._stuck_ns is None or now_ns - self._stuck_ns < GOOD_FOR_NS:
             return []
         self._stuck_ns = None
@@ -55,7 +55,7 @@ class StuckWatch:
         return [Event("servos_valid", text, now_ns, "info")]
 
 
-def _far(before: int | None, now: int | None) -> bool:
+def _is_far(before: int | None, now: int | None) -> bool:
     if before is None or now is None:
         return True
     half = COUNTS_PER_TURN // 2

@@ -30,14 +30,14 @@ class Warmth:
         self._ids = ids
         self._name = name
         self._register = register
-        self._said: dict[int, float] = {}  # °C, in the cycle before
+        self._reported_c: dict[int, float] = {}  # °C, in the cycle before
         self._read: dict[int, tuple[float, int]] = {}  # °C, when
         self._absurd_ns: dict[int, int] = {}  # who said what is not believed, and when last
-        self._told: list[float] = []
+        self._last_c: list[float] = []
 
     def hear(self, servo: int, celsius: float) -> None:
         """What it said in this cycle."""
-        self._said[servo] = celsius
+        self._reported_c[servo] = celsius
 
     def reading(
         self,
@@ -49,22 +49,22 @@ class Warmth:
         """All sensors, after the next cycle has been heard and before it is told: NaN of those
         that are *silent* in it, *doubtful*, not known or beyond belief, after an event for each
         that has become so; nothing if that was told before."""
-        again = bool(self._said)
+        again = bool(self._reported_c)
         if not self._ids or not (again or self._read):
             return []
         items: list[Item] = []
-        for servo, celsius in self._said.items():
+        for servo, celsius in self._reported_c.items():
             if servo not in doubtful:
                 self._read[servo] = celsius, now_ns
                 items += self._doubt(servo, celsius, now_ns)
-        self._said.clear()
+        self._reported_c.clear()
         celsius_all = [
             math.nan if servo in silent or servo in doubtful else self._celsius(servo, now_ns)
             for servo in self._ids
         ]
-        if not again and _same(celsius_all, self._told):
+        if not again and _same(celsius_all, self._last_c):
             return items
-        self._told = celsius_all
+        self._last_c = celsius_all
         stamp_ns = now_ns + unix_minus_monotonic_ns
         return [
             *items, Temperatures(np.array(celsius_all), now_ns, now_ns, stamp_ns, RESOLUTION_C)
@@ -83,22 +83,22 @@ class Warmth:
         self._absurd_ns[servo] = now_ns
         if last_ns is not None or servo not in self._ids:
             return []
-        found = f"found {celsius:.0f}, expected {COLDEST_C:.0f} to {HOTTEST_C:.0f} °C"
-        text = f"{self._name(servo)}: {self._register}: {found}; it counts as missing"
+        difference = f"found {celsius:.0f}, expected {COLDEST_C:.0f} to {HOTTEST_C:.0f} °C"
+        text = f"{self._name(servo)}: {self._register}: {difference}; it counts as missing"
         return [Event("temperature_absurd", text, now_ns, "warning", {"servo": servo})]
 
     def state(self) -> dict[str, Any]:
         """What `restore` needs to go on from here in a replay, as JSON."""
         return {
             "warmth": [(servo, celsius, at_ns) for servo, (celsius, at_ns) in self._read.items()],
-            "unproven": list(self._said.items()),
+            "unproven": list(self._reported_c.items()),
             "absurd": list(self._absurd_ns.items()),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from where `state` was taken."""
         self._read = {servo: (celsius, at_ns) for servo, celsius, at_ns in state["warmth"]}
-        self._said = dict(state.get("unproven", ()))  # older recordings lack these
+        self._reported_c = dict(state.get("unproven", ()))  # older recordings lack these
         self._absurd_ns = dict(state.get("absurd", ()))
 
 

@@ -31,30 +31,30 @@ BATCH = 256  # frames fed in one `read` at most
 def decoder_of(recording: Recording, expectation: Expectation) -> Decoder:
     """A fresh decoder as the recorded daemon was configured; raises `BadInput`."""
     driver = recording.driver
-    where = f"{recording.path}: configuration of the recorded daemon"
+    location = f"{recording.path}: configuration of the recorded daemon"
     match driver["kind"]:
         case "serial":
-            serial = validate(where, driver, SerialConfig)
+            serial = validate(location, driver, SerialConfig)
             return SerialDecoder(expectation, serial.max_joint_rate_deg_s)
         case "can":  # python-can's own keys were for the bus that is not here
             ours = {key: driver[key] for key in _CAN_KEYS & driver.keys()}
-            can = validate(where, ours | {"kind": "can", "interface": "virtual"}, CanConfig)
+            can = validate(location, ours | {"kind": "can", "interface": "virtual"}, CanConfig)
             return CanDecoder(expectation, can.rate_hz, can.max_joint_rate_deg_s)
         case "feetech" | "dynamixel" | "dynamixel1":
-            return ServoDecoder(validate(where, driver, ServoConfig), expectation)
+            return ServoDecoder(validate(location, driver, ServoConfig), expectation)
         case "microscribe":
-            scribe = validate(where, driver, MicroScribeConfig)
+            scribe = validate(location, driver, MicroScribeConfig)
             return MicroScribeDecoder(expectation, scribe.max_joint_rate_deg_s, scribe.stream)
         case str(kind) if kind not in DRIVERS:
             from armd.drivers.plugin import plugin_driver
 
             model = plugin_driver(kind, DRIVERS)
-            plugin = None if model is None else validate(where, driver, model)
+            plugin = None if model is None else validate(location, driver, model)
             decoder = None if plugin is None else plugin.make_decoder(expectation)
             if decoder is not None:
                 return decoder
-    found = repr(driver["kind"])[:80]
-    raise BadInput(where, "driver.kind", found, "a kind whose recordings can be replayed")
+    actual = repr(driver["kind"])[:80]
+    raise BadInput(location, "driver.kind", actual, "a kind whose recordings can be replayed")
 
 
 class ReplayDriver:
@@ -131,9 +131,9 @@ class ReplayDriver:
         try:
             return self._decoder.feed(frame)
         except Exception as error:
-            where = f"raw frame of {frame.unix_ns} ns"
+            location = f"raw frame of {frame.unix_ns} ns"
             expected = "one that its decoder understands"
-            raise BadInput(self._recording.path, where, repr(error)[:200], expected) from error
+            raise BadInput(self._recording.path, location, repr(error)[:200], expected) from error
 
     def _due_ns(self, frame: RawFrame) -> int:
         if self._speed == 0:

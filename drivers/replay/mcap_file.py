@@ -52,7 +52,7 @@ class McapFile:
         self.cut: int | None = None  # the byte after its last whole record, if it has no end
         self.only_index_cut = False  # no message is missing
         self._names: dict[int, str] = {}
-        self._at = 0  # the record being read
+        self._offset = 0  # the record being read
 
     def parts(self) -> Iterator[Attachment | bytes]:
         """Attachments, and the records of each chunk, unpacked."""
@@ -74,13 +74,13 @@ class McapFile:
     def _records(self, file: BinaryIO, size: int, ended: bool) -> Iterator[Attachment | bytes]:
         data_crc, summary_crc, in_summary = zlib.crc32(MAGIC), 0, False
         while True:
-            self._at = file.tell()
+            self._offset = file.tell()
             head = file.read(HEAD.size)
-            left = size - self._at - HEAD.size
-            if left < 0 or HEAD.unpack(head)[1] > left:
+            remaining = size - self._offset - HEAD.size
+            if remaining < 0 or HEAD.unpack(head)[1] > remaining:
                 if ended:
                     raise self._damaged("a record that would go on beyond the file")
-                self.cut, self.only_index_cut = self._at, in_summary
+                self.cut, self.only_index_cut = self._offset, in_summary
                 return
             opcode, length = HEAD.unpack(head)
             if length > MOST_BYTES and opcode != Opcode.CHUNK_INDEX:
@@ -122,26 +122,26 @@ class McapFile:
     def _unpack(self, chunk: Chunk) -> bytes:
         data = chunk.data
         if chunk.compression == "zstd":
-            told = zstandard.get_frame_parameters(data).content_size
-            if max(told, chunk.uncompressed_size) > MOST_BYTES:
+            stated_size = zstandard.get_frame_parameters(data).content_size
+            if max(stated_size, chunk.uncompressed_size) > MOST_BYTES:
                 raise self._damaged("a chunk that would fill the memory", f"{MOST_BYTES} bytes")
             data = zstandard.ZstdDecompressor().decompress(data, chunk.uncompressed_size)
         elif chunk.compression:
             raise self._damaged(f"compression {chunk.compression!r}", "zstd")
-        whole = len(data) == chunk.uncompressed_size
-        if not whole or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        is_complete = len(data) == chunk.uncompressed_size
+        if not is_complete or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
             raise self._damaged("a chunk whose checksum does not hold")
         return bytes(data)
 
     def _unpacked(self, data: bytes) -> Iterator[Recorded]:
-        at = 0
-        while at < len(data):
-            if at + HEAD.size > len(data):
+        offset = 0
+        while offset < len(data):
+            if offset + HEAD.size > len(data):
                 raise self._damaged("a chunk that ends within a record")
-            opcode, length = HEAD.unpack_from(data, at)
-            at += HEAD.size
-            content = data[at : at + length]
-            at += length
+            opcode, length = HEAD.unpack_from(data, offset)
+            offset += HEAD.size
+            content = data[offset : offset + length]
+            offset += length
             if len(content) < length or (opcode == Opcode.MESSAGE and length < _MESSAGE.size):
                 raise self._damaged("a chunk that ends within a record")
             if opcode == Opcode.CHANNEL:
@@ -167,5 +167,5 @@ class McapFile:
         if file.read() != MAGIC or file.tell() != size:
             raise self._damaged("something else than MCAP's magic at its end")
 
-    def _damaged(self, found: str, expected: str = "an undamaged recording") -> BadInput:
-        return BadInput(self.path, f"byte {self._at}", found, expected)
+    def _damaged(self, actual: str, expected: str = "an undamaged recording") -> BadInput:
+        return BadInput(self.path, f"byte {self._offset}", actual, expected)

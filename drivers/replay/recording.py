@@ -81,14 +81,16 @@ class Recording:
             raise BadInput(self.path, message.topic, str(error), "a raw frame") from error
 
     def _checked_info(self) -> dict[str, Any]:
-        where = f"{self.path}: {INFO_ATTACHMENT}"
-        info = json_data(where, self.attachments[INFO_ATTACHMENT])
+        location = f"{self.path}: {INFO_ATTACHMENT}"
+        info = json_data(location, self.attachments[INFO_ATTACHMENT])
         for keys in (("arm",), ("configuration", "driver", "kind")):
             value = info
             for key in keys:
                 value = value.get(key) if isinstance(value, dict) else None
             if value is None:
-                raise BadInput(where, ".".join(keys), "nothing", "what `armd record` writes there")
+                raise BadInput(
+                    location, ".".join(keys), "nothing", "what `armd record` writes there"
+                )
         assert isinstance(info, dict)
         return info
 
@@ -97,11 +99,11 @@ class Recording:
         for message in self.messages({RAW_TOPIC}):
             n, last_ns = n + 1, message.unix_ns
         until = _instant(last_ns)
-        whole = f"{n} raw frames, until {until}" if n else "no raw frame"
+        frames_text = f"{n} raw frames, until {until}" if n else "no raw frame"
         missing = "the index" if file.only_index_cut else "what came after"
         return (
             f"{self.path}: byte {file.cut}: found no end, as of a recorder that was killed or a "
-            f"file that was cut; {whole}, are whole, {missing} is missing"
+            f"file that was cut; {frames_text}, are whole, {missing} is missing"
         )
 
 

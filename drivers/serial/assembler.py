@@ -68,7 +68,7 @@ class SampleAssembler:
         if self._go_on is None:
             self._go_on = settled(_go_on, *arguments)
         trouble = self._go_on(*arguments)
-        return None if trouble == NONE else self._told(rows, out, trouble)
+        return None if trouble == NONE else self._with_events(rows, out, trouble)
 
     def assemble(self, run: Run, unix_minus_monotonic_ns: int) -> list[Item]:
         """One array, after the events its joints give rise to."""
@@ -78,7 +78,7 @@ class SampleAssembler:
             run.rows, run.epoch, self._clock.line, run.arrival_ns, unix_minus_monotonic_ns,
             self._next_seq, self._unwrapper.memory, out, self._jumped,
         )  # fmt: skip
-        return self._told(run.rows, out, trouble)
+        return self._with_events(run.rows, out, trouble)
 
     def _room(self, n: int) -> SampleArray:
         """An array (n,) that nobody has yet."""
@@ -90,7 +90,7 @@ class SampleAssembler:
         out, self._used = self._out[self._used : end], end
         return out
 
-    def _told(self, rows: Rows, out: SampleArray, trouble: int) -> list[Item]:
+    def _with_events(self, rows: Rows, out: SampleArray, trouble: int) -> list[Item]:
         self.delivered += len(out)
         if not trouble and not self._status_watch.active and not self._jump_watch.active:
             return [out]
@@ -104,13 +104,13 @@ class SampleAssembler:
     def warm_up(self) -> None:
         """Compile, or load from the cache: before the first sample, not while it waits."""
         n_joints = self._dtype["count"].shape[0]
-        other = SampleAssembler(n_joints, self._clock, self._max_rate)
-        other.set_bits([20] * n_joints)
+        trial = SampleAssembler(n_joints, self._clock, self._max_rate)
+        trial.set_bits([20] * n_joints)
         sequence, rows = SequenceExtender(), np.zeros(1, row_layout(n_joints))
-        other.go_on(rows, sequence, 0, 0)
+        trial.go_on(rows, sequence, 0, 0)
         for run in sequence.push(rows, 0):
-            other.assemble(run, 0)
-        other.assemble(Run(rows, 0, 0, False), 0)
+            trial.assemble(run, 0)
+        trial.assemble(Run(rows, 0, 0, False), 0)
         self._clock.to_host(0)
 
 

@@ -79,10 +79,10 @@ class ClockMapping:
         if not self._exchanges:
             return True
         device, sent, received = np.array(self._exchanges, dtype=np.int64).T
-        apart = device_ns - device
-        allowed = STAMP_NS + MOST_DRIFT * np.abs(apart)
-        least, most = sent_ns - received, received_ns - sent  # by the host's clock
-        return bool(((least - allowed <= apart) & (apart <= most + allowed)).all())
+        elapsed_ns = device_ns - device
+        allowed = STAMP_NS + MOST_DRIFT * np.abs(elapsed_ns)
+        least_ns, most_ns = sent_ns - received, received_ns - sent  # by the host's clock
+        return bool(((least_ns - allowed <= elapsed_ns) & (elapsed_ns <= most_ns + allowed)).all())
 
     def to_host(self, device_ns: int) -> int:
         """An instant on the host's clock; only meaningful while `mapped`."""

@@ -17,7 +17,7 @@ from armd.drivers.serial import wire
 from armd.drivers.serial.assembler import SampleAssembler
 from armd.drivers.serial.clock import EAGER_INTERVAL_NS, ClockMapping
 from armd.drivers.serial.exchanges import Exchanges
-from armd.drivers.serial.held import Held, HeldReading, weight
+from armd.drivers.serial.reading_buffer import HeldReading, ReadingBuffer, weight
 from armd.drivers.serial.sequence import Rows, Run, SequenceExtender
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 
@@ -51,7 +51,7 @@ class SerialDecoder:
         self._exchanges = Exchanges(self.clock)
         self._greeting: RawFrame | None = None  # what told whose arm this is
         self._warmth: RawFrame | None = None  # what told the temperatures last
-        self._held = Held()
+        self._held_readings = ReadingBuffer()
         self._counted: Counter[str] = Counter()
 
     @property
@@ -120,7 +120,7 @@ class SerialDecoder:
                 continue
             items += self._samples(run, frame)
             run = []
-            items += self._other(data, frame)
+            items += self._process_other(data, frame)
         return items + self._samples(run, frame)
 
     def _unpack(self, packet: bytes) -> bytes | None:
@@ -134,7 +134,7 @@ class SerialDecoder:
             self._counted[fault] += 1
         return data
 
-    def _other(self, data: bytes, frame: RawFrame) -> list[Item]:
+    def _process_other(self, data: bytes, frame: RawFrame) -> list[Item]:
         match data[0]:
             case wire.Type.TEMPERATURE:
                 reading = wire.decode_temperature(data)
@@ -178,7 +178,7 @@ class SerialDecoder:
         """Another line may mean another arm: ask again, map its clock again."""
         self._splitter.reset()
         self._synchronised = False
-        self._counted["unidentified"] += self._held.forget()
+        self._counted["unidentified"] += self._held_readings.forget()
         self._exchanges.forget()
         self.hello = None
         self.accepted = False
@@ -198,15 +198,15 @@ class SerialDecoder:
             faults = [f"bits: found {list(hello.bits)}, expected 1 to 32 each"]
         self.accepted = not faults
         if faults:
-            self._counted["foreign"] += self._held.forget()
+            self._counted["foreign"] += self._held_readings.forget()
             text = f"a foreign arm is connected: {'; '.join(faults)}"
             return [Event("foreign_arm", text, frame.monotonic_ns, "error", {"faults": faults})]
         items = self._welcome(hello, frame)
         unix_minus_monotonic_ns = frame.unix_ns - frame.monotonic_ns
         for rows, arrival_ns in self._sequence.take_cleared():
             items += self._follow(rows, arrival_ns, unix_minus_monotonic_ns)
-        for what, arrival_ns, unix_ns in self._held.take():
-            items += self._deliver(what, arrival_ns, unix_ns)
+        for reading, arrival_ns, unix_ns in self._held_readings.take():
+            items += self._deliver(reading, arrival_ns, unix_ns)
         return items
 
     def _welcome(self, hello: wire.Hello, frame: RawFrame) -> list[Item]:
@@ -242,24 +242,24 @@ class SerialDecoder:
 
     # --- holding and delivering ----------------------------------------------------------
 
-    def _deliver_or_hold(self, what: HeldReading, frame: RawFrame) -> list[Item]:
+    def _deliver_or_hold(self, reading: HeldReading, frame: RawFrame) -> list[Item]:
         if self.accepted:
-            return self._deliver(what, frame.monotonic_ns, frame.unix_ns)
+            return self._deliver(reading, frame.monotonic_ns, frame.unix_ns)
         if self.hello is not None:
-            self._counted["foreign"] += weight(what)
+            self._counted["foreign"] += weight(reading)
             return []
-        dropped = self._held.add(what, frame.monotonic_ns, frame.unix_ns)
+        dropped = self._held_readings.add(reading, frame.monotonic_ns, frame.unix_ns)
         self._counted["unidentified"] += dropped
         return []
 
-    def _deliver(self, what: HeldReading, arrival_ns: int, unix_ns: int) -> list[Item]:
-        if isinstance(what, wire.TemperatureReading):
-            return [self._temperatures(what, arrival_ns, unix_ns - arrival_ns)]
+    def _deliver(self, reading: HeldReading, arrival_ns: int, unix_ns: int) -> list[Item]:
+        if isinstance(reading, wire.TemperatureReading):
+            return [self._temperatures(reading, arrival_ns, unix_ns - arrival_ns)]
         unix_minus_monotonic_ns = unix_ns - arrival_ns
-        plain = self._assembler.go_on(what, self._sequence, arrival_ns, unix_minus_monotonic_ns)
-        if plain is not None:
-            return plain
-        return self._follow(what, arrival_ns, unix_minus_monotonic_ns)
+        items = self._assembler.go_on(reading, self._sequence, arrival_ns, unix_minus_monotonic_ns)
+        if items is not None:
+            return items
+        return self._follow(reading, arrival_ns, unix_minus_monotonic_ns)
 
     def _follow(self, rows: Rows, arrival_ns: int, unix_minus_monotonic_ns: int) -> list[Item]:
         """Rows that may not follow the last ones."""

@@ -54,8 +54,8 @@ class Exchanges:
         agrees = self._clock.add(ping.monotonic_ns, frame.monotonic_ns, pong.t_us * 1000)
         if not agrees:
             self._answered.clear()  # as the clock has done
-        alone = frame._replace(data=wire.encode_pong(pong.nonce, pong.t_us))
-        self._answered.append((ping, alone))
+        bare_pong = frame._replace(data=wire.encode_pong(pong.nonce, pong.t_us))
+        self._answered.append((ping, bare_pong))
         return agrees
 
     def _is_samples_clock(
@@ -64,11 +64,11 @@ class Exchanges:
         """Whether a PONG's time fits the last sample's before it on the line, which cannot have
         been under way for longer than the PONG itself and the time since. Only a sample that came
         after the last exchange tells of the clock as it is now."""
-        kept = samples.memory[0]
+        last_sample = samples.memory[0]
         last_ns = self._answered[-1][1].monotonic_ns if self._answered else frame.monotonic_ns
-        if kept["seq"] < 0 or kept["arrival_ns"] <= last_ns:
+        if last_sample["seq"] < 0 or last_sample["arrival_ns"] <= last_ns:
             return True
-        ahead_ns = 1000 * (pong.t_us - int(kept["t_us"]))
-        since_ns = frame.monotonic_ns - int(kept["arrival_ns"])
+        ahead_ns = 1000 * (pong.t_us - int(last_sample["t_us"]))
+        since_ns = frame.monotonic_ns - int(last_sample["arrival_ns"])
         under_way_ns = frame.monotonic_ns - ping.monotonic_ns
         return -PROMISED_NS <= ahead_ns <= since_ns + under_way_ns + PROMISED_NS

@@ -29,7 +29,7 @@ class SerialDriver(SerialShell[SerialDecoder]):
         self._baud = config.baud
         self._nonce = 0
         self._stretch = 0.75  # of the interval to the next PING
-        self._asked = 0  # IDENTIFY sent on this connection
+        self._identify_sent = 0  # IDENTIFY sent on this connection
         self._identify_due_ns = self._pinged_ns = 0
 
     def read(self, timeout_s: float) -> list[Item]:
@@ -53,8 +53,8 @@ class SerialDriver(SerialShell[SerialDecoder]):
     def _next_due_ns(self) -> int:
         if self._port is None:
             return self._line.open_due_ns
-        due = min(self._ping_due_ns(), self._line.act_ns)
-        return min(due, self._identify_due_ns) if self._decoder.wants_identity else due
+        due_ns = min(self._ping_due_ns(), self._line.act_ns)
+        return min(due_ns, self._identify_due_ns) if self._decoder.wants_identity else due_ns
 
     def _ping_due_ns(self) -> int:
         return self._pinged_ns + int(self._decoder.ping_interval_ns * self._stretch)
@@ -69,14 +69,14 @@ class SerialDriver(SerialShell[SerialDecoder]):
             self._stretch = 0.75 + 0.5 * (self._nonce * GOLDEN_RATIO % 1)
             self._send(self._port, wire.encode_ping(self._nonce))
         if not self._decoder.wants_identity:
-            self._asked = 0
+            self._identify_sent = 0
             return []
         if now_ns < self._identify_due_ns:
             return []
         self._identify_due_ns = now_ns + IDENTIFY_INTERVAL_NS
         self._send(self._port, wire.encode_identify())
-        self._asked += 1
-        if self._asked != IDENTIFY_PATIENCE or self._decoder.last_sample_ns is None:
+        self._identify_sent += 1
+        if self._identify_sent != IDENTIFY_PATIENCE or self._decoder.last_sample_ns is None:
             return []
         text = "samples arrive, but the arm does not answer IDENTIFY: whose are they?"
         return [Event("unidentified", text, now_ns, "error")]
@@ -94,7 +94,7 @@ class SerialDriver(SerialShell[SerialDecoder]):
             return missing
         self._line.opened(now_ns)
         self._pinged_ns, self._identify_due_ns = 0, now_ns
-        self._asked = 0
+        self._identify_sent = 0
         return self._feed("link", b"up")
 
     def _received(self, port: serial.Serial, data: bytes) -> list[Item]:

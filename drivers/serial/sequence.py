@@ -60,19 +60,21 @@ class SequenceExtender:
         self.repeated = 0
         self._cleared: list[tuple[Rows, int]] = []
         self.memory = np.zeros(1, _MEMORY)  # what `goes_on` takes and keeps
-        self._kept = self.memory[0]
-        self._kept["seq"] = self._kept["t_us"] = -1
+        self._last = self.memory[0]
+        self._last["seq"] = self._last["t_us"] = -1
         self._suspects: deque[tuple[Rows, int]] = deque()
-        self._seen: deque[tuple[int, int]] = deque(maxlen=STRETCHES_MOST)  # times of this boot, µs
+        self._stretches_us: deque[tuple[int, int]] = deque(
+            maxlen=STRETCHES_MOST
+        )  # times of this boot, µs
         self.wants_clock = False  # only the arm's clock can tell whether it has rebooted
 
     @property
     def epoch(self) -> int:
-        return int(self._kept["epoch"])
+        return int(self._last["epoch"])
 
     @property
     def lost(self) -> int:
-        return int(self._kept["lost"])
+        return int(self._last["lost"])
 
     @property
     def in_doubt(self) -> bool:
@@ -81,17 +83,17 @@ class SequenceExtender:
 
     def start_in(self, epoch: int) -> None:
         """Begin in the middle of a stream, as a recording does."""
-        self._kept["epoch"] = epoch
+        self._last["epoch"] = epoch
 
     def new_boot(self) -> None:
         """The arm says that it has booted: its counter and clock start afresh.
 
         What was in doubt and can be of the new boot waits in `take_cleared`.
         """
-        if self._kept["seq"] >= 0:
-            self._kept["epoch"] += 1
-            self._kept["seq"] = self._kept["t_us"] = -1
-        self._seen.clear()
+        if self._last["seq"] >= 0:
+            self._last["epoch"] += 1
+            self._last["seq"] = self._last["t_us"] = -1
+        self._stretches_us.clear()
         self._cleared = [suspect for suspect in self._suspects if self._possible(*suspect)]
         self.repeated += len(self._suspects) - len(self._cleared)
         self._suspects.clear()
@@ -102,8 +104,8 @@ class SequenceExtender:
         had been there before, or is of a new boot."""
         if not self.wants_clock:
             return []
-        since_ns = after_ns - int(self._kept["arrival_ns"])  # a sample is older than its arrival
-        ran_on_ns = 1000 * int(self._kept["t_us"]) + since_ns * (1 - DRIFT)
+        since_ns = after_ns - int(self._last["arrival_ns"])  # a sample is older than its arrival
+        ran_on_ns = 1000 * int(self._last["t_us"]) + since_ns * (1 - DRIFT)
         if 1000 * t_us >= ran_on_ns - BEHIND_NS:
             self._drop_suspects()
             return []
@@ -126,7 +128,7 @@ class SequenceExtender:
 
     def _judge(self, row: Rows, arrival_ns: int) -> list[Run]:
         seq, t_us = int(row["seq"][0]), int(row["t_us"][0])
-        last_seq, last_us = int(self._kept["seq"]), int(self._kept["t_us"])
+        last_seq, last_us = int(self._last["seq"]), int(self._last["t_us"])
         if last_seq < 0:
             return [self._accept(row, arrival_ns)]
         if t_us >= last_us and seq == last_seq:
@@ -135,11 +137,11 @@ class SequenceExtender:
         if t_us > last_us or (t_us == last_us and seq > last_seq):
             self._drop_suspects()
             if seq < last_seq:
-                self._kept["epoch"] += 1
+                self._last["epoch"] += 1
             return [self._accept(row, arrival_ns)]
         if 0 < (seq - last_seq) % WRAP < WRAP // 2:  # the counter went on, the clock did not
             self._drop_suspects()
-            self._kept["epoch"] += 1
+            self._last["epoch"] += 1
             return [self._accept(row, arrival_ns, rebooted=True)]
         return self._suspect(row, arrival_ns)
 
@@ -166,24 +168,24 @@ class SequenceExtender:
 
     def _believe_suspects(self) -> list[Run]:
         """They are the first of another boot."""
-        found, self._suspects = self._suspects, deque()
-        self._kept["epoch"] += 1
-        self._seen.clear()
+        suspects, self._suspects = self._suspects, deque()
+        self._last["epoch"] += 1
+        self._stretches_us.clear()
         self.wants_clock = False
-        runs = [self._accept(found[0][0], found[0][1], rebooted=True)]
-        for later, arrived_ns in list(found)[1:]:
+        runs = [self._accept(suspects[0][0], suspects[0][1], rebooted=True)]
+        for later, arrived_ns in list(suspects)[1:]:
             runs += self.push(later, arrived_ns)
         return runs
 
     def _possible(self, row: Rows, arrival_ns: int) -> bool:
         """Whether a boot since the last accepted packet can have sent *row* by then."""
-        waited_ns = arrival_ns - int(self._kept["arrival_ns"]) + LATENESS_NS
+        waited_ns = arrival_ns - int(self._last["arrival_ns"]) + LATENESS_NS
         return int(row["t_us"][0]) * 1000 <= waited_ns
 
     def _was_seen(self, t_us: int) -> bool:
         """Whether samples of this boot were accepted around this time of the device's."""
-        now = (int(self._kept["since_us"]), int(self._kept["t_us"]))
-        return any(first <= t_us <= last for first, last in (*self._seen, now))
+        now = (int(self._last["since_us"]), int(self._last["t_us"]))
+        return any(first <= t_us <= last for first, last in (*self._stretches_us, now))
 
     def _drop_suspects(self) -> None:
         self.repeated += len(self._suspects)
@@ -191,18 +193,18 @@ class SequenceExtender:
         self.wants_clock = False
 
     def _accept(self, row: Rows, arrival_ns: int, rebooted: bool = False) -> Run:
-        seq, last_seq = int(row["seq"][0]), int(self._kept["seq"])
+        seq, last_seq = int(row["seq"][0]), int(self._last["seq"])
         if last_seq >= 0 and not rebooted:
             gap = (seq - last_seq) % WRAP - 1
-            self._kept["lost"] += gap if seq > last_seq or gap < WRAP // 2 else 0
-        t_us, last_us = int(row["t_us"][0]), int(self._kept["t_us"])
+            self._last["lost"] += gap if seq > last_seq or gap < WRAP // 2 else 0
+        t_us, last_us = int(row["t_us"][0]), int(self._last["t_us"])
         if last_us < 0 or rebooted:
-            self._kept["since_us"] = t_us
+            self._last["since_us"] = t_us
         elif t_us - last_us > GAP_US:
-            self._seen.append((int(self._kept["since_us"]), last_us))
-            self._kept["since_us"] = t_us
-        self._kept["seq"], self._kept["t_us"] = seq, t_us
-        self._kept["arrival_ns"] = arrival_ns
+            self._stretches_us.append((int(self._last["since_us"]), last_us))
+            self._last["since_us"] = t_us
+        self._last["seq"], self._last["t_us"] = seq, t_us
+        self._last["arrival_ns"] = arrival_ns
         return Run(row, self.epoch, arrival_ns, rebooted)
 
 
@@ -210,8 +212,8 @@ class SequenceExtender:
 def goes_on(rows: Any, arrival_ns: int, memory: Any) -> bool:
     """Whether *rows* (m,) plainly follow what went before, the usual case: then all are accepted,
     else none. *memory* is a `SequenceExtender`'s."""
-    kept = memory[0]
-    seq, t_us, since_us = kept.seq, kept.t_us, kept.since_us
+    last = memory[0]
+    seq, t_us, since_us = last.seq, last.t_us, last.since_us
     for row in rows:
         if np.int64(row.seq) <= seq or np.int64(row.t_us) <= t_us:
             return False
@@ -220,7 +222,7 @@ def goes_on(rows: Any, arrival_ns: int, memory: Any) -> bool:
         elif np.int64(row.t_us) - t_us > GAP_US:
             return False
         seq, t_us = np.int64(row.seq), np.int64(row.t_us)
-    before = kept.seq if kept.seq >= 0 else np.int64(rows[0].seq) - 1
-    kept.lost += seq - before - len(rows)
-    kept.seq, kept.t_us, kept.since_us, kept.arrival_ns = seq, t_us, since_us, arrival_ns
+    before = last.seq if last.seq >= 0 else np.int64(rows[0].seq) - 1
+    last.lost += seq - before - len(rows)
+    last.seq, last.t_us, last.since_us, last.arrival_ns = seq, t_us, since_us, arrival_ns
     return True

@@ -159,8 +159,8 @@ def random_faults(
     the first 5 s and the last 3 s are left alone. Raises `ArmdError` for more than MOST_RANDOM.
     """
     if per_minute * seconds / 60.0 > MOST_RANDOM:
-        found = f"faults_per_minute: found {per_minute:g} for {seconds:g} s"
-        raise ArmdError(f"{found}, expected {MOST_RANDOM} faults at most")
+        actual = f"faults_per_minute: found {per_minute:g} for {seconds:g} s"
+        raise ArmdError(f"{actual}, expected {MOST_RANDOM} faults at most")
     rng = np.random.default_rng([seed, 0xFA17])
     names = [name for name, kind in FAULTS.items() if wire in kind.wires]
     faults: list[Fault] = []

@@ -183,8 +183,10 @@ def _stops(led: Led, reach: Reach, rng: np.random.Generator) -> Iterator[_Stop]:
         try:
             placement, postures = _placed(visit, local, reach, rng)
         except Unreachable as error:
-            where = f"visit[{i}] {visit.placement}"
-            raise BadInput("the operator's plan", where, str(error), "targets in reach") from error
+            location = f"visit[{i}] {visit.placement}"
+            raise BadInput(
+                "the operator's plan", location, str(error), "targets in reach"
+            ) from error
         goals = placement.to_base(local)
         left = [list(own) for own in postures]
         for _ in range(visit.rounds):

@@ -69,8 +69,8 @@ class FaultLog:
 
     def begin(self, fault: Fault, **fields: Any) -> None:
         """A fault has begun."""
-        own = {"joint": fault.joint, "channel": fault.channel, "amount": fault.size}
-        self.write("begin", fault=fault.name, **own, **fields)
+        detail = {"joint": fault.joint, "channel": fault.channel, "amount": fault.size}
+        self.write("begin", fault=fault.name, **detail, **fields)
 
     def withheld(self, reason: str, first_seq: int, last_seq: int) -> None:
         """Note a run of latches, in order; runs that follow each other become one line."""

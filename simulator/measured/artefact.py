@@ -107,14 +107,14 @@ class Artefact:
         """Where targets (n,) truly are (n, 3) in the artefact's frame at *artefact_c* (n,), with
         the unit vector of gravity *down* (n, 3) in that frame."""
         scale = 1.0 + self.true_expansion_per_k * (artefact_c - self.reference_c)
-        where: F64 = self.true_mm[target] * scale[:, None]
+        position_mm: F64 = self.true_mm[target] * scale[:, None]
         if self.sag is not None:
             own = self.true_mm[:, self.sag.axis]
             along = (2.0 * own - own.max() - own.min()) / np.ptp(own)
             across = down.copy()
             across[:, self.sag.axis] = 0.0
-            where = where + self.sag.at(along)[target][:, None] * across
-        return where
+            position_mm = position_mm + self.sag.at(along)[target][:, None] * across
+        return position_mm
 
     def toml(self) -> str:
         """The [artefact] part of session.toml: what the certificate says."""

@@ -29,10 +29,10 @@ class BrownOuts:
 
     def read(self, session: str, sensor_c: F64) -> F64:
         """What the thermometers (n, S) °C of a session give to whoever reads them."""
-        given = sensor_c.copy()
+        reported_c = sensor_c.copy()
         for share in self.shares.get(session, ()):
-            given[int(share * len(given)), self.sensor] = self.power_on_c
-        return given
+            reported_c[int(share * len(reported_c)), self.sensor] = self.power_on_c
+        return reported_c
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,10 @@ class Restarts:
 
     def read(self, session: str, encoder: F64) -> F64:
         """What the encoders (n, N) rad of a session give to whoever reads them."""
-        given = encoder.copy()
+        reported = encoder.copy()
         share, turns = self.since.get(session, (1.0, 0))
-        given[int(share * len(given)) :, self.joint] += math.tau * turns
-        return given
+        reported[int(share * len(reported)) :, self.joint] += math.tau * turns
+        return reported
 
 
 def draw_brown_outs(rng: np.random.Generator, sessions: list[str], sensors: int) -> BrownOuts:

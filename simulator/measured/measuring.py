@@ -62,9 +62,9 @@ class Measured:
     def to_base(self, local: F64) -> F64:
         """Vectors (n, 3) of each reading's placement frame in the base frame."""
         turned = np.empty_like(local)
-        for i, where in enumerate(self.placements):
+        for i, placement in enumerate(self.placements):
             rows = self.placement == i
-            turned[rows] = local[rows] @ where.rotation.T
+            turned[rows] = local[rows] @ placement.rotation.T
         return turned
 
 

@@ -49,8 +49,10 @@ class Noise:
 
     def sensors(self, rng: np.random.Generator, celsius: F64) -> F64:
         """Readings of the sensors (n, S): with noise, in the wire's steps."""
-        told: F64 = celsius + rng.normal(0.0, self.sensor_c, celsius.shape)
-        return self.sensor_step_c * np.round(told / self.sensor_step_c) if self.sensor_c else told
+        read_c: F64 = celsius + rng.normal(0.0, self.sensor_c, celsius.shape)
+        return (
+            self.sensor_step_c * np.round(read_c / self.sensor_step_c) if self.sensor_c else read_c
+        )
 
     def wander(self, rng: np.random.Generator, time_s: F64) -> F64:
         """Slow displacement of the base (n, 3), mm: a first-order Gauss–Markov process."""
@@ -58,8 +60,8 @@ class Noise:
         path = np.empty_like(steps)
         path[0] = steps[0]
         for i in range(1, len(time_s)):
-            kept = np.exp(-(time_s[i] - time_s[i - 1]) / WANDER_S)
-            path[i] = kept * path[i - 1] + np.sqrt(1 - kept**2) * steps[i]
+            decay = np.exp(-(time_s[i] - time_s[i - 1]) / WANDER_S)
+            path[i] = decay * path[i - 1] + np.sqrt(1 - decay**2) * steps[i]
         return 1e-3 * self.wander_um * path
 
     def _draw(self, rng: np.random.Generator, shape: tuple[int, int]) -> F64:

@@ -78,8 +78,8 @@ def plant_all(campaign: Campaign, plants: Sequence[Plant], rng: np.random.Genera
     """The campaign with all *plants* in it; raises `BadInput` for what cannot be planted."""
     for plant in plants:
         if plant.cause not in CAUSES:
-            near = did_you_mean(plant.cause, CAUSES)
-            expected = f"a cause{near}" if near else f"one of {', '.join(CAUSES)}"
+            suggestion = did_you_mean(plant.cause, CAUSES)
+            expected = f"a cause{suggestion}" if suggestion else f"one of {', '.join(CAUSES)}"
             raise BadInput("--plant", plant.cause, "an unknown cause", expected)
         _check_location(campaign, plant)
         campaign = CAUSES[plant.cause].plant(campaign, plant, rng)
@@ -92,18 +92,18 @@ def _check_location(campaign: Campaign, plant: Plant) -> None:
     places = CAUSES[plant.cause].places
     match places:
         case "joint" | "link":
-            known = [f"{places} {k}" for k in joints]
+            locations = [f"{places} {k}" for k in joints]
         case "sensor":
-            known = [f"sensor {name}" for name in sensors]
+            locations = [f"sensor {name}" for name in sensors]
         case "sensors":
-            known = [f"sensors {a}, {b}" for a, b in combinations(sensors, 2)]
+            locations = [f"sensors {a}, {b}" for a, b in combinations(sensors, 2)]
         case "target":
-            known = ["artefact", *(f"target {name}" for name in campaign.rig.artefact.targets)]
+            locations = ["artefact", *(f"target {name}" for name in campaign.rig.artefact.targets)]
         case _:
-            known = [places]
-    if plant.location not in known:
-        same = [name for name in known if _bare(name) == _bare(plant.location)]
-        expected = f"{same[0]!r}" if same else few(known)
+            locations = [places]
+    if plant.location not in locations:
+        same = [name for name in locations if _bare(name) == _bare(plant.location)]
+        expected = f"{same[0]!r}" if same else few(locations)
         raise BadInput("--plant", plant.cause, f"location {plant.location!r}", expected)
 
 

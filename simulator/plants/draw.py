@@ -39,8 +39,8 @@ def draw_plant(rng: np.random.Generator, causes: Sequence[str] = (), factor: flo
     Its size is the typical one × *factor* × a log-normal factor of ±40 %, of either sign where
     that means something.
     """
-    known = causes or [cause for cause in CAUSES if cause != "unknown"]
-    cause = str(rng.choice(known))
+    choices = causes or [cause for cause in CAUSES if cause != "unknown"]
+    cause = str(rng.choice(choices))
     size = factor * float(np.exp(rng.normal(0.0, 0.4)))
     if cause == "unknown":
         return _foreign(rng, size)

@@ -113,13 +113,14 @@ class PrintedArm:
 
     def counts(self, angles: F64, rng: np.random.Generator) -> I64:
         """What the servos say (5,): whole counts from the middle."""
-        seen = angles + self.horn_rad
+        encoder_rad = angles + self.horn_rad
         magnet = np.arctan2(
-            np.sin(seen) - self.eccentricity[:, 1], np.cos(seen) - self.eccentricity[:, 0]
+            np.sin(encoder_rad) - self.eccentricity[:, 1],
+            np.cos(encoder_rad) - self.eccentricity[:, 0],
         )
-        magnet = seen + (magnet - seen + np.pi) % (2 * np.pi) - np.pi
-        magnet += self.second_rad[:, 0] * np.cos(2 * seen) + self.second_rad[:, 1] * np.sin(
-            2 * seen
+        magnet = encoder_rad + (magnet - encoder_rad + np.pi) % (2 * np.pi) - np.pi
+        magnet += self.second_rad[:, 0] * np.cos(2 * encoder_rad) + self.second_rad[:, 1] * np.sin(
+            2 * encoder_rad
         )
         noisy = magnet / (2 * np.pi) * COUNTS_PER_TURN + rng.normal(0.0, 0.3, 5)
         return np.rint(noisy).astype(np.int64)

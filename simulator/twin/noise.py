@@ -47,12 +47,12 @@ def read_noise(path: Path) -> FoundNoise:
     return FoundNoise(*(_number(path, content["noise"], "noise", name) for name in names))
 
 
-def _number(path: Path, table: Any, where: str, key: str) -> float:
+def _number(path: Path, table: Any, location: str, key: str) -> float:
     value: Any = table.get(key) if isinstance(table, dict) else None
     if type(value) in (int, float) and 0 <= value < math.inf:
         return float(value)
-    found = json.dumps(value) if value is not None else "nothing"
-    raise BadInput(path, f"{where}.{key}", found, "a standard deviation of 0 or more")
+    actual = json.dumps(value) if value is not None else "nothing"
+    raise BadInput(path, f"{location}.{key}", actual, "a standard deviation of 0 or more")
 
 
 def rests_of(q: F64, *labels: I64) -> I64:

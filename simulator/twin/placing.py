@@ -129,13 +129,13 @@ def _keep_lengths(target_mm: F64, unknown: Mask, lengths: Sequence[CertifiedDist
     ends = np.array([length.between for length in lengths])
     certified_mm = np.array([length.length_mm for length in lengths])
     for _ in range(STEPS):
-        way = target_mm[ends[:, 0]] - target_mm[ends[:, 1]]
-        apart_mm = np.linalg.norm(way, axis=1)
-        unit = way / np.maximum(apart_mm, 1e-9)[:, None]
+        difference_mm = target_mm[ends[:, 0]] - target_mm[ends[:, 1]]
+        apart_mm = np.linalg.norm(difference_mm, axis=1)
+        unit = difference_mm / np.maximum(apart_mm, 1e-9)[:, None]
         slope = np.zeros((len(lengths), *target_mm.shape))
-        for i, (one, other) in enumerate(ends):
-            slope[i, one] += unit[i]
-            slope[i, other] -= unit[i]
+        for i, (first, second) in enumerate(ends):
+            slope[i, first] += unit[i]
+            slope[i, second] -= unit[i]
         slope[:, ~unknown] = 0.0
         step = np.linalg.pinv(slope.reshape(len(lengths), -1)) @ (certified_mm - apart_mm)
         target_mm += step.reshape(target_mm.shape)

@@ -89,8 +89,8 @@ def copy_session(
     tip_mm = rows.stand(q).tip
     used = np.isfinite(tip_mm[:, 0])
     if not used.any():
-        found = "no row with every temperature and time that the calibration needs"
-        raise BadInput(session.folder, session.table, found, "at least one")
+        actual = "no row with every temperature and time that the calibration needs"
+        raise BadInput(session.folder, session.table, actual, "at least one")
     goal_mm = goals(touched, position_mm, lengths, tip_mm)
     shift_mm, encoder_rad = np.zeros_like(goal_mm), np.zeros_like(q)
     if noise is not None:
@@ -108,21 +108,21 @@ def _turn_to(rows: TwinRows, session: SourceSession, q: F64, goal_mm: F64) -> F6
     q = q.copy()
     for _ in range(STEPS):
         frames = rows.stand(q)
-        way = np.nan_to_num(goal_mm - frames.tip)
-        if np.abs(way).max() < CLOSE_MM:
+        difference_mm = np.nan_to_num(goal_mm - frames.tip)
+        if np.abs(difference_mm).max() < CLOSE_MM:
             break
         jacobian = np.nan_to_num(frames.jacobian)
         squared = jacobian @ jacobian.transpose(0, 2, 1)
         size = np.trace(squared, axis1=1, axis2=2)[:, None, None]
         squared = squared + (1e-9 * size + 1e-12) * np.eye(3)
-        step = jacobian.transpose(0, 2, 1) @ np.linalg.solve(squared, way[:, :, None])
+        step = jacobian.transpose(0, 2, 1) @ np.linalg.solve(squared, difference_mm[:, :, None])
         q += np.clip(step[:, :, 0], -0.3, 0.3)
-    missed = np.linalg.norm(way, axis=1)
+    missed = np.linalg.norm(difference_mm, axis=1)
     worst = int(np.argmax(missed))
     if missed[worst] > MISSED_MM:
-        where = f"{session.table} row {worst + 1}"
-        found = f"a target {missed[worst]:.3g} mm beyond what the twin reaches near that posture"
-        raise BadInput(session.folder, where, found, "one within reach")
+        location = f"{session.table} row {worst + 1}"
+        actual = f"a target {missed[worst]:.3g} mm beyond what the twin reaches near that posture"
+        raise BadInput(session.folder, location, actual, "one within reach")
     return q
 
 

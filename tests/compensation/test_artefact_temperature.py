@@ -59,7 +59,7 @@ def test_what_is_taken_instead_is_told() -> None:
     unread, again = of_steel([], name="none"), of_steel([], name="nor here")
     given = [read, now_and_then, unread, again]
     for sound in (make_sound(given, ARM), fit_to_identify(given, ARM)):
-        some, none = (line for line in sound.told if "artefact_c" in line)
+        some, none = (line for line in sound.remarks if "artefact_c" in line)
         assert some == "some: artefact_c in 2 of 30 rows; a row without has the last one before it."
         assert none.startswith(
             "No artefact_c (none, nor here): steel plate is taken to be at 20 °C"
@@ -70,4 +70,4 @@ def test_what_is_taken_instead_is_told() -> None:
 def test_an_artefact_that_does_not_expand_needs_no_temperature() -> None:
     unread = of_steel([])
     stable = replace(unread, artefact=unread.artefact.model_copy(update={"expansion_per_k": 0.0}))
-    assert make_sound([stable], ARM).told == ()
+    assert make_sound([stable], ARM).remarks == ()

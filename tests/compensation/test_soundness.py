@@ -46,7 +46,7 @@ def with_times(session: Session, time_s: np.ndarray) -> Session:
 def test_sound_sessions_stay_as_they_are() -> None:
     given = sessions()
     sound = make_sound(given, ARM)
-    assert sound.told == ()
+    assert sound.remarks == ()
     assert sound.arm is ARM
     for before, after in zip(given, sound.sessions, strict=True):
         assert after is before
@@ -59,7 +59,7 @@ def test_rows_that_stand_twice_count_once_and_keep_their_numbers() -> None:
     sound = make_sound([again, *others], ARM)
     assert sound.sessions[0].n == 30
     assert list(sound.sessions[0].row) == list(range(30))
-    (told,) = sound.told
+    (told,) = sound.remarks
     assert "session-1: 2 of 32 rows" in told and "row 31" in told
 
 
@@ -72,7 +72,7 @@ def test_a_channel_that_shows_nothing_is_dropped_with_what_depends_on_it(
 ) -> None:
     given = [with_channel(s, 2, values) for s in sessions()]
     sound = make_sound(given, ARM)
-    (told,) = sound.told
+    (told,) = sound.remarks
     assert words in told and "Sensor t3" in told and "link 3" in told and "all sessions" in told
     for session in sound.sessions:
         assert session.lost == ("t3",) and session.lost_links == (3,)
@@ -106,7 +106,7 @@ def test_coarse_and_steady_channels_are_alive() -> None:
         )
         for i, s in enumerate(sessions())
     ]
-    assert make_sound(given, ARM).told == ()
+    assert make_sound(given, ARM).remarks == ()
 
 
 def test_a_clock_set_back_goes_on_and_sessions_that_overlap_are_told() -> None:
@@ -116,11 +116,11 @@ def test_a_clock_set_back_goes_on_and_sessions_that_overlap_are_told() -> None:
     set_back = replace(with_times(second, time_s), placement=np.zeros(30, dtype=np.int64))
     sound = make_sound([first, set_back, third], ARM)
     assert (np.diff(sound.sessions[1].states.time_s) > 0).all()
-    (told,) = sound.told
+    (told,) = sound.remarks
     assert "session-2: at row 16 the clock runs back by 60 min" in told
 
     late = with_times(third, third.states.time_s - 4 * 3600.0 + 300.0)
-    (told,) = make_sound([first, second, late], ARM).told
+    (told,) = make_sound([first, second, late], ARM).remarks
     assert "session-3 begins" in told and "before session-2 ends" in told
 
     exchanged = (
@@ -128,7 +128,7 @@ def test_a_clock_set_back_goes_on_and_sessions_that_overlap_are_told() -> None:
         second,
         with_times(third, first.states.time_s),
     )
-    assert all("was measured before" in told for told in make_sound(exchanged, ARM).told)
+    assert all("was measured before" in told for told in make_sound(exchanged, ARM).remarks)
 
 
 def test_gross_errors_neither_pull_the_fit_nor_count_as_noise() -> None:
@@ -168,13 +168,13 @@ def test_calibrate_takes_no_still_channel_for_a_temperature() -> None:
     assert sound.arm is ARM
     assert np.isnan(sound.sessions[0].states.temperature_c[:, 2]).all()
     assert sound.sessions[1] is given[1]
-    (told,) = sound.told
+    (told,) = sound.remarks
     assert "session-1" in told
     none = fit_to_identify([with_channel(s, 2, 21.3) for s in given], ARM)
     others = [name for name in ARM.sensors if name != ARM.sensors[2]]
     assert none.arm.joint[2].weights == pytest.approx(dict.fromkeys(others, 1 / len(others)))
     gaps = np.where(np.arange(30) % 5 == 0, np.nan, given[0].states.temperature_c[:, 2])
-    assert fit_to_identify([with_channel(given[0], 2, gaps), *given[1:]], ARM).told == ()
+    assert fit_to_identify([with_channel(given[0], 2, gaps), *given[1:]], ARM).remarks == ()
 
 
 @pytest.mark.parametrize("stuck_at", [21.3, np.nan])

@@ -158,13 +158,13 @@ def _press(homing: Homing, at_s: float, counts: tuple[int, ...] = (10,) * 5) -> 
 def test_only_a_press_at_rest_asks_for_home() -> None:
     homing = Homing(TURNS)
     homing.watch((10,) * 5, 1, 0)  # held down since before: no press
-    assert not homing.wanted(1)
+    assert not homing.is_due(1)
     assert _press(homing, 0.3) == "it had not been at rest for 0.5 s"
-    assert not homing.wanted(round(0.3 * S))
-    assert _press(homing, 0.7) == "" and homing.wanted(round(0.8 * S))
+    assert not homing.is_due(round(0.3 * S))
+    assert _press(homing, 0.7) == "" and homing.is_due(round(0.8 * S))
     assert not homing.homed  # not before the arm has said so
     assert "moved" in homing.watch((40,) * 5, 1, round(0.9 * S))
-    assert not homing.wanted(round(0.9 * S))
+    assert not homing.is_due(round(0.9 * S))
 
 
 def test_home_that_is_not_acknowledged_is_given_up() -> None:

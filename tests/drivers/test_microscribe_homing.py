@@ -167,8 +167,8 @@ class Session:
             ticks = 16_000 + round((self._at_ns / 1e9 + self._off_ms / 1e3) * 900)
             buttons = int(pressed)
             said += self.homing.watch(counts_of(angles), buttons, self._at_ns, ticks % (1 << 14))
-            if self.homing.wanted(self._at_ns):
-                self.homing.asked()
+            if self.homing.is_due(self._at_ns):
+                self.homing.note_sent()
                 self.homing.acknowledged()
         return said
 

@@ -216,7 +216,7 @@ def test_the_timer_is_mapped_to_the_tick(ppm: float) -> None:
             t_ns += 2 * MS + int(rng.integers(MS))
             made_ns = t_ns + int(rng.integers(900_000))
             heard_ns = t_ns + 900_000 + int(rng.exponential(200_000))
-            timer.asked(t_ns, heard_ns, timer.ticks(device(made_ns), heard_ns))
+            timer.add_exchange(t_ns, heard_ns, timer.ticks(device(made_ns), heard_ns))
         assert timer.mapped
         for _ in range(500):
             t_ns += 10 * MS
@@ -234,7 +234,7 @@ def test_a_reading_of_a_tick_to_come_has_no_instant() -> None:
     for k in range(12):
         at_ns = 10**12 + k * 2_300_000
         reading = int(at_ns * 9e-7) % wire.TICKS
-        timer.asked(at_ns - MS // 2, at_ns + MS // 2, timer.ticks(reading, at_ns))
+        timer.add_exchange(at_ns - MS // 2, at_ns + MS // 2, timer.ticks(reading, at_ns))
     later = timer.ticks((reading + 40) % wire.TICKS, at_ns)
     assert timer.instant_ns(later, at_ns) is None
 
@@ -253,8 +253,8 @@ def test_a_line_without_pace_streams_at_any_rate() -> None:
     for _ in range(12):
         request = RawFrame(t_ns, t_ns, "tx", b"\x21")
         made_ns = t_ns = t_ns + 900_000  # "just under a millisecond"; then it is here at once
-        at_ns, _ = instants.asked(request, heard(bytes(14)), 14, tick(made_ns), True)
-        instants.taken(at_ns)
+        at_ns, _ = instants.estimate_instant(request, heard(bytes(14)), 14, tick(made_ns), True)
+        instants.note_sample(at_ns)
         t_ns += 5 * MS
     error_ms = []
     for _ in range(200):
@@ -262,7 +262,7 @@ def test_a_line_without_pace_streams_at_any_rate() -> None:
         packet = Streamed(bytes(14), heard(bytes(14)), tick(t_ns), 0)
         found = instants.streamed(packet, 8.0)
         assert found is not None and found[1]
-        instants.taken(found[0])
+        instants.note_sample(found[0])
         error_ms.append((found[0] - t_ns) / MS)
     assert np.abs(error_ms).max() < 1.3
 
@@ -273,7 +273,7 @@ def test_a_reading_that_may_be_more_than_5_ms_off_says_so(took_ms: int, holds: b
     knows. A stamp without flag 8 is right within 5 ms."""
     request = RawFrame(10**12, 10**12, "tx", b"\x21")
     reply = RawFrame(10**12 + took_ms * MS, 10**12 + took_ms * MS, "rx", bytes(14))
-    at_ns, certain = ReadingInstants().asked(request, reply, 14, 7, False)
+    at_ns, certain = ReadingInstants().estimate_instant(request, reply, 14, 7, False)
     assert certain == holds
     rest_ms = took_ms - 15 * 10 / 115.2
     assert (rest_ms / 2 <= 5.0) == holds and abs(at_ns - 10**12) < took_ms * MS
@@ -283,7 +283,9 @@ def test_a_timer_of_another_rate_is_hopeless() -> None:
     timer = Timer()
     for k in range(300):
         at_ns = 10**12 + k * 20 * MS
-        timer.asked(at_ns - MS // 2, at_ns + MS // 2, timer.ticks(20 * k % wire.TICKS, at_ns))
+        timer.add_exchange(
+            at_ns - MS // 2, at_ns + MS // 2, timer.ticks(20 * k % wire.TICKS, at_ns)
+        )
     assert timer.hopeless and not timer.mapped
 
 

@@ -60,7 +60,7 @@ def amplitudes(facts: SessionFacts) -> np.ndarray:
 
 
 def at(terms: object, time_s: np.ndarray) -> np.ndarray:
-    return sum(term.coefficient * term.basis[0].at_times(time_s) for term in terms)
+    return sum(term.coefficient * term.basis[0].evaluate_at_times(time_s) for term in terms)
 
 
 def test_every_session_may_have_a_value_of_its_own_and_nothing_is_left_afterwards(
@@ -85,7 +85,7 @@ def test_no_session_is_likelier_to_stand_otherwise_than_another(facts: SessionFa
     functions = make_session_functions(facts)
     rows = np.array(
         [
-            sum(share * factor.at_times(within(facts)[:, 1]) for share, factor in f.pieces)
+            sum(share * factor.evaluate_at_times(within(facts)[:, 1]) for share, factor in f.pieces)
             / f.largest
             for f in functions
         ]

@@ -23,7 +23,7 @@ def found(whole: Whole) -> list[Course]:
 
 
 def at(function: Function, time_s: np.ndarray) -> np.ndarray:
-    return sum(share * factor.at_times(time_s) for share, factor in function.pieces)
+    return sum(share * factor.evaluate_at_times(time_s) for share, factor in function.pieces)
 
 
 def called(found: list[Course], *names: str) -> list[Course]:

@@ -19,7 +19,7 @@ def test_every_parameter_has_one_place(n_joints: int) -> None:
     np.testing.assert_array_equal(together, numbers)
     assert [layout.index(name) for name in layout.names] == numbers.tolist()
     assert layout.names[layout.angles] == tuple(f"theta_{k}" for k in range(1, n_joints + 1))
-    assert layout.names[layout.each("alpha")][-1] == f"alpha_{n_joints}"
+    assert layout.names[layout.slice_of_joints("alpha")][-1] == f"alpha_{n_joints}"
     assert layout.names[layout.joint(2)] == ("theta_2", "d_2", "a_2", "alpha_2", "beta_2")
     assert layout.names[layout.tip] == ("tip_x", "tip_y", "tip_z")
     assert layout.names[layout.base][0] == "base_x" and layout.names[-1] == "base_rz"
@@ -27,14 +27,14 @@ def test_every_parameter_has_one_place(n_joints: int) -> None:
         name for name, length in zip(layout.names, layout.are_lengths, strict=True) if length
     ]
     assert {unit(name) for name in lengths} == {"mm"} and len(lengths) == 2 * n_joints + 6
-    assert ParameterLayout.of(layout.count) == layout
+    assert ParameterLayout.from_count(layout.count) == layout
     assert "d_1" in layout and "d_0" not in layout
 
 
 @pytest.mark.parametrize("count", [0, 9, 38, 40])
 def test_no_arm_has_so_many_parameters(count: int) -> None:
     with pytest.raises(ArmdError, match=f"no arm has {count} parameters"):
-        ParameterLayout.of(count)
+        ParameterLayout.from_count(count)
 
 
 def test_a_name_that_the_arm_has_not_is_said() -> None:

@@ -28,24 +28,24 @@ def check_size(path: Path, cells: Cells) -> None:
         raise BadInput(path, "the table", f"{sum(map(len, cells))} cells", f"{MOST_CELLS} at most")
     for number, row in enumerate(cells, 1):
         if len(row) > MOST_COLUMNS:
-            found = f"{len(row)} columns"
-            raise BadInput(path, f"line {number}", found, f"{MOST_COLUMNS} at most")
+            actual = f"{len(row)} columns"
+            raise BadInput(path, f"line {number}", actual, f"{MOST_COLUMNS} at most")
         if max(map(len, row), default=0) > MOST_LETTERS:
-            found = f"a cell of {max(map(len, row))} letters"
-            raise BadInput(path, f"line {number}", found, f"{MOST_LETTERS} at most")
+            actual = f"a cell of {max(map(len, row))} letters"
+            raise BadInput(path, f"line {number}", actual, f"{MOST_LETTERS} at most")
 
 
 def with_points(cells: Cells, assumed: list[str], *, decimal_comma: bool = True) -> Cells:
     """Numbers with a plain minus sign and a decimal point, and *assumed* says what was changed."""
-    plain = [[_with_minus(cell) for cell in row] for row in cells]
-    if plain != cells:
+    with_minus = [[_with_minus(cell) for cell in row] for row in cells]
+    if with_minus != cells:
         assumed.append("minus signs of other characters (as U+2212) are minus signs")
     if not decimal_comma or not any(
-        _DECIMAL_COMMA.fullmatch(cell) for row in plain for cell in row
+        _DECIMAL_COMMA.fullmatch(cell) for row in with_minus for cell in row
     ):
-        return plain
+        return with_minus
     assumed.append("numbers have a decimal comma")
-    return [[point_of(cell) for cell in row] for row in plain]
+    return [[point_of(cell) for cell in row] for row in with_minus]
 
 
 def point_of(cell: str) -> str:

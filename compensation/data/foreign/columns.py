@@ -48,7 +48,7 @@ class FoundColumns:
     angle_unit: str  # "rad", "deg", "count", or NORMALISED
     numbers: dict[str, list[float]] = field(default_factory=dict)
     texts: dict[str, list[str]] = field(default_factory=dict)
-    said: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
     started: datetime.datetime | None = None  # where the table has dates
     joints: dict[str, str] = field(default_factory=dict)  # q1 → its header
 
@@ -64,87 +64,87 @@ class Given:
     targets: Sequence[str] = ()  # the artefact's, where it is known
 
 
-def find_columns(table: ForeignTable, arm: Arm, given: Given) -> FoundColumns:
+def find_columns(table: ForeignTable, arm: Arm, options: Given) -> FoundColumns:
     """Raises `BadInput` for a joint without a column, a cell that is no number, a unit not known,
     and a name that may mean two things."""
-    known = [*number_columns(arm), *TEXTS, REFLECTOR]
-    places = find_places(table, arm, given.columns, known, given.targets)
+    names = [*number_columns(arm), *TEXTS, REFLECTOR]
+    places = find_places(table, arm, options.columns, names, options.targets)
     for k in range(1, arm.n_joints + 1):
-        if f"q{k}" not in places.at:
+        if f"q{k}" not in places.column_of:
             raise without_joint(places, k)
-    found = FoundColumns(_angle_unit(table, places.at, given.angle_unit))
-    for name, at in places.at.items():
-        header = table.header[at]
+    columns = FoundColumns(_angle_unit(table, places.column_of, options.angle_unit))
+    for name, column in places.column_of.items():
+        header = table.header[column]
         if name in (*TEXTS, REFLECTOR):
-            found.texts[name] = [row[at] for row in table.rows]
-            _refuse_empty(table, name, at)
+            columns.texts[name] = [row[column] for row in table.rows]
+            _refuse_empty(table, name, column)
             unit = ""
         elif name == "time_s":
-            unit = _take_times(found, places, at, given.started)
+            unit = _take_times(columns, places, column, options.started)
         else:
-            values = [table.number(i, at) for i in range(len(table.rows))]
-            unit, found.numbers[name] = _in_unit(table, name, header, values, found, given)
+            values = [table.number(i, column) for i in range(len(table.rows))]
+            unit, columns.numbers[name] = _in_unit(table, name, header, values, columns, options)
         if is_angle(name):
-            found.joints[name] = header
+            columns.joints[name] = header
         if header != name or unit:
-            found.said.append(f"{name} is the column {header!r}{unit}")
-    found.said += places.said
-    _complete(table, found, given.targets)
-    _say_unused(found, places)
-    _check_angles(table, found, arm)
-    return found
+            columns.remarks.append(f"{name} is the column {header!r}{unit}")
+    columns.remarks += places.remarks
+    _complete(table, columns, options.targets)
+    _say_unused(columns, places)
+    _check_angles(table, columns, arm)
+    return columns
 
 
 def _take_times(
-    found: FoundColumns, places: Places, at: int, since: datetime.datetime | None
+    columns: FoundColumns, places: Places, column: int, since: datetime.datetime | None
 ) -> str:
     table = places.table
-    unit = word_and_unit(table.header[at])[1]
-    check_unit(table, at, unit)
-    times = read_times(table, at, unit, places.day, since)
-    found.numbers["time_s"], found.started = times.seconds, times.started
-    return times.said
+    unit = word_and_unit(table.header[column])[1]
+    check_unit(table, column, unit)
+    times = read_times(table, column, unit, places.day, since)
+    columns.numbers["time_s"], columns.started = times.seconds, times.started
+    return times.description
 
 
-def _refuse_empty(table: ForeignTable, name: str, at: int) -> None:
+def _refuse_empty(table: ForeignTable, name: str, column: int) -> None:
     """A reading without a target or placement belongs nowhere."""
     for i, row in enumerate(table.rows):
-        if not row[at]:
-            raise table.fault(i, at, f"the name of a {name}")
+        if not row[column]:
+            raise table.fault(i, column, f"the name of a {name}")
 
 
-def _complete(table: ForeignTable, found: FoundColumns, targets: Sequence[str]) -> None:
+def _complete(table: ForeignTable, columns: FoundColumns, targets: Sequence[str]) -> None:
     """Placement and target for all rows where no column has them; raises `BadInput`."""
-    if "target" not in found.texts and len(targets) > 1:
+    if "target" not in columns.texts and len(targets) > 1:
         expected = f"the column of targets ({few(targets)}): --column target=HEADER"
         raise BadInput(table.path, "target", f"no such column among {few(table.header)}", expected)
     n = len(table.rows)
     for name in TEXTS:
-        if name not in found.texts:
+        if name not in columns.texts:
             only = targets[0] if name == "target" and targets else ALL
-            found.texts[name] = [only] * n
-            found.said.append(f"there is no column for the {name}: all rows have the same")
-    if "time_s" not in found.numbers:
-        found.numbers["time_s"] = [math.nan] * n
-        found.said.append("there is no column of times: when each row was read is unknown")
+            columns.texts[name] = [only] * n
+            columns.remarks.append(f"there is no column for the {name}: all rows have the same")
+    if "time_s" not in columns.numbers:
+        columns.numbers["time_s"] = [math.nan] * n
+        columns.remarks.append("there is no column of times: when each row was read is unknown")
 
 
-def _say_unused(found: FoundColumns, places: Places) -> None:
+def _say_unused(columns: FoundColumns, places: Places) -> None:
     """Columns that are nothing, and sensors that have none."""
     arm = places.arm
     unused = [header for _, header in places.free()]
     if unused:
-        found.said.append(f"left out: {', '.join(unused)}")
+        columns.remarks.append(f"left out: {', '.join(unused)}")
     warm = [header for header in unused if _is_temperature(header)]
     if warm:
         sensors = f"only {few(arm.sensors)}" if arm.sensors else "none"
-        found.said.append(
+        columns.remarks.append(
             f"{few(warm)}: temperatures without a sensor; the arm.toml has {sensors}"
             " ([[temperature_sensor]], and temperature = of each joint)"
         )
-    missing = [name for name in arm.sensors if name not in found.numbers]
+    missing = [name for name in arm.sensors if name not in columns.numbers]
     if missing:
-        found.said.append(
+        columns.remarks.append(
             f"no column for the sensor{'s' * (len(missing) > 1)} {few(missing)}: missing"
             f" temperatures (--column {missing[0]}=HEADER)"
         )
@@ -165,34 +165,38 @@ def is_angle(name: str) -> bool:
     return re.fullmatch(r"q\d+", name) is not None
 
 
-def _angle_unit(table: ForeignTable, places: Mapping[str, int], given: str | None) -> str:
-    if given is not None:
-        return given
-    columns = [at for name, at in places.items() if is_angle(name)]
-    units = {at: word_and_unit(table.header[at])[1] for at in columns}
-    for at, unit in units.items():
+def _angle_unit(table: ForeignTable, places: Mapping[str, int], option: str | None) -> str:
+    if option is not None:
+        return option
+    columns = [column for name, column in places.items() if is_angle(name)]
+    units = {column: word_and_unit(table.header[column])[1] for column in columns}
+    for column, unit in units.items():
         if unit and unit not in ANGLES:
             expected = f"one of {few(ANGLES)}, or --angle-unit"
-            raise BadInput(table.path, f"column {table.header[at]}", f"the unit {unit!r}", expected)
-    told = {ANGLES[unit][0] for unit in units.values() if unit}
-    if len(told) > 1:
-        raise BadInput(table.path, "the angles", f"{' and '.join(sorted(told))}", "one unit")
-    if told:
-        return told.pop()
-    values = [abs(table.number(i, at)) for at in columns for i in range(len(table.rows))]
+            raise BadInput(
+                table.path, f"column {table.header[column]}", f"the unit {unit!r}", expected
+            )
+    written_units = {ANGLES[unit][0] for unit in units.values() if unit}
+    if len(written_units) > 1:
+        raise BadInput(
+            table.path, "the angles", f"{' and '.join(sorted(written_units))}", "one unit"
+        )
+    if written_units:
+        return written_units.pop()
+    values = [abs(table.number(i, column)) for column in columns for i in range(len(table.rows))]
     largest = max(filter(math.isfinite, values), default=0.0)
     lerobot = any(
-        table.header[at].lower().endswith(LEROBOT_POSITION)
-        or joint_name(table.header[at]) in LEROBOTS_OWN
-        for at in columns
+        table.header[column].lower().endswith(LEROBOT_POSITION)
+        or joint_name(table.header[column]) in LEROBOTS_OWN
+        for column in columns
     )
     if lerobot and largest <= MOST_NORMALISED:
-        found = f"LeRobot's positions, {largest:.4g} at most"
+        actual = f"LeRobot's positions, {largest:.4g} at most"
         expected = (
             "--angle-unit deg if it logged degrees (use_degrees), rad if radians, else"
             " --lerobot CALIBRATION.json: -100 to 100 of each joint's sweep"
         )
-        raise BadInput(table.path, "the angles", found, expected)
+        raise BadInput(table.path, "the angles", actual, expected)
     if largest > 720:
         raise BadInput(table.path, "the angles", f"{largest:g}", "--angle-unit: deg, or count?")
     unit = "deg" if largest > math.tau else "rad"
@@ -205,42 +209,42 @@ def _in_unit(
     name: str,
     header: str,
     values: list[float],
-    found: FoundColumns,
-    given: Given,
+    columns: FoundColumns,
+    options: Given,
 ) -> tuple[str, list[float]]:
     """`, in inches` or the like, and the values as a session has them."""
     unit = word_and_unit(header)[1]
     factor, shift = 1.0, 0.0
     if name in ("x_mm", "y_mm", "z_mm"):
-        unit = given.length_unit or unit or "mm"
-        factor = _known(table, header, unit, LENGTHS)
+        unit = options.length_unit or unit or "mm"
+        factor = _look_up_unit(table, header, unit, LENGTHS)
     elif re.fullmatch(r"w\d+", name):
-        factor = _known(table, header, unit or "rad/s", RATES)
+        factor = _look_up_unit(table, header, unit or "rad/s", RATES)
     elif is_angle(name):
-        if given.angle_unit is None and unit:
+        if options.angle_unit is None and unit:
             factor = ANGLES[unit][1]
         if factor == 1.0:
-            return f", in {found.angle_unit}", values
+            return f", in {columns.angle_unit}", values
     elif name in ROLL_PITCH_YAW:
-        of, factor = _known(table, header, unit or "deg", ANGLES)
-        if of == "count":
+        angle_unit, factor = _look_up_unit(table, header, unit or "deg", ANGLES)
+        if angle_unit == "count":
             raise BadInput(table.path, f"column {header}", "counts", "degrees or radians")
-        factor *= math.degrees(1.0) if of == "rad" else 1.0
+        factor *= math.degrees(1.0) if angle_unit == "rad" else 1.0
     elif not name.startswith("approach") and name not in QUATERNION:
-        factor, shift = _known(table, header, unit or "c", TEMPERATURES)
+        factor, shift = _look_up_unit(table, header, unit or "c", TEMPERATURES)
     if (factor, shift) == (1.0, 0.0):
         return "", values
     return f", in {unit}", [factor * value + shift for value in values]
 
 
-def _known(table: ForeignTable, header: str, unit: str, units: Mapping[str, Value]) -> Value:
+def _look_up_unit(table: ForeignTable, header: str, unit: str, units: Mapping[str, Value]) -> Value:
     if unit not in units:
         raise BadInput(table.path, f"column {header}", f"the unit {unit!r}", f"one of {few(units)}")
     return units[unit]
 
 
-def _check_angles(table: ForeignTable, found: FoundColumns, arm: Arm) -> None:
+def _check_angles(table: ForeignTable, columns: FoundColumns, arm: Arm) -> None:
     """Counts want counts per turn."""
     for k, joint in enumerate(arm.joint, 1):
-        if found.angle_unit == "count" and joint.counts_per_turn is None:
+        if columns.angle_unit == "count" and joint.counts_per_turn is None:
             raise BadInput(table.path, f"q{k}", "counts", "counts_per_turn of it in arm.toml")

@@ -60,8 +60,8 @@ def _folder_of(file: Path) -> Path:
     for folder in file.resolve().parents:
         if (folder / INFO).is_file():
             return folder
-    found, expected = "no meta/info.json in a folder above it", "a file within a LeRobot data set"
-    raise BadInput(file, "the data set", found, expected)
+    actual, expected = "no meta/info.json in a folder above it", "a file within a LeRobot data set"
+    raise BadInput(file, "the data set", actual, expected)
 
 
 def _read(file: Path) -> dict[str, np.ndarray]:
@@ -69,12 +69,12 @@ def _read(file: Path) -> dict[str, np.ndarray]:
     try:
         table = pa.parquet.read_table(file)
     except (pa.ArrowException, OSError) as error:
-        found = " ".join(str(error).split())[:100]
-        raise BadInput(file, "the file", found, "a parquet file") from error
+        actual = " ".join(str(error).split())[:100]
+        raise BadInput(file, "the file", actual, "a parquet file") from error
     for name in (STATE, TIME, EPISODE):
         if name not in table.column_names:
-            found = f"no such column among {', '.join(table.column_names[:8])}"
-            raise BadInput(file, name, found, "a LeRobot data set's")
+            actual = f"no such column among {', '.join(table.column_names[:8])}"
+            raise BadInput(file, name, actual, "a LeRobot data set's")
     values = table.column(STATE).to_pylist()
     width = len(values[0]) if values and isinstance(values[0], list) else 0
     if not width or any(not isinstance(row, list) or len(row) != width for row in values):
@@ -99,8 +99,8 @@ def _names(folder: Path, width: int) -> Sequence[str]:
     if names is None:
         return [f"{STATE} {k}" for k in range(1, width + 1)]
     if not isinstance(names, list) or len(names) != width:
-        found = repr(names)[:60]
-        raise BadInput(path, f"features.{STATE}.names", found, f"{width} names, as the data have")
+        actual = repr(names)[:60]
+        raise BadInput(path, f"features.{STATE}.names", actual, f"{width} names, as the data have")
     if all(SERVO.fullmatch(str(name)) for name in names):
         return [f"joint {k}" for k in range(1, width + 1)]
     return [str(name) for name in names]

@@ -41,9 +41,9 @@ def read_episode(path: Path) -> ForeignTable:
     times = [_time_s(path, k, step) for k, step in enumerate(steps)]
     for k, row in enumerate(joints):
         if len(row) != len(joints[0]):
-            found = f"{len(row)} joints"
+            actual = f"{len(row)} joints"
             raise BadInput(
-                path, _where(k, "joints_position"), found, f"{len(joints[0])}, as before"
+                path, _locate(k, "joints_position"), actual, f"{len(joints[0])}, as before"
             )
     began_s = _began_s(data)
     header = ["time_s", *(f"joint {k} [rad]" for k in range(1, len(joints[0]) + 1))]
@@ -52,7 +52,7 @@ def read_episode(path: Path) -> ForeignTable:
     return ForeignTable(path, header, rows, assumed)
 
 
-def _where(step: int, name: str) -> str:
+def _locate(step: int, name: str) -> str:
     return f"steps[{step}].observation.{name}"
 
 
@@ -70,7 +70,7 @@ def _joints(path: Path, k: int, step: Any) -> list[float]:
 
 def _no_list(path: Path, k: int, value: Any) -> BadInput:
     expected = "a list of angles in rad, one of each motor"
-    return BadInput(path, _where(k, "joints_position"), repr(value)[:60], expected)
+    return BadInput(path, _locate(k, "joints_position"), repr(value)[:60], expected)
 
 
 def _decoded(value: Any) -> Any:
@@ -87,15 +87,15 @@ def _time_s(path: Path, k: int, step: Any) -> float:
     value = _observation(path, k, step).get("timestamp")
     seconds = _finite(value)
     if seconds is None:
-        raise BadInput(path, _where(k, "timestamp"), repr(value)[:60], "seconds since the first")
+        raise BadInput(path, _locate(k, "timestamp"), repr(value)[:60], "seconds since the first")
     return seconds
 
 
 def _observation(path: Path, k: int, step: Any) -> dict[str, Any]:
     observation = step.get("observation") if isinstance(step, dict) else None
     if not isinstance(observation, dict):
-        found = repr(step)[:60]
-        raise BadInput(path, f"steps[{k}]", found, "a step with its observation")
+        actual = repr(step)[:60]
+        raise BadInput(path, f"steps[{k}]", actual, "a step with its observation")
     return observation
 
 

@@ -37,133 +37,137 @@ class Places:
 
     table: ForeignTable
     arm: Arm
-    known: Sequence[str]
-    at: dict[str, int] = field(default_factory=dict)
+    column_names: Sequence[str]
+    column_of: dict[str, int] = field(default_factory=dict)
     day: int | None = None  # a column of dates, beside one of times of a day
-    said: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
     def free(self) -> list[tuple[int, str]]:
         """Columns that are nothing yet: number and header."""
-        taken = {*self.at.values(), self.day}
-        return [(at, h) for at, h in enumerate(self.table.header) if h and at not in taken]
+        used = {*self.column_of.values(), self.day}
+        return [
+            (column, h) for column, h in enumerate(self.table.header) if h and column not in used
+        ]
 
-    def put(self, name: str, at: int) -> None:
+    def put(self, name: str, column: int) -> None:
         """Raises `BadInput` where another column is *name* already."""
-        if name in self.at:
+        if name in self.column_of:
             header = self.table.header
-            both = f"two columns, {header[self.at[name]]!r} and {header[at]!r}"
+            actual = f"two columns, {header[self.column_of[name]]!r} and {header[column]!r}"
             expected = f"--column {name}=HEADER"
-            if joint_name(header[self.at[name]]) == joint_name(header[at]):
+            if joint_name(header[self.column_of[name]]) == joint_name(header[column]):
                 expected += ", or --prefix NAME for one arm of several (left_)"
-            raise BadInput(self.table.path, name, both, expected)
-        self.at[name] = at
+            raise BadInput(self.table.path, name, actual, expected)
+        self.column_of[name] = column
 
 
 def find_places(
     table: ForeignTable,
     arm: Arm,
-    given: Mapping[str, str],
-    known: Sequence[str],
+    assigned: Mapping[str, str],
+    names: Sequence[str],
     targets: Sequence[str],
 ) -> Places:
     """*given*: a session's column → the table's, as the person said; *targets*: the artefact's.
 
     Raises `BadInput` for what may be two things.
     """
-    places = Places(table, arm, known)
-    for name, header in given.items():
-        if name not in known:
-            raise BadInput("the command line", "--column", name, f"a column{hint(name, known)}")
+    places = Places(table, arm, names)
+    for name, header in assigned.items():
+        if name not in names:
+            raise BadInput("the command line", "--column", name, f"a column{hint(name, names)}")
         if header not in table.header:
             expected = f"a column of the table{hint(header, table.header)}"
             raise BadInput(table.path, "--column", repr(header), expected)
-        at = table.header.index(header)
-        if at in places.at.values():
-            both = next(other for other, place in places.at.items() if place == at)
-            found = f"{header!r} as {both} and as {name}"
-            raise BadInput("the command line", "--column", found, "each column once")
-        places.at[name] = at
+        column = table.header.index(header)
+        if column in places.column_of.values():
+            name_before = next(
+                column_name for column_name, place in places.column_of.items() if place == column
+            )
+            actual = f"{header!r} as {name_before} and as {name}"
+            raise BadInput("the command line", "--column", actual, "each column once")
+        places.column_of[name] = column
     for kind in ("angle", "rate", "temperature"):
-        _put_numbered(places, kind, given)
-    _put_words(places, given)
+        _put_numbered(places, kind, assigned)
+    _put_words(places, assigned)
     _put_named_joints(places)
     _put_bare_t(places)
     _put_only_temperature(places)
     _put_day(places)
     _put_target_by_content(places, targets)
-    places.at = {name: places.at[name] for name in known if name in places.at}
+    places.column_of = {name: places.column_of[name] for name in names if name in places.column_of}
     return places
 
 
-def _put_numbered(places: Places, kind: Kind, given: Mapping[str, str]) -> None:
+def _put_numbered(places: Places, kind: Kind, assigned: Mapping[str, str]) -> None:
     """Columns such as `Joint 1`; those of one family, where one is number 0, count from 0."""
     families: dict[str, dict[int, int]] = defaultdict(dict)
-    for at, header in places.free():
+    for column, header in places.free():
         if kind == "temperature" and _sensor_by_name(places.arm, header):
             continue
-        said = numbered(word_and_unit(header)[0])
-        if said and said.kind == kind and said.number not in families[said.family]:
-            families[said.family][said.number] = at
-        elif said and said.kind == kind:
-            number_0 = families[said.family][said.number]
-            both = f"{places.table.header[number_0]!r} and {header!r}"
-            raise BadInput(places.table.path, "the header", f"two columns, {both}", "one of them")
+        match = numbered(word_and_unit(header)[0])
+        if match and match.kind == kind and match.number not in families[match.family]:
+            families[match.family][match.number] = column
+        elif match and match.kind == kind:
+            number_0 = families[match.family][match.number]
+            actual = f"{places.table.header[number_0]!r} and {header!r}"
+            raise BadInput(places.table.path, "the header", f"two columns, {actual}", "one of them")
     letter = {"angle": "q", "rate": "w"}
     for family in filter(None, families.values()):
         if kind == "temperature":
-            _put_sensors(places, family, given)
+            _put_sensors(places, family, assigned)
             continue
         first = 0 if 0 in family else 1
         used = [k for k in family if k - first < places.arm.n_joints]
         for k in used:
             name = f"{letter[kind]}{k - first + 1}"
-            if name not in given:
+            if name not in assigned:
                 places.put(name, family[k])
         if first == 0 and used:
             header = places.table.header[family[0]]
-            places.said.append(f"columns like {header!r} count from 0: it is {letter[kind]}1")
+            places.remarks.append(f"columns like {header!r} count from 0: it is {letter[kind]}1")
 
 
-def _put_sensors(places: Places, family: Mapping[int, int], given: Mapping[str, str]) -> None:
+def _put_sensors(places: Places, family: Mapping[int, int], assigned: Mapping[str, str]) -> None:
     """Columns of temperatures that count, as sensors: by the number in both names, or in order."""
     sensors = places.arm.sensors
     numbers = [re.findall(r"\d+", name) for name in sensors]
     by_number: dict[int, list[str]] = defaultdict(list)
-    for name, found in zip(sensors, numbers, strict=True):
-        for text in found[-1:]:
+    for name, digits in zip(sensors, numbers, strict=True):
+        for text in digits[-1:]:
             by_number[int(text)].append(name)
     if not by_number:
-        _put_sensors_in_order(places, family, given)
+        _put_sensors_in_order(places, family, assigned)
         return
     if len(family) >= len(sensors) and not set(by_number) <= set(family):
-        headers = few(places.table.header[at] for at in family.values())
+        headers = few(places.table.header[column] for column in family.values())
         expected = f"the numbers of {few(sensors)}, or which is which: --column {sensors[0]}=HEADER"
         raise BadInput(places.table.path, "the temperatures", headers, expected)
-    for k, at in family.items():
+    for k, column in family.items():
         names = by_number.get(k, [])
-        header = places.table.header[at]
+        header = places.table.header[column]
         if len(names) > 1:
-            both = f"{few(names)} for {header!r}"
-            raise BadInput(places.table.path, "the sensors", both, f"--column {names[0]}=HEADER")
+            actual = f"{few(names)} for {header!r}"
+            raise BadInput(places.table.path, "the sensors", actual, f"--column {names[0]}=HEADER")
         if 0 in family and 0 not in by_number:
             expected = f"numbers as in {few(sensors)}: --column {sensors[0]}=HEADER"
             raise BadInput(places.table.path, f"column {header}", "numbers from 0", expected)
-        if names and names[0] not in given:
-            places.put(names[0], at)
+        if names and names[0] not in assigned:
+            places.put(names[0], column)
 
 
 def _put_sensors_in_order(
-    places: Places, family: Mapping[int, int], given: Mapping[str, str]
+    places: Places, family: Mapping[int, int], assigned: Mapping[str, str]
 ) -> None:
     sensors = places.arm.sensors
     first = 0 if 0 in family else 1
     within = [k for k in family if 0 <= k - first < len(sensors)]
     if within and len(within) < len(family):
-        headers = few(places.table.header[at] for at in family.values())
+        headers = few(places.table.header[column] for column in family.values())
         expected = f"which is which: --column {sensors[0]}=HEADER (the arm has {few(sensors)})"
         raise BadInput(places.table.path, "the temperatures", headers, expected)
     for k in within:
-        if sensors[k - first] not in given:
+        if sensors[k - first] not in assigned:
             places.put(sensors[k - first], family[k])
 
 
@@ -177,17 +181,21 @@ def _sensor_by_name(arm: Arm, header: str) -> str | None:
     )  # fmt: skip
 
 
-def _put_words(places: Places, given: Mapping[str, str]) -> None:
+def _put_words(places: Places, assigned: Mapping[str, str]) -> None:
     """Columns that are called what they are."""
-    for at, header in places.free():
+    for column, header in places.free():
         word, _ = word_and_unit(header)
-        meant = header if header in places.known and not re.fullmatch(r"[qw]\d+", header) else None
-        meant = meant or _sensor_by_name(places.arm, header) or _as_word(word)
-        if meant is None or meant in given or word == "t":
+        name = (
+            header
+            if header in places.column_names and not re.fullmatch(r"[qw]\d+", header)
+            else None
+        )
+        name = name or _sensor_by_name(places.arm, header) or _as_word(word)
+        if name is None or name in assigned or word == "t":
             continue
-        if meant in places.at and places.table.header[places.at[meant]] == meant:
+        if name in places.column_of and places.table.header[places.column_of[name]] == name:
             continue  # `placement` and `pose`: the one that has the session's own name
-        places.put(meant, at)
+        places.put(name, column)
 
 
 def _as_word(word: str) -> str | None:
@@ -196,46 +204,48 @@ def _as_word(word: str) -> str | None:
 
 def _put_named_joints(places: Places) -> None:
     """Joints that have names, in the header or in cells, where all of a known arm are there."""
-    if any(f"q{k}" in places.at for k in range(1, places.arm.n_joints + 1)):
+    if any(f"q{k}" in places.column_of for k in range(1, places.arm.n_joints + 1)):
         return
     columns: dict[str, list[int]] = defaultdict(list)
     named = _named_in_cells(places.table)
-    for at, header in places.free():
-        columns[joint_name(named.get(header, header))].append(at)
+    for column, header in places.free():
+        columns[joint_name(named.get(header, header))].append(column)
     for names in NAMED_JOINTS:
         if len(names) == places.arm.n_joints and all(columns[name] for name in names):
             for k, name in enumerate(names, 1):
-                for at in columns[name]:
-                    places.put(f"q{k}", at)
+                for column in columns[name]:
+                    places.put(f"q{k}", column)
             return
 
 
 def _put_bare_t(places: Places) -> None:
     """`T` alone is time or temperature: by its unit, else by what the table lacks."""
-    bare = [(at, header) for at, header in places.free() if word_and_unit(header)[0] == "t"]
-    for at, header in sorted(bare, key=lambda one: not _is_clock(places.table, one[0])):
+    bare = [(column, header) for column, header in places.free() if word_and_unit(header)[0] == "t"]
+    for column, header in sorted(
+        bare, key=lambda candidate: not _is_clock(places.table, candidate[0])
+    ):
         unit = word_and_unit(header)[1]
-        sensors = [name for name in places.arm.sensors if name not in places.at]
+        sensors = [name for name in places.arm.sensors if name not in places.column_of]
         only_time = not places.arm.sensors and header == "t"
         only_time = only_time or bool(places.arm.sensors and not sensors)
-        if unit in TIMES or (not unit and "time_s" not in places.at and only_time):
-            places.put("time_s", at)
-        elif unit in TEMPERATURES or "time_s" in places.at:
+        if unit in TIMES or (not unit and "time_s" not in places.column_of and only_time):
+            places.put("time_s", column)
+        elif unit in TEMPERATURES or "time_s" in places.column_of:
             if len(sensors) == 1:
-                places.put(sensors[0], at)
+                places.put(sensors[0], column)
             # else: reported as temperatures without a sensor
-        elif not unit and _is_clock(places.table, at):
-            places.put("time_s", at)
+        elif not unit and _is_clock(places.table, column):
+            places.put("time_s", column)
         elif not unit:
-            other = sensors[0] if sensors else "artefact_c"
-            expected = f"which: --column time_s={header}, or --column {other}={header}"
-            found = "a name that may mean time or temperature"
-            raise BadInput(places.table.path, f"column {header}", found, expected)
+            sensor = sensors[0] if sensors else "artefact_c"
+            expected = f"which: --column time_s={header}, or --column {sensor}={header}"
+            actual = "a name that may mean time or temperature"
+            raise BadInput(places.table.path, f"column {header}", actual, expected)
 
 
-def _is_clock(table: ForeignTable, at: int) -> bool:
+def _is_clock(table: ForeignTable, column: int) -> bool:
     """Whether a column has dates, or begins with zero and rises: no temperature does."""
-    values = [number(row[at]) for row in table.rows]
+    values = [number(row[column]) for row in table.rows]
     if any(value is None for value in values):
         return True
     numbers = [value for value in values if value is not None]
@@ -246,18 +256,18 @@ def _is_clock(table: ForeignTable, at: int) -> bool:
 def _put_only_temperature(places: Places) -> None:
     """A column `Temperature`, where one sensor alone has no column."""
     words = TEMPERATURE[1:]
-    here = [at for at, header in places.free() if word_and_unit(header)[0] in words]
-    sensors = [name for name in places.arm.sensors if name not in places.at]
-    if len(here) == len(sensors) == 1 and len(places.arm.sensors) == 1:
-        places.put(sensors[0], here[0])
+    candidates = [column for column, header in places.free() if word_and_unit(header)[0] in words]
+    sensors = [name for name in places.arm.sensors if name not in places.column_of]
+    if len(candidates) == len(sensors) == 1 and len(places.arm.sensors) == 1:
+        places.put(sensors[0], candidates[0])
 
 
 def _put_day(places: Places) -> None:
     """A column of dates, beside one of times or alone."""
-    days = [at for at, header in places.free() if word_and_unit(header)[0] in DATE]
+    days = [column for column, header in places.free() if word_and_unit(header)[0] in DATE]
     if len(days) != 1:
         return
-    if "time_s" in places.at:
+    if "time_s" in places.column_of:
         places.day = days[0]
     else:
         places.put("time_s", days[0])
@@ -265,12 +275,12 @@ def _put_day(places: Places) -> None:
 
 def _put_target_by_content(places: Places, targets: Sequence[str]) -> None:
     """The one column whose cells are all names of the artefact's targets."""
-    if "target" in places.at or not targets:
+    if "target" in places.column_of or not targets:
         return
     fitting = [
-        at
-        for at, _ in places.free()
-        if all(row[at] in targets for row in places.table.rows)
+        column
+        for column, _ in places.free()
+        if all(row[column] in targets for row in places.table.rows)
     ]  # fmt: skip
     if len(fitting) == 1:
         places.put("target", fitting[0])
@@ -289,10 +299,10 @@ def without_joint(places: Places, k: int) -> BadInput:
 def _named_in_cells(table: ForeignTable) -> dict[str, str]:
     """Header of a position → its joint's name, as ROS writes it in a column beside it, where that
     is the same in every row."""
-    found = {}
-    for at, header in enumerate(table.header):
+    joint_names = {}
+    for column, header in enumerate(table.header):
         like = _ROS_NAME.fullmatch(header)
         value = _ROS_POSITION.format(like[1], like[2]) if like else ""
-        if value in table.header and len({row[at] for row in table.rows}) == 1:
-            found[value] = table.rows[0][at]
-    return found
+        if value in table.header and len({row[column] for row in table.rows}) == 1:
+            joint_names[value] = table.rows[0][column]
+    return joint_names

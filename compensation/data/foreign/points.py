@@ -30,7 +30,7 @@ class PointTable:
     placement: list[str]
     time_s: list[float]  # NaN unknown; since *started*, or since nobody knows when
     started: datetime.datetime | None
-    said: list[str] = field(default_factory=list)  # what was assumed, a sentence each
+    remarks: list[str] = field(default_factory=list)  # what was assumed, a sentence each
 
 
 def read_points(path: Path, *, timed: bool = False) -> PointTable:
@@ -38,17 +38,17 @@ def read_points(path: Path, *, timed: bool = False) -> PointTable:
 
     Raises `BadInput` for a table without x, y, z, or with a cell that is no number."""
     table = read_table(path)
-    said = list(table.assumed)
+    remarks = list(table.assumed)
     columns: dict[str, int] = {}
-    for at, header in enumerate(table.header):
+    for column, header in enumerate(table.header):
         word = word_and_unit(header)[0]
         name = "date" if word in DATE else header if header in TAKEN else WORDS.get(word)
         if name is None or name not in (*TAKEN, *(TIMED if timed else ())):
             continue
         if name in columns:
-            both = f"two columns, {table.header[columns[name]]!r} and {header!r}"
-            raise BadInput(path, name, both, "one")
-        columns[name] = at
+            actual = f"two columns, {table.header[columns[name]]!r} and {header!r}"
+            raise BadInput(path, name, actual, "one")
+        columns[name] = column
     for name in AXES:
         if name not in columns:
             expected = "columns x_mm, y_mm, z_mm"
@@ -63,33 +63,35 @@ def read_points(path: Path, *, timed: bool = False) -> PointTable:
     for name in ("target", "placement"):
         if "" in names[name]:
             raise table.fault(names[name].index(""), columns[name], f"the name of a {name}")
-    said += [f"{name} is the column {table.header[at]!r}" for name, at in columns.items()]
+    remarks += [
+        f"{name} is the column {table.header[column]!r}" for name, column in columns.items()
+    ]
     time_s, started = _times(table, columns)
-    return PointTable(position, names["target"], names["placement"], time_s, started, said)
+    return PointTable(position, names["target"], names["placement"], time_s, started, remarks)
 
 
 def _times(
     table: ForeignTable, columns: dict[str, int]
 ) -> tuple[list[float], datetime.datetime | None]:
     """When each point was measured, and since when the seconds count, where that is known."""
-    at = columns.get("time_s", columns.get("date"))
-    if at is None:
+    column = columns.get("time_s", columns.get("date"))
+    if column is None:
         return [float("nan")] * len(table.rows), None
-    unit = word_and_unit(table.header[at])[1]
-    check_unit(table, at, unit)
+    unit = word_and_unit(table.header[column])[1]
+    check_unit(table, column, unit)
     day = columns.get("date") if "time_s" in columns else None
-    times = read_times(table, at, unit, day, None)
+    times = read_times(table, column, unit, day, None)
     return times.seconds, times.started
 
 
-def _millimetres(table: ForeignTable, at: int) -> list[float]:
-    header = table.header[at]
+def _millimetres(table: ForeignTable, column: int) -> list[float]:
+    header = table.header[column]
     unit = word_and_unit(header)[1] or "mm"
     if unit not in LENGTHS:
         expected = f"one of {few(LENGTHS)}"
         raise BadInput(table.path, f"column {header}", f"the unit {unit!r}", expected)
-    values = [LENGTHS[unit] * table.number(row, at) for row in range(len(table.rows))]
+    values = [LENGTHS[unit] * table.number(row, column) for row in range(len(table.rows))]
     for row, value in enumerate(values):
         if not np.isfinite(value):
-            raise table.fault(row, at, "a number")
+            raise table.fault(row, column, "a number")
     return values

@@ -56,23 +56,23 @@ def read_bag(path: Path) -> ForeignTable:
     messages = [message for file in files for message in _messages(file)]
     topics = Counter(message.topic for message in messages)
     if len(topics) != 1:
-        found = few(topics) if topics else f"no {KIND}"
-        raise BadInput(path, "the topics", found, f"one topic of {KIND}")
+        actual = few(topics) if topics else f"no {KIND}"
+        raise BadInput(path, "the topics", actual, f"one topic of {KIND}")
     states = []
     for number, message in enumerate(messages, 1):
         try:
             states.append(_parse(message.data))
         except (struct.error, UnicodeDecodeError, ValueError) as error:
-            where = f"message {number} of {message.topic}"
-            raise BadInput(path, where, f"bytes that are none ({error})", KIND) from error
+            location = f"message {number} of {message.topic}"
+            raise BadInput(path, location, f"bytes that are none ({error})", KIND) from error
     names = list(dict.fromkeys(name for state in states for name in state.angle_rad))
     header = ["time [ns]", *(f"{name} [rad]" for name in names)]
     rows = [
         [str(state.stamp_ns), *(repr(state.angle_rad.get(name, math.nan)) for name in names)]
         for state in sorted(states, key=lambda state: state.stamp_ns)
     ]
-    said = f"{len(rows)} messages of {next(iter(topics))}, a {KIND}; names: {few(names)}"
-    return ForeignTable(path, header, rows, [said])
+    remark = f"{len(rows)} messages of {next(iter(topics))}, a {KIND}; names: {few(names)}"
+    return ForeignTable(path, header, rows, [remark])
 
 
 def _messages(file: Path) -> Iterator[RawMessage]:
@@ -91,8 +91,8 @@ def _of_mcap(file: Path) -> Iterator[RawMessage]:
             ).iter_messages():
                 if schema is not None and schema.name == KIND:
                     if channel.message_encoding != "cdr":
-                        found = f"messages in {channel.message_encoding!r}"
-                        raise BadInput(file, channel.topic, found, "cdr")
+                        actual = f"messages in {channel.message_encoding!r}"
+                        raise BadInput(file, channel.topic, actual, "cdr")
                     yield RawMessage(channel.topic, message.data)
     except (McapError, OSError, ValueError, RuntimeError, struct.error, *_TOO_LONG) as error:
         raise BadInput(
@@ -138,25 +138,25 @@ class _Cursor:
         if len(data) < 4 or data[0] != 0 or data[1] not in (0, 1):
             raise ValueError("not plain CDR")
         self._order = "<" if data[1] else ">"
-        self._data, self._at = data[4:], 0
+        self._data, self._offset = data[4:], 0
 
     def number(self, kind: str, size: int) -> float:
         """One number at a multiple of its *size*."""
-        self._at += -self._at % size
-        (value,) = struct.unpack_from(self._order + kind, self._data, self._at)
-        self._at += size
+        self._offset += -self._offset % size
+        (value,) = struct.unpack_from(self._order + kind, self._data, self._offset)
+        self._offset += size
         return float(value) if kind == "d" else int(value)
 
     def count(self, size: int) -> int:
         """The length of a sequence of things of *size* or more, which the data have room for."""
-        found = int(self.number("I", 4))
-        if found * size > len(self._data) - self._at + 8:
-            raise ValueError(f"a sequence of {found}")
-        return found
+        length = int(self.number("I", 4))
+        if length * size > len(self._data) - self._offset + 8:
+            raise ValueError(f"a sequence of {length}")
+        return length
 
     def text(self) -> str:
         """A string, which ends with a zero byte."""
         length = self.count(1)
-        raw = self._data[self._at : self._at + length]
-        self._at += length
+        raw = self._data[self._offset : self._offset + length]
+        self._offset += length
         return raw.removesuffix(b"\0").decode()

@@ -50,22 +50,24 @@ class ForeignTable:
         Raises `BadInput` where no column begins so.
         """
         prefix = f"{prefix.rstrip('_')}_"
-        own = {name.removeprefix(prefix) for name in self.header if name.startswith(prefix)}
-        if not own:
+        arm_columns = {name.removeprefix(prefix) for name in self.header if name.startswith(prefix)}
+        if not arm_columns:
             raise BadInput(self.path, "--prefix", repr(prefix), f"one of {few(self.header)}")
-        kept, header = [], []
-        for at, name in enumerate(self.header):
+        columns, header = [], []
+        for column, name in enumerate(self.header):
             bare = name.removeprefix(prefix)
-            if name.startswith(prefix) or not any(name.endswith(f"_{other}") for other in own):
-                kept.append(at)
+            if name.startswith(prefix) or not any(
+                name.endswith(f"_{suffix}") for suffix in arm_columns
+            ):
+                columns.append(column)
                 header.append(bare)
-        rows = [[row[at] for at in kept] for row in self.rows]
+        rows = [[row[column] for column in columns] for row in self.rows]
         return ForeignTable(self.path, header, rows, self.assumed)
 
     def fault(self, row: int, column: int, expected: str) -> BadInput:
         """What is wrong with one cell."""
-        where = f"row {row + 1}, column {self.header[column]}"
-        return BadInput(self.path, where, repr(self.rows[row][column]), expected)
+        location = f"row {row + 1}, column {self.header[column]}"
+        return BadInput(self.path, location, repr(self.rows[row][column]), expected)
 
 
 def read_table(path: Path, sheet: str | None = None) -> ForeignTable:
@@ -135,9 +137,9 @@ def _with_units(
         return header, first
     row, below = cells[filled[0]], cells[filled[1]]
     units = [cell.strip("[]() ").lower() for cell in row]
-    known = [unit in UNITS for unit in units]
-    plain = [not unit or unit in UNITLESS for unit in units]
-    if any(known) and all(k or p for k, p in zip(known, plain, strict=True)):
+    are_units = [unit in UNITS for unit in units]
+    are_unitless = [not unit or unit in UNITLESS for unit in units]
+    if any(are_units) and all(k or p for k, p in zip(are_units, are_unitless, strict=True)):
         assumed.append(f"line {filled[0] + 1} has the columns' units")
         units += [""] * (len(header) - len(units))
         header = [
@@ -146,7 +148,7 @@ def _with_units(
         ]
         return header, filled[0] + 1
     if not any(map(is_number, row)) and mostly_numbers(below):
-        found = f"no numbers ({few(filter(None, row))})"
+        actual = f"no numbers ({few(filter(None, row))})"
         expected = "a reading, or units that armd knows: deg, rad, mm, s, °C, …"
-        raise BadInput(path, f"line {filled[0] + 1}", found, expected)
+        raise BadInput(path, f"line {filled[0] + 1}", actual, expected)
     return header, first

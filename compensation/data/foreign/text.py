@@ -49,8 +49,8 @@ def read_text(path: Path) -> tuple[Cells, list[str]]:
     else:
         assumed.append(f"columns are separated by {SEPARATORS[separator]}")
         if text.count(separator) > MOST_CELLS:
-            found = f"{text.count(separator)} cells"
-            raise BadInput(path, "the table", found, f"{MOST_CELLS} at most")
+            actual = f"{text.count(separator)} cells"
+            raise BadInput(path, "the table", actual, f"{MOST_CELLS} at most")
         try:
             cells = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
         except csv.Error as error:
@@ -84,7 +84,7 @@ def _how_well(lines: Sequence[str], mark: str) -> tuple[int, bool, int]:
     The header counts too: a decimal comma stands in every row, and not there.
     """
     counts = Counter(line.count(mark) for line in lines if mark in line)
-    often, lines_alike = max(counts.items(), key=lambda one: one[1], default=(0, 0))
+    often, lines_alike = max(counts.items(), key=lambda item: item[1], default=(0, 0))
     return lines_alike, mark != ",", often
 
 

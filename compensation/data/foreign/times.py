@@ -32,7 +32,7 @@ class Times:
 
     seconds: list[float]
     started: datetime.datetime | None
-    said: str
+    description: str
 
 
 def read_times(
@@ -73,12 +73,12 @@ def _of_numbers(
         if value is not None and not value.is_finite():
             raise table.fault(row, column, "a finite number")
     values = [value for value in exact if value is not None]
-    least, most = min(values, default=Decimal(0)), max(values, default=Decimal(0))
+    lowest, highest = min(values, default=Decimal(0)), max(values, default=Decimal(0))
     parts = [round(1 / TIMES[unit])] if unit and TIMES[unit] <= 1 else list(PARTS)
     if unit and TIMES[unit] > 1:
         parts = []
     for part in parts:
-        if EPOCH_S[0] * part <= least and most <= EPOCH_S[1] * part:
+        if EPOCH_S[0] * part <= lowest and highest <= EPOCH_S[1] * part:
             instants = [None if value is None else Fraction(value) / part for value in exact]
             return _since(instants, since, f"in Unix time ({PARTS[part]})")
     factor = TIMES[unit or "s"]
@@ -102,8 +102,8 @@ def _of_dates(
             raise table.fault(row, column, "seconds, or a date and time as 2026-03-01 09:00:00")
         zoned = instant.tzinfo is not None
         instant = instant if zoned else instant.replace(tzinfo=datetime.UTC)
-        apart = instant - datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
-        instants.append(Fraction(apart // datetime.timedelta(microseconds=1), 10**6))
+        since_1970 = instant - datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
+        instants.append(Fraction(since_1970 // datetime.timedelta(microseconds=1), 10**6))
     return _since(instants, since, "in dates" if zoned else "in dates without a zone, taken as UTC")
 
 
@@ -119,16 +119,16 @@ def _instant(cell: str) -> datetime.datetime | None:
         day, month = (first, second) if first > 12 else (second, first)
         text = f"{slashes[3]}-{month:02}-{day:02}{text[slashes.end() :]}"
     date, _, clock = re.sub(r"[T,]?\s+|T", " ", text, count=1).partition(" ")
-    if (said := _CLOCK.match(clock.strip())) is not None and (clock := clock.strip()):
-        seconds = Fraction((said[3] or "0").replace(",", "."))
-        hour = int(said[1]) % 12 + 12 * (said[4].lower() == "pm") if said[4] else int(said[1])
+    if (match := _CLOCK.match(clock.strip())) is not None and (clock := clock.strip()):
+        seconds = Fraction((match[3] or "0").replace(",", "."))
+        hour = int(match[1]) % 12 + 12 * (match[4].lower() == "pm") if match[4] else int(match[1])
         try:
-            begin = datetime.datetime.fromisoformat(f"{date} 00:00{clock[said.end() :].strip()}")
+            begin = datetime.datetime.fromisoformat(f"{date} 00:00{clock[match.end() :].strip()}")
         except ValueError:
             return None
-        if hour > 23 or int(said[2]) > 59 or seconds >= 61:
+        if hour > 23 or int(match[2]) > 59 or seconds >= 61:
             return None
-        within = Fraction(3600 * hour + 60 * int(said[2])) + seconds
+        within = Fraction(3600 * hour + 60 * int(match[2])) + seconds
         return begin + datetime.timedelta(microseconds=round(within * 10**6))
     try:
         return datetime.datetime.fromisoformat(date if not clock else text)
@@ -142,12 +142,12 @@ def _of_clock(cells: Sequence[str]) -> Times:
     first: Fraction | None = None
     last, days = Fraction(0), 0
     for cell in cells:
-        said = _CLOCK.fullmatch(cell)
-        if said is None:
+        match = _CLOCK.fullmatch(cell)
+        if match is None:
             seconds.append(float("nan"))
             continue
-        hour = int(said[1]) % 12 + 12 * (said[4].lower() == "pm") if said[4] else int(said[1])
-        now = 3600 * hour + 60 * int(said[2]) + Fraction((said[3] or "0").replace(",", "."))
+        hour = int(match[1]) % 12 + 12 * (match[4].lower() == "pm") if match[4] else int(match[1])
+        now = 3600 * hour + 60 * int(match[2]) + Fraction((match[3] or "0").replace(",", "."))
         if now < last - DAY_S // 2:
             days += 1
         last = now
@@ -158,12 +158,12 @@ def _of_clock(cells: Sequence[str]) -> Times:
 
 def _since(instants: Sequence[Fraction | None], since: datetime.datetime | None, how: str) -> Times:
     """Seconds since *since*, or the earliest of *instants* (Unix time)."""
-    known = [instant for instant in instants if instant is not None]
-    if not known:
+    given_instants = [instant for instant in instants if instant is not None]
+    if not given_instants:
         return Times([float("nan")] * len(instants), None, "")
     epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
     if since is None:
-        first = min(known)
+        first = min(given_instants)
         begin = epoch + datetime.timedelta(microseconds=int(first * 10**6))
     else:
         begin = since
@@ -175,5 +175,5 @@ def _since(instants: Sequence[Fraction | None], since: datetime.datetime | None,
 def check_unit(table: ForeignTable, column: int, unit: str) -> None:
     """Raises `BadInput` for a unit that no time has."""
     if unit and unit not in TIMES:
-        where = f"column {table.header[column]}"
-        raise BadInput(table.path, where, f"the unit {unit!r}", f"one of {', '.join(TIMES)}")
+        location = f"column {table.header[column]}"
+        raise BadInput(table.path, location, f"the unit {unit!r}", f"one of {', '.join(TIMES)}")

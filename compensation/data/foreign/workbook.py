@@ -82,13 +82,13 @@ def _rows(path: Path, sheet: Any) -> Iterator[list[str]]:
 
 
 def _which_sheet(chosen: str, names: list[str]) -> str:
-    rest = few(name for name in names if name != chosen)
-    return f"the readings are on the sheet {chosen!r} (--sheet; there is also {rest})"
+    other_names = few(name for name in names if name != chosen)
+    return f"the readings are on the sheet {chosen!r} (--sheet; there is also {other_names})"
 
 
 def _no_workbook(path: Path, error: Exception) -> BadInput:
-    what = " ".join(str(error).split()) or type(error).__name__
-    return BadInput(path, "the file", f"no workbook that can be read ({what})", "an .xlsx file")
+    reason = " ".join(str(error).split()) or type(error).__name__
+    return BadInput(path, "the file", f"no workbook that can be read ({reason})", "an .xlsx file")
 
 
 def _check_parts(path: Path, content: bytes) -> None:
@@ -99,8 +99,8 @@ def _check_parts(path: Path, content: bytes) -> None:
             raise BadInput(path, "the file", f"{len(listed)} parts", f"{MOST_PARTS} at most")
         unpacked = sum(part.file_size for part in listed)
         if unpacked > MOST_UNPACKED:
-            found = f"{unpacked} bytes of XML in {len(content)} bytes"
-            raise BadInput(path, "the file", found, f"{MOST_UNPACKED} at most")
+            actual = f"{unpacked} bytes of XML in {len(content)} bytes"
+            raise BadInput(path, "the file", actual, f"{MOST_UNPACKED} at most")
         for part in listed:
             if part.filename.endswith((".xml", ".rels")):
                 with parts.open(part) as xml:
@@ -114,10 +114,10 @@ def _check_xml(path: Path, name: str, xml: Any) -> None:
     while block := xml.read(_BLOCK):
         if b"<!DOCTYPE" in before + block or b"<!ENTITY" in before + block:
             raise BadInput(path, name, "a document type or entity", "a workbook's plain XML")
-        first, *others = block.split(b"<")
-        longest = max(since + len(first), *map(len, others)) if others else since + len(first)
+        first, *after = block.split(b"<")
+        longest = max(since + len(first), *map(len, after)) if after else since + len(first)
         if longest > MOST_TEXT:
             expected = f"{MOST_LETTERS} letters at most, Excel's own limit"
             raise BadInput(path, name, f"a cell of {longest} bytes or more", expected)
-        since = len(others[-1]) if others else since + len(first)
+        since = len(after[-1]) if after else since + len(first)
         before = block[-16:]

@@ -167,7 +167,7 @@ class _Passes:
                 self._n += session.n
                 self._remarks += session.remarks
                 self._outside.add(i, session.name, session.states.temperature_c)
-                self._turned[i] = AngleRange.of(session.name, session.states.q).with_rest(
+                self._turned[i] = AngleRange.from_angles(session.name, session.states.q).with_rest(
                     self._turned.get(i)
                 )
                 self._missing += np.isnan(session.states.temperature_c).sum(axis=0)

@@ -50,7 +50,7 @@ def read_tables(paths: Sequence[str], started_unix_s: float | None) -> list[NewT
 
 def _read(path: Path, started_unix_s: float | None) -> NewTable:
     points = read_points(path, timed=True)
-    said = [f"{path.name}: {sentence}" for sentence in points.said]
+    said = [f"{path.name}: {sentence}" for sentence in points.remarks]
     known = [second for second in points.time_s if math.isfinite(second)]
     first_s = started_unix_s
     if first_s is None and points.started is not None:

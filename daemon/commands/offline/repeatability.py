@@ -73,7 +73,7 @@ def _of_table(args: argparse.Namespace, path: Path) -> Visits:
     points = read_points(path, timed=True)
     _require_one(path, list(zip(points.placement, points.target, strict=True)))
     unknown = np.full(len(points.target), np.nan)
-    remarks = [f"remark: {sentence}" for sentence in points.said]
+    remarks = [f"remark: {sentence}" for sentence in points.remarks]
     return Visits(points.position_mm, np.array(points.time_s) / 3600, unknown, (), remarks)
 
 

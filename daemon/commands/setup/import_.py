@@ -155,7 +155,7 @@ def run(args: argparse.Namespace) -> int:
         [] if artefact is None else [target["name"] for target in artefact["target"]],
     )
     import_columns = find_columns(table, arm, arguments)
-    remarks = [*table.assumed, *import_columns.said]
+    remarks = [*table.assumed, *import_columns.remarks]
     if args.lerobot:
         remarks.append(_from_lerobot(args.lerobot, arm, import_columns, args.prefix))
     if args.servo_zeros:

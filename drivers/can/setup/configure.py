@@ -109,10 +109,10 @@ def configure_encoder(node: PromptNode, expected_counts: int | None) -> EncoderF
                 f"counts per turn: found {encoder.counts_per_turn}, expected {expected_counts}"
             )
         _set_heartbeat(node)
-        found = set_tpdo(
+        mapping = set_tpdo(
             node.sdo, node.id, 1, (can.ENCODER_MAPPING, can.POSITION_MAPPING), every_sync=1
         )
-        layout = find_layout(found)
+        layout = find_layout(mapping)
         alarms = None
         if layout.alarms_at is None:
             alarms = read_optional(node.sdo, can.ALARMS, 0, 2)
@@ -131,8 +131,8 @@ def configure_module(node: PromptNode, n_channels: int, every_sync: int) -> None
         every_sync = max(1, min(SYNCHRONOUS_MOST, every_sync))
         last = -(-n_channels // can.CHANNELS_PER_PDO)
         for pdo in (*range(1, last + 1), can.STATUS_PDO_NUMBER):
-            wanted = can.values_mapping(pdo)
-            check_mapping(pdo, set_tpdo(node.sdo, node.id, pdo, (wanted,), every_sync), wanted)
+            mapping = can.values_mapping(pdo)
+            check_mapping(pdo, set_tpdo(node.sdo, node.id, pdo, (mapping,), every_sync), mapping)
         _start(node)
     except SdoError as error:
         raise NodeAbsent(_say(error)) from error
@@ -162,9 +162,9 @@ def _start(node: PromptNode) -> None:
 
 
 def _check_profile(node: PromptNode, expected: int) -> None:
-    found = read_object(node.sdo, can.DEVICE_TYPE, 0, 4) & 0xFFFF
-    if found != expected:
-        raise NodeRefused(f"device profile: found {found}, expected {expected}")
+    profile = read_object(node.sdo, can.DEVICE_TYPE, 0, 4) & 0xFFFF
+    if profile != expected:
+        raise NodeRefused(f"device profile: found {profile}, expected {expected}")
 
 
 def _read_encoder(node: PromptNode, expected_counts: int | None) -> EncoderFacts:
@@ -173,24 +173,26 @@ def _read_encoder(node: PromptNode, expected_counts: int | None) -> EncoderFacts
     An encoder of class C1 need have neither: *expected_counts* must say it then.
     """
     sdo = node.sdo
-    told: int | None
+    reported: int | None
     if (read_optional(sdo, can.OPERATING_PARAMETERS, 0, 2) or 0) & can.SCALING:
-        told = per_turn = read_object(sdo, can.UNITS_PER_TURN, 0, 4)
+        reported = per_turn = read_object(sdo, can.UNITS_PER_TURN, 0, 4)
         total = read_object(sdo, can.TOTAL_RANGE, 0, 4) or 1 << 32  # 32 bits cannot say 2^32
     else:
-        told = read_optional(sdo, can.PHYSICAL_RESOLUTION, 0, 4)
-        given = expected_counts if told is None else told
-        if given is None:
+        reported = read_optional(sdo, can.PHYSICAL_RESOLUTION, 0, 4)
+        per_turn_ = expected_counts if reported is None else reported
+        if per_turn_ is None:
             raise NodeRefused(
                 "object 6501, counts per turn: found none, expected counts_per_turn in arm.toml"
             )
-        per_turn = given
+        per_turn = per_turn_
         turns = read_optional(sdo, can.TURNS, 0, 2)
         total = per_turn * max(1, 1 if turns is None else turns)
     if per_turn < 2 or total < per_turn:
         raise NodeRefused(f"counts per turn {per_turn} and range {total} make no encoder")
     serial_number = read_optional(sdo, *can.SERIAL_NUMBER, 4)
-    return EncoderFacts(per_turn, min(total, 1 << 32), serial_number, counts_told=told is not None)
+    return EncoderFacts(
+        per_turn, min(total, 1 << 32), serial_number, counts_told=reported is not None
+    )
 
 
 def _set_heartbeat(node: PromptNode) -> None:

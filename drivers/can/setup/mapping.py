@@ -19,7 +19,7 @@ Mapping = Sequence[tuple[int, int, int]]  # index, sub-index, bits
 
 
 def set_tpdo(
-    sdo: Any, node: int, pdo: int, wanted: Sequence[Mapping], every_sync: int
+    sdo: Any, node: int, pdo: int, mappings: Sequence[Mapping], every_sync: int
 ) -> list[int]:
     """Switch TPDO *pdo* off, map it, switch it on, in the order that CiA 301 demands.
 
@@ -32,46 +32,46 @@ def set_tpdo(
     cob_id = _switch_off(sdo, communication, cob_id)
     _set_kind(sdo, communication, every_sync)
     refusal: ObjectRefused | None = None
-    for mapping in wanted:
+    for mapping in mappings:
         try:
             _write_mapping(sdo, index, mapping)
             break
         except ObjectRefused as error:
             refusal = refusal or error
     _write_unless(sdo, communication, 1, 4, cob_id)
-    found = read_mapping(sdo, index)
-    if refusal is not None and found not in [_entries(mapping) for mapping in wanted]:
-        raise NodeAbsent(f"{refusal}; it keeps the mapping {_hex(found)}")
+    entries = read_mapping(sdo, index)
+    if refusal is not None and entries not in [_entries(mapping) for mapping in mappings]:
+        raise NodeAbsent(f"{refusal}; it keeps the mapping {_hex(entries)}")
     kind = read_object(sdo, communication, 2, 1)
     if kind != every_sync:
         raise NodeRefused(
             f"object {communication:04X}:2, transmission type: found {kind}, expected {every_sync}"
         )
-    return found
+    return entries
 
 
-def check_mapping(pdo: int, found: list[int], wanted: Mapping) -> None:
+def check_mapping(pdo: int, entries: list[int], mapping: Mapping) -> None:
     """Raise `NodeRefused` where it is another."""
-    if found != _entries(wanted):
+    if entries != _entries(mapping):
         index = can.TPDO_MAPPING + pdo - 1
         raise NodeRefused(
-            f"object {index:04X}, mapping of TPDO{pdo}: found {_hex(found)}, expected"
-            f" {_hex(_entries(wanted))}"
+            f"object {index:04X}, mapping of TPDO{pdo}: found {_hex(entries)}, expected"
+            f" {_hex(_entries(mapping))}"
         )
 
 
-def find_layout(found: list[int]) -> EncoderLayout:
+def find_layout(entries: list[int]) -> EncoderLayout:
     """Where position and alarms stand in TPDO1 of an encoder. Raises `NodeRefused`."""
     places: dict[int, int] = {}
     bit = 0
-    for entry in found:
+    for entry in entries:
         places.setdefault(entry, bit)
         bit += entry & 0xFF
     position = places.get(can.POSITION << 16 | 32)
     alarms = places.get(can.ALARMS << 16 | 16)
     if position is None or bit > 64 or any(place % 8 for place in (position, alarms or 0, bit)):
         raise NodeRefused(
-            f"object {can.TPDO_MAPPING:04X}, mapping of TPDO1: found {_hex(found)}, expected"
+            f"object {can.TPDO_MAPPING:04X}, mapping of TPDO1: found {_hex(entries)}, expected"
             f" {can.POSITION:04X} of 32 bits in it"
         )
     return EncoderLayout(bit // 8, position // 8, None if alarms is None else alarms // 8)

@@ -47,7 +47,7 @@ class NodeSetup:
         self._running: tuple[int, Job[Visited]] | None = None
         self._due_ns: dict[int, int] = {}
         self._asking = False  # the job running only asks for warnings
-        self._asked = 0  # the joint last asked for its warnings
+        self._warned_joint = 0  # the joint last asked for its warnings
         self._warnings_due_ns = 0
         self._warnings: dict[int, int] = {}
         self._alarms: dict[int, int] = {}  # of joints whose process data have none
@@ -79,13 +79,13 @@ class NodeSetup:
             return notes
         if not wanting and now_ns >= self._warnings_due_ns:
             self._warnings_due_ns = now_ns + WARNINGS_INTERVAL_NS
-            self._asked = self._asked % self._expected.n_joints + 1
-            has_warnings = self._asked not in self._without_warnings
-            has_alarms = self._asked in self._alarms
-            if self._asked in self._nodes and (has_warnings or has_alarms):
-                work = partial(read_complaints, self._nodes[self._asked], has_alarms)
+            self._warned_joint = self._warned_joint % self._expected.n_joints + 1
+            has_warnings = self._warned_joint not in self._without_warnings
+            has_alarms = self._warned_joint in self._alarms
+            if self._warned_joint in self._nodes and (has_warnings or has_alarms):
+                work = partial(read_complaints, self._nodes[self._warned_joint], has_alarms)
                 self._asking = True
-                self._running = (self._asked, Job(work))
+                self._running = (self._warned_joint, Job(work))
         return notes
 
     def restart(self) -> None:
@@ -161,13 +161,13 @@ class NodeSetup:
             notes.append(note(note="alarms", node=number, alarms=alarms))
         return notes
 
-    def _check_serial_number(self, number: int, found: int | None) -> None:
-        expected = self._serial_numbers.setdefault(number, found)
-        if found != expected:
+    def _check_serial_number(self, number: int, reported: int | None) -> None:
+        expected = self._serial_numbers.setdefault(number, reported)
+        if reported != expected:
             index, sub = can.SERIAL_NUMBER
-            shown = "none" if found is None else found
+            text = "none" if reported is None else reported
             raise NodeRefused(
-                f"serial number (object {index:04X}:{sub}): found {shown}, expected"
+                f"serial number (object {index:04X}:{sub}): found {text}, expected"
                 f" {'none' if expected is None else expected}"
             )
 

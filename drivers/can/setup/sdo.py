@@ -34,8 +34,8 @@ def read_object(sdo: Any, index: int, sub: int, size: int) -> int:
     except SdoAbortedError as error:
         raise ObjectRefused(index, sub, error) from error
     if len(data) < size:
-        where = f"object {name_object(index, sub)}"
-        raise NodeAbsent(f"{where}: found {len(data)} bytes, expected {size}")
+        location = f"object {name_object(index, sub)}"
+        raise NodeAbsent(f"{location}: found {len(data)} bytes, expected {size}")
     return int.from_bytes(data[:size], "little")
 
 

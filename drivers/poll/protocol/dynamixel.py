@@ -113,11 +113,11 @@ def is_fast_status(data: bytes, n: int, length: int) -> bool:
 def _intact_blocks(raw: bytes, length: int) -> list[bool]:
     """Of a fast status: which servos' checksums hold. Each is over all bytes from the packet's
     header on, as its servo saw them; a servo passes over what the others' checksums say."""
-    intact, crc, at = [], 0, 0
+    intact, crc, begin = [], 0, 0
     for end in range(_FAST_HEAD + 2 + length, len(raw), 4 + length):
-        crc = _crc(raw[at:end], crc)
+        crc = _crc(raw[begin:end], crc)
         intact.append(crc == raw[end] | raw[end + 1] << 8)
-        crc, at = _crc(raw[end : end + 2], crc), end + 2
+        crc, begin = _crc(raw[end : end + 2], crc), end + 2
     return intact
 
 
@@ -126,16 +126,16 @@ def splitter() -> Splitter:
     return Splitter(HEADER, _cut, range(OVERHEAD, _LONGEST))
 
 
-def _cut(buffer: bytearray, at: int, sizes: Container[int]) -> Packet | Cut:
-    if len(buffer) < at + OVERHEAD:
+def _cut(buffer: bytearray, begin: int, sizes: Container[int]) -> Packet | Cut:
+    if len(buffer) < begin + OVERHEAD:
         return Cut.INCOMPLETE
-    servo_id, length = buffer[at + 4], buffer[at + 5] | buffer[at + 6] << 8
+    servo_id, length = buffer[begin + 4], buffer[begin + 5] | buffer[begin + 6] << 8
     if servo_id == 0xFF or length + 7 not in sizes:
         return Cut.NO_HEADER
-    end = at + 7 + length
+    end = begin + 7 + length
     if len(buffer) < end:
         return Cut.INCOMPLETE
-    raw = bytes(buffer[at:end])
+    raw = bytes(buffer[begin:end])
     if _crc(raw[:-2]) != raw[-2] | raw[-1] << 8:
         return Cut.BAD_SUM
     body = raw[7:-2]
@@ -170,7 +170,7 @@ def read_request(packet: Packet) -> ReadRequest | None:
     address, length = params[0] | params[1] << 8, params[2] | params[3] << 8
     match packet.code:
         case 0x02:  # READ
-            return ReadRequest((packet.id,), address, length, alone=True)
+            return ReadRequest((packet.id,), address, length, is_single=True)
         case 0x82 | 0x8A:  # SYNC_READ, FAST_SYNC_READ
             fast = packet.code == FAST_SYNC_READ
             return ReadRequest(tuple(params[4:]), address, length, fast)

@@ -71,7 +71,7 @@ class Dynamixel1(ShortPackets):
     def identity(self, data: bytes) -> Servo:
         model = data[0] | data[1] << 8
         is_mx = model in MX  # registers 10 and 20 to 22 mean something else, or nothing, to an AX
-        low, high = (data[at] | data[at + 1] << 8 for at in (6, 8))
+        low, high = (data[offset] | data[offset + 1] << 8 for offset in (6, 8))
         is_turning = is_mx and low == high == COUNTS_PER_TURN - 1
         mode = MULTI_TURN_MODE if is_turning else WHEEL_MODE if low == high == 0 else JOINT_MODE
         return Servo(

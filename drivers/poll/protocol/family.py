@@ -48,12 +48,12 @@ def differences(servo: Servo, remembered: dict[str, Any], family: Family) -> lis
     """One phrase per difference, `homing offset (register 31): found 12, expected 0`; empty for the
     same."""
     phrases = []
-    for name, found in servo.geometry.items():
-        expected = remembered.get(name, found)
-        if found != expected:
+    for name, actual in servo.geometry.items():
+        expected = remembered.get(name, actual)
+        if actual != expected:
             if name == "model":
-                found, expected = (model_name(n, family.models) for n in (found, expected))
-            phrases.append(f"{family.register(name)}: found {found}, expected {expected}")
+                actual, expected = (model_name(n, family.models) for n in (actual, expected))
+            phrases.append(f"{family.register(name)}: found {actual}, expected {expected}")
     return phrases
 
 
@@ -187,8 +187,10 @@ class Feetech(ShortPackets):
     def refusal(self, servo: Servo) -> str:
         # Its two bytes the other way round, as that series keeps all its words.
         if servo.model & 0xFF == SCS_SERIES or servo.model >> 8 == SCS_SERIES:
-            found = f"{servo.model}, a servo of the SCS series (big-endian, no sync read)"
-            return f"{self.register('model')}: found {found}, expected one of the STS or SMS series"
+            actual = f"{servo.model}, a servo of the SCS series (big-endian, no sync read)"
+            return (
+                f"{self.register('model')}: found {actual}, expected one of the STS or SMS series"
+            )
         return ""
 
     def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:

@@ -63,10 +63,10 @@ def are_statuses(data: bytes, ids: Sequence[int], length: int) -> bool:
     if len(data) != size * len(ids):
         return False
     for i, servo in enumerate(ids):
-        one = data[i * size : (i + 1) * size]
-        if not one.startswith(HEADER) or one[2] != servo or one[3] != length + 2:
+        status = data[i * size : (i + 1) * size]
+        if not status.startswith(HEADER) or status[2] != servo or status[3] != length + 2:
             return False
-        if sum(one[2:]) & 0xFF != 0xFF:
+        if sum(status[2:]) & 0xFF != 0xFF:
             return False
     return True
 
@@ -76,18 +76,18 @@ def splitter() -> Splitter:
     return Splitter(HEADER, _cut, range(OVERHEAD, OVERHEAD + 254))
 
 
-def _cut(buffer: bytearray, at: int, sizes: Container[int]) -> Packet | Cut:
-    if len(buffer) < at + OVERHEAD:
+def _cut(buffer: bytearray, begin: int, sizes: Container[int]) -> Packet | Cut:
+    if len(buffer) < begin + OVERHEAD:
         return Cut.INCOMPLETE
-    servo_id, length = buffer[at + 2], buffer[at + 3]
+    servo_id, length = buffer[begin + 2], buffer[begin + 3]
     if servo_id == 0xFF or length + 4 not in sizes:
         return Cut.NO_HEADER
-    end = at + 4 + length
+    end = begin + 4 + length
     if len(buffer) < end:
         return Cut.INCOMPLETE
-    if sum(buffer[at + 2 : end]) & 0xFF != 0xFF:
+    if sum(buffer[begin + 2 : end]) & 0xFF != 0xFF:
         return Cut.BAD_SUM
-    raw = bytes(buffer[at:end])
+    raw = bytes(buffer[begin:end])
     return Packet(servo_id, raw[4], raw[5:-1], raw)
 
 
@@ -100,7 +100,7 @@ def read_request(packet: Packet) -> ReadRequest | None:
     """A packet read as the host's; None if it asks for no registers."""
     params = packet.params
     if packet.code == READ and len(params) == 2:
-        return ReadRequest((packet.id,), params[0], params[1], alone=True)
+        return ReadRequest((packet.id,), params[0], params[1], is_single=True)
     if packet.code == SYNC_READ and len(params) > 2:
         return ReadRequest(tuple(params[2:]), params[0], params[1])
     return None

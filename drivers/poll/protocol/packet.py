@@ -33,7 +33,7 @@ class ReadRequest(NamedTuple):
     address: int
     length: int
     fast: bool = False  # all answers in one packet (Dynamixel's Fast Sync Read)
-    alone: bool = False  # a plain read of one servo
+    is_single: bool = False  # a plain read of one servo
 
 
 class Cut(Enum):
@@ -79,25 +79,25 @@ class Splitter:
         return packets
 
     def _scan(self, wait: bool) -> list[Packet]:
-        buffer, packets, at = self._buffer, [], 0
-        while (begin := buffer.find(self._header, at)) >= 0:
-            self.junk += begin - at
-            at = begin
-            found = self._cut(buffer, at, self.sizes)
-            if isinstance(found, Packet):
-                packets.append(found)
-                at += len(found.raw)
+        buffer, packets, position = self._buffer, [], 0
+        while (begin := buffer.find(self._header, position)) >= 0:
+            self.junk += begin - position
+            position = begin
+            cut = self._cut(buffer, position, self.sizes)
+            if isinstance(cut, Packet):
+                packets.append(cut)
+                position += len(cut.raw)
                 continue
-            if found is Cut.INCOMPLETE and wait:
+            if cut is Cut.INCOMPLETE and wait:
                 break
-            self.bad_sum += found is Cut.BAD_SUM
+            self.bad_sum += cut is Cut.BAD_SUM
             self.junk += 1
-            at += 1
+            position += 1
         else:  # the end may be the beginning of a header
-            kept = min(len(self._header) - 1, len(buffer) - at)
-            while kept and not self._header.startswith(buffer[len(buffer) - kept :]):
-                kept -= 1
-            self.junk += len(buffer) - kept - at
-            at = len(buffer) - kept
-        del buffer[:at]
+            n_kept = min(len(self._header) - 1, len(buffer) - position)
+            while n_kept and not self._header.startswith(buffer[len(buffer) - n_kept :]):
+                n_kept -= 1
+            self.junk += len(buffer) - n_kept - position
+            position = len(buffer) - n_kept
+        del buffer[:position]
         return packets

@@ -65,7 +65,7 @@ def test_the_error_byte():
 
 def test_requests_are_read_as_they_were_meant():
     for data, meant in (
-        (FAMILY.read(3, 36, 8), ReadRequest((3,), 36, 8, alone=True)),
+        (FAMILY.read(3, 36, 8), ReadRequest((3,), 36, 8, is_single=True)),
         (FAMILY.sync_read([1, 2, 5], 36, 8), ReadRequest((1, 2, 5), 36, 8)),
         (dynamixel1.bulk_read([(1, 30, 2), (2, 36, 2)]), None),
         (dynamixel1.write(1, 24, b"\0"), None),

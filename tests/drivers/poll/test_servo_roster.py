@@ -42,7 +42,7 @@ def test_of_a_servo_that_is_back_the_temperature_is_asked_at_once(kind):
 
     def asks_warmth(now_ns):
         request = plan.cycle(now_ns)
-        plan.asked(request, now_ns)
+        plan.note_sent(request, now_ns)
         return request.length >= warm_bytes
 
     assert asks_warmth(0)

@@ -12,7 +12,7 @@ from armd.drivers.identity import Expectation
 from armd.drivers.sample import RawFrame
 from armd.drivers.serial import wire
 from armd.drivers.serial.decoder import SerialDecoder
-from armd.drivers.serial.held import HELD_SAMPLES
+from armd.drivers.serial.reading_buffer import HELD_SAMPLES
 
 N = 6
 EXPECTED = Expectation("SIM-0001", N, 6, (1 << 23,) * N)
@@ -85,7 +85,9 @@ def fuzz(n_packets, seed):
                 if isinstance(item, np.ndarray):
                     delivered += [int(seq) for seq in item["seq"]]
         assert len(decoder._splitter._tail) <= wire.PACKET_LIMIT
-        assert len(decoder._exchanges._pings) <= 64 and decoder._held._weight <= HELD_SAMPLES
+        assert (
+            len(decoder._exchanges._pings) <= 64 and decoder._held_readings._weight <= HELD_SAMPLES
+        )
     return fuzzer, decoder, delivered
 
 

@@ -10,7 +10,7 @@ from armd.drivers.sample import Event, RawFrame, Temperatures
 from armd.drivers.serial import wire
 from armd.drivers.serial.clock import EAGER_INTERVAL_NS
 from armd.drivers.serial.decoder import SerialDecoder
-from armd.drivers.serial.held import HELD_SAMPLES
+from armd.drivers.serial.reading_buffer import HELD_SAMPLES
 
 MS = 1_000_000
 EXPECTED = Expectation("SIM-0001", 3, 2, (1 << 20,) * 3)

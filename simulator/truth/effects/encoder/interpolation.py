@@ -25,7 +25,7 @@ class Interpolation(Effect):
             return None
         # An offset of 1 in signals of amplitude 1 errs by one radian of a period.
         offset = self.amplitude_arcsec * ARC_SECOND * self.periods
-        at = self.periods * phi[:, joint - 1] + self.phase
-        seen = np.arctan2(np.sin(at), np.cos(at) + offset)
-        error: F64 = np.angle(np.exp(1j * (seen - at))) / self.periods
+        phase_rad = self.periods * phi[:, joint - 1] + self.phase
+        reading = np.arctan2(np.sin(phase_rad), np.cos(phase_rad) + offset)
+        error: F64 = np.angle(np.exp(1j * (reading - phase_rad))) / self.periods
         return error

@@ -24,7 +24,7 @@ class OvalDisc(Effect):
             return None
         # Half the relative difference of the axes is the error's amplitude.
         squeeze = 1.0 + 2.0 * self.amplitude_arcsec * ARC_SECOND
-        at = phi[:, joint - 1] + self.direction
-        seen = np.arctan2(squeeze * np.sin(at), np.cos(at))
-        error: F64 = np.angle(np.exp(1j * (seen - at)))
+        angle_rad = phi[:, joint - 1] + self.direction
+        reading = np.arctan2(squeeze * np.sin(angle_rad), np.cos(angle_rad))
+        error: F64 = np.angle(np.exp(1j * (reading - angle_rad)))
         return error

@@ -31,6 +31,6 @@ class MeshingGears(Effect):
         if joint != self.joint:
             return None
         rolled = phi[:, self.other - 1] + self.ratio * phi[:, joint - 1]
-        at = self.waves * rolled + self.phase
-        error: F64 = np.sin(at) + FLANKS * np.sin(2.0 * at + 1.0)
+        phase_rad = self.waves * rolled + self.phase
+        error: F64 = np.sin(phase_rad) + FLANKS * np.sin(2.0 * phase_rad + 1.0)
         return self.arcsec * ARC_SECOND * error

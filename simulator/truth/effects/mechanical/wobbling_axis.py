@@ -26,11 +26,13 @@ class WobblingAxis(Effect):
     def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         if joint != self.joint:
             return None
-        at = self.order * posture.phi[:, joint - 1] + self.phase
+        phase_rad = self.order * posture.phi[:, joint - 1] + self.phase
         if self.order == 1:
-            across = np.column_stack([np.full(len(at), f(self.line)) for f in (np.cos, np.sin)])
-            across *= np.cos(at)[:, None]
+            across = np.column_stack(
+                [np.full(len(phase_rad), f(self.line)) for f in (np.cos, np.sin)]
+            )
+            across *= np.cos(phase_rad)[:, None]
         else:
-            across = np.column_stack([np.cos(at), np.sin(at)])
-        flat = np.column_stack([across, np.zeros(len(at))])
+            across = np.column_stack([np.cos(phase_rad), np.sin(phase_rad)])
+        flat = np.column_stack([across, np.zeros(len(phase_rad))])
         return SmallMotion(self.tilt_arcsec * ARC_SECOND * flat, 1e-3 * self.run_out_um * flat)

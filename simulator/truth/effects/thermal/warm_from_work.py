@@ -40,8 +40,10 @@ class WarmFromWork(Effect):
         work = np.abs(conditions.rate[:, self.joint - 1])
         heat = np.zeros(len(work))
         for i in range(1, len(work)):
-            left = np.exp(-(conditions.time_s[i] - conditions.time_s[i - 1]) / self.time_constant_s)
-            heat[i] = left * heat[i - 1] + (1.0 - left) * work[i]
+            decay = np.exp(
+                -(conditions.time_s[i] - conditions.time_s[i - 1]) / self.time_constant_s
+            )
+            heat[i] = decay * heat[i - 1] + (1.0 - decay) * work[i]
         return heat
 
 

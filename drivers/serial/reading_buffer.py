@@ -12,17 +12,17 @@ HELD_SAMPLES = 8192  # the oldest go
 HeldReading = Rows | TemperatureReading
 
 
-class Held:
+class ReadingBuffer:
     """Readings with their arrival, host monotonic and Unix ns."""
 
     def __init__(self) -> None:
         self._readings: deque[tuple[HeldReading, int, int]] = deque()
         self._weight = 0
 
-    def add(self, what: HeldReading, arrival_ns: int, unix_ns: int) -> int:
+    def add(self, reading: HeldReading, arrival_ns: int, unix_ns: int) -> int:
         """How many had to go for it."""
-        self._readings.append((what, arrival_ns, unix_ns))
-        self._weight += weight(what)
+        self._readings.append((reading, arrival_ns, unix_ns))
+        self._weight += weight(reading)
         before = self._weight
         while self._weight > HELD_SAMPLES:
             self._weight -= weight(self._readings.popleft()[0])
@@ -41,6 +41,6 @@ class Held:
         return dropped
 
 
-def weight(what: HeldReading) -> int:
+def weight(reading: HeldReading) -> int:
     """Packets."""
-    return 1 if isinstance(what, TemperatureReading) else len(what)
+    return 1 if isinstance(reading, TemperatureReading) else len(reading)
