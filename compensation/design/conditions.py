@@ -127,7 +127,7 @@ def rows_of(
     slopes = [moves([probe]) for probe in probes]
     identified = jac[:, :, np.array(baseline.parameters, dtype=np.int64)]  # none: held, and exact
     own = np.concatenate([identified, *(slope[:, :, None] for slope in slopes)], axis=2)
-    if baseline.held:
+    if baseline.is_given:
         own = own @ baseline.root
     columns = [column for candidate in candidates for column in candidate.columns]
     extra = [moves(c.terms) + _artefact(c, position, climate, last) for c in columns]

@@ -174,7 +174,7 @@ def weakest(
     lever_um = 1e3 * np.sqrt((moves**2).sum(axis=1).mean(axis=0))
     indices = list(baseline.parameters)
     directions = np.zeros((known.layout.n, len(indices)))
-    if baseline.held:
+    if baseline.is_given:
         directions[: baseline.root.shape[1]] = baseline.root[: len(indices)].T
         settled = np.ones(len(indices), dtype=bool)
     else:

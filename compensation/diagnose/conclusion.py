@@ -19,8 +19,8 @@ from armd.compensation.diagnose.diagnosis import (
 )
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.follow import followed
-from armd.compensation.diagnose.fitting.growth_open import told_of_growth
+from armd.compensation.diagnose.fitting.follow import follow_solution
+from armd.compensation.diagnose.fitting.growth_open import report_growth
 from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.heldout.gain import gain, gains, groups_of
 from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
@@ -52,7 +52,7 @@ def describe_readings(searched: Searched, arm: Arm) -> list[str]:
     """What there is to say of a search's readings and of the model that they were searched by."""
     result, baseline, told = searched.result, searched.baseline, list[str]()
     if len(result.last.findings) == len(result.searched.findings):
-        told += told_of_growth(baseline)
+        told += report_growth(baseline)
     if has_reflectors(searched.sessions):  # whose readings lie at no common tip
         return told
     told += told_of_misnamed(
@@ -159,7 +159,7 @@ def _extension(
     under test does."""
     last, some = result.last, written.some
     lost = any(session.lost_links for session in rests.sessions)
-    if last.findings and lost and not last.baseline.held:
+    if last.findings and lost and not last.baseline.is_given:
         # In the search the lengths of a link without a sensor are free in each session, and nothing
         # tells its expansion. What is written has that which the calibration under test has: by
         # the mean of the other sensors, as far as that goes.
@@ -180,7 +180,7 @@ def _extension(
             noise=last.noise,
         )
     left_out = [c for i, c in enumerate(last.findings) if i not in some]
-    model = followed(model, arm)
+    model = follow_solution(model, arm)
     calibration = extended(model, arm, sessions, command, left_out, written.growth)
     return saying_what_is_open(calibration, last, some, arm, sessions)
 

@@ -136,7 +136,7 @@ def _own_rows(last: Fit, names: list[str]) -> list[tuple[str, F64]]:
     rows = []
     for i, name in enumerate(identified):
         row = np.zeros(len(last.solution))
-        row[at] = baseline.root[i] if baseline.held else np.eye(at.stop - at.start)[i]
+        row[at] = baseline.root[i] if baseline.is_given else np.eye(at.stop - at.start)[i]
         rows.append((name, row))
     return rows
 

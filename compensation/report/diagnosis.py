@@ -178,7 +178,7 @@ def _model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) 
         heldout = "each placement in turn"
     model = (
         "the calibration given"
-        if diagnosis.baseline.held
+        if diagnosis.baseline.is_given
         else "what armd calibrate makes of these sessions"
     )
     page.text(

@@ -22,7 +22,7 @@ from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
-from armd.compensation.diagnose.problem.through import acting, made_anew, with_acting
+from armd.compensation.diagnose.problem.through import find_acting, rebuild_candidate, with_acting
 from armd.compensation.diagnose.scoring import candidates
 from armd.compensation.diagnose.scoring.candidates import score_candidates, weakest
 from armd.compensation.diagnose.scoring.projection import make_projection
@@ -89,7 +89,7 @@ def given() -> Calibration:
 
 def problem_of(session: Session) -> Problem:
     rests = gather_rests([session], ARM)
-    baseline = from_calibration(given(), ARM, held=True)
+    baseline = from_calibration(given(), ARM, is_given=True)
     facts = gather_facts(rests, ARM, baseline)
     every = list(catalogue.candidates(facts))
     findings = [
@@ -102,7 +102,7 @@ def problem_of(session: Session) -> Problem:
 def measured(found: Any, name: str = "own") -> Session:
     """Of an arm with what was *found*, whose sensor t3 reads too much."""
     model = with_findings(
-        from_calibration(given(), ARM, held=True).model, found.findings, found.amplitudes
+        from_calibration(given(), ARM, is_given=True).model, found.findings, found.amplitudes
     )
     rng = np.random.default_rng(len(name))
     session = synthetic.session(
@@ -144,7 +144,7 @@ def test_an_offset_is_the_derivative_of_all_that_was_found(
     found = problem.found(*causes)
     model = with_findings(problem.baseline.model, found.findings, found.amplitudes)
     offset = problem.offset(f"t{sensor + 1}")
-    made = made_anew(offset, problem.facts, acting(found))
+    made = rebuild_candidate(offset, problem.facts, find_acting(found))
     assert made is not None
     linear = linearise(problem.rests, model, ARM)
     own = finding_columns(linear, [made], ARM)[0][: 3 * problem.rests.n, 0]
@@ -219,4 +219,4 @@ def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
     monkeypatch.setattr(candidates, "score_candidates", lambda *_: Asked())
     weakest(about)
     assert Asked.of == [(0, 1), (1,)]
-    assert made_anew(last.findings[1], own.facts, acting(without)).is_like(offset)  # type: ignore[union-attr]
+    assert rebuild_candidate(last.findings[1], own.facts, find_acting(without)).is_like(offset)  # type: ignore[union-attr]

@@ -80,7 +80,7 @@ def test_a_set_repeated_counts_only_if_hardly_less_likely_than_the_first() -> No
         synthetic.session(ARM, ARM.nominal(), rng, readings=60, noise_mm=0.004, name=name)
         for name in ("before", "later")
     ]
-    given = from_calibration(calibrate(sessions[:1], ARM).calibration, ARM, held=True)
+    given = from_calibration(calibrate(sessions[:1], ARM).calibration, ARM, is_given=True)
     rests = gather_rests(planted(sessions[1:], wave(2, 60.0)), ARM)
     true, false = (searched(rests, given, eccentric(joint)) for joint in (2, 4))
     assert not is_likely_beside(false, true, ARM)

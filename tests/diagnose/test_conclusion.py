@@ -55,7 +55,7 @@ def test_nothing_explains_the_residuals_only_where_nothing_absorbs_them(
     left_mm = np.tile([1e-3 * remain_um, 0.0, 0.0], (4, 1))
     of = SimpleNamespace(stop=0, start=0)
     last = SimpleNamespace(
-        baseline=SimpleNamespace(growth=(), held=held),
+        baseline=SimpleNamespace(growth=(), is_given=held),
         points_left_mm=left_mm,
         layout=SimpleNamespace(blocks={EXPANSIONS: of}),
     )

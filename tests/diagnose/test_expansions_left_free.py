@@ -107,7 +107,7 @@ def test_they_are_free_by_what_materials_do_and_beside_no_other_model() -> None:
     rise = (grown * plain).sum(axis=1) / (plain**2).sum(axis=1)
     assert abs(rise.mean()) < 1e-9 and 0.1 < rise.std() < 0.4
 
-    held = from_calibration(baseline.calibration, ARM, held=True)
+    held = from_calibration(baseline.calibration, ARM, is_given=True)
     assert expansion_columns(linear, held, ARM)[0].shape[1] == 0
     warm = measured(1, (14.0, 20.0, 26.0))
     thermal = model_under_test(warm, ARM, None)[0]

@@ -125,7 +125,7 @@ def test_the_artefacts_correction_adds_to_the_one_there_was() -> None:
     assert corrected.target_offset_mm["B1"] == pytest.approx((x, 0.0, 0.0))
     assert corrected.scale == pytest.approx(1.0 + size)
     assert corrected.expansion_per_k == pytest.approx(1e-5 + growth)
-    again = from_calibration(extended(last, ARM, [session()]), ARM, held=True)
+    again = from_calibration(extended(last, ARM, [session()]), ARM, is_given=True)
     twice = extended(fitted(again, [BALL]), ARM, [session()]).artefact
     assert twice is not None
     assert twice.target_offset_mm["B1"] == pytest.approx((2 * x, 0.0, 0.0))

@@ -8,7 +8,7 @@ import pytest
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.follow import followed
+from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
@@ -67,9 +67,9 @@ def rms_um(sessions: Sequence[Session], model: Calibration) -> float:
 def test_a_long_step_is_followed_where_the_model_bends() -> None:
     rng = np.random.default_rng(1)
     own, other = (measured(TWIST_RAD, rng, name) for name in ("own", "other"))
-    baseline = from_calibration(given(), ARM, held=True)
+    baseline = from_calibration(given(), ARM, is_given=True)
     linear = fitted(baseline, [own], [DISC])
-    bent = followed(linear, ARM)
+    bent = follow_solution(linear, ARM)
     noise_um = 1e3 * NOISE_MM * np.sqrt(3.0)
     assert rms_um([other], extended(linear, ARM, [own])) > 5.0 * noise_um
     assert rms_um([other], extended(bent, ARM, [own])) < 1.1 * noise_um
@@ -82,8 +82,8 @@ def test_what_is_written_is_never_worse_than_what_was_given(twist: float) -> Non
     go to and fro: each is taken as far as it helps."""
     rng = np.random.default_rng(4)
     own, other = (measured(twist, rng, name) for name in ("own", "other"))
-    baseline = from_calibration(given(), ARM, held=True)
-    bent = followed(fitted(baseline, [own], [DISC]), ARM)
+    baseline = from_calibration(given(), ARM, is_given=True)
+    bent = follow_solution(fitted(baseline, [own], [DISC]), ARM)
     written = extended(bent, ARM, [own])
     assert rms_um([own], written) < rms_um([own], baseline.calibration)
     assert rms_um([other], written) < 1.1 * 1e3 * NOISE_MM * np.sqrt(3.0)
@@ -91,17 +91,17 @@ def test_what_is_written_is_never_worse_than_what_was_given(twist: float) -> Non
 
 def test_where_the_linear_answer_holds_it_stays() -> None:
     own = measured(1e-5, np.random.default_rng(2), "own")
-    baseline = from_calibration(given(), ARM, held=True)
+    baseline = from_calibration(given(), ARM, is_given=True)
     linear = fitted(baseline, [own], [DISC])
-    bent = followed(linear, ARM)
+    bent = follow_solution(linear, ARM)
     sigma = np.sqrt(np.diag(linear.inverse))[linear.layout.identified]
     change = (bent.solution - linear.solution)[linear.layout.identified]
     assert np.abs(change / sigma).max() < 0.1
-    assert followed(fitted(baseline, [own], []), ARM).findings == ()
+    assert follow_solution(fitted(baseline, [own], []), ARM).findings == ()
 
 
 def test_constants_that_were_moved_already_stay() -> None:
     own = measured(TWIST_RAD, np.random.default_rng(3), "own")
-    baseline = from_calibration(given(), ARM, held=False)
+    baseline = from_calibration(given(), ARM, is_given=False)
     found = fitted(baseline, [own], [DISC])
-    assert followed(found, ARM) is found
+    assert follow_solution(found, ARM) is found

@@ -10,7 +10,7 @@ from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis, Finding
 from armd.compensation.diagnose.fitting.growth_open import (
-    told_of_growth,
+    report_growth,
     with_growth_open,
     without_growth,
 )
@@ -88,7 +88,7 @@ def test_a_disc_is_found_beside_it_and_both_are_written(kept: Calibration) -> No
 
 def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibration) -> None:
     """And 10 K warmer by 10 × 20e-6 of each length less, whichever constants were identified."""
-    plain = from_calibration(kept, ARM, held=True)
+    plain = from_calibration(kept, ARM, is_given=True)
     opened = with_growth_open(plain, ARM)
     n = len(plain.parameters)
     np.testing.assert_array_equal(opened.root[:n, : plain.root.shape[1]], plain.root)
@@ -109,16 +109,16 @@ def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibrati
 
 
 def test_one_of_several_temperatures_stays_as_it_is() -> None:
-    known = from_calibration(calibrate(measured(SEED, SHOP_C), ARM).calibration, ARM, held=True)
+    known = from_calibration(calibrate(measured(SEED, SHOP_C), ARM).calibration, ARM, is_given=True)
     assert known.terms
     assert with_growth_open(known, ARM) is known
-    assert told_of_growth(with_growth_open(known, ARM)) == []
+    assert report_growth(with_growth_open(known, ARM)) == []
     silent = known.calibration.model_copy(
         update={"terms": [], "covariance": [], "covariance_of": []}
     )
-    without = from_calibration(silent, ARM, held=True)  # it saw 11 K, and no growth
+    without = from_calibration(silent, ARM, is_given=True)  # it saw 11 K, and no growth
     assert with_growth_open(without, ARM) is without
-    assert told_of_growth(with_growth_open(without, ARM)) == []
+    assert report_growth(with_growth_open(without, ARM)) == []
 
 
 def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
@@ -130,9 +130,9 @@ def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
         missed = silent.model_copy(
             update={"provenance": {**silent.provenance, "heldout_without_outliers_um": left_um}}
         )
-        baseline = from_calibration(missed, ARM, held=True)
+        baseline = from_calibration(missed, ARM, is_given=True)
         opened = with_growth_open(baseline, ARM)
         assert (opened is not baseline) == is_open
-        assert bool(told_of_growth(opened)) == is_open
+        assert bool(report_growth(opened)) == is_open
     assert len(opened.terms) == len(length_terms(ARM, [1]))
-    assert "missed its own readings by 60 µm" in told_of_growth(opened)[0]
+    assert "missed its own readings by 60 µm" in report_growth(opened)[0]

@@ -16,9 +16,9 @@ from armd.compensation.diagnose.problem.baseline import with_findings
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
 from armd.compensation.diagnose.problem.through import (
-    acting,
     acting_through,
-    made_anew,
+    find_acting,
+    rebuild_candidate,
     with_acting,
 )
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey, score_candidates
@@ -95,7 +95,7 @@ def test_all_that_was_found_to_go_by_a_link_is_late_with_it(
     problem: Problem, causes: tuple[str, ...]
 ) -> None:
     found = problem.found(*causes)
-    made = made_anew(lag(problem), problem.facts, acting(found))
+    made = rebuild_candidate(lag(problem), problem.facts, find_acting(found))
     assert made is not None
     expected = tip(problem, found, late(problem)) - tip(problem, found, read(problem))
     np.testing.assert_allclose(
@@ -108,12 +108,12 @@ def test_all_that_was_found_to_go_by_a_link_is_late_with_it(
 
 def test_a_lag_is_made_anew_at_its_own_time_constant(problem: Problem) -> None:
     found = problem.found(GRADIENT)
-    made = made_anew(lag(problem, 700.0), problem.facts, acting(found))
+    made = rebuild_candidate(lag(problem, 700.0), problem.facts, find_acting(found))
     assert made is not None
     assert made.setting == (("time constant", 700.0, "s"),)
     assert made.elsewhere is not None
-    assert made.through == made.elsewhere(600.0).through == acting(found)
-    again = made_anew(made, problem.facts, ())
+    assert made.through == made.elsewhere(600.0).through == find_acting(found)
+    again = rebuild_candidate(made, problem.facts, ())
     assert again is not None
     assert again.columns == lag(problem, 700.0).columns
 

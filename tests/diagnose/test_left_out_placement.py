@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting import refit
-from armd.compensation.diagnose.fitting.fit import columns_told_of
+from armd.compensation.diagnose.fitting.fit import find_determined_columns
 from armd.compensation.diagnose.fitting.refit import (
     Refits,
     refits_without,
@@ -51,7 +51,7 @@ def test_the_pose_left_out_stays_and_all_else_is_the_least_norm_solution(
     found = Refits(whitened_by(known, whitener)).with_some([])
     np.testing.assert_allclose(found.solution, expected, atol=1e-10)
     assert not found.solution[6:12].any() and found.solution[:6].all()
-    assert columns_told_of(found.problem).tolist() == [*range(6), 12, 13, 14]
+    assert find_determined_columns(found.problem).tolist() == [*range(6), 12, 13, 14]
 
 
 def fit_of_three(whole: float = 1.0) -> Fit:

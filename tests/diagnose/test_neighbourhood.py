@@ -82,7 +82,7 @@ def fitted(changes: dict[str, float], known: bool = False, encoder_rad: float = 
         amplitudes=(),
         layout=SimpleNamespace(identified=slice(0, len(moved))),
         solution=-np.array(list(changes.values())),
-        baseline=SimpleNamespace(model=model, held=False, parameters=tuple(moved), terms=()),
+        baseline=SimpleNamespace(model=model, is_given=False, parameters=tuple(moved), terms=()),
         model=model,
         linear=linearise(gather_rests([session], ARM), model, ARM),
     )

@@ -36,7 +36,7 @@ def a_fit(rng: np.random.Generator, error: np.ndarray | None = None) -> Any:
     linear: Any = SimpleNamespace(
         rests=fit.linear.rests, residual=residual, joints=rng.normal(size=(N, 3, JOINTS))
     )
-    held: Any = SimpleNamespace(held=False)
+    held: Any = SimpleNamespace(is_given=False)
     return replace(fit, linear=linear, baseline=held)
 
 

@@ -13,7 +13,7 @@ from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.taken_up import _taken_by, beside_what_it_took_up
+from armd.compensation.diagnose.fitting.taken_up import _absorbed_by, beside_what_it_took_up
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import gather_rests
@@ -98,7 +98,7 @@ def test_the_calibration_counts_as_wrong_by_what_another_with_the_disc_has_taken
     its standard uncertainties as it says itself, few as it counts beside disc and knock."""
     plain = calibrate(years.calibrated, ARM).calibration
     with_disc = calibrate(planted(years.calibrated, DISC), ARM).calibration
-    given = from_calibration(with_disc, ARM, held=True)
+    given = from_calibration(with_disc, ARM, is_given=True)
     rests = gather_rests(planted(years.later, DISC), ARM)
     disc, knock = eccentric(2), SHIFT
 
@@ -123,7 +123,7 @@ def test_what_does_not_show_took_nothing_up() -> None:
     rng = np.random.default_rng(5)
     own = rng.standard_normal((300, 4)) * np.array([1e3, 1e3, 1e3, 1e-3])
     went = np.array([0.3, -0.2, 0.0, 0.0])
-    taken = _taken_by(own, (own @ went + rng.standard_normal(300))[:, None])[:, 0]
+    taken = _absorbed_by(own, (own @ went + rng.standard_normal(300))[:, None])[:, 0]
     np.testing.assert_allclose(taken[:3], went[:3], atol=1e-3)
     assert abs(taken[3]) < 1e-3
 
@@ -131,7 +131,7 @@ def test_what_does_not_show_took_nothing_up() -> None:
 def test_a_cause_lost_to_the_doubt_that_it_made_itself_is_not_given_up(years: Years) -> None:
     """A new disc and a knock. The calibration being wrong by what it may have taken up of the disc,
     a search without the disc leaves hardly more to the noise, and tells less."""
-    given = from_calibration(calibrate(years.calibrated, ARM).calibration, ARM, held=True)
+    given = from_calibration(calibrate(years.calibrated, ARM).calibration, ARM, is_given=True)
     rests = gather_rests(planted(years.later, wave(4, 8.0), KNOCK), ARM)
     before = searched(rests, given, eccentric(4), SHIFT)
     older = beside_what_it_took_up(before.last, ARM)
@@ -148,7 +148,7 @@ def test_a_cause_lost_to_the_doubt_that_it_made_itself_is_not_given_up(years: Ye
 def test_a_knock_that_only_an_older_disc_made_is_given_up(years: Years) -> None:
     """Of a disc the constants had taken up a part, and nobody knocked the arm."""
     with_disc = calibrate(planted(years.calibrated, wave(4, 60.0)), ARM).calibration
-    given = from_calibration(with_disc, ARM, held=True)
+    given = from_calibration(with_disc, ARM, is_given=True)
     rests = gather_rests(planted(years.later, wave(4, 60.0)), ARM)
     before = searched(rests, given, eccentric(4), SHIFT)
     older = beside_what_it_took_up(before.last, ARM)

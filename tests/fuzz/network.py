@@ -271,7 +271,7 @@ def commands(folder: Path) -> Door:
         if unexpected.as_json() or not question.told:
             events = [event.text for event in unexpected.take_events()]
             unexpected._counted.clear()
-            unexpected._known.clear()
+            unexpected._noted.clear()
             raise Fault(f"a command has no answer: {events}")
         check_message(question.told[0])
         if question.told[0].split(":")[0].endswith(("Error", "Exception")):

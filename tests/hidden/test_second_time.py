@@ -185,7 +185,7 @@ def test_what_the_rows_are_silent_about_stays_as_uncertain_as_it_was(history: Hi
     arm = history.arm
     terms = [Term(parameter="a_2", basis=[Temperature(weights={"t2": 1.0})], coefficient=5e-3)]
     known = {"terms": terms, "covariance_of": ["term 0"], "covariance": [[4e-6]]}
-    baseline = from_calibration(history.plain.model_copy(update=known), arm, held=True)
+    baseline = from_calibration(history.plain.model_copy(update=known), arm, is_given=True)
     rests = gather_rests(history.second, arm)
     states = rests.observations.states
     reference = np.full_like(states.temperature_c, baseline.model.reference_c)

@@ -97,7 +97,7 @@ def test_the_only_length_is_not_doubted(seats: tuple[Arm, Session, Rests]) -> No
     arm, session, rests = seats
     free = model_under_test([session], arm, None)[0]
     assert gather_facts(rests, arm, free).distances == ()
-    held = from_calibration(free.calibration, arm, held=True)
+    held = from_calibration(free.calibration, arm, is_given=True)
     assert len(gather_facts(rests, arm, held).distances) == 1
 
 

@@ -29,8 +29,8 @@ def as_curve(candidate: Candidate, values: F64, q: F64) -> Term:
     for column, value in zip(candidate.columns, values, strict=True):
         joint, parameter, wave = _wave(column)
         heights += float(value) * wave
-    seen = _seen(q[:, joint - 1])
-    heights[~seen] = heights[seen].mean()
+    visited = _visited_points(q[:, joint - 1])
+    heights[~visited] = heights[visited].mean()
     return Term(
         parameter=parameter,
         basis=[Curve(joint=joint, values=heights.tolist())],
@@ -44,22 +44,22 @@ def as_written(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
     where a curve learnt at the others knows nothing, and what the columns (r, m) are there."""
     linear = current.linear
     q = linear.rests.observations.states.q
-    for candidate, at in zip(current.findings, current.layout.findings, strict=True):
+    for candidate, span in zip(current.findings, current.layout.findings, strict=True):
         if not is_curve(candidate):
             continue
         waves = [_wave(column) for column in candidate.columns]
         joint, parameter, _ = waves[0]
-        seen = _seen(q[~out, joint - 1])
-        strange = np.flatnonzero(out & ~seen[_nearest(q[:, joint - 1])])
+        visited = _visited_points(q[~out, joint - 1])
+        strange = np.flatnonzero(out & ~visited[_nearest(q[:, joint - 1])])
         rows = (3 * strange[:, None] + np.arange(3)).ravel()
         index = ParameterLayout(q.shape[1]).index(parameter)
-        means = np.array([wave[seen].mean() for _, _, wave in waves])
-        yield at, rows, linear.jacobian[index, rows][:, None] * means
+        means = np.array([wave[visited].mean() for _, _, wave in waves])
+        yield span, rows, linear.jacobian[index, rows][:, None] * means
 
 
 def orders_of(candidate: Candidate) -> list[int]:
     """The orders of a curve's harmonics, ascending."""
-    return sorted({one.order for one in candidate.factors if isinstance(one, Harmonic)})
+    return sorted({factor.order for factor in candidate.factors if isinstance(factor, Harmonic)})
 
 
 def _wave(column: Column) -> tuple[int, str, F64]:
@@ -77,10 +77,10 @@ def _nearest(angle: F64) -> I64:
     return nearest
 
 
-def _seen(angle: F64) -> Mask:
+def _visited_points(angle: F64) -> Mask:
     """Points of the curve near which a joint stood."""
-    at = _nearest(angle)
-    seen = np.zeros(CURVE_POINTS, dtype=bool)
+    nearest = _nearest(angle)
+    visited = np.zeros(CURVE_POINTS, dtype=bool)
     for shift in range(-SEEN_POINTS, SEEN_POINTS + 1):
-        seen[(at + shift) % CURVE_POINTS] = True
-    return seen
+        visited[(nearest + shift) % CURVE_POINTS] = True
+    return visited

@@ -26,17 +26,17 @@ def expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64
     of it is no cause to be found (docs/decisions/0033). About the mean temperature, so that the
     constants stay those of a calibration without a thermal model.
     """
-    with_growth = baseline.held or goes_with_temperature(baseline.model.terms)
+    with_growth = baseline.is_given or goes_with_temperature(baseline.model.terms)
     terms = [] if with_growth else length_terms(arm, [1])
     if not terms:
         return np.zeros((len(linear.residual), 0)), np.zeros(0)
     states, model = linear.rests.observations.states, linear.model
     rise = basis_values(terms, states, arm, model.reference_c, model.constants)
-    known = np.isfinite(rise)
-    mean = np.where(known, rise, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    rise = np.where(known, rise - mean, 0.0)
+    finite = np.isfinite(rise)
+    mean = np.where(finite, rise, 0.0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1)
+    rise = np.where(finite, rise - mean, 0.0)
     places = arm.layout.indices(term.parameter for term in terms)
-    columns = [linear.signature(p, own) for p, own in zip(places, rise.T, strict=True)]
+    columns = [linear.signature(p, values) for p, values in zip(places, rise.T, strict=True)]
     return np.array(columns).T, growth_mm_per_k(model.constants, places) ** 2
 
 

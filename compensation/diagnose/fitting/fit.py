@@ -74,19 +74,19 @@ def fit(
         solution = problem.amplitudes(side)
         fitted = nuisance.columns.times(solution)
         before = amplitudes
-        amplitudes = [-solution[at] for at in layout.findings]
+        amplitudes = [-solution[span] for span in layout.findings]
         shift = [
             block @ (new - old) for block, new, old in zip(columns, amplitudes, before, strict=True)
         ]
-        if not baseline.held:
+        if not baseline.is_given:
             step = -solution[layout.identified]
             shift.append(nuisance.columns.dense(layout.identified) @ step)
         largest = max((float(np.abs(part).max()) for part in shift), default=0.0)
-        near = largest**2 / CURVED_LENGTH_MM < CURVED_SHARE * noise.scale_mm
-        if near or step_number == MOST_FIT_STEPS or largest > before_this:
+        is_settled = largest**2 / CURVED_LENGTH_MM < CURVED_SHARE * noise.scale_mm
+        if is_settled or step_number == MOST_FIT_STEPS or largest > before_this:
             break  # a step longer than the last one leads away: the linear answer stands
         before_this = largest
-        if not baseline.held:
+        if not baseline.is_given:
             model = moved(model, baseline, step)
     return Fit(
         baseline,
@@ -94,7 +94,7 @@ def fit(
         model,
         tuple(findings),
         tuple(amplitudes),
-        tuple(problem.covariance_of(at) for at in layout.findings),
+        tuple(problem.covariance_of(span) for span in layout.findings),
         noise,
         nuisance,
         layout,
@@ -118,8 +118,8 @@ def _clipped(
     """The residual (N,) winsorised about its fit, and the noise that is left then; *variance*: of
     the amplitudes while the noise is estimated."""
 
-    def fitted_to(some: F64, own: RestNoise) -> F64:
-        return nuisance.columns.times(_solve(blocks, nuisance, layout, own, some))
+    def fitted_to(values: F64, rest_noise: RestNoise) -> F64:
+        return nuisance.columns.times(_solve(blocks, nuisance, layout, rest_noise, values))
 
     clipped = noise_model.without_gross(residual, noise, fitted_to)
     for _ in range(MOST_CLIPPINGS):
@@ -133,8 +133,8 @@ def _clipped(
             problem, _ = normal_equations(
                 blocks, nuisance.ridged(noise), layout, noise, clipped - fitted
             )
-            taken = fitted_share(nuisance.columns, problem.covariance, noise)
-            ratio = turn_ratio(noise, linear, clipped - fitted, taken)
+            absorbed_share = fitted_share(nuisance.columns, problem.covariance, noise)
+            ratio = turn_ratio(noise, linear, clipped - fitted, absorbed_share)
             alike &= abs(np.log(ratio / noise.turn_ratio)) < TURN_SETTLED
         if noise.scale_mm > NOISE_SETTLED * larger and alike:
             break
@@ -168,21 +168,21 @@ def sized(
     curves = [i for i, candidate in enumerate(findings) if is_sized(candidate)]
     if not curves:
         return problem, sizes
-    told = columns_told_of(problem)
-    some, variance = problem.only(told), problem.variance.copy()
+    determined = find_determined_columns(problem)
+    reduced, variance = problem.only(determined), problem.variance.copy()
     for _ in range(SIZING_STEPS):
-        solution = some.amplitudes(side[told])
+        solution = reduced.amplitudes(side[determined])
         for i in curves:
-            at = some.layout[finding(i)]
+            span = reduced.layout[finding(i)]
             unit = amplitude_variance(findings[i], 1.0)
-            square = (solution[at] ** 2 + np.diag(some.covariance_of(at))) / unit
-            sizes[i] = float(np.clip(np.sqrt(square.mean()), *CURVE_SCALES))
+            squares = (solution[span] ** 2 + np.diag(reduced.covariance_of(span))) / unit
+            sizes[i] = float(np.clip(np.sqrt(squares.mean()), *CURVE_SCALES))
             variance[layout.findings[i]] = sizes[i] ** 2 * unit
-        some = some.with_variance(variance[told])
+        reduced = reduced.with_variance(variance[determined])
     return problem.with_variance(variance), sizes
 
 
-def columns_told_of(problem: LinearModel) -> I64:
+def find_determined_columns(problem: LinearModel) -> I64:
     """Columns of which rows, prior or drawing say anything: the others' amplitudes stay 0.
 
     The pose of a placement that is left out is none of them. Without it, no eigenvalues are needed
@@ -207,6 +207,6 @@ def normal_equations(
     b = layout.blocks.n
     products = blocks.products(noise.whitener, noise.distance_mm, residual)
     problem = LinearModel.of_products(
-        layout.blocks, products[:b, :b], nuisance.variance, drawing=layout.drawing
+        layout.blocks, products[:b, :b], nuisance.variance, drawing=layout.nominal_variance
     )
     return problem, products[:b, -1]

@@ -24,75 +24,75 @@ from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
 from armd.compensation.model.arm import Arm
 
 
-def followed(last: Fit, arm: Arm) -> Fit:
+def follow_solution(last: Fit, arm: Arm) -> Fit:
     """A fit under a calibration that is held, solved anew about the point that its solution leads
     to, until it stays there; where that takes too long, the point it has come to. Each step is
     taken only as far as it lowers what the fit minimises, so that point is better than the
     calibration's constants are. Without a calibration the fit itself: its constants were moved
     already.
     """
-    if not last.baseline.held or not last.findings:
+    if not last.baseline.is_given or not last.findings:
         return last
     start = last.solution.copy()
     start[last.layout.identified] = 0.0
     point = replace(last, solution=start)
-    here, share = _about_its_solution(point, arm), 1.0
+    refitted, share = _about_its_solution(point, arm), 1.0
     for _ in range(MOST_FOLLOW_ROUNDS):
-        if _change(point, here) < STAYS:
-            return here
-        tried = _part_of_the_way(point, here, share)
-        there = _about_its_solution(tried, arm)
-        if _cost(tried, there) < _cost(point, here):
-            point, here, share = tried, there, min(2.0 * share, 1.0)
+        if _change(point, refitted) < STAYS:
+            return refitted
+        tried = _part_of_the_way(point, refitted, share)
+        tried_refitted = _about_its_solution(tried, arm)
+        if _cost(tried, tried_refitted) < _cost(point, refitted):
+            point, refitted, share = tried, tried_refitted, min(2.0 * share, 1.0)
         else:
             share /= 2.0
-    return replace(here, solution=point.solution, amplitudes=point.amplitudes)
+    return replace(refitted, solution=point.solution, amplitudes=point.amplitudes)
 
 
-def _cost(point: Fit, here: Fit) -> float:
+def _cost(point: Fit, refitted: Fit) -> float:
     """What the fit minimises, at a *point* about which it was linearised: squares of residuals and
     priors, where all but the arm's unknowns and the amplitudes are at their best."""
-    white = here.noise.whiten(here.residual - here.fitted)
-    held = here.solution**2 / here.nuisance.variance
-    return float(white @ white + held.sum()) + _change(point, here) ** 2
+    white = refitted.noise.whiten(refitted.residual - refitted.fitted)
+    prior = refitted.solution**2 / refitted.nuisance.variance
+    return float(white @ white + prior.sum()) + _change(point, refitted) ** 2
 
 
 def _part_of_the_way(before: Fit, after: Fit, share: float) -> Fit:
     """*after*, its solution at this share of the way from that of *before*."""
-    way = zip(before.amplitudes, after.amplitudes, strict=True)
+    amplitude_pairs = zip(before.amplitudes, after.amplitudes, strict=True)
     return replace(
         after,
         solution=before.solution + share * (after.solution - before.solution),
-        amplitudes=tuple(a + share * (b - a) for a, b in way),
+        amplitudes=tuple(a + share * (b - a) for a, b in amplitude_pairs),
     )
 
 
 def _change(before: Fit, after: Fit) -> float:
     """Between two solutions: of the arm's unknowns and the findings' amplitudes, all together, in
     their standard uncertainties."""
-    at = after.layout
-    own = slice(at.identified.start, at.mount.start)
-    change = after.solution[own] - before.solution[own]
-    known = pseudo_inverse_factor(after.problem.covariance_of(own))
-    return float(np.linalg.norm(known.T @ change))
+    layout = after.layout
+    span = slice(layout.identified.start, layout.mount.start)
+    change = after.solution[span] - before.solution[span]
+    factor = pseudo_inverse_factor(after.problem.covariance_of(span))
+    return float(np.linalg.norm(factor.T @ change))
 
 
 def _about_its_solution(last: Fit, arm: Arm) -> Fit:
     """The same problem, its columns taken where the solution leads; the constants' prior stays
     about the calibration, and what was clipped stays clipped."""
-    baseline, at = last.baseline, last.layout.identified
-    own = -last.solution[at]
-    here = with_findings(
-        moved(baseline.model, baseline, baseline.root @ own), last.findings, last.amplitudes
+    baseline, identified = last.baseline, last.layout.identified
+    step = -last.solution[identified]
+    model = with_findings(
+        moved(baseline.model, baseline, baseline.root @ step), last.findings, last.amplitudes
     )
-    linear = linearise(last.linear.rests, here, arm)
+    linear = linearise(last.linear.rests, model, arm)
     columns = finding_columns(linear, last.findings, arm)
     sizes = [1.0] * len(columns)  # of no account: the variances stay
     nuisance, layout = gather_nuisance(linear, arm, baseline, last.findings, columns, sizes)
     nuisance = Nuisance(nuisance.columns, last.nuisance.variance)
     # Without what the step did, so that the solution is the whole step.
     raw = linear.residual - kinematic_part(last.findings, columns, last.amplitudes)
-    raw = raw - nuisance.columns.dense(at) @ own
+    raw = raw - nuisance.columns.dense(identified) @ step
     clipped = raw - (last.raw_residual - last.residual)
     problem, side = normal_equations(nuisance.columns, nuisance, layout, last.noise, clipped)
     moved_to = replace(last, linear=linear, residual=clipped, raw_residual=raw)

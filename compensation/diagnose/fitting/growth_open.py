@@ -35,7 +35,7 @@ LEFT_UM = "heldout_without_outliers_um"
 def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
     """A given calibration whose lengths without a thermal term grow as materials do, if it could
     not know that; as it is where there are none, or a sensor's temperatures are not in it."""
-    terms = _without_a_term(baseline, arm) if baseline.held else []
+    terms = _without_a_term(baseline, arm) if baseline.is_given else []
     if not terms:
         return baseline
     model = baseline.model
@@ -64,17 +64,17 @@ def without_growth(baseline: Baseline, parameters: Collection[str] | None = None
         return baseline
     first = len(baseline.parameters)
     rows = [first + k for k, i in enumerate(baseline.terms) if i in still]
-    kept = np.setdiff1d(np.arange(len(baseline.root)), rows)
+    remaining_rows = np.setdiff1d(np.arange(len(baseline.root)), rows)
     # Directions of the root in which they do not grow.
     _, sizes, directions = np.linalg.svd(baseline.root[rows])
-    own = baseline.root[kept] @ directions[int((sizes > 0.0).sum()) :].T
-    left = [i for i in range(len(terms)) if i not in still]
+    remaining_root = baseline.root[remaining_rows] @ directions[int((sizes > 0.0).sum()) :].T
+    remaining_terms = [i for i in range(len(terms)) if i not in still]
     return replace(
         baseline,
-        model=replace(baseline.model, terms=tuple(terms[i] for i in left)),
-        terms=tuple(left.index(i) for i in baseline.terms if i not in still),
-        root=root_of(own @ own.T),
-        growth=tuple(left.index(i) for i in baseline.growth if i not in still),
+        model=replace(baseline.model, terms=tuple(terms[i] for i in remaining_terms)),
+        terms=tuple(remaining_terms.index(i) for i in baseline.terms if i not in still),
+        root=root_of(remaining_root @ remaining_root.T),
+        growth=tuple(remaining_terms.index(i) for i in baseline.growth if i not in still),
     )
 
 
@@ -87,29 +87,30 @@ def _from_where_it_was_made(baseline: Baseline, term: Term) -> Term:
     return term.model_copy(update={"coefficient": 0.0, "basis": [about]})
 
 
-def told_of_growth(baseline: Baseline) -> list[str]:
+def report_growth(baseline: Baseline) -> list[str]:
     """What a person should know of such a calibration where the readings show no growth."""
     if not baseline.growth:
         return []
     return [
-        f"{of_what(baseline)} No growth of a link stands out of these readings; what stays within "
-        f"their noise is left open. Calibrate with sessions more than {MOST_SPAN_K:g} K apart."
+        f"{explain_missing_growth(baseline)} No growth of a link stands out of these readings; "
+        f"what stays within their noise is left open. "
+        f"Calibrate with sessions more than {MOST_SPAN_K:g} K apart."
     ]
 
 
-def of_what(baseline: Baseline) -> str:
+def explain_missing_growth(baseline: Baseline) -> str:
     """Why a calibration has no term for growth that it could not know, in a sentence."""
     within = _widest_k(baseline)
     if within <= MOST_SPAN_K:
-        made = f"was made within {plain(within)} K"
+        reason = f"was made within {plain(within)} K"
     else:
-        made = f"missed its own readings by {plain(baseline.calibration.provenance[LEFT_UM])} µm"
-    return f"The calibration {made} and has no thermal model of all links."
+        reason = f"missed its own readings by {plain(baseline.calibration.provenance[LEFT_UM])} µm"
+    return f"The calibration {reason} and has no thermal model of all links."
 
 
 def _without_a_term(baseline: Baseline, arm: Arm) -> list[Term]:
     """Of the terms by which lengths may grow, those that the calibration has none for."""
-    known = {
+    modelled = {
         term.parameter
         for term in baseline.model.terms
         if any(isinstance(factor, Temperature) for factor in term.basis)
@@ -117,7 +118,7 @@ def _without_a_term(baseline: Baseline, arm: Arm) -> list[Term]:
     ranges = baseline.calibration.temperature_range_c
     if not arm.used_sensors or not set(arm.used_sensors) <= set(ranges):
         return []
-    return [term for term in length_terms(arm, [1]) if term.parameter not in known]
+    return [term for term in length_terms(arm, [1]) if term.parameter not in modelled]
 
 
 def _could_not_know(baseline: Baseline, terms: Sequence[Term], may_grow: F64) -> bool:

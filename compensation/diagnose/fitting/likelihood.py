@@ -21,22 +21,22 @@ from armd.compensation.estimate.linear.bordered import BorderedParts, root_along
 class Absorbing:
     """Which of b columns absorb in one part of the rows only, and which are shared."""
 
-    own: tuple[I64, ...]  # of each part, the drift's among them
+    per_part: tuple[I64, ...]  # of each part, the drift's among them
     shared: I64  # free, of all parts
-    held: I64  # by a prior
+    with_prior: I64  # by a prior
     drifting: Mask  # (b,)
     variance: F64  # (b,) of the amplitudes, inf: free, NaN: the drift's
 
     @classmethod
-    def of(cls, meeting: Mask, variance: F64) -> Absorbing:
+    def from_meeting(cls, meeting: Mask, variance: F64) -> Absorbing:
         """By which columns meet each other (b, b) in some row."""
         drifting, free = np.isnan(variance), np.isinf(variance)
         inner = np.flatnonzero(drifting | free)
         parts = BorderedParts.of(meeting[np.ix_(inner, inner)])
-        own, shared = [inner[part] for part in parts.own], inner[parts.border]
+        per_part, shared = [inner[part] for part in parts.own], inner[parts.border]
         if drifting[shared].any():
-            own, shared = [inner], shared[:0]
-        return cls(tuple(own), shared, np.flatnonzero(~(drifting | free)), drifting, variance)
+            per_part, shared = [inner], shared[:0]
+        return cls(tuple(per_part), shared, np.flatnonzero(~(drifting | free)), drifting, variance)
 
 
 @dataclass(frozen=True)
@@ -52,50 +52,50 @@ class Restricted:
     freedom: float  # rows less the rank of all that absorbs freely
 
     @classmethod
-    def of(cls, products: F64, absorbing: Absorbing, rows: float) -> Restricted:
+    def from_products(cls, products: F64, absorbing: Absorbing, rows: float) -> Restricted:
         """From *products* (b + 1, b + 1) of whitened columns and a residual as the last, over so
         many *rows*."""
-        drifting, shared, held = absorbing.drifting, absorbing.shared, absorbing.held
-        rest = np.concatenate([shared, held, [len(drifting)]])
-        gram = products[np.ix_(rest, rest)]
-        curvature, across, rank = [np.empty(0)], [np.empty((0, len(rest)))], 0
-        for part in absorbing.own:
+        drifting, shared, with_prior = absorbing.drifting, absorbing.shared, absorbing.with_prior
+        remaining = np.concatenate([shared, with_prior, [len(drifting)]])
+        gram = products[np.ix_(remaining, remaining)]
+        curvature, across, rank = [np.empty(0)], [np.empty((0, len(remaining)))], 0
+        for part in absorbing.per_part:
             drift = drifting[part]
-            r, clear = _clear_of_free(products, part[~drift], part[drift], rest)
+            r, cleared = _clear_of_free(products, part[~drift], part[drift], remaining)
             d = int(drift.sum())
             rank += r
             # What is absorbed entirely must not come out negative by rounding.
-            values, vectors = np.linalg.eigh(clear[:d, :d])
+            values, vectors = np.linalg.eigh(cleared[:d, :d])
             curvature.append(np.maximum(values, 0.0))
-            across.append(vectors.T @ clear[:d, d:])
-            gram -= clear[d:, d:]
+            across.append(vectors.T @ cleared[:d, d:])
+            gram -= cleared[d:, d:]
         f = len(shared)
         root = _root_of_free(gram[:f, :f], np.diag(products)[shared])
-        turn = np.zeros((len(rest), root.shape[1] + len(rest) - f))
+        turn = np.zeros((len(remaining), root.shape[1] + len(remaining) - f))
         turn[:f, : root.shape[1]] = root
-        turn[f:, root.shape[1] :] = np.eye(len(rest) - f)
+        turn[f:, root.shape[1] :] = np.eye(len(remaining) - f)
         return cls(
             np.concatenate(curvature),
             np.concatenate(across) @ turn,
             turn.T @ gram @ turn,
-            absorbing.variance[held],
+            absorbing.variance[with_prior],
             root.shape[1],
             rows - rank - root.shape[1],
         )
 
     @property
-    def square(self) -> float:
+    def squared_norm(self) -> float:
         """Of the residual, clear of all that absorbs freely."""
-        taken = self.gram[: self.free, -1]
-        return float(self.gram[-1, -1] - taken @ taken)
+        absorbed = self.gram[: self.free, -1]
+        return float(self.gram[-1, -1] - absorbed @ absorbed)
 
-    def unlikely(self, scale: float, drift: float) -> float:
+    def negative_log_likelihood(self, scale: float, drift: float) -> float:
         """−2 × restricted log likelihood, up to a constant."""
         relative = np.clip(drift**2 / scale**2, LEAST_RELATIVE, MOST_RELATIVE)
         weight = relative / (1.0 + relative * self.curvature)
         gram = self.gram - (self.across * weight[:, None]).T @ self.across
-        held = np.clip(self.variance / scale**2, LEAST_RELATIVE, MOST_RELATIVE)
-        root = np.sqrt(np.concatenate([np.ones(self.free), held]))
+        prior = np.clip(self.variance / scale**2, LEAST_RELATIVE, MOST_RELATIVE)
+        root = np.sqrt(np.concatenate([np.ones(self.free), prior]))
         matrix = gram[:-1, :-1] * root * root[:, None]
         matrix.flat[(len(root) + 1) * self.free :: len(root) + 1] += 1.0
         factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
@@ -108,23 +108,23 @@ class Restricted:
         )
 
 
-def _clear_of_free(products: F64, free: I64, drift: I64, rest: I64) -> tuple[int, F64]:
+def _clear_of_free(products: F64, free: I64, drift: I64, remaining: I64) -> tuple[int, F64]:
     """Rank of the columns *free*; products of *drift* and *rest* columns, clear of these, where the
     products of the *rest* among each other are only what is taken of them."""
-    others = np.concatenate([drift, rest])
+    columns = np.concatenate([drift, remaining])
     root = _root_of_free(products[np.ix_(free, free)], np.diag(products)[free])
-    towards = root.T @ products[np.ix_(free, others)]
-    clear = -towards.T @ towards
+    towards = root.T @ products[np.ix_(free, columns)]
+    cleared = -towards.T @ towards
     d = len(drift)
-    clear[:d] += products[np.ix_(drift, others)]
-    clear[d:, d:] *= -1.0
-    return root.shape[1], clear
+    cleared[:d] += products[np.ix_(drift, columns)]
+    cleared[d:, d:] *= -1.0
+    return root.shape[1], cleared
 
 
-def _root_of_free(gram: F64, square: F64) -> F64:
+def _root_of_free(gram: F64, squared_norms: F64) -> F64:
     """(f, r) makes columns orthonormal by their products (f, f); a gauge among them leaves no
     trace. *square* (f,): their squared lengths before anything was eliminated."""
-    size = np.sqrt(square)
+    size = np.sqrt(squared_norms)
     size[size == 0.0] = 1.0
     root: F64 = (
         root_along_known(gram / np.outer(size, size), GAUGE_SQUARED, beside=1.0) / size[:, None]

@@ -47,11 +47,11 @@ def possible(candidate: Candidate, amplitudes: F64) -> bool:
     named = candidate.cause != "unknown" and not CATALOGUE[candidate.cause].accident
     if not named or is_sized(candidate):
         return True
-    most = np.array([_most(column) for column in candidate.columns])
-    return bool((np.abs(amplitudes) <= most).all())
+    largest_amplitudes = np.array([_largest_amplitude(column) for column in candidate.columns])
+    return bool((np.abs(amplitudes) <= largest_amplitudes).all())
 
 
-def _most(column: Column) -> float:
+def _largest_amplitude(column: Column) -> float:
     """The largest amplitude of a named cause: of what several causes do, the same for all."""
     shared = largest(column)
     return shared if np.isfinite(shared) else MOST_SIGMAS * most_plausible(column)
@@ -64,8 +64,8 @@ def stays_near(fit: Fit, arm: Arm) -> bool:
 
 def size(fit: Fit, arm: Arm) -> float:
     """The arm's size under a fit, as a share of its size under the model under test."""
-    given = parameter_rows(fit.baseline.model.constants, (), np.zeros((1, 0)))[0]
-    lengths = given * _is_length(arm)
+    constants = parameter_rows(fit.baseline.model.constants, (), np.zeros((1, 0)))[0]
+    lengths = constants * _is_length(arm)
     return float(_rows(fit, _solved(fit), arm).mean(axis=0) @ lengths / (lengths @ lengths))
 
 
@@ -82,23 +82,25 @@ def scale_kept(fit: Fit, arm: Arm) -> float:
 
 def _too_far(fit: Fit, arm: Arm) -> str:
     baseline, states = fit.baseline, fit.linear.rests.observations.states
-    given = baseline.model
-    values = basis_values(given.terms, states, arm, given.reference_c, given.constants)
-    were = parameter_rows(given.constants, given.terms, values)
-    own = _rows(fit, _without_causes_turns(fit), arm)
+    model = baseline.model
+    values = basis_values(model.terms, states, arm, model.reference_c, model.constants)
+    were = parameter_rows(model.constants, model.terms, values)
+    rows = _rows(fit, _without_causes_turns(fit), arm)
     inner = slice(0, arm.layout.joint(arm.n_joints).start)  # the base may stand anywhere
     names = (*arm.layout.names[inner], *(f"the tip's {axis}" for axis in "xyz"))
-    apart = np.abs(
-        np.hstack([own[:, inner] - were[:, inner], _tip_placed(own, arm) - _tip_placed(were, arm)])
+    departures = np.abs(
+        np.hstack(
+            [rows[:, inner] - were[:, inner], _tip_placed(rows, arm) - _tip_placed(were, arm)]
+        )
     ).max(axis=0)
     units = [*map(parameters.unit, arm.layout.names[inner]), "mm", "mm", "mm"]
-    furthest = int(np.argmax(apart / np.array([PLAUSIBLE[unit] for unit in units])))
-    largest = float(apart[furthest])
+    furthest = int(np.argmax(departures / np.array([PLAUSIBLE[unit] for unit in units])))
+    largest = float(departures[furthest])
     if largest <= PLAUSIBLE[units[furthest]]:
         return ""
     in_mm = units[furthest] == "mm"
-    shown = f"{plain(largest)} mm" if in_mm else f"{plain(np.degrees(largest))}°"
-    return f"it would move {names[furthest]} by {shown}"
+    departure = f"{plain(largest)} mm" if in_mm else f"{plain(np.degrees(largest))}°"
+    return f"it would move {names[furthest]} by {departure}"
 
 
 def _tip_placed(rows: F64, arm: Arm) -> F64:
@@ -107,10 +109,10 @@ def _tip_placed(rows: F64, arm: Arm) -> F64:
     The last joint's constants and the tip's offset place this point, and nothing else. Which of
     them does it no reading tells: a twist of degrees, the tip moved along, is the same arm.
     """
-    alone = ParameterLayout(1)
-    last = np.zeros((len(rows), alone.count))
-    last[:, alone.joint(1)] = rows[:, arm.layout.joint(arm.n_joints)]
-    last[:, alone.tip] = rows[:, arm.layout.tip]
+    layout = ParameterLayout(1)
+    last = np.zeros((len(rows), layout.count))
+    last[:, layout.joint(1)] = rows[:, arm.layout.joint(arm.n_joints)]
+    last[:, layout.tip] = rows[:, arm.layout.tip]
     return forward(np.zeros((len(rows), 1)), last)[0]
 
 
@@ -145,8 +147,8 @@ def _lengths(fit: Fit, arm: Arm) -> list[Length]:
 
 def moved_model(fit: Fit) -> ModelState:
     """The model at a fit's solution, findings not included."""
-    own = -fit.solution[fit.layout.identified]
-    directions = fit.baseline.root @ own if fit.baseline.held else own
+    step = -fit.solution[fit.layout.identified]
+    directions = fit.baseline.root @ step if fit.baseline.is_given else step
     return moved(fit.model, fit.baseline, directions)
 
 

@@ -90,7 +90,7 @@ def drift_columns(linear: Linear) -> tuple[Blocks, F64]:
     heights at the knots would leave slow changes to be named as causes.
     """
     observations = linear.rests.observations
-    found: dict[int, Piece] = {}
+    piece_of: dict[int, Piece] = {}
     count = 0
     for session in np.unique(observations.session):
         rows = np.flatnonzero(observations.session == session)
@@ -101,20 +101,20 @@ def drift_columns(linear: Linear) -> tuple[Blocks, F64]:
         knots = np.linspace(time.min(), time.max(), min(MOST_KNOTS, 2 + int(span / KNOT_S)))
         ramps = np.clip(1.0 + (time[:, None] - knots) / (knots[1] - knots[0]), 0.0, 1.0)
         for placement in np.unique(observations.placement[rows]):
-            own = np.flatnonzero(observations.placement[rows] == placement)
-            known = ramps[own][:, ramps[own].any(axis=0)]  # the knots that it has come to
-            values = np.einsum("kj,ab->kajb", known, np.eye(3)).reshape(len(own), 3, -1)
-            values[observations.turned[rows[own]]] = 0.0  # a base that shifts turns nothing
+            members = np.flatnonzero(observations.placement[rows] == placement)
+            reached = ramps[members][:, ramps[members].any(axis=0)]  # the knots that it has come to
+            values = np.einsum("kj,ab->kajb", reached, np.eye(3)).reshape(len(members), 3, -1)
+            values[observations.turned[rows[members]]] = 0.0  # a base that shifts turns nothing
             if linear.normal is not None:
-                values = project_on_normals(linear.normal[rows[own]], values)
+                values = project_on_normals(linear.normal[rows[members]], values)
             numbers = count + np.arange(values.shape[2])
-            found[int(placement)] = Piece(rows[own], numbers, values)
+            piece_of[int(placement)] = Piece(rows[members], numbers, values)
         count += 3 * len(knots)
     pieces = []
     for placement in np.unique(observations.placement):
         rests = np.flatnonzero(observations.placement == placement)
         none = Piece(rests, np.empty(0, dtype=np.int64), np.empty((len(rests), 3, 0)))
-        pieces.append(found.get(int(placement), none))
+        pieces.append(piece_of.get(int(placement), none))
     distances = np.zeros((len(linear.residual) - 3 * linear.rests.n, count))
     return Blocks(linear.rests.n, count, tuple(pieces), distances), np.full(count, np.nan)
 
@@ -141,11 +141,11 @@ def estimate(
     rests = residual[: 3 * linear.rests.n]
     scale = before.scale_mm if before else max(float(np.sqrt((rests**2).mean())), LEAST_MM)
     for _ in range(MOST_SCALES):
-        found = _estimate(linear, residual, nuisance, variance, distance, scale, before)
-        if abs(np.log(found.scale_mm / scale)) < SAME_SCALE:
+        noise = _estimate(linear, residual, nuisance, variance, distance, scale, before)
+        if abs(np.log(noise.scale_mm / scale)) < SAME_SCALE:
             break
-        scale = found.scale_mm
-    return found
+        scale = noise.scale_mm
+    return noise
 
 
 def _estimate(
@@ -159,7 +159,7 @@ def _estimate(
 ) -> RestNoise:
     """The same with lengths' standard uncertainties *distance* (D,) as if s were *scale_mm*."""
     relative = distance / scale_mm
-    absorbing = Absorbing.of(nuisance.meeting, variance)
+    absorbing = Absorbing.from_meeting(nuisance.meeting, variance)
     turned = linear.rests.observations.turned
     turn_ratio = before.turn_ratio if before else first_turn_ratio(residual, turned)
     # Copies share all of their error, until they have shown how much: they count as one.
@@ -172,28 +172,30 @@ def _estimate(
     rows = AXES * float(counts.sum()) - across + len(distance)
 
     @cache
-    def at_share(share: float) -> tuple[float, float, float, bool]:
+    def evaluate_share(share: float) -> tuple[float, float, float, bool]:
         whitener = _unit_whitener(linear, share, turn_ratio)
         products = nuisance.products(counted[:, None, None] * whitener, relative, residual)
-        unlikely, scale, drift, settled = _best_scale(Restricted.of(products, absorbing, rows))
+        cost, scale, drift, settled = _best_scale(
+            Restricted.from_products(products, absorbing, rows)
+        )
         log_det = -2.0 * float(counts @ np.log(np.einsum("nii->ni", whitener)).sum(axis=1))
         if across:
             log_det -= across * float(np.log1p(-share))
-        return unlikely + log_det, scale, drift, settled
+        return cost + log_det, scale, drift, settled
 
     low, high, steps = LEAST_ENCODER_SHARE, MOST_ENCODER_SHARE, FIRST_SHARE_STEPS
     if before is not None:
         low = max(low, before.encoder_share - NEAR_SHARE)
         high = min(high, before.encoder_share + NEAR_SHARE)
         steps = NEXT_SHARE_STEPS
-    found = minimize_scalar(
-        lambda share: at_share(float(share))[0],
+    minimum = minimize_scalar(
+        lambda share: evaluate_share(float(share))[0],
         bounds=(low, high),
         method="bounded",
         options={"maxiter": steps, "xatol": SHARE_SETTLED},
     )
-    share = float(found.x)
-    _, scale, drift, settled = at_share(share)
+    share = float(minimum.x)
+    _, scale, drift, settled = evaluate_share(share)
     return RestNoise(
         scale_mm=scale,
         encoder_share=share,
@@ -211,10 +213,10 @@ def _estimate(
     )
 
 
-def with_shared_part(noise: RestNoise, linear: Linear, left: F64) -> RestNoise:
-    """Return the noise with what copies of a posture share, by what is *left* (N,) of them."""
+def with_shared_part(noise: RestNoise, linear: Linear, residual: F64) -> RestNoise:
+    """Return the noise with what copies of a posture share, by their *residual* (N,)."""
     posture, n = linear.rests.posture, linear.rests.n
-    white = noise.whiten_rests(left[: 3 * n].reshape(n, 3))
+    white = noise.whiten_rests(residual[: 3 * n].reshape(n, 3))
     part = shared_part(white, posture, AXES if noise.normal is None else noise.freedom)
     return noise.with_shared_part(part, posture)
 
@@ -224,27 +226,29 @@ def _unit_whitener(linear: Linear, share: float, turn_ratio: float = 1.0) -> F64
     return whitening(_covariance(linear, share, turn_ratio), np.ones(linear.rests.n))
 
 
-def _best_scale(known: Restricted) -> tuple[float, float, float, bool]:
+def _best_scale(restricted: Restricted) -> tuple[float, float, float, bool]:
     """(−2 log likelihood, s, drift, settled) at the best scale and drift for a share."""
-    first = max(float(np.sqrt(max(known.square, 0.0) / max(known.freedom, 1))), LEAST_MM)
-    drifts = len(known.curvature) > 0
+    first = max(
+        float(np.sqrt(max(restricted.squared_norm, 0.0) / max(restricted.freedom, 1))), LEAST_MM
+    )
+    drifts = len(restricted.curvature) > 0
 
     def values(logs: F64) -> tuple[float, float]:
         scale = max(float(np.exp(logs[0])), LEAST_MM)
         return scale, scale * min(float(np.exp(logs[1])), MOST_DRIFT) if drifts else 0.0
 
     def cost(logs: F64) -> float:
-        return known.unlikely(*values(logs))
+        return restricted.negative_log_likelihood(*values(logs))
 
     begin = np.array([np.log(first), np.log(USUAL_DRIFT)])[: 1 + drifts]
     if drifts:  # where it makes nearly all of the residual, the noise is far smaller than that
-        others = [
+        starts = [
             np.log([first * scale, drift]) for scale in NOISE_SCALES for drift in NOISE_DRIFTS
         ]
-        best = min(others, key=cost)
+        best = min(starts, key=cost)
         begin = best if cost(best) < cost(begin) - FAR_LIKELIER else begin
     corners = begin + np.vstack([np.zeros(len(begin)), np.diag(SCALE_STEPS[: len(begin)])])
-    found = minimize(
+    minimum = minimize(
         cost,
         begin,
         method="Nelder-Mead",
@@ -255,7 +259,7 @@ def _best_scale(known: Restricted) -> tuple[float, float, float, bool]:
             "initial_simplex": corners,
         },
     )
-    return float(found.fun), *values(found.x), bool(found.success)
+    return float(minimum.fun), *values(minimum.x), bool(minimum.success)
 
 
 def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], F64]) -> F64:
@@ -269,32 +273,36 @@ def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise
     monsters = monstrous(residual[: 3 * len(noise.whitener)].reshape(-1, 3)).any()
     # Then the residual is about poses that hardly know of them; a fit would.
     fitted = nothing if monsters else fit(residual, noise)
-    square = noise.squares(_apart(residual, fitted, noise))
-    usual = MIDDLE_TO_MEAN * float(np.median(square)) if len(square) else 1.0
-    if float(square.mean()) <= GROSS * usual:
+    squares = noise.squares(_deviations_mm(residual, fitted, noise))
+    usual = MIDDLE_TO_MEAN * float(np.median(squares)) if len(squares) else 1.0
+    if float(squares.mean()) <= GROSS * usual:
         return winsorise(residual, fitted, noise)
     for _ in range(MOST_ROBUST):
         before = usual
         clipped = winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / AXES)))
         fitted = fit(clipped, noise)
-        usual = MIDDLE_TO_MEAN * float(np.median(noise.squares(_apart(residual, fitted, noise))))
+        usual = MIDDLE_TO_MEAN * float(
+            np.median(noise.squares(_deviations_mm(residual, fitted, noise)))
+        )
         if usual > NOISE_SETTLED * before:
             break
     return winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / AXES)))
 
 
-def _apart(residual: F64, fitted: F64, noise: RestNoise) -> F64:
+def _deviations_mm(residual: F64, fitted: F64, noise: RestNoise) -> F64:
     """(n, 3) mm of each rest from *fitted* (N,)."""
     n = len(noise.whitener)
-    apart: F64 = (residual - fitted)[: 3 * n].reshape(n, 3)
-    return apart
+    deviations_mm: F64 = (residual - fitted)[: 3 * n].reshape(n, 3)
+    return deviations_mm
 
 
-def winsorise(residual: F64, fitted: F64, noise: RestNoise, at: float = WINSOR_AT) -> F64:
-    """Residual (N,) with every rest's distance from *fitted* at most *at* standard deviations."""
+def winsorise(residual: F64, fitted: F64, noise: RestNoise, limit: float = WINSOR_AT) -> F64:
+    """Residual (N,), each rest clipped to *limit* standard deviations from *fitted*."""
     n = len(noise.whitener)
-    apart = _apart(residual, fitted, noise)
-    size = np.sqrt((noise.whiten_rests(apart) ** 2).sum(axis=1)) * noise.stretch
+    deviations_mm = _deviations_mm(residual, fitted, noise)
+    size = np.sqrt((noise.whiten_rests(deviations_mm) ** 2).sum(axis=1)) * noise.stretch
     clipped = residual.copy()
-    clipped[: 3 * n] = fitted[: 3 * n] + (apart * huber_weights(size, at)[:, None]).ravel()
+    clipped[: 3 * n] = (
+        fitted[: 3 * n] + (deviations_mm * huber_weights(size, limit)[:, None]).ravel()
+    )
     return clipped

@@ -41,12 +41,15 @@ def gather_nuisance(
     sizes: Sequence[float],
 ) -> tuple[Nuisance, FitLayout]:
     """What the fit of *findings*, by their *columns* (N, m) in mm, lets absorb."""
-    own = baseline.columns(linear, arm)
-    if baseline.held:
-        own = own @ baseline.root
+    identified = baseline.columns(linear, arm)
+    if baseline.is_given:
+        identified = identified @ baseline.root
     blocks: dict[str, tuple[F64 | Blocks, F64]] = {
         PLACEMENTS: (linear.nuisance, np.full(linear.nuisance.size, np.inf)),
-        IDENTIFIED: (own, np.full(own.shape[1], 1.0 if baseline.held else np.inf)),
+        IDENTIFIED: (
+            identified,
+            np.full(identified.shape[1], 1.0 if baseline.is_given else np.inf),
+        ),
     }
     for i, (candidate, block, size) in enumerate(zip(findings, columns, sizes, strict=True)):
         blocks[finding(i)] = block, amplitude_variance(candidate, size)
@@ -55,15 +58,15 @@ def gather_nuisance(
     blocks[TARGETS] = noise_model.target_nuisance(linear)
     blocks[DRIFT] = noise_model.drift_columns(linear)
     joined = Nuisance(
-        in_blocks([some for some, _ in blocks.values()], linear.rests.observations.placement),
+        in_blocks([matrix for matrix, _ in blocks.values()], linear.rests.observations.placement),
         np.concatenate([variance for _, variance in blocks.values()]),
     )
     layout = linear_model.Layout(
         tuple((name, len(variance)) for name, (_, variance) in blocks.items())
     )
-    drawing = np.full(layout.n, np.inf)
-    drawing[layout[IDENTIFIED]] = _gauge(baseline, arm)
-    return joined, FitLayout(layout, drawing)
+    nominal_variance = np.full(layout.n, np.inf)
+    nominal_variance[layout[IDENTIFIED]] = _gauge(baseline, arm)
+    return joined, FitLayout(layout, nominal_variance)
 
 
 def with_other_findings(
@@ -110,17 +113,17 @@ def for_noise(nuisance: Nuisance, layout: FitLayout, extra: Sequence[F64]) -> F6
     """Variances while the noise is estimated, of what absorbs and then of *extra* columns: findings
     absorb freely, curves too."""
     variance = nuisance.variance.copy()
-    for at in layout.findings:
-        variance[at] = np.inf
+    for span in layout.findings:
+        variance[span] = np.inf
     free = [np.full(block.shape[1], np.inf) for block in extra]
     return np.concatenate([variance, *free])
 
 
 def _gauge(baseline: Baseline, arm: Arm) -> F64:
-    if baseline.held:
+    if baseline.is_given:
         return np.full(baseline.root.shape[1], np.inf)
     names = arm.layout.names
     constants = [GAUGE[parameters.unit(names[i])] for i in baseline.parameters]
-    own = [baseline.model.terms[i].parameter for i in baseline.terms]
-    slopes = [PER_KELVIN * GAUGE[parameters.unit(name)] for name in own]
+    term_parameters = [baseline.model.terms[i].parameter for i in baseline.terms]
+    slopes = [PER_KELVIN * GAUGE[parameters.unit(name)] for name in term_parameters]
     return np.square([*constants, *slopes])

@@ -11,6 +11,6 @@ from armd.compensation.estimate.robust import OUTLIER_D2, far_off, outlying
 def find_outliers(current: Fit) -> tuple[I64, float]:
     """Rests gone wrong, and the smallest family-wise p."""
     rests = current.linear.rests
-    square = current.noise.squares(current.left_mm)
-    region = in_region(far_off(square, OUTLIER_D2), rests.observations.states.q)
-    return outlying(square, region)
+    squares = current.noise.squares(current.left_mm)
+    region = in_region(far_off(squares, OUTLIER_D2), rests.observations.states.q)
+    return outlying(squares, region)

@@ -17,11 +17,11 @@ def scanned_uncertainty(last: Fit, index: int, arm: Arm) -> float:
     if candidate.elsewhere is None or not candidate.setting:
         return 0.0
     value = candidate.setting[0][1]
-    beside = [candidate.elsewhere(value * (1.0 + sign * SLOPE_STEP)) for sign in (1.0, -1.0)]
-    more, less = (
-        block @ last.amplitudes[index] for block in finding_columns(last.linear, beside, arm)
+    shifted = [candidate.elsewhere(value * (1.0 + sign * SLOPE_STEP)) for sign in (1.0, -1.0)]
+    raised, lowered = (
+        block @ last.amplitudes[index] for block in finding_columns(last.linear, shifted, arm)
     )
-    slope = (more - less) / (2.0 * SLOPE_STEP * value)
-    white, taken = last.noise.whiten(slope), last.problem.project(last.across(slope))
-    clear = float(white @ white - taken @ taken)
-    return float(min(max(clear, LEAST_POSITIVE) ** -0.5, UNTOLD * value))
+    slope = (raised - lowered) / (2.0 * SLOPE_STEP * value)
+    white, absorbed = last.noise.whiten(slope), last.problem.project(last.across(slope))
+    cleared = float(white @ white - absorbed @ absorbed)
+    return float(min(max(cleared, LEAST_POSITIVE) ** -0.5, UNTOLD * value))

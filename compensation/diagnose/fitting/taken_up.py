@@ -38,19 +38,19 @@ from armd.compensation.model.arm import Arm
 def beside_what_it_took_up(last: Fit, arm: Arm) -> Baseline | None:
     """The model under test, wrong also by what it took up of the findings of *last*; None where
     they tell nothing that this could explain."""
-    if not last.baseline.held or len(last.findings) < 2:
+    if not last.baseline.is_given or len(last.findings) < 2:
         return None
-    shares = _Shares.of(last, arm)
+    shares = _Shares.from_fit(last, arm)
     if not shares.older or not shares.own_change.any():
         return None
     return shares.taken_up_by(last.baseline)
 
 
-def wrong_only_by(given: Baseline, last: Fit, arm: Arm) -> Baseline:
-    """The calibration as it was *given*, wrong also by what it would have taken up of the findings
-    of *last*, under whose own baseline it may be wrong by more."""
-    shares = _Shares.of(last, arm)
-    return shares.taken_up_by(given) if shares.older else given
+def wrong_only_by(baseline: Baseline, last: Fit, arm: Arm) -> Baseline:
+    """The calibration as it was given (*baseline*), wrong also by what it would have taken up of
+    the findings of *last*, under whose own baseline it may be wrong by more."""
+    shares = _Shares.from_fit(last, arm)
+    return shares.taken_up_by(baseline) if shares.older else baseline
 
 
 @dataclass(frozen=True)
@@ -59,36 +59,38 @@ class _Shares:
 
     rests: Rests
     plausible: F64  # (identified,) how far each may be from the drawing
-    own: F64  # (N, identified) their columns at that, whitened, clear of the poses
+    columns: F64  # (N, identified) their columns at that, whitened, clear of the poses
     white: F64  # (N, k) what the findings do, so too
     own_change: Mask  # (k,) which findings are a change of theirs
     older: list[int]  # the findings that are none and may be older than the calibration
 
     @classmethod
-    def of(cls, last: Fit, arm: Arm) -> _Shares:
+    def from_fit(cls, last: Fit, arm: Arm) -> _Shares:
         plausible = _plausible(last.baseline, arm)
         poses = last.noise.whiten(last.nuisance.columns.dense(last.layout.blocks[PLACEMENTS]))
         columns = last.baseline.columns(last.linear, arm) * plausible
-        own = _clear_of(poses, last.noise.whiten(columns))
+        cleared = _clear_of(poses, last.noise.whiten(columns))
         moves = [
             last.nuisance.columns.dense(block) @ amplitudes
             for block, amplitudes in zip(last.layout.findings, last.amplitudes, strict=True)
         ]
         white = _clear_of(poses, last.noise.whiten(np.array(moves).T))
-        left: F64 = np.linalg.norm(white - own @ _taken_by(own, white), axis=0)
-        own_change = left < OF_THEIR_OWN * np.linalg.norm(white, axis=0)
+        residual_norm: F64 = np.linalg.norm(white - cleared @ _absorbed_by(cleared, white), axis=0)
+        own_change = residual_norm < OF_THEIR_OWN * np.linalg.norm(white, axis=0)
         older = [i for i, c in enumerate(last.findings) if not own_change[i] and _may_be_older(c)]
-        return cls(last.linear.rests, plausible, own, white, own_change, older)
+        return cls(last.linear.rests, plausible, cleared, white, own_change, older)
 
-    def taken_up_by(self, given: Baseline) -> Baseline:
+    def taken_up_by(self, baseline: Baseline) -> Baseline:
         """A calibration wrong also by what it took up of the older findings."""
-        own, white, plausible = self.own, self.white[:, self.older], self.plausible
-        ways = [plausible[:, None] * _taken_by(own, white)]
+        columns, white, plausible = self.columns, self.white[:, self.older], self.plausible
+        directions = [plausible[:, None] * _absorbed_by(columns, white)]
         # It was made of other readings, at other temperatures and in other poses. How much that
         # changes, these readings in parts tell: placements, and rests of all of them.
         for folds in (folds_of(self.rests), self.rests.posture % LEFT_OUT_PARTS):
-            ways += [plausible[:, None] * way for way in _differs(own, white, folds)]
-        return replace(given, root=_as_few(np.hstack([given.root, *ways]), plausible))
+            directions += [
+                plausible[:, None] * direction for direction in _differs(columns, white, folds)
+            ]
+        return replace(baseline, root=_as_few(np.hstack([baseline.root, *directions]), plausible))
 
 
 def _as_few(root: F64, plausible: F64) -> F64:
@@ -102,27 +104,27 @@ def _as_few(root: F64, plausible: F64) -> F64:
 
 def _clear_of(absorbing: F64, columns: F64) -> F64:
     """What is left of *columns* (N, m) beside others (N, b)."""
-    clear: F64 = columns - absorbing @ np.linalg.lstsq(absorbing, columns, rcond=WEAKEST)[0]
-    return clear
+    cleared: F64 = columns - absorbing @ np.linalg.lstsq(absorbing, columns, rcond=WEAKEST)[0]
+    return cleared
 
 
-def _differs(own: F64, white: F64, folds: I64) -> Iterator[F64]:
+def _differs(columns: F64, white: F64, folds: I64) -> Iterator[F64]:
     """(identified, m) for each part: how far what was taken up differs with the readings, of which
     the calibration was made of others (jackknife, twice its variance)."""
-    parts, taken = int(folds.max()) + 1, _taken_by(own, white)
+    parts, absorbed = int(folds.max()) + 1, _absorbed_by(columns, white)
     for part in range(parts) if parts > 1 else ():
-        kept = np.ones(len(white), dtype=bool)
-        kept[: 3 * len(folds)] = np.repeat(folds != part, 3)
-        without = _taken_by(own[kept], white[kept])
-        yield np.sqrt(2.0 * (parts - 1) / parts) * (without - taken)
+        selected = np.ones(len(white), dtype=bool)
+        selected[: 3 * len(folds)] = np.repeat(folds != part, 3)
+        without = _absorbed_by(columns[selected], white[selected])
+        yield np.sqrt(2.0 * (parts - 1) / parts) * (without - absorbed)
 
 
-def _taken_by(own: F64, white: F64) -> F64:
+def _absorbed_by(columns: F64, white: F64) -> F64:
     """(identified, m) how far what was identified would have gone for each of *white* (N, m)."""
-    strongest = float(np.linalg.svd(own, compute_uv=False)[0])
-    least = LEAST_TAKEN_UP / max(strongest, LEAST_TAKEN_UP)
-    taken: F64 = np.asarray(np.linalg.lstsq(own, white, rcond=least)[0], dtype=np.float64)
-    return taken
+    strongest = float(np.linalg.svd(columns, compute_uv=False)[0])
+    cutoff = LEAST_TAKEN_UP / max(strongest, LEAST_TAKEN_UP)
+    absorbed: F64 = np.asarray(np.linalg.lstsq(columns, white, rcond=cutoff)[0], dtype=np.float64)
+    return absorbed
 
 
 def _may_be_older(candidate: Candidate) -> bool:
@@ -135,6 +137,6 @@ def _plausible(baseline: Baseline, arm: Arm) -> F64:
     """(identified,) how far each constant or coefficient may plausibly be from the drawing."""
     names = arm.layout.names
     constants = [PLAUSIBLE[parameters.unit(names[i])] for i in baseline.parameters]
-    own = [baseline.model.terms[i].parameter for i in baseline.terms]
-    slopes = [PLAUSIBLE_TERM * PLAUSIBLE[parameters.unit(name)] for name in own]
+    term_parameters = [baseline.model.terms[i].parameter for i in baseline.terms]
+    slopes = [PLAUSIBLE_TERM * PLAUSIBLE[parameters.unit(name)] for name in term_parameters]
     return np.array([*constants, *slopes])

@@ -32,57 +32,57 @@ class TargetStep:
 def target_steps(last: Fit) -> list[TargetStep]:
     """One entry per placement and target."""
     observations = last.linear.rests.points
-    left, normal = 1e3 * last.points_left_mm, last.linear.normal
+    residual_um, normal = 1e3 * last.points_left_mm, last.linear.normal
     pairs = np.stack([observations.placement, observations.target], axis=1)
-    found = []
-    named, of = np.unique(pairs, axis=0, return_inverse=True)
-    rests = np.argsort(of.ravel(), kind="stable")
-    ends = np.cumsum(np.bincount(of.ravel(), minlength=len(named)))
+    entries = []
+    named, group = np.unique(pairs, axis=0, return_inverse=True)
+    rests = np.argsort(group.ravel(), kind="stable")
+    ends = np.cumsum(np.bincount(group.ravel(), minlength=len(named)))
     for (placement, target), numbers in zip(named, np.split(rests, ends[:-1]), strict=True):
-        own = left[numbers]
+        deviations = residual_um[numbers]
         if normal is not None and normal[numbers[0]].any():  # of a surface, along its normal
-            own = np.einsum("ni,ni->n", own, normal[numbers])[:, None]
-        step_um, after, step_p = _clearest_step(own)
-        found.append(
+            deviations = np.einsum("ni,ni->n", deviations, normal[numbers])[:, None]
+        step_um, after, step_p = _clearest_step(deviations)
+        entries.append(
             TargetStep(
                 observations.placement_names[placement],
                 observations.target_names[target],
-                len(own),
-                float(np.sqrt((own**2).sum(axis=1).mean())),
+                len(deviations),
+                float(np.sqrt((deviations**2).sum(axis=1).mean())),
                 step_um,
                 after,
                 step_p,
             )
         )
-    return found
+    return entries
 
 
-def steps(of: list[TargetStep]) -> list[TargetStep]:
+def steps(entries: list[TargetStep]) -> list[TargetStep]:
     """Those with a step that their own scatter does not explain; a single target's is the arm's or
     the base's, and for the search to find."""
-    return [one for one in of if len(of) > 1 and len(of) * one.step_p < STEP_P]
+    return [entry for entry in entries if len(entries) > 1 and len(entries) * entry.step_p < STEP_P]
 
 
-def _clearest_step(own: F64) -> tuple[float, int, float]:
+def _clearest_step(deviations: F64) -> tuple[float, int, float]:
     """Of (n, c) what is left in c directions, 3 or 1, over all ways to part the first from the
     others: size of the step, after how many, and its p value.
 
     By the scatter about the two means (Hotelling's test with equal variances): what is left at
     other targets says nothing of this one, and a step half-way through inflates its whole RMS.
     """
-    n = len(own)
+    n = len(deviations)
     if n < 2 * LEAST_PART:
         return 0.0, 0, 1.0
     after = np.arange(LEAST_PART, n - LEAST_PART + 1)
-    sums = np.cumsum(own, axis=0)
+    sums = np.cumsum(deviations, axis=0)
     first = sums[after - 1] / after[:, None]
-    rest = (sums[-1] - sums[after - 1]) / (n - after)[:, None]
-    square = ((rest - first) ** 2).sum(axis=1)
-    between = after * (n - after) / n * square
-    within = np.maximum((own**2).sum() - (sums[-1] ** 2).sum() / n - between, LEAST_SQUARE)
-    c = own.shape[1]
+    second = (sums[-1] - sums[after - 1]) / (n - after)[:, None]
+    squared_step = ((second - first) ** 2).sum(axis=1)
+    between = after * (n - after) / n * squared_step
+    within = np.maximum((deviations**2).sum() - (sums[-1] ** 2).sum() / n - between, LEAST_SQUARE)
+    c = deviations.shape[1]
     freedom = c * (n - 2)
     p = fdtrc(c, freedom, (between / c) / (within / freedom))
     clearest = int(np.argmin(p))
     chance = min(1.0, len(after) * float(p[clearest]))
-    return float(np.sqrt(square[clearest])), int(after[clearest]), chance
+    return float(np.sqrt(squared_step[clearest])), int(after[clearest]), chance

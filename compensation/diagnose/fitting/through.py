@@ -14,7 +14,7 @@ from armd.compensation.diagnose.constants import MOST_TURNS
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState, Rests
-from armd.compensation.diagnose.problem.through import acting, made_anew
+from armd.compensation.diagnose.problem.through import find_acting, rebuild_candidate
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.model.arm import Arm
@@ -34,11 +34,13 @@ def fit_by_turns(
     """A fit, its findings that act through others made at the amplitudes that these have in it."""
     for _ in range(MOST_TURNS):
         fitted = fit(rests, arm, baseline, model, findings, amplitudes, noise_extra, noise)
-        found = acting(fitted)
-        made = [made_anew(candidate, facts, found) for candidate in fitted.findings]
-        if all(new is old for new, old in zip(made, fitted.findings, strict=True)):
+        active = find_acting(fitted)
+        rebuilt = [rebuild_candidate(candidate, facts, active) for candidate in fitted.findings]
+        if all(new is old for new, old in zip(rebuilt, fitted.findings, strict=True)):
             break
-        kept = [(c, a) for c, a in zip(made, fitted.amplitudes, strict=True) if c is not None]
-        findings, amplitudes = [c for c, _ in kept], [a for _, a in kept]
+        remaining = [
+            (c, a) for c, a in zip(rebuilt, fitted.amplitudes, strict=True) if c is not None
+        ]
+        findings, amplitudes = [c for c, _ in remaining], [a for _, a in remaining]
         model, noise = fitted.model, fitted.noise
     return fitted

@@ -18,25 +18,25 @@ def fitted_share(columns: Blocks, covariance: F64, noise: RestNoise) -> float:
     if turned is None:
         return total
     for piece in columns.pieces:
-        own = turned[piece.rests]
-        white = noise.whitener[piece.rests[own]] @ piece.values[own]
-        known = covariance[np.ix_(piece.columns, piece.columns)]
-        total += float(((white @ known) * white).sum())
+        is_turned = turned[piece.rests]
+        white = noise.whitener[piece.rests[is_turned]] @ piece.values[is_turned]
+        block = covariance[np.ix_(piece.columns, piece.columns)]
+        total += float(((white @ block) * white).sum())
     return total
 
 
-def turn_ratio(noise: RestNoise, linear: Linear, left: F64, fitted: float) -> float:
-    """The ratio by what is *left* (N,), *fitted* of the squares being taken by the fit.
+def turn_ratio(noise: RestNoise, linear: Linear, residual: F64, fitted: float) -> float:
+    """The ratio by the *residual* (N,), *fitted* of the squares being taken by the fit.
 
     What exceeds the part of the encoders is the orientations' own.
     """
     turned = noise.turned
     if turned is None:
         return noise.turn_ratio
-    white = noise.whitener[turned] @ left[: 3 * len(turned)].reshape(-1, 3, 1)[turned]
+    white = noise.whitener[turned] @ residual[: 3 * len(turned)].reshape(-1, 3, 1)[turned]
     freedom = max(AXES * float(noise.counts[turned].sum()) - fitted, 1.0)
     larger = float((white**2).sum()) / freedom
     encoders = noise.encoder_rad / noise.scale_mm
     of_encoders = encoders**2 * float((linear.joints[turned] ** 2).sum(axis=(1, 2)).mean()) / AXES
-    own = larger * (noise.turn_ratio**2 + of_encoders) - of_encoders
-    return float(np.clip(np.sqrt(max(own, 0.0)), *TURN_RATIOS))
+    squared_ratio = larger * (noise.turn_ratio**2 + of_encoders) - of_encoders
+    return float(np.clip(np.sqrt(max(squared_ratio, 0.0)), *TURN_RATIOS))

@@ -30,14 +30,14 @@ def model_under_test(
     if calibration is not None:
         observations = gather(sessions, arm, calibration.artefact)
         sits = evaluate(sessions, arm, calibration).reflectors if has_reflectors(sessions) else ()
-        held = with_growth_open(from_calibration(calibration, arm, True, sits), arm)
+        baseline = with_growth_open(from_calibration(calibration, arm, True, sits), arm)
         if observations.on_surface.any() and not _knows_scale(observations):
-            held = with_size_kept(held, arm)
+            baseline = with_size_kept(baseline, arm)
         if has_reflectors(sessions):  # nobody knows where each reading's tip is
-            return held, None
-        return held, inconsistent_session(sessions, observations)
-    made = calibrate(sessions, arm, Options(compare=False))
-    return from_calibration(made.calibration, arm, False, made.reflectors), made.odd
+            return baseline, None
+        return baseline, inconsistent_session(sessions, observations)
+    result = calibrate(sessions, arm, Options(compare=False))
+    return from_calibration(result.calibration, arm, False, result.reflectors), result.odd
 
 
 def has_reflectors(sessions: Sequence[Session]) -> bool:

@@ -22,7 +22,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.diagnose.constants import IN_ONE, LEAST_POSITIVE, SURE_P, TARGET_FOLDS
 from armd.compensation.diagnose.diagnosis import BorneOut, Finding, Gain, JudgedBy, SearchResult
 from armd.compensation.diagnose.extend import extended, knows_growth
-from armd.compensation.diagnose.fitting.follow import followed
+from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
 from armd.compensation.diagnose.fitting.refit import Refits
 from armd.compensation.diagnose.heldout.forward import later_squares
@@ -181,7 +181,7 @@ def _deaf_by_placement(last: Fit) -> Deaf:
 
     @cache
     def deaf(finding: int, some: tuple[int, ...]) -> bool:
-        return _in_one_fold(last, refits.with_some(some).net_signature(some.index(finding)))
+        return _in_one_fold(last, refits.with_subset(some).net_signature(some.index(finding)))
 
     return deaf
 
@@ -213,7 +213,7 @@ def by_session(
     refit = Refits(last)
 
     def squares(some: Sequence[int], growth: bool) -> F64:
-        return on_sessions(refit.with_some(some), arm, sessions, holdout, growth)
+        return on_sessions(refit.with_subset(some), arm, sessions, holdout, growth)
 
     look = Look(squares, groups_of(readings), float(readings.freedom.mean()))
     able = [not found.candidate.told_only for found in result.found]
@@ -230,7 +230,7 @@ def on_sessions(
     """Squared residuals (n,) mm² of the *holdout*'s readings under the model written of *step*."""
     model = step.baseline.calibration
     if step.findings:
-        model = extended(followed(step, arm), arm, sessions, growth=growth)
+        model = extended(follow_solution(step, arm), arm, sessions, growth=growth)
     residual = evaluate(holdout, arm, model).residual_mm
     square: F64 = (residual**2).sum(axis=1) * scale_kept(step, arm) ** 2
     return square

@@ -62,7 +62,7 @@ def cross_validate(
     work = work or WorkBudget()
     shares = [work.of_one_in(len(parts)) for _ in parts]  # they go on beside each other
     starts = [
-        (part, refit.with_some([]), share)
+        (part, refit.with_subset([]), share)
         for part, refit, share in zip(parts, refits, shares, strict=True)
     ]
     give_back_freed()

@@ -43,7 +43,7 @@ def later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F64]:
     def squares(some: Sequence[int], growth: bool) -> F64:
         found = [np.zeros(0)]
         for out, refit in refits:
-            found.append(left_out(refit.with_some(some), out, arm, growth))
+            found.append(left_out(refit.with_subset(some), out, arm, growth))
         return np.concatenate(found)
 
     return squares

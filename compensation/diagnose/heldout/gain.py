@@ -118,7 +118,7 @@ def left_out(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
     """
     n = 3 * len(out)
     kept = _of_the_arm(current, growth)
-    if current.baseline.held and not current.findings:
+    if current.baseline.is_given and not current.findings:
         kept = kept[kept >= current.layout.identified.stop]
     amplitudes = np.zeros(len(current.solution))
     amplitudes[kept] = current.solution[kept]

@@ -44,7 +44,7 @@ def saying_what_is_open(
     if not some:  # nothing new is known of what was open before
         ways += written.provenance["diagnosis"].get("earlier", {}).get(LEFT_OPEN, [])
     for i in others:
-        with_it = extended(refits.with_some([*some, i]), arm, sessions)
+        with_it = extended(refits.with_subset([*some, i]), arm, sessions)
         moves: F64 = identified(with_it, names) - now
         finding = last.findings[i]
         ways.append(

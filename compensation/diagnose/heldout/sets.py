@@ -26,7 +26,7 @@ def left_out_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int]
     def squares(some: Sequence[int], growth: bool) -> F64:
         found = np.zeros(points)
         for out, refit in zip(outs, refits, strict=True):
-            found[out[:points]] = left_out(refit.with_some(some), out, arm, growth)
+            found[out[:points]] = left_out(refit.with_subset(some), out, arm, growth)
         return found
 
     return squares

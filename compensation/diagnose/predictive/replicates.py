@@ -67,7 +67,7 @@ class Refitted:
         drawn = np.concatenate([(deviation @ unit).reshape(3 * n, count), lengths])
         amplitudes = np.zeros((fit.nuisance.columns.size, count))
         at = [slice(fit.layout.shared, None)]
-        if fit.baseline.held:
+        if fit.baseline.is_given:
             at.append(fit.layout.identified)
         for some in at:
             sigma = np.sqrt(fit.nuisance.variance[some])

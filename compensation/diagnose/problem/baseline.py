@@ -22,7 +22,7 @@ LEFT_OPEN = "left_open"
 def from_calibration(
     calibration: Calibration,
     arm: Arm,
-    held: bool,
+    is_given: bool,
     reflectors: Sequence[FoundReflector] = (),
 ) -> Baseline:
     """The baseline of a calibration; one without covariance is taken as exact when held.
@@ -34,7 +34,7 @@ def from_calibration(
     order += [calibration.covariance_of.index(f"term {i}") for i in terms]
     covariance = np.array(calibration.covariance).reshape(len(order), len(order))
     covariance = covariance[np.ix_(order, order)]
-    for moves in _left_open(calibration) if held else []:
+    for moves in _left_open(calibration) if is_given else []:
         covariance = covariance + np.outer(moves[order], moves[order])
     vector = calibration.vector(arm.n_joints)
     return Baseline(
@@ -43,10 +43,13 @@ def from_calibration(
             tuple(calibration.terms),
             calibration.reference_temperature_c,
             calibration.artefact or ArtefactCorrection(),
-            {one.name: one.offset_mm - vector[arm.layout.tip] for one in reflectors},
+            {
+                reflector.name: reflector.offset_mm - vector[arm.layout.tip]
+                for reflector in reflectors
+            },
         ),
         calibration,
-        held,
+        is_given,
         tuple(constants),
         tuple(terms),
         root_of(covariance),
@@ -59,10 +62,12 @@ def with_size_kept(baseline: Baseline, arm: Arm) -> Baseline:
     lengths = np.where(arm.layout.are_lengths, baseline.model.constants, 0.0)
     lengths[arm.layout.base] = 0.0
     grows = lengths[list(baseline.parameters)] @ baseline.root[: len(baseline.parameters)]
-    square = float(grows @ grows)
-    if not square > 0.0:
+    squared_norm = float(grows @ grows)
+    if not squared_norm > 0.0:
         return baseline
-    return replace(baseline, root=baseline.root - np.outer(baseline.root @ grows, grows) / square)
+    return replace(
+        baseline, root=baseline.root - np.outer(baseline.root @ grows, grows) / squared_norm
+    )
 
 
 def identified(calibration: Calibration, names: Sequence[str]) -> F64:
@@ -74,8 +79,11 @@ def identified(calibration: Calibration, names: Sequence[str]) -> F64:
 
 def _left_open(calibration: Calibration) -> list[F64]:
     """Moves of what its covariance is of, one standard uncertainty each."""
-    ways = calibration.provenance.get("diagnosis", {}).get(LEFT_OPEN, [])
-    return [np.array([way["moves"].get(n, 0.0) for n in calibration.covariance_of]) for way in ways]
+    directions = calibration.provenance.get("diagnosis", {}).get(LEFT_OPEN, [])
+    return [
+        np.array([direction["moves"].get(n, 0.0) for n in calibration.covariance_of])
+        for direction in directions
+    ]
 
 
 def root_of(covariance: F64) -> F64:
@@ -84,8 +92,8 @@ def root_of(covariance: F64) -> F64:
         return np.zeros((len(covariance), 0))
     size = np.sqrt(np.maximum(np.diag(covariance), LEAST_POSITIVE))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    kept = values > LEAST_SQUARE
-    root: F64 = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    positive = values > LEAST_SQUARE
+    root: F64 = size[:, None] * vectors[:, positive] * np.sqrt(values[positive])
     return root
 
 

@@ -66,16 +66,18 @@ class Fit:
         does not follow. From session to session a base may wander far, and no residual shows it.
         """
         free, shared = self.layout.blocks.of([PLACEMENTS]), slice(self.layout.shared, None)
-        taken = self.problem.only(free).amplitudes(self.problem.gram[free, shared])
+        absorbed = self.problem.only(free).amplitudes(self.problem.gram[free, shared])
         # |shared − free · taken|² by products of the columns, of the rests alone, in mm².
         points = ~self.linear.rests.observations.turned
         rests = points[:, None, None] * np.eye(3)
         no_lengths = np.full(len(self.noise.distance_mm), np.inf)
         products = self.nuisance.columns.products(rests, no_lengths, self.residual)[:-1, :-1]
         across, within = products[free, shared], products[np.ix_(free, free)]
-        left = np.diag(products)[shared] - ((2.0 * across - within @ taken) * taken).sum(axis=0)
+        remaining = np.diag(products)[shared] - ((2.0 * across - within @ absorbed) * absorbed).sum(
+            axis=0
+        )
         variance = self.nuisance.variance[shared]
-        common = float(np.maximum(left, 0.0) @ variance) / max(int(points.sum()), 1)
+        common = float(np.maximum(remaining, 0.0) @ variance) / max(int(points.sum()), 1)
         return 1e3 * float(np.sqrt(self.noise.own_mm**2 + common))
 
     def net_signature(self, index: int) -> F64:
@@ -89,15 +91,15 @@ class Fit:
 
     def net_growth(self) -> F64:
         """Motion (n, 3) in mm of the tip by the first link's growth, clear of all else."""
-        at = self.layout.mount
-        return self._net(MOUNT, self.nuisance.columns.dense(at) @ self.solution[at])
+        span = self.layout.mount
+        return self._net(MOUNT, self.nuisance.columns.dense(span) @ self.solution[span])
 
     def _net(self, block: str, moves: F64) -> F64:
         keep = self.layout.blocks.but([block])
-        taken = self.problem.only(keep).amplitudes(self.across(moves)[keep])
+        absorbed = self.problem.only(keep).amplitudes(self.across(moves)[keep])
         model = keep < self.layout.shared
         amplitudes = np.zeros(len(self.solution))
-        amplitudes[keep[model]] = taken[model]
-        other = self.nuisance.columns.times(amplitudes)
-        net: F64 = (moves - other)[: 3 * self.linear.rests.n].reshape(-1, 3)
+        amplitudes[keep[model]] = absorbed[model]
+        absorbed_moves = self.nuisance.columns.times(amplitudes)
+        net: F64 = (moves - absorbed_moves)[: 3 * self.linear.rests.n].reshape(-1, 3)
         return net

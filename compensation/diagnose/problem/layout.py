@@ -26,7 +26,9 @@ class FitLayout:
     """Which of the nuisance columns belong to whom."""
 
     blocks: linear_model.Layout
-    drawing: F64  # (b,) variance with which to choose where the data leave it open; inf: none
+    nominal_variance: (
+        F64  # (b,) variance with which to choose where the data leave it open; inf: none
+    )
 
     @property
     def identified(self) -> slice:
@@ -61,11 +63,14 @@ class FitLayout:
         """With findings of so many columns each in the place of those that it has."""
         first, stop = self.identified.stop, self.mount.start
         open_ = np.full(sum(counts), np.inf)
-        drawing = np.concatenate([self.drawing[:first], open_, self.drawing[stop:]])
+        nominal_variance = np.concatenate(
+            [self.nominal_variance[:first], open_, self.nominal_variance[stop:]]
+        )
         sizes = self.blocks.sizes
-        own = tuple((finding(i), int(count)) for i, count in enumerate(counts))
+        finding_sizes = tuple((finding(i), int(count)) for i, count in enumerate(counts))
         return FitLayout(
-            linear_model.Layout((*sizes[:BLOCKS_BEFORE], *own, *sizes[-BLOCKS_AFTER:])), drawing
+            linear_model.Layout((*sizes[:BLOCKS_BEFORE], *finding_sizes, *sizes[-BLOCKS_AFTER:])),
+            nominal_variance,
         )
 
 
@@ -74,10 +79,10 @@ def finding(index: int) -> str:
     return f"finding {index + 1}"
 
 
-def with_some_findings(layout: FitLayout, some: Sequence[int]) -> tuple[I64, FitLayout]:
-    """Which nuisance columns stay with *some* of the findings, and their layout."""
+def with_some_findings(layout: FitLayout, numbers: Sequence[int]) -> tuple[I64, FitLayout]:
+    """Which nuisance columns stay with the findings of these *numbers*, and their layout."""
     names = [name for name, _ in layout.blocks.sizes]
-    own = [finding(i) for i in some]
-    kept = layout.blocks.of([*names[:BLOCKS_BEFORE], *own, *names[-BLOCKS_AFTER:]])
+    finding_names = [finding(i) for i in numbers]
+    columns = layout.blocks.of([*names[:BLOCKS_BEFORE], *finding_names, *names[-BLOCKS_AFTER:]])
     sizes = dict(layout.blocks.sizes)
-    return kept, layout.with_findings([sizes[name] for name in own])
+    return columns, layout.with_findings([sizes[name] for name in finding_names])

@@ -72,12 +72,12 @@ class Rests:
         """Of each placement its rests, in the order of time; of the rows without times. An
         orientation follows its point."""
         observations = self.observations
-        found = {}
+        ordered = {}
         for number in np.unique(observations.placement):
-            own = np.flatnonzero(observations.placement == number)
-            time_s = np.nan_to_num(observations.states.time_s[own])
-            found[int(number)] = own[np.lexsort((own, self.point_of[own], time_s))]
-        return found
+            members = np.flatnonzero(observations.placement == number)
+            time_s = np.nan_to_num(observations.states.time_s[members])
+            ordered[int(number)] = members[np.lexsort((members, self.point_of[members], time_s))]
+        return ordered
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Linear:
             moves = self._motions(change.index)[change.axis, change.after :]
             column[3 * later[:, None] + np.arange(3)] = -moves
             return column
-        at = observations.known_mm(self.poses.target_mm)
+        target_mm = observations.known_mm(self.poses.target_mm)
         if change.kind == "expansion":
             move = self._from_still_mm * self.rests.artefact_rise_c[:, None]
         elif change.kind == "warmth":
@@ -142,15 +142,17 @@ class Linear:
         elif change.kind == "scale":
             move = self._from_still_mm
         elif change.kind == "sag":
-            move = self._sag(change, at)
+            move = self._sag(change, target_mm)
         else:
             label = np.array(self.rests.target_label)[observations.target]
             move = np.zeros((self.rests.n, 3))
             move[(label == change.target) & ~observations.has_truth, change.axis] = 1.0
         move[observations.turned] = 0.0
         if change.artefact:
-            of = np.array([s.artefact.name == change.artefact for s in self.rests.sessions])
-            move = move * of[observations.session][:, None]
+            has_artefact = np.array(
+                [s.artefact.name == change.artefact for s in self.rests.sessions]
+            )
+            move = move * has_artefact[observations.session][:, None]
         rotation = self.poses.rotation[observations.placement]
         turned = np.einsum("nij,nj->ni", rotation, move)
         if self.normal is not None:  # the third coordinate of a surface is its height or radius
@@ -184,40 +186,44 @@ class Linear:
     def artefact_columns(self, changes: Sequence[ArtefactChange]) -> Blocks:
         """The columns of several changes; of one placement that was moved, in that placement."""
         n = self.rests.n
-        whole = [j for j, change in enumerate(changes) if change.kind != "moved"]
-        columns = [self.artefact_column(changes[j]) for j in whole]
-        full = np.reshape(columns, (len(whole), len(self.residual))).T
+        of_artefact = [j for j, change in enumerate(changes) if change.kind != "moved"]
+        columns = [self.artefact_column(changes[j]) for j in of_artefact]
+        full = np.reshape(columns, (len(of_artefact), len(self.residual))).T
         distances = np.zeros((len(self.residual) - 3 * n, len(changes)))
-        distances[:, whole] = full[3 * n :]
+        distances[:, of_artefact] = full[3 * n :]
         moved: dict[int, list[int]] = {number: [] for number in self.rests.in_order}
         for j, change in enumerate(changes):
             if change.kind == "moved":
                 moved[change.index].append(j)
         pieces = []
-        for number, own in self.rests.in_order.items():
-            rests = np.sort(own)
-            values = full[: 3 * n].reshape(n, 3, len(whole))[rests]
-            here = values.any(axis=(0, 1))
+        for number, in_time in self.rests.in_order.items():
+            rests = np.sort(in_time)
+            values = full[: 3 * n].reshape(n, 3, len(of_artefact))[rests]
+            nonzero = values.any(axis=(0, 1))
             moves = np.zeros((len(rests), 3, len(moved[number])))
             if moved[number]:
-                turn, motions = np.searchsorted(rests, own), self._motions(number)
+                turn, motions = np.searchsorted(rests, in_time), self._motions(number)
             for k, j in enumerate(moved[number]):
                 after = changes[j].after
                 moves[turn[after:], :, k] = -motions[changes[j].axis, after:]
-            numbers = np.array([*np.array(whole, dtype=int)[here], *moved[number]], dtype=np.int64)
+            numbers = np.array(
+                [*np.array(of_artefact, dtype=int)[nonzero], *moved[number]], dtype=np.int64
+            )
             order = np.argsort(numbers)
-            both = np.concatenate([values[:, :, here], moves], axis=2)
-            pieces.append(Piece(rests, numbers[order], both[:, :, order]))
+            motion_values = np.concatenate([values[:, :, nonzero], moves], axis=2)
+            pieces.append(Piece(rests, numbers[order], motion_values[:, :, order]))
         return Blocks(n, len(changes), tuple(pieces), distances)
 
-    def _sag(self, change: ArtefactChange, at: F64) -> F64:
-        """Motion (n, 3) of targets *at* (n, 3) by a bend along a principal axis of them all."""
+    def _sag(self, change: ArtefactChange, target_mm: F64) -> F64:
+        """Motion (n, 3) of targets (n, 3) by a bend along a principal axis of them all."""
         observations = self.rests.observations
-        seen = np.isin(np.arange(len(self.poses.target_mm)), observations.target)
-        points = self.poses.target_mm[seen & (observations.kind == POINT)]
+        is_measured = np.isin(np.arange(len(self.poses.target_mm)), observations.target)
+        points = self.poses.target_mm[is_measured & (observations.kind == POINT)]
         middle = points.mean(axis=0)
         axis = np.linalg.svd(points - middle, full_matrices=False)[2][change.axis]
-        along = (at - middle) @ axis / max(float(np.abs((points - middle) @ axis).max()), 1.0)
+        along = (
+            (target_mm - middle) @ axis / max(float(np.abs((points - middle) @ axis).max()), 1.0)
+        )
         across = np.array(observations.arm.gravity) @ self.poses.rotation[observations.placement]
         across -= np.outer(across @ axis, axis)
         still = observations.has_truth | observations.on_surface
@@ -249,7 +255,7 @@ class Baseline:
 
     model: ModelState
     calibration: Calibration
-    held: bool
+    is_given: bool
     parameters: tuple[int, ...]  # identified constants, by index
     terms: tuple[int, ...]  # identified terms, by index
     root: F64  # (identified, r): root of their covariance, parameters first; held only

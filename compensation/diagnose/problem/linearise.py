@@ -28,18 +28,20 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
         files = ", ".join(str(session.path) for session in rests.sessions)
         needs = "those that the model under test needs"
         missing = np.isnan(observations.states.temperature_c).any()
-        what = "temperatures" if missing else "times"
-        raise BadInput(files, what, "missing in some readings", needs)
+        quantity = "temperatures" if missing else "times"
+        raise BadInput(files, quantity, "missing in some readings", needs)
     off_tip_mm = _off_tip_mm(observations, model)
-    at = linearise_as_read(observations, model.constants, model.terms, values, off_tip_mm)
+    linearisation = linearise_as_read(
+        observations, model.constants, model.terms, values, off_tip_mm
+    )
     n, distances = observations.n, observations.distances
-    parameters = np.zeros((at.jacobian.shape[2], 3 * n + len(distances.length_mm)))
-    parameters[:, : 3 * n] = at.jacobian.reshape(3 * n, -1).T
-    length, direction = at.poses.apart(distances.between)
+    parameters = np.zeros((linearisation.jacobian.shape[2], 3 * n + len(distances.length_mm)))
+    parameters[:, : 3 * n] = linearisation.jacobian.reshape(3 * n, -1).T
+    length, direction = linearisation.poses.apart(distances.between)
     flat = observations.kind[distances.between[:, 0]] == PLANE  # its third coordinate is all of it
     direction[flat, :2] = 0.0
     nuisance: list[F64 | Blocks] = [
-        _nuisance(at, direction),
+        _nuisance(linearisation, direction),
         _lost_lengths(rests, model, parameters),
     ]
     if observations.reflectors:
@@ -47,13 +49,13 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     return Linear(
         rests=replace(rests, observations=observations),
         model=model,
-        poses=at.poses,
-        residual=np.append(at.residual_mm.ravel(), length - distances.length_mm),
+        poses=linearisation.poses,
+        residual=np.append(linearisation.residual_mm.ravel(), length - distances.length_mm),
         jacobian=parameters,
-        joints=np.ascontiguousarray(at.joints),
+        joints=np.ascontiguousarray(linearisation.joints),
         nuisance=in_blocks(nuisance, observations.placement),
-        position_mm=at.position_mm,
-        normal=_normals(at),
+        position_mm=linearisation.position_mm,
+        normal=_normals(linearisation),
     )
 
 
@@ -62,8 +64,8 @@ def _off_tip_mm(observations: Observations, model: ModelState) -> F64 | None:
     if not observations.reflectors:
         return None
     sits = np.array([*(model.off_tip_mm[name] for name in observations.reflectors), np.zeros(3)])
-    found: F64 = sits[observations.reflector]  # -1, the last: the tip
-    return found
+    offset_mm: F64 = sits[observations.reflector]  # -1, the last: the tip
+    return offset_mm
 
 
 def _reflector_columns(observations: Observations, jacobian: F64) -> F64:
@@ -73,9 +75,9 @@ def _reflector_columns(observations: Observations, jacobian: F64) -> F64:
     unknown = [i for i, name in enumerate(names) if np.isnan(observations.reflectors[name]).any()]
     columns = [np.zeros((jacobian.shape[1], 0))]
     for i in unknown:
-        own = jacobian[observations.arm.layout.tip].T.copy()
-        own[: 3 * observations.n] *= np.repeat(observations.reflector == i, 3)[:, None]
-        columns.append(own)
+        column = jacobian[observations.arm.layout.tip].T.copy()
+        column[: 3 * observations.n] *= np.repeat(observations.reflector == i, 3)[:, None]
+        columns.append(column)
     return np.hstack(columns)
 
 
@@ -86,16 +88,16 @@ def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:
     layout, n = ParameterLayout(states.q.shape[1]), rests.n
     columns = []
     for number, session in enumerate(rests.sessions):
-        here = (session_of == number).astype(float)
-        shares = [here]
-        if np.isfinite(states.time_s).all() and np.ptp(states.time_s[here > 0], axis=0) > 0:
-            time_s = states.time_s - states.time_s[here > 0].mean()
-            shares.append(here * time_s / np.abs(time_s[here > 0]).max())
+        in_session = (session_of == number).astype(float)
+        shares = [in_session]
+        if np.isfinite(states.time_s).all() and np.ptp(states.time_s[in_session > 0], axis=0) > 0:
+            time_s = states.time_s - states.time_s[in_session > 0].mean()
+            shares.append(in_session * time_s / np.abs(time_s[in_session > 0]).max())
         for name in (f"{length}_{k}" for k in session.lost_links for length in "da"):
-            at = layout.index(name)
-            if abs(model.constants[at]) > LEAST_LENGTH_MM:
+            index = layout.index(name)
+            if abs(model.constants[index]) > LEAST_LENGTH_MM:
                 for share in shares:
-                    column = jacobian[at].copy()
+                    column = jacobian[index].copy()
                     column[: 3 * n] *= np.repeat(share, 3)
                     columns.append(column)
     return np.stack(columns, axis=1) if columns else np.zeros((jacobian.shape[1], 0))
@@ -114,10 +116,14 @@ def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
     )
 
 
-def _normals(at: Linearisation) -> F64 | None:
+def _normals(linearisation: Linearisation) -> F64 | None:
     """(n, 3) of the surfaces that readings touch; None where none does."""
-    touched = at.observations.on_surface.any()
-    return at.poses.normals(at.observations, at.position_mm) if touched else None
+    touched = linearisation.observations.on_surface.any()
+    return (
+        linearisation.poses.normals(linearisation.observations, linearisation.position_mm)
+        if touched
+        else None
+    )
 
 
 def _moving(pose: F64, freedom: int) -> F64:
@@ -128,10 +134,10 @@ def _moving(pose: F64, freedom: int) -> F64:
     return moving
 
 
-def _nuisance(at: Linearisation, direction: F64) -> Blocks:
+def _nuisance(linearisation: Linearisation, direction: F64) -> Blocks:
     """Columns (N, m) of every placement's pose and every unknown seat's position; *direction*
     (D, 3) of the certified distances."""
-    observations = at.observations
+    observations = linearisation.observations
     first = 6 * len(observations.placement_names)
     seats = np.flatnonzero(observations.unknown)
     begins = {int(k): first + 3 * j for j, k in enumerate(seats)}  # each seat's columns
@@ -139,16 +145,18 @@ def _nuisance(at: Linearisation, direction: F64) -> Blocks:
     for number in np.unique(observations.placement):
         rests = np.flatnonzero(observations.placement == number)
         target = observations.target[rests]
-        seen = [int(k) for k in np.unique(target) if int(k) in begins]
-        of_seats = [at.target_columns[rests] * (target == k)[:, None, None] for k in seen]
-        pose = at.pose_columns[rests]
+        touched = [int(k) for k in np.unique(target) if int(k) in begins]
+        of_seats = [
+            linearisation.target_columns[rests] * (target == k)[:, None, None] for k in touched
+        ]
+        pose = linearisation.pose_columns[rests]
         if observations.on_surface[rests[0]]:
             pose = _moving(pose, FREEDOM[int(observations.kind[target[0]])])
         values = np.concatenate([pose, *of_seats], axis=2)
         of_pose = 6 * number + np.arange(pose.shape[2])
-        numbers = [of_pose, *(begins[k] + np.arange(3) for k in seen)]
-        here = values.any(axis=(0, 1))
-        pieces.append(Piece(rests, np.concatenate(numbers)[here], values[:, :, here]))
+        numbers = [of_pose, *(begins[k] + np.arange(3) for k in touched)]
+        nonzero = values.any(axis=(0, 1))
+        pieces.append(Piece(rests, np.concatenate(numbers)[nonzero], values[:, :, nonzero]))
     distances = np.zeros((len(direction), first + 3 * len(seats)))
     for i, (a, b) in enumerate(observations.distances.between):
         for end, sign in ((int(a), 1.0), (int(b), -1.0)):

@@ -31,16 +31,16 @@ class Within:
     weights: csr_array  # (elements, quadruples) in the order of the groups, bases first
 
     @classmethod
-    def of(cls, candidates: Sequence[Sequence[Sequence[Part]]]) -> Within:
+    def from_candidates(cls, candidates: Sequence[Sequence[Sequence[Part]]]) -> Within:
         """Of the columns of each candidate, by their parts; elements are the upper triangles, row
         by row."""
         count = np.array([len(c) * (len(c) + 1) // 2 for c in candidates], dtype=np.int64)
         first = np.cumsum(count) - count
-        rows, one, other = _elements(candidates, first)
+        rows, part_a, part_b = _elements(candidates, first)
         flat = [part for columns in candidates for column in columns for part in column]
         parameter, weight, basis = np.array(flat, dtype=np.float64).reshape(len(flat), 3).T
-        named, number = np.unique(_pair(parameter[one], parameter[other]), return_inverse=True)
-        met = _pair(basis[one], basis[other]) * len(named) + number
+        named, number = np.unique(_pair(parameter[part_a], parameter[part_b]), return_inverse=True)
+        met = _pair(basis[part_a], basis[part_b]) * len(named) + number
         quadruples, met_at = np.unique(met, return_inverse=True)
         bases, those = np.divmod(quadruples, max(len(named), 1))
         pairs, begin = np.unique(bases, return_index=True)
@@ -51,16 +51,16 @@ class Within:
         place, groups, total = np.empty(len(quadruples), dtype=np.int64), [], 0
         for group in alike.values():
             low, high = begin[group[0]], end[group[0]]
-            at = begin[group][:, None] + np.arange(high - low)
-            place[at] = total + np.arange(at.size).reshape(at.shape)
-            total += at.size
-            groups.append((_apart(pairs[group]), those[low:high]))
+            positions = begin[group][:, None] + np.arange(high - low)
+            place[positions] = total + np.arange(positions.size).reshape(positions.shape)
+            total += positions.size
+            groups.append((_split_pairs(pairs[group]), those[low:high]))
         return cls(
-            _apart(named),
+            _split_pairs(named),
             tuple(groups),
             first,
             csr_array(
-                ((weight[one] * weight[other]).tolist(), (rows, place[met_at])),
+                ((weight[part_a] * weight[part_b]).tolist(), (rows, place[met_at])),
                 shape=(int(count.sum()), len(quadruples)),
                 dtype=np.float64,
             ),
@@ -68,23 +68,23 @@ class Within:
 
     def products(self, jacobian: F64, bases: F64) -> F64:
         """(elements,) over n rests, from a whitened Jacobian (P, n, 3) and basis values (B, n)."""
-        one, other = self.parameters.T
+        parameter_a, parameter_b = self.parameters.T
 
-        def of(begin: int) -> F64:
-            some = slice(begin, begin + PAIRS_PIECE)
-            columns, values = jacobian[:, some], np.ascontiguousarray(bases[:, some])
-            of_parameters = np.einsum("dna,dna->dn", columns[one], columns[other])
-            found = [np.empty(0)]
+        def sum_piece(begin: int) -> F64:
+            piece = slice(begin, begin + PAIRS_PIECE)
+            columns, values = jacobian[:, piece], np.ascontiguousarray(bases[:, piece])
+            of_parameters = np.einsum("dna,dna->dn", columns[parameter_a], columns[parameter_b])
+            sums = [np.empty(0)]
             for group, those in self.groups:
                 turned = of_parameters[those].T
                 for low in range(0, len(group), PAIRS_CHUNK):
                     a, c = group[low : low + PAIRS_CHUNK].T
-                    found.append(((values[a] * values[c]) @ turned).ravel())
-            return np.concatenate(found)
+                    sums.append(((values[a] * values[c]) @ turned).ravel())
+            return np.concatenate(sums)
 
         total = np.zeros(self.weights.shape[1])
-        for found in in_order(of, range(0, bases.shape[1], PAIRS_PIECE)):
-            total += found
+        for sums in in_order(sum_piece, range(0, bases.shape[1], PAIRS_PIECE)):
+            total += sums
         elements: F64 = self.weights @ total
         return elements
 
@@ -97,28 +97,26 @@ def _elements(candidates: Sequence[Sequence[Sequence[Part]]], first: I64) -> tup
     alike: dict[tuple[int, ...], list[int]] = {}
     for k, size in enumerate(sizes):
         alike.setdefault(size, []).append(k)
-    found = [np.empty((3, 0), dtype=np.int64)]
+    tables = [np.empty((3, 0), dtype=np.int64)]
     for size, members in alike.items():
         column, m = np.repeat(np.arange(len(size)), size), len(size)
         i, j = np.nonzero(column[:, None] <= column)
         low, high = column[i], column[j]
         element = low * m - low * (low - 1) // 2 + high - low
         parts = begin[members][:, None]
-        found.append(
+        tables.append(
             np.stack([first[members][:, None] + element, parts + i, parts + j]).reshape(3, -1)
         )
-    rows, one, other = np.hstack(found)
-    return rows, one, other
+    rows, part_a, part_b = np.hstack(tables)
+    return rows, part_a, part_b
 
 
-def _pair(one: F64, other: F64) -> I64:
+def _pair(a: F64, b: F64) -> I64:
     """A number for two, in either order."""
-    pair: I64 = np.minimum(one, other).astype(np.int64) * MANY_INDICES + np.maximum(
-        one, other
-    ).astype(np.int64)
+    pair: I64 = np.minimum(a, b).astype(np.int64) * MANY_INDICES + np.maximum(a, b).astype(np.int64)
     return pair
 
 
-def _apart(pairs: I64) -> I64:
+def _split_pairs(pairs: I64) -> I64:
     """(…, 2) the two of each."""
     return np.stack(np.divmod(pairs, MANY_INDICES), axis=-1)

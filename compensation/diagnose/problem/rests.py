@@ -87,11 +87,11 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
 
 def _mean_turns(mean: F64) -> F64:
     """The rotations (n, 3, 3) nearest to means of some; NaN where there are none."""
-    known = np.isfinite(mean[:, 0, 0])
+    finite = np.isfinite(mean[:, 0, 0])
     turns = mean.copy()
-    if known.any():
-        left, _, right = np.linalg.svd(mean[known])
-        turns[known] = left @ right
+    if finite.any():
+        u, _, v = np.linalg.svd(mean[finite])
+        turns[finite] = u @ v
     return turns
 
 
@@ -103,8 +103,8 @@ def spare_rows(observations: Observations) -> int:
     used = np.unique(observations.reflector)
     offsets = [o for i, o in enumerate(observations.reflectors.values()) if i in used]
     tips = sum(bool(np.isnan(offset).any()) for offset in offsets)
-    taken = unknowns_of_artefacts(observations) + 3 * tips
-    return int(observations.freedom.sum()) + int(touched.sum()) - taken
+    unknowns = unknowns_of_artefacts(observations) + 3 * tips
+    return int(observations.freedom.sum()) + int(touched.sum()) - unknowns
 
 
 def require_spare(observations: Observations, files: str) -> None:
@@ -131,8 +131,8 @@ def _rests(raw: Observations) -> I64:
     if raw.n == 0:
         return np.zeros(0, dtype=np.int64)
     q, side = raw.states.q, np.sign(np.nan_to_num(raw.states.rate))
-    new = np.ones(raw.n, dtype=bool)
-    new[1:] = (
+    begins = np.ones(raw.n, dtype=bool)
+    begins[1:] = (
         (np.abs(np.diff(q, axis=0)).max(axis=1) > REST_RAD)
         | (np.diff(raw.placement) != 0)
         | (np.diff(raw.target) != 0)
@@ -141,7 +141,7 @@ def _rests(raw: Observations) -> I64:
         | (np.diff(side, axis=0) != 0).any(axis=1)
         | raw.has_truth[1:]
     )
-    return np.cumsum(new) - 1
+    return np.cumsum(begins) - 1
 
 
 def folds_of(rests: Rests) -> I64:

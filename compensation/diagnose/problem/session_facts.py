@@ -28,10 +28,10 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
     states = observations.states
     temperatures = states.temperature_c
     # Constants that are held are those at the reference: one other temperature is a change.
-    usual = baseline.model.reference_c if baseline.held else None
+    usual = baseline.model.reference_c if baseline.is_given else None
     varied = np.isfinite(temperatures).all(axis=0) & (_span(temperatures, usual) > LEAST_SPAN_K)
     artefact_k, instead_k = (
-        _span(rise, 0.0 if baseline.held else None)
+        _span(rise, 0.0 if baseline.is_given else None)
         for rise in (rests.artefact_rise_c, rests.arm_instead_k)
     )
     timed = bool(np.isfinite(states.time_s).all())
@@ -46,7 +46,7 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         constants=baseline.model.constants,
         terms=tuple(t for t in baseline.model.terms if t.coefficient),  # what acts at all
         reference_c=baseline.model.reference_c,
-        has_fixed_constants=baseline.held,
+        has_fixed_constants=baseline.is_given,
         sensors=tuple(
             name
             for name, ok in zip(arm.sensors, varied, strict=True)
@@ -68,7 +68,7 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         instants_unix_s=_grid(moments),
         all_instants_unix_s=moments,
         scatter_rad=_scatter_rad(baseline),
-        calibrated_c=_calibrated_c(baseline) if baseline.held else {},
+        calibrated_c=_calibrated_c(baseline) if baseline.is_given else {},
         open_growth=frozenset(baseline.model.terms[i].parameter for i in baseline.growth),
     )
 
@@ -107,7 +107,7 @@ def _checked_distances(rests: Rests, baseline: Baseline) -> tuple[str, ...]:
     observations = rests.observations
     between = observations.distances.between
     positions = observations.has_truth.any() or observations.says_size.any()
-    if not (baseline.held or positions or len(between) > 1):
+    if not (baseline.is_given or positions or len(between) > 1):
         return ()
     labels = rests.target_label
     return tuple(f"{labels[a]}, {labels[b]}" for a, b in between)
@@ -116,9 +116,9 @@ def _checked_distances(rests: Rests, baseline: Baseline) -> tuple[str, ...]:
 def _spells(time_s: F64) -> tuple[tuple[float, float], ...]:
     """First and last reading between the longest pauses."""
     times = np.unique(time_s)
-    apart = np.diff(times)
-    pauses = np.flatnonzero(apart > PAUSE * np.median(apart)) if len(apart) else np.empty(0, int)
-    pauses = np.sort(pauses[np.argsort(-apart[pauses])][: MOST_SPELLS - 1])
+    gaps_s = np.diff(times)
+    pauses = np.flatnonzero(gaps_s > PAUSE * np.median(gaps_s)) if len(gaps_s) else np.empty(0, int)
+    pauses = np.sort(pauses[np.argsort(-gaps_s[pauses])][: MOST_SPELLS - 1])
     starts, ends = times[[0, *(pauses + 1)]], times[[*pauses, -1]]
     return tuple((float(a), float(b)) for a, b in zip(starts, ends, strict=True) if b > a)
 
@@ -126,14 +126,16 @@ def _spells(time_s: F64) -> tuple[tuple[float, float], ...]:
 def _sessions(rests: Rests) -> tuple[tuple[str, float, float], ...]:
     """Name, first and last reading of each session in the order of time; none where two overlap."""
     observations = rests.observations
-    found = []
+    sessions = []
     for number, name in enumerate(observations.session_names):
         own_s = observations.states.time_s[observations.session == number]
         if len(own_s):
-            found.append((name, float(own_s.min()), float(own_s.max())))
-    found.sort(key=lambda one: one[1])
-    apart = all(one[2] < following[1] for one, following in itertools.pairwise(found))
-    return tuple(found) if apart else ()
+            sessions.append((name, float(own_s.min()), float(own_s.max())))
+    sessions.sort(key=lambda session: session[1])
+    are_disjoint = all(
+        session[2] < following[1] for session, following in itertools.pairwise(sessions)
+    )
+    return tuple(sessions) if are_disjoint else ()
 
 
 def _moments(time_s: F64) -> F64:

@@ -14,7 +14,7 @@ from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import SIGNATURES_PIECE
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.pairs import Part, Within
-from armd.compensation.diagnose.problem.use import evaluated
+from armd.compensation.diagnose.problem.use import evaluate_histories
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Use, Winding
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
@@ -50,18 +50,18 @@ class Signatures:
 
     def rows(self, linear: Linear, columns: I64) -> F64:
         """Columns as rows (len(columns), N), in mm."""
-        found = self.rows_of_terms(linear, linear.jacobian, columns)
-        for row, column in zip(found, columns, strict=True):
+        stacked = self.rows_of_terms(linear, linear.jacobian, columns)
+        for row, column in zip(stacked, columns, strict=True):
             if (change := self.changes[column]) is not None:
                 row += linear.artefact_column(change)
-        return found
+        return stacked
 
     def rows_of_terms(self, linear: Linear, jacobian: F64, columns: I64) -> F64:
         """The same without what changes the artefact, from any Jacobian (P, N), such as a whitened
         one."""
         n = 3 * linear.rests.n
-        found = np.zeros((len(columns), len(linear.residual)))
-        at_rests = found[:, :n].reshape(len(columns), -1, 3)
+        rows = np.zeros((len(columns), len(linear.residual)))
+        at_rests = rows[:, :n].reshape(len(columns), -1, 3)
         of_rests = jacobian[:, :n].reshape(len(jacobian), -1, 3)
         for turn in range(max((len(self.parts[c]) for c in columns), default=0)):
             having = [i for i, c in enumerate(columns) if len(self.parts[c]) > turn]
@@ -73,15 +73,15 @@ class Signatures:
                 np.multiply(of_rests[list(named)], values[:, :, None], out=at_rests)
             else:
                 at_rests[having] += of_rests[list(named)] * values[:, :, None]
-        return found
+        return rows
 
-    def products(self, jacobian: F64, others: F64, rests: slice | I64) -> F64:
+    def products(self, jacobian: F64, vectors: F64, rests: slice | I64) -> F64:
         """(K, u) products with *others* (n, 3, u) over some *rests*, changes of the artefact not
         included; from a Jacobian (P, n, 3) of these rests."""
-        product: F64 = self.weights @ self.of_pairs(jacobian, others, rests)
+        product: F64 = self.weights @ self.of_pairs(jacobian, vectors, rests)
         return product
 
-    def of_pairs(self, jacobian: F64, others: F64, rests: slice | I64) -> F64:
+    def of_pairs(self, jacobian: F64, vectors: F64, rests: slice | I64) -> F64:
         """(pairs, u) of the same, of each parameter with each basis function that it has.
 
         A column is a parameter's times a basis function: the other columns are multiplied by the
@@ -89,56 +89,58 @@ class Signatures:
         """
         named, first, basis, _ = self._pairs
         values = self.bases[:, rests]
-        found = np.zeros((len(basis), others.shape[2]))
-        for begin in range(0, len(others), SIGNATURES_PIECE):
-            some = slice(begin, begin + SIGNATURES_PIECE)
-            turned = jacobian[named, some].transpose(1, 0, 2) @ others[some]  # (·, named, u)
+        sums = np.zeros((len(basis), vectors.shape[2]))
+        for begin in range(0, len(vectors), SIGNATURES_PIECE):
+            piece = slice(begin, begin + SIGNATURES_PIECE)
+            turned = jacobian[named, piece].transpose(1, 0, 2) @ vectors[piece]  # (·, named, u)
             for j, (low, high) in enumerate(itertools.pairwise(first)):
-                found[low:high] += values[basis[low:high], some] @ turned[:, j]
-        return found
+                sums[low:high] += values[basis[low:high], piece] @ turned[:, j]
+        return sums
 
     def grams(self, jacobian: F64, rests: slice | I64) -> dict[int, F64]:
         """Products (c, m, m) within each candidate over some *rests*, by how many columns m it has;
         zero where one changes the artefact. From a whitened Jacobian (P, n, 3) of these rests."""
         elements = self._within.products(jacobian, self.bases[:, rests])
-        found = {}
+        grams = {}
         for m in map(int, np.unique(self.count)):
             i, j = np.triu_indices(m)
             first = self._within.first[self.count == m]
             gram = np.zeros((len(first), m, m))
             gram[:, i, j] = gram[:, j, i] = elements[first[:, None] + np.arange(len(i))]
-            found[m] = gram
-        return found
+            grams[m] = gram
+        return grams
 
-    def with_more(self, more: Signatures) -> Signatures:
+    def with_more(self, added: Signatures) -> Signatures:
         """These candidates, then *more*; of its basis functions those that these have are theirs:
         of many readings a copy of all is hundreds of megabytes."""
         keys, values = list(self.keys), [self.bases]
-        for key, own in zip(more.keys, more.bases, strict=True):
+        for key, row in zip(added.keys, added.bases, strict=True):
             if key not in keys:
                 keys.append(key)
-                values.append(own[None])
-        at = [keys.index(key) for key in more.keys]
+                values.append(row[None])
+        positions = [keys.index(key) for key in added.keys]
         parts = [
-            tuple((parameter, weight, at[basis]) for parameter, weight, basis in each)
-            for each in more.parts
+            tuple(
+                (parameter, weight, positions[basis]) for parameter, weight, basis in column_parts
+            )
+            for column_parts in added.parts
         ]
         return Signatures(
-            (*self.candidates, *more.candidates),
-            np.concatenate([self.first, more.first + self.n_columns]),
-            np.concatenate([self.count, more.count]),
+            (*self.candidates, *added.candidates),
+            np.concatenate([self.first, added.first + self.n_columns]),
+            np.concatenate([self.count, added.count]),
             (*self.parts, *parts),
-            (*self.changes, *more.changes),
+            (*self.changes, *added.changes),
             tuple(keys),
             np.concatenate(values) if len(values) > 1 else self.bases,
-            np.concatenate([self.typical, more.typical]),
-            np.concatenate([self.reach, more.reach]),
+            np.concatenate([self.typical, added.typical]),
+            np.concatenate([self.reach, added.reach]),
         )
 
     @cached_property
     def _within(self) -> Within:
         columns = [[self.parts[c] for c in self.columns_of(i)] for i in range(len(self.first))]
-        return Within.of(columns)
+        return Within.from_candidates(columns)
 
     @property
     def n_pairs(self) -> int:
@@ -204,22 +206,26 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
             of_column = []
             for term in column.terms:
                 key = "·".join(factor.model_dump_json() for factor in term.basis)
-                at = number(key, term.basis)
-                of_column.append((layout.index(term.parameter), term.coefficient, at))
+                index = number(key, term.basis)
+                of_column.append((layout.index(term.parameter), term.coefficient, index))
             if (use := column.use) is not None:
-                at = number(repr(replace(use, parameters=())), use)
-                of_column += [(layout.index(name), weight, at) for name, weight in use.parameters]
+                index = number(repr(replace(use, parameters=())), use)
+                of_column += [
+                    (layout.index(name), weight, index) for name, weight in use.parameters
+                ]
             parts.append(tuple(of_column))
             changes.append(column.artefact)
             typical.append(column.typical)
             reach.append(column.reach)
     model = linear.model
     states = linear.rests.observations.states
-    histories = {i: each for i, each in enumerate(bases) if isinstance(each, Use | Winding)}
+    histories = {
+        i: history for i, history in enumerate(bases) if isinstance(history, Use | Winding)
+    }
     probes = {
-        i: Term(parameter="theta_1", basis=each, coefficient=1.0)
-        for i, each in enumerate(bases)
-        if not isinstance(each, Use | Winding)
+        i: Term(parameter="theta_1", basis=history, coefficient=1.0)
+        for i, history in enumerate(bases)
+        if not isinstance(history, Use | Winding)
     }
     values = np.empty((len(bases), states.n))
     values[list(probes)] = basis_values(
@@ -227,7 +233,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
     ).T
     if histories:
         rests = linear.rests
-        of_points = evaluated([*histories.values()], rests.points.states)
+        of_points = evaluate_histories([*histories.values()], rests.points.states)
         values[list(histories)] = of_points[:, rests.point_of]
     np.nan_to_num(values, copy=False)  # of many readings a copy is hundreds of megabytes
     return Signatures(

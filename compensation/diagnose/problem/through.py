@@ -24,34 +24,34 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.slow_factors import Temperature
 
 
-def acting(fit: Fit) -> tuple[Acting, ...]:
+def find_acting(fit: Fit) -> tuple[Acting, ...]:
     """The findings through which others act, at their amplitudes; as they were when the others'
     columns were made, where they have hardly changed."""
-    before = [one for c in fit.findings for one in c.through or ()]
-    found = []
+    before = [cause for c in fit.findings for cause in c.through or ()]
+    causes = []
     for candidate, values in zip(fit.findings, fit.amplitudes, strict=True):
         if _goes_with_temperature(candidate):
             now = Acting(candidate, tuple(map(float, values)))
-            found.append(next((one for one in before if _hardly_changed(one, now)), now))
-    return tuple(found)
+            causes.append(next((cause for cause in before if _hardly_changed(cause, now)), now))
+    return tuple(causes)
 
 
-def made_anew(
+def rebuild_candidate(
     candidate: Candidate, facts: SessionFacts, acting: Sequence[Acting]
 ) -> Candidate | None:
     """A finding that acts through others, made with these *acting*, or itself where it was; None
     where there is nothing left through which it acts, or the exchange beside which it was."""
     if catalogue.CATALOGUE[candidate.cause].by_temperature:
-        there = {one.candidate.place for one in acting}
-        all_there = all(one.candidate.place in there for one in candidate.through or ())
+        places = {cause.candidate.place for cause in acting}
+        all_there = all(cause.candidate.place in places for cause in candidate.through or ())
         return candidate if all_there else None
     if candidate.through in (None, catalogue.select_acting(candidate, acting, facts)):
         return candidate
-    for other in catalogue.list_candidates_under(facts, acting):
-        if other.is_like(candidate):
-            return other
-        if other.place == candidate.place and other.elsewhere is not None:
-            at_its_value = other.elsewhere(candidate.setting[0][1])
+    for rebuilt in catalogue.list_candidates_under(facts, acting):
+        if rebuilt.is_like(candidate):
+            return rebuilt
+        if rebuilt.place == candidate.place and rebuilt.elsewhere is not None:
+            at_its_value = rebuilt.elsewhere(candidate.setting[0][1])
             if at_its_value.is_like(candidate):
                 return at_its_value
     return None
@@ -65,8 +65,12 @@ def with_acting(
     arm: Arm,
 ) -> Signatures:
     """The signatures with those candidates that act through what a fit has found."""
-    more = acting_through(fit, facts, refused)
-    return signatures.with_more(compile_candidates(more, fit.linear, arm)) if more else signatures
+    candidates = acting_through(fit, facts, refused)
+    return (
+        signatures.with_more(compile_candidates(candidates, fit.linear, arm))
+        if candidates
+        else signatures
+    )
 
 
 def acting_through(
@@ -74,11 +78,11 @@ def acting_through(
 ) -> list[Candidate]:
     """The candidates, none of a *refused* place, that act through what a fit has found, or beside
     sensors that it has found exchanged."""
-    found = acting(fit)
-    more = list(catalogue.list_candidates_under(facts, found)) if found else []
+    causes = find_acting(fit)
+    candidates = list(catalogue.list_candidates_under(facts, causes)) if causes else []
     for exchanged in (c for c in fit.findings if c.cause == "sensor_swapped"):
-        more += catalogue.list_exchanged(facts, exchanged)
-    return [c for c in more if c.through and c.place not in refused]
+        candidates += catalogue.list_exchanged(facts, exchanged)
+    return [c for c in candidates if c.through and c.place not in refused]
 
 
 def _goes_with_temperature(candidate: Candidate) -> bool:
@@ -92,5 +96,5 @@ def _hardly_changed(before: Acting, now: Acting) -> bool:
     if before.candidate != now.candidate:
         return False
     typical = np.array([column.typical for column in now.candidate.columns])
-    old, new = (np.array(one.amplitudes) / typical for one in (before, now))
+    old, new = (np.array(cause.amplitudes) / typical for cause in (before, now))
     return bool(np.abs(new - old).max() <= COLUMNS_CHANGED * np.abs(new).max())

@@ -13,30 +13,30 @@ from armd.compensation.effects.effect import Use, Winding
 from armd.compensation.model.state import States
 
 
-def evaluated(histories: Sequence[Use | Winding], states: States) -> F64:
+def evaluate_histories(histories: Sequence[Use | Winding], states: States) -> F64:
     """(H, n) of each history at each reading. All walk through a session side by side: there are
     hundreds of them, and a step costs as much as many numbers."""
-    windings = {i: each for i, each in enumerate(histories) if isinstance(each, Winding)}
-    uses = {i: each for i, each in enumerate(histories) if isinstance(each, Use)}
-    found = np.zeros((len(histories), states.n))
+    windings = {i: history for i, history in enumerate(histories) if isinstance(history, Winding)}
+    uses = {i: history for i, history in enumerate(histories) if isinstance(history, Use)}
+    values = np.zeros((len(histories), states.n))
     for rows in _runs(states):
         if windings:
-            found[[*windings], rows[:, None]] = _wound([*windings.values()], states, rows)
+            values[[*windings], rows[:, None]] = _wound([*windings.values()], states, rows)
         if uses:
-            found[[*uses], rows[:, None]] = _warmth([*uses.values()], states, rows)
-    return found
+            values[[*uses], rows[:, None]] = _warmth([*uses.values()], states, rows)
+    return values
 
 
 def _wound(windings: Sequence[Winding], states: States, rows: I64) -> F64:
     """How far each joint is wound up at each of a session's *rows*, of what it can be, −1 to 1
     (rows, windings); 0 where the session begins."""
     q = states.q[rows][:, [winding.joint - 1 for winding in windings]]
-    ways = np.diff(q, axis=0) / [winding.within_rad for winding in windings]
-    found = np.zeros(q.shape)
-    for before, way, now in zip(found, ways, found[1:], strict=False):
-        np.add(before, way, out=now)
+    turns = np.diff(q, axis=0) / [winding.within_rad for winding in windings]
+    wound = np.zeros(q.shape)
+    for before, turn, now in zip(wound, turns, wound[1:], strict=False):
+        np.add(before, turn, out=now)
         np.minimum(np.maximum(now, -1.0, out=now), 1.0, out=now)
-    return found
+    return wound
 
 
 def _warmth(uses: Sequence[Use], states: States, rows: I64) -> F64:
@@ -48,13 +48,13 @@ def _warmth(uses: Sequence[Use], states: States, rows: I64) -> F64:
     joints = [use.joint - 1 for use in uses]
     q, rate = states.q[rows][:, joints], np.nan_to_num(states.rate[rows][:, joints])
     apart_s = np.diff(states.time_s[rows])[:, None]
-    way = np.abs(np.diff(q, axis=0)) / np.maximum(apart_s, LEAST_APART_S)
-    work = np.where([use.by_rate for use in uses], np.abs(rate[1:]), way)
-    left = np.exp(-apart_s / [use.time_constant_s for use in uses])
-    found = np.zeros(q.shape)
-    for before, kept, more, now in zip(found, left, work, found[1:], strict=False):
-        np.add(kept * before, (1.0 - kept) * more, out=now)
-    return found
+    speed = np.abs(np.diff(q, axis=0)) / np.maximum(apart_s, LEAST_APART_S)
+    work = np.where([use.by_rate for use in uses], np.abs(rate[1:]), speed)
+    decay = np.exp(-apart_s / [use.time_constant_s for use in uses])
+    warmth = np.zeros(q.shape)
+    for before, factor, steady, now in zip(warmth, decay, work, warmth[1:], strict=False):
+        np.add(factor * before, (1.0 - factor) * steady, out=now)
+    return warmth
 
 
 def _runs(states: States) -> Iterator[I64]:

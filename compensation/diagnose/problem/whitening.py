@@ -66,8 +66,8 @@ class RestNoise:
     @property
     def own_mm(self) -> float:
         """3-D RMS of what is each point's own, in mm."""
-        square = np.square(self.roots).sum(axis=(1, 2))
-        return float(np.sqrt(square[self.points].mean()))
+        squares = np.square(self.roots).sum(axis=(1, 2))
+        return float(np.sqrt(squares[self.points].mean()))
 
     @property
     def points(self) -> Mask | slice:
@@ -90,8 +90,8 @@ class RestNoise:
 
     def squares(self, moves: F64) -> F64:
         """(n,) of rests (n, 3) in units of their own noise, as of three components each."""
-        square = (self.whiten_rests(moves) ** 2).sum(axis=1)
-        return square if self.normal is None else of_three_components(square, self.freedom)
+        total = (self.whiten_rests(moves) ** 2).sum(axis=1)
+        return total if self.normal is None else of_three_components(total, self.freedom)
 
     @property
     def stretch(self) -> F64 | float:

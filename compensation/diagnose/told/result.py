@@ -41,7 +41,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "rms_um": diagnosis.rms_um,
             "heldout_rms_um": diagnosis.heldout_rms_um,
             "noise_floor_um": diagnosis.noise_floor_um,
-            "calibration_given": diagnosis.baseline.held,
+            "calibration_given": diagnosis.baseline.is_given,
             "heldout_rms_um_extended": diagnosis.written_rms_um[1],
             "heldout_by": "session" if diagnosis.holdout else "placement, in turn",
         },

@@ -17,7 +17,7 @@ from armd.compensation.diagnose.constants import (
     WOULD_SHOW,
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis, Touched
-from armd.compensation.diagnose.fitting.growth_open import of_what
+from armd.compensation.diagnose.fitting.growth_open import explain_missing_growth
 from armd.compensation.diagnose.fitting.target_steps import steps, target_steps
 from armd.compensation.diagnose.problem.layout import EXPANSIONS
 from armd.compensation.diagnose.problem.rests import spare_rows
@@ -130,8 +130,8 @@ def _of_growth(diagnosis: Diagnosis) -> list[str]:
         before, after = diagnosis.gains[grown[0]].before_um, diagnosis.gains[grown[-1]].after_um
     which = f"{'finding' if len(grown) == 1 else 'findings'} {_numbers(diagnosis, grown)}"
     return [
-        f"{of_what(diagnosis.baseline)} With the growth of {which}, held-out readings "
-        f"err by {um(after)} µm instead of {um(before)} µm."
+        f"{explain_missing_growth(diagnosis.baseline)} With the growth of {which}, "
+        f"held-out readings err by {um(after)} µm instead of {um(before)} µm."
     ]
 
 
@@ -185,7 +185,7 @@ def _absorbing(diagnosis: Diagnosis) -> str:
     last = diagnosis.search.last
     if last.baseline.growth:
         return "the calibration's uncertainty and growth of links that it could not know"
-    if last.baseline.held:
+    if last.baseline.is_given:
         return "the calibration's uncertainty"
     expansions = last.layout.blocks[EXPANSIONS]
     return "the links' plain expansion" if expansions.stop > expansions.start else ""
