@@ -77,10 +77,10 @@ class DesignResult(Reported):
 
         *ax*: axes to draw on, from the side; in space where they have three dimensions.
         """
-        from armd.compensation.report.design import poses_picture
+        from armd.compensation.report.design import draw_poses
 
         experiment = self.experiment
-        return poses_picture(experiment.states.q, experiment.tip_mm, experiment.parameters, ax)
+        return draw_poses(experiment.states.q, experiment.tip_mm, experiment.parameters, ax)
 
     def page(self) -> str:
         """Return the report. Not public."""

@@ -109,18 +109,18 @@ class Diagnosis(Displayed):
         most under the model under test.
         """
         from armd.compensation.report import predictive_plot
-        from armd.compensation.report.drawing import one_drawing
+        from armd.compensation.report.drawing import make_single_figure
         from armd.compensation.report.signature_plot import draw_signature
 
         index = None if finding is None else self._place(finding)
         if index is None and ax is None:
             return predictive_plot.draw_overview(self.comparisons)
-        figure, panel = one_drawing() if ax is None else (ax.get_figure(root=True), ax)
+        figure, panel = make_single_figure() if ax is None else (ax.get_figure(root=True), ax)
         assert figure is not None
         if index is not None:
             draw_signature(panel, self.details, index)
         elif self.comparisons:
-            most = predictive_plot.most_outside(self.comparisons)
+            most = predictive_plot.choose_most_outside(self.comparisons)
             predictive_plot.draw_curve(panel, most, most.before, "model under test")
         return figure
 

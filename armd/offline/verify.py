@@ -14,7 +14,7 @@ from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.report.about import About
-from armd.compensation.verify.figures import figures_of, positions_of
+from armd.compensation.verify.figures import correct_positions, evaluate_figures
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import ArmdError
@@ -112,14 +112,14 @@ def verify(
     (read,), _ = load_sessions(resolve_sessions(session), model.content)
     refuse_reflectors([read], "`armd verify`")
     # First of all: it refuses a calibration that overflows.
-    position = positions_of(read, model.content, loaded)
+    position = correct_positions(read, model.content, loaded)
     observations = gather([read], model.content, content.artefact if content else None)
     refuse_misnamed([read], observations, AssumedModel.under(model.content, content))
     if surfaces := bool(read.artefact.surfaces):
         evaluate([read], model.content, content)  # refuses those that nobody can place
     test = limits.uncertainty if limits else TestUncertainty()
     whole = limits is not None or not surfaces
-    verdict = judge(figures_of(read, model.content, position, test, whole=whole), limits)
+    verdict = judge(evaluate_figures(read, model.content, position, test, complete=whole), limits)
     require_judged(verdict, str(read.path))
     return VerificationResult(verdict, read, model, loaded, mpe)
 

@@ -13,8 +13,8 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.design.observability import (
     ReadingColumns,
-    clear_singular_values,
     constant_columns,
+    decompose_constants,
 )
 from armd.compensation.design.reaching import solve_postures
 from armd.compensation.estimate.poses import rigid_columns
@@ -50,36 +50,36 @@ class ArtefactReadings:
     def groups(self, readings: int) -> I64:
         """(n,) a number for each target in each placement, where *readings* are enough to touch all
         of them; else for each placement. A certificate wants each placement held out in turn."""
-        each = np.unique(np.stack([self.placement, self.target]), axis=1, return_inverse=True)[
+        seats = np.unique(np.stack([self.placement, self.target]), axis=1, return_inverse=True)[
             1
         ].reshape(-1)
-        enough = readings > each.max(initial=0)
-        numbers: I64 = each if enough else self.placement
+        enough = readings > seats.max(initial=0)
+        numbers: I64 = seats if enough else self.placement
         return numbers
 
 
 def target_positions(artefact: Artefact, reach_mm: float, rng: np.random.Generator) -> F64:
     """(K, 3) mm; where nobody certified a position, one that agrees with the certified lengths."""
-    known = artefact.positions_mm()
-    free = np.isnan(known[:, 0])
+    certified_mm = artefact.positions_mm()
+    free = np.isnan(certified_mm[:, 0])
     if not free.any():
-        return known
+        return certified_mm
     names = artefact.target_names
     between = np.array(
         [[names.index(name) for name in d.between] for d in artefact.distances], dtype=np.int64
     ).reshape(-1, 2)
     length = np.array([d.length_mm for d in artefact.distances])
-    begin = rng.normal(0.0, reach_mm / 6.0, (int(free.sum()), 3)) * (len(known) > 1)
+    begin = rng.normal(0.0, reach_mm / 6.0, (int(free.sum()), 3)) * (len(certified_mm) > 1)
 
     def put(x: F64) -> F64:
-        positions = known.copy()
+        positions = certified_mm.copy()
         positions[free] = x.reshape(-1, 3)
         return positions
 
     def residual(x: F64) -> F64:
         positions = put(x)
-        apart = np.linalg.norm(positions[between[:, 0]] - positions[between[:, 1]], axis=1)
-        return np.concatenate([apart - length, 1e-3 * (x - begin.ravel())])
+        distance_mm = np.linalg.norm(positions[between[:, 0]] - positions[between[:, 1]], axis=1)
+        return np.concatenate([distance_mm - length, 1e-3 * (x - begin.ravel())])
 
     return put(least_squares(residual, begin.ravel()).x)
 
@@ -107,16 +107,16 @@ def draw_places(
         tilt *= rng.uniform(0.0, MOST_TILT_RAD) / np.linalg.norm(tilt)
         turn = (Rotation.from_rotvec(tilt) * about).as_matrix()
         target = np.arange(POSTURES_EACH) % len(local_mm)
-        wanted = centre + (local_mm - local_mm.mean(axis=0))[target] @ turn.T
+        target_mm = centre + (local_mm - local_mm.mean(axis=0))[target] @ turn.T
         begin = within[rng.integers(len(within), size=POSTURES_EACH)]
-        q, reached = solve_postures(arm, parameters, wanted, begin)
+        q, reached = solve_postures(arm, parameters, target_mm, begin)
         reached &= keeps(q)
         if reached.sum() < LEAST_READINGS:
             continue
         q, target = q[reached], target[reached]
         tip, constants = constant_columns(arm, q, parameters)
         lone = ReadingColumns(constants, rigid_columns(tip - tip.mean(axis=0)), tip)
-        s, v = clear_singular_values(lone)
+        s, v = decompose_constants(lone)
         drawn.append((q, target, turn))
         information.append((v * s**2) @ v.T)
     if len(drawn) < LEAST_PLACEMENTS:
@@ -140,8 +140,8 @@ def _best_places(information: list[F64]) -> list[int]:
     chosen: list[int] = []
     for _ in range(LEAST_PLACEMENTS):
         merit = [
-            -np.inf if i in chosen else np.linalg.slogdet(total + one)[1]
-            for i, one in enumerate(information)
+            -np.inf if i in chosen else np.linalg.slogdet(total + gain)[1]
+            for i, gain in enumerate(information)
         ]
         chosen.append(int(np.argmax(merit)))
         total = total + information[chosen[-1]]

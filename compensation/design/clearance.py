@@ -22,7 +22,7 @@ def height_mm(q: F64, constants: F64, arm: Arm) -> F64:
     return height
 
 
-def coming_to_rest(
+def make_resting_states(
     q: F64, rng: np.random.Generator, arm: Arm, celsius: float, time_s: float
 ) -> States:
     """Readings at angles (n, N), each joint coming to rest from either side, from any direction of
@@ -39,7 +39,7 @@ def coming_to_rest(
     )
 
 
-def from_the_column_mm(q: F64, constants: F64) -> F64:
+def column_distance_mm(q: F64, constants: F64) -> F64:
     """(n,) distance of the tip from the base's first axis."""
     distance: F64 = np.hypot(*jacobian(q, constants)[0][:, :2].T)
     return distance

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.design.clearance import coming_to_rest, from_the_column_mm, height_mm
+from armd.compensation.design.clearance import column_distance_mm, height_mm, make_resting_states
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import RestNoise
@@ -45,12 +45,12 @@ class Climate:
         return f"air and artefact at {self.air_c:.0f} °C{link}"
 
 
-def climates(diagnosis: Diagnosis) -> list[Climate]:
+def list_climates(diagnosis: Diagnosis) -> list[Climate]:
     """Climates to choose from, the least trouble first; the first alone without temperatures."""
     last = diagnosis.search.last
     reference = last.model.reference_c
-    seen = np.isfinite(last.linear.rests.observations.states.temperature_c)
-    sensors = [name for i, name in enumerate(diagnosis.arm.sensors) if seen[:, i].any()]
+    has_temperature = np.isfinite(last.linear.rests.observations.states.temperature_c)
+    sensors = [name for i, name in enumerate(diagnosis.arm.sensors) if has_temperature[:, i].any()]
     if not sensors:
         return [Climate(reference)]
     return [Climate(reference + k, heated) for heated in ("", *sensors) for k in AIR_K]
@@ -65,12 +65,12 @@ def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
     """
     arm, last = diagnosis.arm, diagnosis.search.last
     rng = np.random.default_rng(seed)
-    seen = last.linear.rests.observations.states.q
-    low, high = _ranges(arm, seen)
+    measured_rad = last.linear.rests.observations.states.q
+    low, high = _ranges(arm, measured_rad)
     q = rng.uniform(low, high, (12 * POOL, arm.n_joints))
-    lowest = min(LOWEST_MM, float(height_mm(seen, last.model.constants, arm).min()))
-    away = from_the_column_mm(q, last.model.constants) > min(
-        CLEAR_MM, float(from_the_column_mm(seen, last.model.constants).min())
+    lowest = min(LOWEST_MM, float(height_mm(measured_rad, last.model.constants, arm).min()))
+    away = column_distance_mm(q, last.model.constants) > min(
+        CLEAR_MM, float(column_distance_mm(measured_rad, last.model.constants).min())
     )
     q = q[away & (height_mm(q, last.model.constants, arm) >= lowest)][:POOL]
     if not len(q):
@@ -78,34 +78,36 @@ def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
             "arm.toml", "joint limits", "no pose above the base", "ranges that have some"
         )
     next_day_s = float(last.linear.rests.observations.states.time_s.max()) + DAY_S
-    return coming_to_rest(q, rng, arm, last.model.reference_c, next_day_s)
+    return make_resting_states(q, rng, arm, last.model.reference_c, next_day_s)
 
 
-def _ranges(arm: Arm, seen: F64) -> tuple[F64, F64]:
+def _ranges(arm: Arm, measured_rad: F64) -> tuple[F64, F64]:
     """Lowest and highest angles (N,) that a joint is known to reach, rad."""
     low, high = arm.limits_rad
-    low = np.where(np.isfinite(low), low, seen.min(axis=0))
-    high = np.where(np.isfinite(high), high, seen.max(axis=0))
+    low = np.where(np.isfinite(low), low, measured_rad.min(axis=0))
+    high = np.where(np.isfinite(high), high, measured_rad.max(axis=0))
     return low, high
 
 
-def in_climate(poses: States, climate: Climate, diagnosis: Diagnosis) -> States:
+def set_climate(poses: States, climate: Climate, diagnosis: Diagnosis) -> States:
     """The same poses at the climate's temperatures, links warmed by themselves as in the sessions.
 
     What the artefact's temperature was then is taken for the air's.
     """
     rests, arm = diagnosis.search.last.linear.rests, diagnosis.arm
-    seen = rests.observations.states.temperature_c
-    over = seen - (diagnosis.search.last.model.reference_c + rests.artefact_rise_c)[:, None]
-    known = np.isfinite(over).all(axis=0) & np.any(rests.artefact_rise_c != 0.0)
-    own_k = np.where(known, np.median(np.nan_to_num(over), axis=0), 0.0)
+    temperature_c = rests.observations.states.temperature_c
+    over = (
+        temperature_c - (diagnosis.search.last.model.reference_c + rests.artefact_rise_c)[:, None]
+    )
+    has_rise = np.isfinite(over).all(axis=0) & np.any(rests.artefact_rise_c != 0.0)
+    own_k = np.where(has_rise, np.median(np.nan_to_num(over), axis=0), 0.0)
     temperature = np.tile(climate.air_c + own_k, (poses.n, 1))
     if climate.heated:
         temperature[:, arm.sensors.index(climate.heated)] += HEATED_K
     return replace(poses, temperature_c=temperature)
 
 
-def rows_of(
+def whiten_rows(
     states: States, climate: Climate, last: Fit, candidates: Sequence[Candidate], arm: Arm
 ) -> tuple[F64, F64]:
     """Whitened rows (n, 3, k) and tips (n, 3) mm of readings on one new placement.
@@ -126,13 +128,15 @@ def rows_of(
     ]
     slopes = [moves([probe]) for probe in probes]
     identified = jac[:, :, np.array(baseline.parameters, dtype=np.int64)]  # none: held, and exact
-    own = np.concatenate([identified, *(slope[:, :, None] for slope in slopes)], axis=2)
+    identified_columns = np.concatenate(
+        [identified, *(slope[:, :, None] for slope in slopes)], axis=2
+    )
     if baseline.is_given:
-        own = own @ baseline.root
+        identified_columns = identified_columns @ baseline.root
     columns = [column for candidate in candidates for column in candidate.columns]
     extra = [moves(c.terms) + _artefact(c, position, climate, last) for c in columns]
     placement = rigid_columns(position - position.mean(axis=0))
-    stacked = [own, *(block[:, :, None] for block in extra), placement]
+    stacked = [identified_columns, *(block[:, :, None] for block in extra), placement]
     whitener = _whitener(joint_jacobian(states.q, p), last.noise, _target_mm(last))
     rows: F64 = whitener @ np.concatenate(stacked, axis=2)
     return rows, position

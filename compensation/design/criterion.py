@@ -48,45 +48,45 @@ class Between:
         several = ", the likeliest and nearest counting most" if self.weight.size > 1 else ""
         return f"projected signal-to-noise of one with the other in the model{several}"
 
-    def merit(self, known: LinearModel, rows: F64 | None = None) -> F64:
+    def merit(self, prior: LinearModel, rows: F64 | None = None) -> F64:
         """Noise units (n,) for all pairs, by what is *known* of the k unknowns, with each of
         *rows* (n, 3, k) as one more reading, or (1,) as it is.
 
         The chance to take one of two causes for the other, d noise units away, is at most
         √(p₁p₂)·exp(−d²/8) (Bhattacharyya): these add up.
         """
-        square = self.apart(known, rows) ** 2
-        doubt = logsumexp(-square / 8.0, axis=(1, 2), b=self.weight / self.weight.sum())
+        separation_squared = self.separations(prior, rows) ** 2
+        doubt = logsumexp(-separation_squared / 8.0, axis=(1, 2), b=self.weight / self.weight.sum())
         together: F64 = np.sqrt(np.maximum(-8.0 * doubt, 0.0))
         return together
 
-    def apart(self, known: LinearModel, rows: F64 | None = None) -> F64:
+    def separations(self, prior: LinearModel, rows: F64 | None = None) -> F64:
         """(n, l, r) projected signal-to-noise of each signal with each rival in the model."""
-        c, e = known.layout.but([ASKED]), known.layout.of([ASKED])
-        covariance = known.only(c).covariance
-        across = covariance @ known.gram[np.ix_(c, e)]
-        clear = known.information(ASKED)
+        c, e = prior.layout.but([ASKED]), prior.layout.of([ASKED])
+        covariance = prior.only(c).covariance
+        across = covariance @ prior.gram[np.ix_(c, e)]
+        information = prior.information(ASKED)
         gained: F64 = np.zeros((1, 3, len(e)))
-        left = gained
+        remainder = gained
         if rows is not None:
-            left = rows[:, :, e] - rows[:, :, c] @ across
+            remainder = rows[:, :, e] - rows[:, :, c] @ across
             spread = np.eye(3) + (rows[:, :, c] @ covariance) @ rows[:, :, c].transpose(0, 2, 1)
-            gained = np.asarray(np.linalg.solve(spread, left), dtype=np.float64)
+            gained = np.asarray(np.linalg.solve(spread, remainder), dtype=np.float64)
 
         def products(a: F64, b: F64) -> F64:
             """(n, ., .) of combinations of the extra unknowns' columns."""
-            more: F64 = a.T @ clear @ b + (left @ a).transpose(0, 2, 1) @ (gained @ b)
-            return more
+            product: F64 = a.T @ information @ b + (remainder @ a).transpose(0, 2, 1) @ (gained @ b)
+            return product
 
-        own = np.einsum("nll->nl", products(self.signals, self.signals))
-        square = []
+        signal_squared = np.einsum("nll->nl", products(self.signals, self.signals))
+        separations_squared = []
         for rival in self.rivals:
             columns = np.eye(len(e))[:, rival]
             towards = products(columns, self.signals)
             solved = np.linalg.solve(products(columns, columns), towards)
-            square.append(own - (towards * solved).sum(axis=1))
-        apart: F64 = np.sqrt(np.maximum(np.stack(square, axis=2), 0.0))
-        return apart
+            separations_squared.append(signal_squared - (towards * solved).sum(axis=1))
+        separation: F64 = np.sqrt(np.maximum(np.stack(separations_squared, axis=2), 0.0))
+        return separation
 
     def settled(self, merit: float) -> bool:
         """Whether causes so far apart will be told."""
@@ -106,9 +106,9 @@ class Weakest:
     direction: F64  # (k,) in the space of unknowns, in `unit`
     unit: str = "µm at the tip"
 
-    def merit(self, known: LinearModel, rows: F64 | None = None) -> F64:
+    def merit(self, prior: LinearModel, rows: F64 | None = None) -> F64:
         """One over the standard uncertainty, as `Between.merit`."""
-        covariance = known.covariance
+        covariance = prior.covariance
         towards = covariance @ self.direction
         variance = np.array([self.direction @ towards])
         if rows is not None:
@@ -131,7 +131,7 @@ class Weakest:
 Criterion = Between | Weakest
 
 
-def between(doubt: Doubt, last: Fit, known: LinearModel, richest: LinearModel) -> Between:
+def separate_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearModel) -> Between:
     """Which of the finding and its rivals it is, by what is *known* by now.
 
     Pairs that stay one signal even to the *richest* information are left out where others do not.
@@ -141,29 +141,31 @@ def between(doubt: Doubt, last: Fit, known: LinearModel, richest: LinearModel) -
     candidates = [doubt.found.candidate, *doubt.rivals]
     share = np.array([doubt.found.probability, *doubt.share])
     ends = np.cumsum([0, *(len(c.columns) for c in candidates)])
-    own = tuple(slice(low, high) for low, high in itertools.pairwise(ends))
-    clear = known.information(ASKED)
-    finding = np.zeros(len(clear))
-    finding[own[0]] = last.amplitudes[doubt.index]
-    leads = [i for i in range(len(own)) if i == 0 or share[i] >= LEADING * share.max()]
-    signals = [finding, *(_passing(clear, finding, own[i]) for i in leads[1:])]
-    told = [[not alike(candidates[i], rival) for rival in candidates] for i in leads]
-    weight = np.sqrt(share[leads][:, None] * share) * told
-    criterion = Between(doubt.words, np.stack(signals, axis=1), own, weight)
-    able = weight * (criterion.apart(richest)[0] >= APART)
+    blocks = tuple(slice(low, high) for low, high in itertools.pairwise(ends))
+    information = prior.information(ASKED)
+    finding = np.zeros(len(information))
+    finding[blocks[0]] = last.amplitudes[doubt.index]
+    leads = [i for i in range(len(blocks)) if i == 0 or share[i] >= LEADING * share.max()]
+    signals = [finding, *(_passing(information, finding, blocks[i]) for i in leads[1:])]
+    separable = [[not alike(candidates[i], rival) for rival in candidates] for i in leads]
+    weight = np.sqrt(share[leads][:, None] * share) * separable
+    criterion = Between(doubt.words, np.stack(signals, axis=1), blocks, weight)
+    able = weight * (criterion.separations(richest)[0] >= APART)
     return replace(criterion, weight=able if able.any() else weight)
 
 
-def _passing(clear: F64, signal: F64, rival: slice) -> F64:
+def _passing(information: F64, signal: F64, rival: slice) -> F64:
     """What a rival shows (e,) that passes best for a *signal* (e,) in what was measured, of which
     *clear* (e, e) is the information."""
-    found = np.zeros(len(clear))
-    found[rival] = np.linalg.lstsq(clear[rival, rival], clear[rival] @ signal, rcond=1e-9)[0]
-    return found
+    signal_of_rival = np.zeros(len(information))
+    signal_of_rival[rival] = np.linalg.lstsq(
+        information[rival, rival], information[rival] @ signal, rcond=1e-9
+    )[0]
+    return signal_of_rival
 
 
-def weakest(
-    last: Fit, arm: Arm, known: LinearModel, richest: LinearModel, poses: States
+def tighten_weakest(
+    last: Fit, arm: Arm, prior: LinearModel, richest: LinearModel, poses: States
 ) -> Weakest:
     """The constant known least well, in µm at the tip, of those that poses can settle at all."""
     baseline = last.baseline
@@ -173,16 +175,16 @@ def weakest(
     moves = jacobian(poses.q, last.model.constants)[1]  # (n, 3, P) mm per unit
     lever_um = 1e3 * np.sqrt((moves**2).sum(axis=1).mean(axis=0))
     indices = list(baseline.parameters)
-    directions = np.zeros((known.layout.n, len(indices)))
+    directions = np.zeros((prior.layout.n, len(indices)))
     if baseline.is_given:
         directions[: baseline.root.shape[1]] = baseline.root[: len(indices)].T
         settled = np.ones(len(indices), dtype=bool)
     else:
         directions[: len(indices)] = np.eye(len(indices))
-        alone = np.diag(richest.gram)[: len(indices)]
-        settled = 1.0 / np.diag(richest.covariance)[: len(indices)] > GAUGE_SHARE * alone
+        diagonal = np.diag(richest.gram)[: len(indices)]
+        settled = 1.0 / np.diag(richest.covariance)[: len(indices)] > GAUGE_SHARE * diagonal
     directions *= lever_um[indices]
-    variance = np.einsum("ki,kl,li->i", directions, known.covariance, directions)
+    variance = np.einsum("ki,kl,li->i", directions, prior.covariance, directions)
     worst = int(np.argmax(np.where(settled, variance, -1.0)))
     name = names[indices[worst]]
     return Weakest(

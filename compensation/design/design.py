@@ -14,16 +14,16 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.design.conditions import (
     Climate,
-    climates,
     draw_poses,
-    in_climate,
-    rows_of,
+    list_climates,
+    set_climate,
+    whiten_rows,
 )
 from armd.compensation.design.criterion import (
     ASKED,
     Criterion,
-    between,
-    weakest,
+    separate_causes,
+    tighten_weakest,
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -69,58 +69,64 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
     candidates = []
     if doubt is not None:
         candidates = [last.findings[doubt.index], *doubt.rivals]
-    known = _known(last, candidates, arm)
+    prior = _make_prior(last, candidates, arm)
     drawn = draw_poses(diagnosis, seed)
-    choices = [(c, in_climate(drawn, c, diagnosis)) for c in climates(diagnosis)]
-    rows = [rows_of(states, climate, last, candidates, arm) for climate, states in choices]
-    pool = reduce(LinearModel.measured, (whitened for whitened, _ in rows), known)
-    held = 1.0 / (RIDGE * np.diag(pool.gram) + 1e-300)
-    known, pool = known.with_variance(held), pool.with_variance(held)
+    choices = [(c, set_climate(drawn, c, diagnosis)) for c in list_climates(diagnosis)]
+    rows = [whiten_rows(states, climate, last, candidates, arm) for climate, states in choices]
+    pool = reduce(LinearModel.measured, (whitened for whitened, _ in rows), prior)
+    ridge_variance = 1.0 / (RIDGE * np.diag(pool.gram) + 1e-300)
+    prior, pool = prior.with_variance(ridge_variance), pool.with_variance(ridge_variance)
     criterion: Criterion
     if doubt is None:
-        criterion = weakest(last, arm, known, pool, drawn)
+        criterion = tighten_weakest(last, arm, prior, pool, drawn)
     else:
-        criterion = between(doubt, last, known, pool)
-    greedy = [_greedy(known, whitened, criterion, poses or FEW) for whitened, _ in rows]
+        criterion = separate_causes(doubt, last, prior, pool)
+    greedy = [_greedy(prior, whitened, criterion, poses or FEW) for whitened, _ in rows]
     reached = [
-        _merit(known.measured(whitened[chosen]), criterion)
+        _merit(prior.measured(whitened[chosen]), criterion)
         for (whitened, _), chosen in zip(rows, greedy, strict=True)
     ]
     best = int(np.argmax(WORTH_A_CLIMATE * np.array(reached) >= max(reached)))
     (climate, states), (whitened, tip) = choices[best], rows[best]
-    chosen = _exchanged(known, whitened, criterion, greedy[best])
+    chosen = _exchanged(prior, whitened, criterion, greedy[best])
     if poses is None:
-        more = _more(known, whitened, criterion, chosen)
-        chosen = _exchanged(known, whitened, criterion, more) if len(more) > len(chosen) else chosen
+        longer = _extend(prior, whitened, criterion, chosen)
+        chosen = (
+            _exchanged(prior, whitened, criterion, longer) if len(longer) > len(chosen) else chosen
+        )
     return Experiment(
         criterion,
         climate,
         states.rows(np.array(chosen, dtype=np.int64)),
         tip[chosen],
-        criterion.figure(_merit(known, criterion)),
-        criterion.figure(_merit(known.measured(whitened[chosen]), criterion)),
+        criterion.figure(_merit(prior, criterion)),
+        criterion.figure(_merit(prior.measured(whitened[chosen]), criterion)),
         last.model.constants,
     )
 
 
-def _known(last: Fit, candidates: list[Candidate], arm: Arm) -> LinearModel:
+def _make_prior(last: Fit, candidates: list[Candidate], arm: Arm) -> LinearModel:
     """What the sessions there are tell of the unknowns; of the placement to come, nothing."""
-    asked = np.hstack(finding_columns(last.linear, candidates, arm)) if candidates else None
+    asked_columns = np.hstack(finding_columns(last.linear, candidates, arm)) if candidates else None
     problem = last.problem
-    if asked is not None:
-        white = last.noise.whiten(asked)
-        free = np.full(asked.shape[1], np.inf)
-        problem = problem.joined(ASKED, white.T @ white, last.across(asked), free)
+    if asked_columns is not None:
+        white = last.noise.whiten(asked_columns)
+        free = np.full(asked_columns.shape[1], np.inf)
+        problem = problem.joined(ASKED, white.T @ white, last.across(asked_columns), free)
     # A finding that is asked about is there as a candidate.
     places = [candidate.place for candidate in candidates]
-    itself = [finding(i) for i, found in enumerate(last.findings) if found.place in places]
-    wanted = [IDENTIFIED, ASKED] if candidates else [IDENTIFIED]
-    told = problem.without(*itself).information(*wanted)
+    itself = [
+        finding(i)
+        for i, placed_finding in enumerate(last.findings)
+        if placed_finding.place in places
+    ]
+    blocks = [IDENTIFIED, ASKED] if candidates else [IDENTIFIED]
+    information = problem.without(*itself).information(*blocks)
     sizes = dict(problem.layout.sizes)
-    layout = Layout((*((name, sizes[name]) for name in wanted), (PLACEMENT, 6)))
-    known = np.zeros((layout.n, layout.n))
-    known[: len(told), : len(told)] = told
-    return LinearModel.of_products(layout, known, np.full(layout.n, np.inf))
+    layout = Layout((*((name, sizes[name]) for name in blocks), (PLACEMENT, 6)))
+    extended = np.zeros((layout.n, layout.n))
+    extended[: len(information), : len(information)] = information
+    return LinearModel.of_products(layout, extended, np.full(layout.n, np.inf))
 
 
 def _merit(information: LinearModel, criterion: Criterion) -> float:
@@ -136,32 +142,32 @@ def _best(
     return best, float(merit[best])
 
 
-def _greedy(known: LinearModel, rows: F64, criterion: Criterion, poses: int) -> list[int]:
+def _greedy(prior: LinearModel, rows: F64, criterion: Criterion, poses: int) -> list[int]:
     """The first few pay for the placement's six unknowns only; exchanges make good for them."""
     chosen: list[int] = []
     for _ in range(min(poses, len(rows))):
-        total = known.measured(rows[chosen])
+        total = prior.measured(rows[chosen])
         chosen.append(_best(total, rows, criterion, chosen)[0])
     return chosen
 
 
-def _more(known: LinearModel, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
+def _extend(prior: LinearModel, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
     """With as many more as settle the criterion, up to MANY; none if these hardly help."""
-    more, merit = list(chosen), _merit(known.measured(rows[chosen]), criterion)
-    while len(more) < min(MANY, len(rows)) and not criterion.settled(merit):
-        best, merit = _best(known.measured(rows[more]), rows, criterion, more)
-        more.append(best)
-    return more if criterion.figure(merit) >= TOLD_AT_ALL else list(chosen)
+    extended, merit = list(chosen), _merit(prior.measured(rows[chosen]), criterion)
+    while len(extended) < min(MANY, len(rows)) and not criterion.settled(merit):
+        best, merit = _best(prior.measured(rows[extended]), rows, criterion, extended)
+        extended.append(best)
+    return extended if criterion.figure(merit) >= TOLD_AT_ALL else list(chosen)
 
 
-def _exchanged(known: LinearModel, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
+def _exchanged(prior: LinearModel, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
     chosen = list(chosen)
     for _ in range(MOST_EXCHANGES):
         changed = False
         for place in range(len(chosen)):
-            others = chosen[:place] + chosen[place + 1 :]
-            now = _merit(known.measured(rows[chosen]), criterion)
-            best, merit = _best(known.measured(rows[others]), rows, criterion, chosen)
+            unchanged = chosen[:place] + chosen[place + 1 :]
+            now = _merit(prior.measured(rows[chosen]), criterion)
+            best, merit = _best(prior.measured(rows[unchanged]), rows, criterion, chosen)
             if merit > WORTHWHILE * now:
                 chosen[place], changed = best, True
         if not changed:

@@ -14,8 +14,8 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.design.observability import (
     ReadingColumns,
-    clear_constants,
     count_directions,
+    eliminate_nuisances,
 )
 
 #: Prior, as a share of what all candidates together tell: makes a start of few readings invertible.
@@ -37,11 +37,11 @@ class Candidates:
     base: F64  # (k + m, k + m) what is known without any reading
 
 
-def candidates_of(columns: ReadingColumns, fixed: F64 | None = None) -> Candidates:
+def make_candidates(columns: ReadingColumns, fixed: F64 | None = None) -> Candidates:
     """*fixed* (D, k): rows that tell of the nuisances alone, and are there in any case."""
     n, r, _ = columns.nuisances.shape
-    basis, clear = clear_constants(columns, fixed)
-    u, s, _ = np.linalg.svd(clear, full_matrices=False)
+    basis, free_columns = eliminate_nuisances(columns, fixed)
+    u, s, _ = np.linalg.svd(free_columns, full_matrices=False)
     rows = np.hstack([basis, u[:, : count_directions(s)]])
     base = RIDGE * np.eye(rows.shape[1]) + rows[n * r :].T @ rows[n * r :]
     return Candidates(rows[: n * r].reshape(n, r, -1), basis.shape[1], base)
@@ -74,13 +74,13 @@ def choose_readings(candidates: Candidates, count: int, group: I64, seed: int = 
 
 
 def _greedy_start(candidates: Candidates, shares: I64, group: I64) -> list[int]:
-    left, chosen = shares.copy(), list[int]()
+    open_shares, chosen = shares.copy(), list[int]()
     for _ in range(int(shares.sum())):
         rise = _rises(candidates, _information(candidates, chosen))
         rise[chosen] = -np.inf
-        rise[left[group] == 0] = -np.inf
+        rise[open_shares[group] == 0] = -np.inf
         chosen.append(int(np.argmax(rise)))
-        left[group[chosen[-1]]] -= 1
+        open_shares[group[chosen[-1]]] -= 1
     return chosen
 
 
@@ -98,10 +98,10 @@ def exchange_readings(candidates: Candidates, chosen: list[int], group: I64) -> 
     chosen, unchanged = list(chosen), 0
     for trial in range(MOST_TRIALS):
         place = trial % len(chosen)
-        rest = chosen[:place] + chosen[place + 1 :]
-        rise = _rises(candidates, _information(candidates, rest))
+        unchanged_readings = chosen[:place] + chosen[place + 1 :]
+        rise = _rises(candidates, _information(candidates, unchanged_readings))
         now = rise[chosen[place]]
-        rise[rest] = -np.inf
+        rise[unchanged_readings] = -np.inf
         rise[group != group[chosen[place]]] = -np.inf
         best = int(np.argmax(rise))
         unchanged += 1
@@ -121,8 +121,8 @@ def _information(candidates: Candidates, chosen: list[int]) -> F64:
 def _rises(candidates: Candidates, information: F64) -> F64:
     """(n,) by how much one reading more raises the log determinant of the constants."""
     k = candidates.nuisances
-    both = _log_rises(candidates.rows, information)
-    rise: F64 = both - _log_rises(candidates.rows[:, :, :k], information[:k, :k])
+    total_rise = _log_rises(candidates.rows, information)
+    rise: F64 = total_rise - _log_rises(candidates.rows[:, :, :k], information[:k, :k])
     return rise
 
 

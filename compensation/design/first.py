@@ -17,12 +17,12 @@ from armd.compensation.design.artefact_places import (
     target_positions,
 )
 from armd.compensation.design.clearance import height_mm
-from armd.compensation.design.exchange import candidates_of, choose_readings
+from armd.compensation.design.exchange import choose_readings, make_candidates
 from armd.compensation.design.observability import (
     ReadingColumns,
-    clear_singular_values,
+    compute_observability_indices,
     count_directions,
-    observability_indices,
+    decompose_constants,
     structural_rank,
     tracker_columns,
 )
@@ -73,13 +73,13 @@ class FirstExperiment:
 
     @property
     def observability(self) -> dict[str, float]:
-        return observability_indices(self.singular_values, len(self.q))
+        return compute_observability_indices(self.singular_values, len(self.q))
 
     @property
     def condition_number(self) -> float | None:
         """None where a direction is not determined at all."""
-        least = float(self.singular_values[-1])
-        return float(self.singular_values[0]) / least if least > 0.0 else None
+        smallest = float(self.singular_values[-1])
+        return float(self.singular_values[0]) / smallest if smallest > 0.0 else None
 
 
 @dataclass(frozen=True)
@@ -108,19 +108,19 @@ def design_first(
     bounds = bounds or Bounds()
     placements = 1 if artefact is None else LEAST_PLACEMENTS
     seats = 0 if artefact is None else int(np.isnan(artefact.positions_mm()[:, 0]).sum())
-    least = least_readings(arm.n_joints, placements, seats)
+    minimum = least_readings(arm.n_joints, placements, seats)
     certificate = certificate_readings(arm.n_joints, placements, seats)
-    _require_between(readings, least, POOL)
+    _require_between(readings, minimum, POOL)
     rng = np.random.default_rng(seed)
     within = _draw_postures(arm, parameters, bounds, rng)
     if artefact is None:
         campaign = _make_tracker_campaign(arm, parameters, within)
     else:
         campaign = _make_artefact_campaign(arm, parameters, within, bounds, artefact, rng)
-    most = len(campaign.places.q)
-    _require_between(readings, least, most)
-    count = readings or min(certificate, most)
-    candidates = candidates_of(campaign.columns, campaign.fixed)
+    maximum = len(campaign.places.q)
+    _require_between(readings, minimum, maximum)
+    count = readings or min(certificate, maximum)
+    candidates = make_candidates(campaign.columns, campaign.fixed)
     group = campaign.places.groups(count)
     chosen = np.array(choose_readings(candidates, count, group), dtype=np.int64)
     order = np.lexsort((campaign.places.q[chosen, 0], campaign.places.placement[chosen]))
@@ -145,9 +145,9 @@ def design_first(
     )
 
 
-def _require_between(readings: int | None, least: int, most: int) -> None:
-    if readings is not None and not least <= readings <= most:
-        expected = f"{least} (fewer have no one answer) to {most} (candidate postures)"
+def _require_between(readings: int | None, minimum: int, maximum: int) -> None:
+    if readings is not None and not minimum <= readings <= maximum:
+        expected = f"{minimum} (fewer have no one answer) to {maximum} (candidate postures)"
         raise BadInput("--readings/--poses", "value", str(readings), expected)
 
 
@@ -168,9 +168,9 @@ def _draw_postures(arm: Arm, parameters: F64, bounds: Bounds, rng: np.random.Gen
     q = rng.uniform(*arm.range_rad, (DRAWN, arm.n_joints))
     q = q[_is_within(arm, parameters, q, bounds)][:POOL]
     if len(q) < LEAST_POOL:
-        found = f"{len(q)} of {DRAWN} random postures within the joint limits that keep them"
+        drawn = f"{len(q)} of {DRAWN} random postures within the joint limits that keep them"
         options = "--reach and --lowest" if bounds.lowest_mm is not None else "--reach"
-        raise BadInput(options, "value", found, f"values that at least {LEAST_POOL} keep")
+        raise BadInput(options, "value", drawn, f"values that at least {LEAST_POOL} keep")
     return q
 
 
@@ -201,18 +201,18 @@ def _make_artefact_campaign(
     places = draw_places(arm, parameters, local, within, keeps, rng)
     columns = artefact_columns(arm, parameters, places, artefact)
     fixed = length_rows(artefact, local, len(places.turn), _noise_mm(arm))
-    rank = count_directions(clear_singular_values(columns, fixed)[0])
+    rank = count_directions(decompose_constants(columns, fixed)[0])
     return _Campaign(places, columns, fixed, rank)
 
 
 def _assess_readings(arm: Arm, campaign: _Campaign, chosen: I64) -> tuple[F64, int, list[str]]:
     """Singular values (structural rank,), rank, and in words what is not known though it can be."""
-    s, directions = clear_singular_values(campaign.columns.rows(chosen), campaign.fixed)
+    s, directions = decompose_constants(campaign.columns.rows(chosen), campaign.fixed)
     s = s[: campaign.structural_rank]
     s = np.where(s > ROUNDING * s[0], s, 0.0)
-    known = s >= LEAST_KNOWN * _noise_mm(arm)
-    weak = directions[:, : len(s)][:, ~known]
-    return s, int(known.sum()), unidentifiable(weak, free_constants(arm), arm)
+    is_determined = s >= LEAST_KNOWN * _noise_mm(arm)
+    weak = directions[:, : len(s)][:, ~is_determined]
+    return s, int(is_determined.sum()), unidentifiable(weak, free_constants(arm), arm)
 
 
 def _noise_mm(arm: Arm) -> float:

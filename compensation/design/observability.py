@@ -53,7 +53,7 @@ def tracker_columns(arm: Arm, q: F64, parameters: F64) -> ReadingColumns:
     return ReadingColumns(constants, rigid_columns(tip - tip.mean(axis=0)), tip)
 
 
-def clear_constants(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
+def eliminate_nuisances(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
     """Orthonormal nuisances (m, k'), and the constants' columns (m, C) clear of these.
 
     *fixed* (D, k): rows that tell of the nuisances alone, such as certified lengths; they are the
@@ -65,14 +65,14 @@ def clear_constants(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[
         nuisances = np.vstack([nuisances, fixed])
         constants = np.vstack([constants, np.zeros((len(fixed), c))])
     basis = _orthonormal(nuisances)
-    clear = constants - basis @ (basis.T @ constants)
-    return basis, clear - basis @ (basis.T @ clear)  # twice: what rounding left
+    free_columns = constants - basis @ (basis.T @ constants)
+    return basis, free_columns - basis @ (basis.T @ free_columns)  # twice: what rounding left
 
 
-def clear_singular_values(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
+def decompose_constants(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
     """Singular values (C,) descending, and directions (C, C) as columns, nuisances eliminated."""
-    clear = clear_constants(columns, fixed)[1]
-    _, s, vt = np.linalg.svd(np.linalg.qr(clear, mode="r"), full_matrices=True)
+    free_columns = eliminate_nuisances(columns, fixed)[1]
+    _, s, vt = np.linalg.svd(np.linalg.qr(free_columns, mode="r"), full_matrices=True)
     return np.concatenate([s, np.zeros(len(vt) - len(s))]), vt.T
 
 
@@ -97,19 +97,19 @@ def structural_rank(arm: Arm, parameters: F64, seed: int = 0) -> int:
     themselves; special geometry can.
     """
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (GAUGE_POSTURES, arm.n_joints))
-    return count_directions(clear_singular_values(tracker_columns(arm, q, parameters))[0])
+    return count_directions(decompose_constants(tracker_columns(arm, q, parameters))[0])
 
 
-def observability_indices(singular_values: F64, poses: int) -> dict[str, float]:
+def compute_observability_indices(singular_values: F64, poses: int) -> dict[str, float]:
     """O1 to O5 of singular values (m,), descending, in n *poses*; 0 where one of them is 0."""
     s = np.asarray(singular_values, dtype=float)
-    largest, least = float(s[0]), float(s[-1])
-    if least <= 0.0:
+    largest, smallest = float(s[0]), float(s[-1])
+    if smallest <= 0.0:
         return dict.fromkeys(("O1", "O2", "O3", "O4", "O5"), 0.0)
     return {
         "O1": float(np.exp(np.log(s).mean()) / np.sqrt(poses)),
-        "O2": least / largest,
-        "O3": least,
-        "O4": least**2 / largest,
+        "O2": smallest / largest,
+        "O3": smallest,
+        "O4": smallest**2 / largest,
         "O5": float(1.0 / (1.0 / s).sum()),
     }

@@ -14,5 +14,5 @@ def algebraic_sphere(points: F64) -> tuple[F64, float]:
     squares over points (n, d) (Kåsa 1976): where a fit of distances begins. Centre them first."""
     design = np.column_stack([2 * points, np.ones(len(points))])
     *centre, bracket = np.linalg.lstsq(design, (points**2).sum(axis=1), rcond=None)[0]
-    at = np.array(centre)
-    return at, float(np.sqrt(max(bracket + at @ at, LEAST_MM**2)))
+    origin = np.array(centre)
+    return origin, float(np.sqrt(max(bracket + origin @ origin, LEAST_MM**2)))

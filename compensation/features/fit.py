@@ -83,19 +83,19 @@ def fit(shape: Shape, points_mm: F64, covariance_mm2: F64 | None = None) -> Feat
         _require_extent(shape, x)
     best: tuple[float, F64, Start] | None = None
     for start in STARTS[shape](x):
-        found = least_squares(
+        solution = least_squares(
             partial(_residuals, shape, x, start),
             np.zeros(FREE[shape].count),
-            method="lm" if n * FREE[shape].each >= FREE[shape].count else "trf",
+            method="lm" if n * FREE[shape].residuals_per_point >= FREE[shape].count else "trf",
             xtol=1e-15,
             ftol=1e-15,
             gtol=1e-15,
         )
-        if best is None or found.cost < best[0]:
-            best = float(found.cost), found.x, start
+        if best is None or solution.cost < best[0]:
+            best = float(solution.cost), solution.x, start
     assert best is not None  # every shape has a start
-    at = moved(shape, best[2], best[1])
-    return _described(shape, x, at, middle, size, covariance_mm2)
+    optimum = moved(shape, best[2], best[1])
+    return _described(shape, x, optimum, middle, size, covariance_mm2)
 
 
 def _residuals(shape: Shape, x: F64, start: Start, u: F64) -> F64:
@@ -104,69 +104,69 @@ def _residuals(shape: Shape, x: F64, start: Start, u: F64) -> F64:
 
 
 def _described(
-    shape: Shape, x: F64, at: Start, middle: F64, size: float, covariance_mm2: F64 | None
+    shape: Shape, x: F64, optimum: Start, middle: F64, size: float, covariance_mm2: F64 | None
 ) -> Feature:
     """The feature at its optimum, in millimetres, with its covariance."""
     free = FREE[shape]
     if shape in ("line", "plane", "cylinder"):  # of all its points the one nearest the mean
-        along = at.direction if shape != "plane" else None
-        foot = at.point if along is None else at.point - along * (along @ at.point)
+        along = optimum.direction if shape != "plane" else None
+        foot = optimum.point if along is None else optimum.point - along * (along @ optimum.point)
         if along is None:
-            foot = at.direction * (at.direction @ at.point)
-        at = at._replace(point=foot)
-    slope = _slope(shape, x, at)
+            foot = optimum.direction * (optimum.direction @ optimum.point)
+        optimum = optimum._replace(point=foot)
+    slope = _slope(shape, x, optimum)
     singular = np.linalg.svd(slope, compute_uv=False)
     if singular[-1] < SINGULAR * singular[0]:
         raise ArithmeticError(f"the points do not determine a {shape}")
     inverse = np.linalg.inv(slope.T @ slope)
-    residual = free.residuals(x, at)
+    residual = free.residuals(x, optimum)
     covariance, from_scatter = None, covariance_mm2 is None
     if covariance_mm2 is not None:
-        gradient = free.gradients(x, at)  # (n, each, 3)
+        gradient = free.gradients(x, optimum)  # (n, each, 3)
         spread = np.einsum("nki,nij,nlj->nkl", gradient, covariance_mm2 / size**2, gradient)
-        blocks = slope.reshape(len(x), free.each, free.count)
+        blocks = slope.reshape(len(x), free.residuals_per_point, free.count)
         middle_part = np.einsum("nkp,nkl,nlq->pq", blocks, spread, blocks)
         covariance = inverse @ middle_part @ inverse
     elif residual.size > free.count:
         covariance = float((residual**2).sum()) / (residual.size - free.count) * inverse
-    told = None
+    covariance_7 = None
     if covariance is not None:
-        change = _change(shape, at)  # (7, count)
-        told = change @ covariance @ change.T
+        change = _change(shape, optimum)  # (7, count)
+        covariance_7 = change @ covariance @ change.T
         lengths = np.array([size, size, size, 1.0, 1.0, 1.0, size])
-        told = told * lengths[:, None] * lengths
+        covariance_7 = covariance_7 * lengths[:, None] * lengths
     distance, form = free.form(residual)
     return Feature(
         shape=shape,
-        point_mm=middle + size * at.point,
-        direction=at.direction if free.turned else None,
-        radius_mm=abs(size * at.radius) if free.round else None,
-        covariance=told,
+        point_mm=middle + size * optimum.point,
+        direction=optimum.direction if free.turned else None,
+        radius_mm=abs(size * optimum.radius) if free.round else None,
+        covariance=covariance_7,
         residual_mm=size * distance,
         form_error_mm=size * form,
         from_scatter=from_scatter,
     )
 
 
-def _slope(shape: Shape, x: F64, at: Start) -> F64:
+def _slope(shape: Shape, x: F64, optimum: Start) -> F64:
     """Derivatives of the residuals (n·each, count) by the free parameters."""
     count, step = FREE[shape].count, 1e-6
     columns = []
     for i in range(count):
         u = step * np.eye(count)[i]
-        ahead = FREE[shape].residuals(x, moved(shape, at, u))
-        behind = FREE[shape].residuals(x, moved(shape, at, -u))
+        ahead = FREE[shape].residuals(x, moved(shape, optimum, u))
+        behind = FREE[shape].residuals(x, moved(shape, optimum, -u))
         columns.append(((ahead - behind) / (2 * step)).ravel())
     return np.stack(columns, axis=1)
 
 
-def _change(shape: Shape, at: Start) -> F64:
+def _change(shape: Shape, optimum: Start) -> F64:
     """Derivatives (7, count) of point, direction and radius by the free parameters."""
     count, step = FREE[shape].count, 1e-6
     columns = []
     for i in range(count):
         u = step * np.eye(count)[i]
-        ahead, behind = moved(shape, at, u), moved(shape, at, -u)
+        ahead, behind = moved(shape, optimum, u), moved(shape, optimum, -u)
         columns.append((np.hstack(ahead) - np.hstack(behind)) / (2 * step))
     return np.stack(columns, axis=1)
 
@@ -177,7 +177,11 @@ _EXTENT: dict[Shape, int] = {"line": 1, "plane": 2, "circle": 2, "sphere": 3, "c
 
 def _require_extent(shape: Shape, x: F64) -> None:
     extent = np.linalg.svd(x, compute_uv=False)
-    wanted = _EXTENT[shape]
-    if len(extent) < wanted or extent[wanted - 1] < SINGULAR * extent[0] or extent[0] == 0:
-        where = ("", "at one place", "on one line", "in one plane")[wanted]
-        raise ArithmeticError(f"the points lie {where}: no {shape} is determined")
+    needed_dimensions = _EXTENT[shape]
+    if (
+        len(extent) < needed_dimensions
+        or extent[needed_dimensions - 1] < SINGULAR * extent[0]
+        or extent[0] == 0
+    ):
+        arrangement = ("", "at one place", "on one line", "in one plane")[needed_dimensions]
+        raise ArithmeticError(f"the points lie {arrangement}: no {shape} is determined")

@@ -23,10 +23,10 @@ class Start(NamedTuple):
 
 def across(direction: F64) -> tuple[F64, F64]:
     """Two unit vectors square to a direction and to each other."""
-    least = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    one = np.cross(direction, least)
-    one /= np.linalg.norm(one)
-    return one, np.cross(direction, one)
+    smallest_axis = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    normal = np.cross(direction, smallest_axis)
+    normal /= np.linalg.norm(normal)
+    return normal, np.cross(direction, normal)
 
 
 def moved(shape: Shape, start: Start, u: F64) -> Start:
@@ -51,50 +51,52 @@ def moved(shape: Shape, start: Start, u: F64) -> Start:
             return Start(point, unit(d + u[2] * e1 + u[3] * e2), start.radius + u[4])
 
 
-def _away(x: F64, at: Start) -> F64:
-    return x - at.point
+def _away(x: F64, start: Start) -> F64:
+    return x - start.point
 
 
-def _radial(x: F64, at: Start) -> tuple[F64, F64]:
+def _radial(x: F64, start: Start) -> tuple[F64, F64]:
     """Distance (n,) from the axis, and unit vectors (n, 3) from it."""
-    away = _away(x, at)
-    square = away - np.outer(away @ at.direction, at.direction)
-    distance = np.linalg.norm(square, axis=1)
-    return distance, square / np.maximum(distance, 1e-300)[:, None]
+    away = _away(x, start)
+    perpendicular = away - np.outer(away @ start.direction, start.direction)
+    distance = np.linalg.norm(perpendicular, axis=1)
+    return distance, perpendicular / np.maximum(distance, 1e-300)[:, None]
 
 
-def _sphere(x: F64, at: Start) -> F64:
-    out: F64 = np.linalg.norm(_away(x, at), axis=1) - at.radius
+def _sphere(x: F64, start: Start) -> F64:
+    out: F64 = np.linalg.norm(_away(x, start), axis=1) - start.radius
     return out[:, None]
 
 
-def _sphere_gradient(x: F64, at: Start) -> F64:
-    away = _away(x, at)
+def _sphere_gradient(x: F64, start: Start) -> F64:
+    away = _away(x, start)
     out: F64 = away / np.linalg.norm(away, axis=1, keepdims=True)
     return out[:, None, :]
 
 
-def _plane(x: F64, at: Start) -> F64:
-    out: F64 = _away(x, at) @ at.direction
+def _plane(x: F64, start: Start) -> F64:
+    out: F64 = _away(x, start) @ start.direction
     return out[:, None]
 
 
-def _line(x: F64, at: Start) -> F64:
-    out: F64 = _away(x, at) @ np.stack(across(at.direction), axis=1)
+def _line(x: F64, start: Start) -> F64:
+    out: F64 = _away(x, start) @ np.stack(across(start.direction), axis=1)
     return out
 
 
-def _circle(x: F64, at: Start) -> F64:
-    return np.stack([_radial(x, at)[0] - at.radius, _away(x, at) @ at.direction], axis=1)
+def _circle(x: F64, start: Start) -> F64:
+    return np.stack(
+        [_radial(x, start)[0] - start.radius, _away(x, start) @ start.direction], axis=1
+    )
 
 
-def _circle_gradient(x: F64, at: Start) -> F64:
-    return np.stack([_radial(x, at)[1], np.tile(at.direction, (len(x), 1))], axis=1)
+def _circle_gradient(x: F64, start: Start) -> F64:
+    return np.stack([_radial(x, start)[1], np.tile(start.direction, (len(x), 1))], axis=1)
 
 
 def _same(rows: Callable[[Start], F64]) -> Callable[[F64, Start], F64]:
     """A gradient (each, 3) that is the same at every point."""
-    return lambda x, at: np.tile(rows(at), (len(x), 1, 1))
+    return lambda x, start: np.tile(rows(start), (len(x), 1, 1))
 
 
 def _spread(residual: F64) -> tuple[F64, float]:
@@ -124,7 +126,7 @@ class ShapeFit:
     """What a shape's fit is made of."""
 
     count: int  # free parameters
-    each: int  # residuals of a point
+    residuals_per_point: int  # residuals of a point
     turned: bool  # has a direction
     round: bool  # has a radius
     residuals: Callable[[F64, Start], F64]  # (n, each)
@@ -135,15 +137,17 @@ class ShapeFit:
 FREE: dict[Shape, ShapeFit] = {
     "point": ShapeFit(3, 3, False, False, _away, _same(lambda _: np.eye(3)), _largest),
     "line": ShapeFit(
-        4, 2, True, False, _line, _same(lambda at: np.stack(across(at.direction))), _around
+        4, 2, True, False, _line, _same(lambda start: np.stack(across(start.direction))), _around
     ),
-    "plane": ShapeFit(3, 1, True, False, _plane, _same(lambda at: at.direction[None]), _spread),
+    "plane": ShapeFit(
+        3, 1, True, False, _plane, _same(lambda start: start.direction[None]), _spread
+    ),
     "circle": ShapeFit(6, 2, True, True, _circle, _circle_gradient, _ring),
     "sphere": ShapeFit(4, 1, False, True, _sphere, _sphere_gradient, _spread),
     "cylinder": ShapeFit(
         5, 1, True, True,
-        lambda x, at: (_radial(x, at)[0] - at.radius)[:, None],
-        lambda x, at: _radial(x, at)[1][:, None, :],
+        lambda x, start: (_radial(x, start)[0] - start.radius)[:, None],
+        lambda x, start: _radial(x, start)[1][:, None, :],
         _spread,
     ),
 }  # fmt: skip

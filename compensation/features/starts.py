@@ -26,9 +26,9 @@ def _principal(x: F64) -> F64:
 def _flat_circle(x: F64, normal: F64) -> tuple[Start, float]:
     """The circle through points seen along *normal*, and its mean square."""
     e1, e2 = across(normal)
-    seen = np.stack([x @ e1, x @ e2], axis=1)
-    (c1, c2), radius = algebraic_sphere(seen)
-    off = np.linalg.norm(seen - [c1, c2], axis=1) - radius
+    flat = np.stack([x @ e1, x @ e2], axis=1)
+    (c1, c2), radius = algebraic_sphere(flat)
+    off = np.linalg.norm(flat - [c1, c2], axis=1) - radius
     return Start(c1 * e1 + c2 * e2, normal, radius), float(np.mean(off**2))
 
 

@@ -12,7 +12,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward, frames
 from armd.compensation.model.parameters import JOINT_PARAMETERS, TIP_PARAMETERS
-from armd.compensation.report.drawing import COLOURS, one_drawing
+from armd.compensation.report.drawing import COLOURS, make_single_figure
 
 HEIGHT_IN = 4.4
 #: Of a frame's axes, as a share of the arm's reach.
@@ -28,7 +28,7 @@ def arm_picture(arm: Arm, q: F64, constants: Collection[str]) -> Figure:
     """The arm in the posture *q* (N,) rad, as arm.toml draws it; *constants* are those named."""
     origins, rotations = (part[0] for part in frames(q[None], arm.nominal()))
     tip = forward(q[None], arm.nominal())[0][0]
-    figure, panel = one_drawing(HEIGHT_IN)
+    figure, panel = make_single_figure(HEIGHT_IN)
     chain = _project(np.vstack([origins, tip]))
     panel.plot(*chain.T, color="#57606a", linewidth=3.0, alpha=0.5, zorder=1)
     panel.plot(*chain[-1], "o", color="black", markersize=5)
@@ -57,25 +57,29 @@ def _label(k: int, constants: Collection[str]) -> str:
     """Of frame *k*: the parameters of the joint that leads to it."""
     if k == 0:
         return "base"
-    names = [LETTERS[one] + str(k) for one in JOINT_PARAMETERS if f"{one}_{k}" in constants]
+    names = [
+        LETTERS[parameter] + str(k)
+        for parameter in JOINT_PARAMETERS
+        if f"{parameter}_{k}" in constants
+    ]
     return _named(f"frame {k}", names)
 
 
-def _named(what: str, names: list[str]) -> str:
-    return f"{what}: {' '.join(names)}" if names else what
+def _named(quantity: str, names: list[str]) -> str:
+    return f"{quantity}: {' '.join(names)}" if names else quantity
 
 
-def _put_labels(panel: Axes, at: F64, labels: list[str]) -> None:
+def _put_labels(panel: Axes, place_mm: F64, labels: list[str]) -> None:
     """In two columns beside the arm by height, each with a thin line to its frame."""
-    middle = float(np.median(at[:, 0]))
-    order = np.argsort(at[:, 0] - middle, kind="stable")
+    middle = float(np.median(place_mm[:, 0]))
+    order = np.argsort(place_mm[:, 0] - middle, kind="stable")
     sides = {"left": order[: len(order) // 2], "right": order[len(order) // 2 :]}
-    for side, own in sides.items():
-        by_height = own[np.argsort(-at[own, 1], kind="stable")]
+    for side, chosen in sides.items():
+        by_height = chosen[np.argsort(-place_mm[chosen, 1], kind="stable")]
         for place, i in enumerate(by_height):
             panel.annotate(
-                labels[i], at[i],
-                xytext=(0.02 if side == "left" else 0.98, 0.95 - 0.9 * place / max(len(own), 1)),
+                labels[i], place_mm[i],
+                xytext=(0.02 if side == "left" else 0.98, 0.95 - 0.9 * place / max(len(chosen), 1)),
                 textcoords="axes fraction", ha=side, va="center",
                 arrowprops={"arrowstyle": "-", "color": "#8c959f", "linewidth": 0.7},
             )  # fmt: skip

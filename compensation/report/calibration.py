@@ -17,7 +17,7 @@ from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.head import head
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import InputFile, origin
-from armd.compensation.report.units import Units, units_of
+from armd.compensation.report.units import Units, choose_units
 
 #: Before the appendix.
 MOST_NOTES = 4
@@ -32,26 +32,26 @@ def calibration_report(
 ) -> str:
     """The whole HTML file; *written* is the calibration as it stands on the disk."""
     arm = result.fit.observations.arm
-    units = units_of(arm)
+    units = choose_units(arm)
     page = Page(f"Calibration of {arm.serial_number}", arm.serial_number)
     _verdict(page, result, units)
     head(page, arm, sessions, about)
     _summary(page, result, units)
     page.items_in_brief("Notes", result.notes, MOST_NOTES)
-    figures.before_and_after(page, result, units.length)
+    figures.draw_before_and_after(page, result, units.length)
     add_coverage(page, arm, sessions)
     page.signatures("Calibrated by", "Checked by")
     page.appendix()
     page.text(f"Decision rule: {RULE}.")
-    tables.lengths(page, result, units.length)
-    tables.not_identifiable(page, result)
-    figures.the_arm(page, result.fit)
-    tables.parameters_and_terms(page, result, units)
-    tables.correlations(page, result.fit)
-    figures.residual_vectors(page, result.fit, units.length)
-    figures.signed_residuals(page, result.fit, units)
-    tables.thermal_trials(page, result, units.length)
-    tables.outliers(page, result, units.length)
+    tables.add_lengths(page, result, units.length)
+    tables.add_not_identifiable(page, result)
+    figures.draw_arm(page, result.fit)
+    tables.add_parameters_and_terms(page, result, units)
+    tables.add_correlations(page, result.fit)
+    figures.draw_residual_vectors(page, result.fit, units.length)
+    figures.draw_signed_residuals(page, result.fit, units)
+    tables.add_thermal_trials(page, result, units.length)
+    tables.add_outliers(page, result, units.length)
     _provenance(page, result, sessions, arm_file, written)
     return page.html()
 
@@ -60,22 +60,22 @@ def _verdict(page: Page, result: Result, units: Units) -> None:
     record, heldout_mm = result.certificate, result.heldout.rms_um / 1e3
     good = (True if record.scale_known else None) if record.granted else False
     why = page.in_brief("Verdict", f"{record.kind}: {record.why_and_next()}")
-    missed = units.length.of(heldout_mm).three_digits(heldout_mm)
+    missed = units.length.scale_to(heldout_mm).three_digits(heldout_mm)
     key = f"Readings that took no part in the fit are missed by {missed} (3-D RMS)."
     page.verdict(record.word.upper(), why, good, key)
 
 
 def _summary(page: Page, result: Result, units: Units) -> None:
-    found, noise, length = result.fit, result.fit.noise, units.length
+    fit, noise, length = result.fit, result.fit.noise, units.length
     page.table(
         ["", "value", "unit"],
         [
             ["residual, 3-D RMS", length.text(result.rms_um / 1e3), length.name],
             [f"{result.left_out_in_words} left out in turn, 3-D RMS",
              length.text(result.heldout.rms_um / 1e3), length.name],
-            ["readings", found.observations.n, ""],
-            ["placements", len(np.unique(found.observations.placement)), ""],
-            ["rank", f"{found.solution.rank} of {len(found.unknowns.names)} unknowns", ""],
+            ["readings", fit.observations.n, ""],
+            ["placements", len(np.unique(fit.observations.placement)), ""],
+            ["rank", f"{fit.solution.rank} of {len(fit.unknowns.names)} unknowns", ""],
             ["noise of an encoder", units.angle.text(noise.encoder_rad), units.angle.name],
             ["noise of a reading, per axis", length.text(noise.reading_mm), length.name],
             ["thermal order", result.thermal_order, ""],

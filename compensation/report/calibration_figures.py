@@ -10,12 +10,12 @@ from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.temperatures import temperature_groups
 from armd.compensation.report.arm_picture import arm_picture
-from armd.compensation.report.drawing import one_drawing
+from armd.compensation.report.drawing import make_single_figure
 from armd.compensation.report.page import Page
 from armd.compensation.report.residual_plots import (
-    residuals_by_joint,
-    residuals_by_sensor,
-    vectors,
+    draw_residuals_by_joint,
+    draw_residuals_by_sensor,
+    draw_vectors,
 )
 from armd.compensation.report.units import Unit, Units
 
@@ -32,25 +32,25 @@ class _Plain(LogFormatter):
         return f"{x:g}" if super().__call__(x, pos) else ""
 
 
-def before_and_after(page: Page, result: Result, unit: Unit) -> None:
+def draw_before_and_after(page: Page, result: Result, unit: Unit) -> None:
     """3-D RMS by model and temperature of the arm."""
-    found = result.fit
-    observations, arm = found.observations, found.observations.arm
+    fit = result.fit
+    observations, arm = fit.observations, fit.observations.arm
     groups = temperature_groups(observations) or [(np.nan, np.ones(observations.n, dtype=bool))]
-    models = {"as drawn": (arm.nominal(), []), "identified": (found.constants, found.terms)}
-    if found.terms:
-        models["identified, at the reference temperature"] = (found.constants, [])
+    models = {"as drawn": (arm.nominal(), []), "identified": (fit.constants, fit.terms)}
+    if fit.terms:
+        models["identified, at the reference temperature"] = (fit.constants, [])
         models["identified, with temperature"] = models.pop("identified")
-    figure, panel = one_drawing(3.0)
+    figure, panel = make_single_figure(3.0)
     rows = []
     labels = [f"{mean:.1f} °C" if np.isfinite(mean) else "all" for mean, _ in groups]
-    apart = 0.12
+    spacing = 0.12
     for i, (name, (constants, terms)) in enumerate(models.items()):
-        residual = evaluate_model(observations, constants, terms, found.reference_c)
+        residual = evaluate_model(observations, constants, terms, fit.reference_c)
         distance = residual.distance_um * unit.per_base / 1e3
         rms = [float(np.sqrt(np.mean(distance[mask] ** 2))) for _, mask in groups]
-        at = np.arange(len(rms)) + apart * (i - (len(models) - 1) / 2)
-        panel.plot(at, rms, MARKS[i], label=name)
+        positions = np.arange(len(rms)) + spacing * (i - (len(models) - 1) / 2)
+        panel.plot(positions, rms, MARKS[i], label=name)
         for label, (_, mask), value in zip(labels, groups, rms, strict=True):
             rows.append(
                 [
@@ -73,22 +73,22 @@ def before_and_after(page: Page, result: Result, unit: Unit) -> None:
         )
 
 
-def the_arm(page: Page, found: Identification) -> None:
+def draw_arm(page: Page, fit: Identification) -> None:
     """The arm in a posture that was measured, with the names of what was identified."""
-    q = found.observations.states.q
+    q = fit.observations.states.q
     middle = q[np.argmin(np.abs(q - np.median(q, axis=0)).sum(axis=1))]
     page.heading("The arm and its parameters")
     page.figure(
-        arm_picture(found.observations.arm, middle, found.unknowns.constants),
+        arm_picture(fit.observations.arm, middle, fit.unknowns.constants),
         "The arm of arm.toml in a posture that was measured; of each frame x (orange), y (green)"
         " and z (blue), and the constants identified that place it",
     )
 
 
-def residual_vectors(page: Page, found: Identification, unit: Unit) -> None:
+def draw_residual_vectors(page: Page, fit: Identification, unit: Unit) -> None:
     """Each tip position with its residual, much enlarged."""
-    points = ~found.observations.turned
-    figure, times = vectors(found.at.position_mm[points], found.at.residual_mm[points], unit)
+    points = ~fit.observations.turned
+    figure, times = draw_vectors(fit.at.position_mm[points], fit.at.residual_mm[points], unit)
     page.heading("Residual vectors")
     page.figure(
         figure,
@@ -97,19 +97,19 @@ def residual_vectors(page: Page, found: Identification, unit: Unit) -> None:
     )
 
 
-def signed_residuals(page: Page, found: Identification, units: Units) -> None:
+def draw_signed_residuals(page: Page, fit: Identification, units: Units) -> None:
     """Residuals along each joint's motion, and outwards over each sensor."""
-    observations = found.observations
+    observations = fit.observations
     points = ~observations.turned
-    states, residual_mm = observations.states, found.at.residual_mm[points]
+    states, residual_mm = observations.states, fit.at.residual_mm[points]
     page.heading("Residuals against each joint and each sensor")
     page.figure(
-        residuals_by_joint(states.q[points], found.at.joints[points], residual_mm, units),
+        draw_residuals_by_joint(states.q[points], fit.at.joints[points], residual_mm, units),
         "Residual (tip minus target) along each joint's motion over its angle,"
         f" {units.angle.name}; orange: its running mean with the 95 % band of that mean",
     )
-    by_sensor = residuals_by_sensor(
-        states.temperature_c[points], observations.arm.sensors, found.at.position_mm[points],
+    by_sensor = draw_residuals_by_sensor(
+        states.temperature_c[points], observations.arm.sensors, fit.at.position_mm[points],
         residual_mm, units.length,
     )  # fmt: skip
     if by_sensor is not None:

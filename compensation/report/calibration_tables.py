@@ -23,7 +23,7 @@ MOST_LISTED = 50
 ALONE = 1e-3
 
 
-def lengths(page: Page, result: Result, unit: Unit) -> None:
+def add_lengths(page: Page, result: Result, unit: Unit) -> None:
     """Certified lengths as the calibrated arm measures them."""
     if not result.lengths:
         return
@@ -44,7 +44,7 @@ def lengths(page: Page, result: Result, unit: Unit) -> None:
     )  # fmt: skip
 
 
-def not_identifiable(page: Page, result: Result) -> None:
+def add_not_identifiable(page: Page, result: Result) -> None:
     """Combinations that these sessions do not determine."""
     page.heading("Not identifiable from these sessions")
     page.text(
@@ -54,18 +54,18 @@ def not_identifiable(page: Page, result: Result) -> None:
     page.items(result.unidentifiable)
 
 
-def parameters_and_terms(page: Page, result: Result, units: Units) -> None:
+def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
     """Each constant and term with its standard uncertainty."""
-    found = result.fit
-    arm = found.observations.arm
+    fit = result.fit
+    arm = fit.observations.arm
     nominal = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
     identified = result.calibration.constants
     deviation = dict(
-        zip(found.unknowns.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True)
+        zip(fit.unknowns.names, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
     )
-    unknown = dict(zip(found.unknowns.names, _null_share(found), strict=True))
+    unknown = dict(zip(fit.unknowns.names, _null_share(fit), strict=True))
     rows, faint = [], []
-    for name in found.unknowns.constants:
+    for name in fit.unknowns.constants:
         angle = parameters.unit(name) == "rad"
         factor, kind = (np.degrees(1.0), "°") if angle else (1.0, "mm")
         small = units.angle if angle else units.length
@@ -88,7 +88,7 @@ def parameters_and_terms(page: Page, result: Result, units: Units) -> None:
     )  # fmt: skip
     if any(faint):
         page.text("Grey: known only in combination with others, as listed above.")
-    if found.terms:
+    if fit.terms:
         page.table(
             ["term", "coefficient", "standard uncertainty", "unit"],
             [
@@ -97,7 +97,7 @@ def parameters_and_terms(page: Page, result: Result, units: Units) -> None:
                     _uncertainty(term),
                     f"{parameters.unit(term.parameter)} per unit of its basis",
                 ]
-                for term in found.terms
+                for term in fit.terms
             ],
         )  # fmt: skip
 
@@ -106,24 +106,24 @@ def _ratio(difference: float, sigma: float) -> str:
     return f"{difference / sigma:+.1f}" if sigma > 0.0 else NOT_STATED
 
 
-def _null_share(found: Identification) -> F64:
+def _null_share(fit: Identification) -> F64:
     """Return the largest share (C,) of each unknown in a direction that nothing determines."""
-    share: F64 = np.abs(found.solution.null).max(axis=1, initial=0.0)
+    share: F64 = np.abs(fit.solution.null).max(axis=1, initial=0.0)
     return share
 
 
 def _uncertainty(term: Term) -> str:
-    known = term.standard_uncertainty
-    return NOT_STATED if known is None else f"{known:.2g}"
+    uncertainty = term.standard_uncertainty
+    return NOT_STATED if uncertainty is None else f"{uncertainty:.2g}"
 
 
-def correlations(page: Page, found: Identification) -> None:
+def add_correlations(page: Page, fit: Identification) -> None:
     """Pairs of what is determined that are strongly correlated."""
-    deviation = np.sqrt(np.diag(found.covariance))
+    deviation = np.sqrt(np.diag(fit.covariance))
     safe = np.where(deviation > 0, deviation, np.inf)
-    correlation = found.covariance / np.outer(safe, safe)
-    determined = _null_share(found) < ALONE
-    names = found.unknowns.words(found.terms)
+    correlation = fit.covariance / np.outer(safe, safe)
+    determined = _null_share(fit) < ALONE
+    names = fit.unknowns.words(fit.terms)
     pairs = [
         (abs(correlation[i, j]), names[i], names[j], f"{correlation[i, j]:+.3f}")
         for i in range(len(names))
@@ -142,7 +142,7 @@ def correlations(page: Page, found: Identification) -> None:
     page.table(["", "with", "correlation"], [pair[1:] for pair in sorted(pairs)[::-1][:20]])
 
 
-def thermal_trials(page: Page, result: Result, unit: Unit) -> None:
+def add_thermal_trials(page: Page, result: Result, unit: Unit) -> None:
     """What each thermal model misses by on readings left out."""
     if not result.trials:
         return
@@ -164,7 +164,7 @@ def thermal_trials(page: Page, result: Result, unit: Unit) -> None:
     )
 
 
-def outliers(page: Page, result: Result, unit: Unit) -> None:
+def add_outliers(page: Page, result: Result, unit: Unit) -> None:
     """Readings gone wrong."""
     listed = result.outliers()
     page.heading("Outliers")

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from armd.compensation.report.drawing import one_drawing
+from armd.compensation.report.drawing import make_single_figure
 
 #: How a verdict looks; colours are told apart by colour-blind readers too.
 LOOK = {
@@ -30,10 +30,10 @@ def instants(texts: Sequence[str]) -> npt.NDArray[np.datetime64]:
 def draw_by_verdict(panel: Axes, checks: Sequence[dict[str, Any]], values: Sequence[float]) -> None:
     """A mark for each check, that shows its verdict."""
     for verdict, (name, colour, mark) in LOOK.items():
-        own = [i for i, check in enumerate(checks) if check["verdict"] == verdict]
+        indices = [i for i, check in enumerate(checks) if check["verdict"] == verdict]
         panel.plot(
-            instants([checks[i]["started"] for i in own]),
-            [values[i] for i in own],
+            instants([checks[i]["started"] for i in indices]),
+            [values[i] for i in indices],
             mark,
             color=colour,
             markersize=4,
@@ -43,7 +43,7 @@ def draw_by_verdict(panel: Axes, checks: Sequence[dict[str, Any]], values: Seque
 
 
 def draw_statistics(checks: Sequence[dict[str, Any]]) -> Figure:
-    figure, panel = one_drawing(2.8)
+    figure, panel = make_single_figure(2.8)
     # Beyond its limit a statistic grows with every check: what matters is where it passes.
     draw_by_verdict(panel, checks, [min(c["statistic"], 4 * c["limit"]) for c in checks])
     panel.axhline(checks[0]["limit"], linestyle="--", color="black", label="limit")

@@ -12,7 +12,7 @@ from armd.arrays import F64
 from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward
-from armd.compensation.report.drawing import COLOURS, MOST_POINTS, drawing
+from armd.compensation.report.drawing import COLOURS, MOST_POINTS, make_figure
 from armd.compensation.report.page import Page
 
 #: More places than this are told apart by colour alone.
@@ -23,10 +23,10 @@ HEIGHT_IN = 2.6
 
 def add_coverage(page: Page, arm: Arm, sessions: Sequence[Session]) -> None:
     """Add the picture, unless the joints' angles are not known (a table of points)."""
-    with_angles = [one for one in sessions if one.n and np.ptp(one.states.q) > 0.0]
+    with_angles = [session for session in sessions if session.n and np.ptp(session.states.q) > 0.0]
     if not with_angles:
         return
-    figure, panels = drawing(1, 3, HEIGHT_IN)
+    figure, panels = make_figure(1, 3, HEIGHT_IN)
     names, places = _places(arm, with_angles)
     for panel, up, title in ((panels[0], 1, "from above"), (panels[1], 2, "from the side")):
         _draw_places(panel, places, names, up)
@@ -34,7 +34,7 @@ def add_coverage(page: Page, arm: Arm, sessions: Sequence[Session]) -> None:
     handles, labels = panels[0].get_legend_handles_labels()
     if len(names) <= MOST_NAMED:
         figure.legend(handles, labels, loc="outside lower left", ncols=4, frameon=False)
-    _draw_joints(panels[2], arm, np.vstack([one.states.q for one in with_angles]))
+    _draw_joints(panels[2], arm, np.vstack([session.states.q for session in with_angles]))
     page.figure(
         figure,
         "Where it was measured: the tip as arm.toml places it, a colour for each place of the"

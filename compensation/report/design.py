@@ -14,7 +14,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.design.design import Experiment
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
-from armd.compensation.report.drawing import set_view, views
+from armd.compensation.report.drawing import make_views, set_view
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import InputFile, origin
 from armd.terminal.counted import counted
@@ -45,7 +45,7 @@ def design_report(
         "to rest from the side given. Both figures are forecasts; nothing is judged by them, so"
         " there is no decision rule."
     )
-    picture = poses_picture(experiment.states.q, experiment.tip_mm, experiment.parameters)
+    picture = draw_poses(experiment.states.q, experiment.tip_mm, experiment.parameters)
     page.figure(picture, "The arm in each pose, joint by joint; its number at the tip")
     narrow = [_narrow(row) for row in rows]
     page.table(list(narrow[0]), [list(row.values()) for row in narrow])
@@ -62,19 +62,19 @@ def _narrow(row: Mapping[str, Any]) -> dict[str, str]:
     return place | {"turn last towards": sides, "sensors, °C": warm}
 
 
-def poses_picture(q: F64, tip_mm: F64, parameters: F64, ax: Axes | None = None) -> Figure:
+def draw_poses(q: F64, tip_mm: F64, parameters: F64, ax: Axes | None = None) -> Figure:
     """The arm in every pose (n, N) rad, base to tip (n, 3), in mm of the base frame.
 
     From above and from the side; on *ax* from the side, or in space where it has three dimensions.
     """
     chains = np.concatenate([frames(q, parameters)[0], tip_mm[:, None]], axis=1)
     if ax is None:
-        figure, panels = views()
+        figure, panels = make_views()
         for panel, across, up in panels:
             _draw_chains(panel, chains[:, :, [across, up]])
         return figure
-    found = ax.get_figure(root=True)
-    assert found is not None
+    parent_figure = ax.get_figure(root=True)
+    assert parent_figure is not None
     if ax.name == "3d":
         _draw_chains(ax, chains)
         for axis in "xyz":
@@ -83,7 +83,7 @@ def poses_picture(q: F64, tip_mm: F64, parameters: F64, ax: Axes | None = None) 
     else:
         set_view(ax, 0, 2)
         _draw_chains(ax, chains[:, :, [0, 2]])
-    return found
+    return parent_figure
 
 
 def _draw_chains(panel: Axes, chains: F64) -> None:

@@ -10,14 +10,14 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.predictive.curves import ResidualComparison
 from armd.compensation.report.about import About
 from armd.compensation.report.coverage import add_coverage
-from armd.compensation.report.drawing import one_drawing
+from armd.compensation.report.drawing import make_single_figure
 from armd.compensation.report.finding import add_finding
 from armd.compensation.report.gains import draw_gains, name_finding
 from armd.compensation.report.head import head
 from armd.compensation.report.page import Page
-from armd.compensation.report.predictive_plot import draw_rows, of_finding, overview
+from armd.compensation.report.predictive_plot import choose_for_finding, choose_overview, draw_rows
 from armd.compensation.report.sessions import InputFile, origin
-from armd.compensation.report.units import Unit, Units, units_of
+from armd.compensation.report.units import Unit, Units, choose_units
 from armd.terminal.counted import counted
 
 #: What may be found without a cause that has a name and is in the arm or its setting-up.
@@ -46,7 +46,7 @@ def diagnosis_report(
 ) -> str:
     """The page; *result* is the diagnosis as its JSON has it, *files* arm and calibration;
     *comparisons* as `predictive.curves.compare` makes them."""
-    arm, units = diagnosis.arm, units_of(diagnosis.arm)
+    arm, units = diagnosis.arm, choose_units(diagnosis.arm)
     sessions = [*diagnosis.sessions, *diagnosis.holdout]
     page = Page(f"Diagnosis of {arm.serial_number}", arm.serial_number)
     word, reason = headline(result)
@@ -69,9 +69,11 @@ def diagnosis_report(
         page.text(finding["reading"])
     for index, finding in enumerate(result["findings"][touched:][: len(diagnosis.found)]):
         add_finding(page, diagnosis, index, touched + index + 1, finding)
-        if shown := of_finding(comparisons, finding):
-            caption = f"What the simulation gets wrong over {shown.bins.variable}, before and after"
-            page.figure(draw_rows([shown], units), caption)
+        if comparison := choose_for_finding(comparisons, finding):
+            caption = (
+                f"What the simulation gets wrong over {comparison.bins.variable}, before and after"
+            )
+            page.figure(draw_rows([comparison], units), caption)
     if diagnosis.outliers:
         page.heading("Readings that belong to no effect")
         page.table(
@@ -87,28 +89,28 @@ def diagnosis_report(
 def headline(result: dict[str, Any]) -> tuple[str, str]:
     """A diagnosis in a word or two, and the reason: the causes, or why none is named."""
     findings = result["findings"]
-    strange = any(one["cause"] == "unknown" for one in findings)
-    causes = [one for one in findings if one["cause"] not in NO_CAUSES]
-    confirmed = [one for one in causes if one["gain"]["shown"]]
-    told = "; ".join(_told(one) for one in findings)
+    strange = any(finding["cause"] == "unknown" for finding in findings)
+    causes = [finding for finding in findings if finding["cause"] not in NO_CAUSES]
+    confirmed = [finding for finding in causes if finding["gain"]["shown"]]
+    summary = "; ".join(_describe(finding) for finding in findings)
     if confirmed:
         count = len(confirmed)
-        counted_first = "; ".join(_told(one) for one in confirmed)
-        rest = [_told(one) for one in findings if one not in confirmed]
-        further = f" Not counted: {'; '.join(rest)}." if rest else ""
+        counted_first = "; ".join(_describe(finding) for finding in confirmed)
+        uncounted = [_describe(finding) for finding in findings if finding not in confirmed]
+        further = f" Not counted: {'; '.join(uncounted)}." if uncounted else ""
         word = "ONE CAUSE FOUND" if count == 1 else f"{count} CAUSES FOUND"
         return word, f"{counted_first}.{further}"
     if causes:
-        return "NOT CONFIRMED", f"{told}."
+        return "NOT CONFIRMED", f"{summary}."
     if strange or result["unexplained"]["significant"]:
-        return "CAUSE UNKNOWN", f"{told}." if told else result["verdict"]
-    if any(one["cause"] == "artefact_moved" for one in findings):
-        return "NO CAUSE IN THE ARM", f"{told}."
+        return "CAUSE UNKNOWN", f"{summary}." if summary else result["verdict"]
+    if any(finding["cause"] == "artefact_moved" for finding in findings):
+        return "NO CAUSE IN THE ARM", f"{summary}."
     why = result["verdict"].removeprefix("No cause was found. ")
-    return "NO CAUSE FOUND", f"Only {told}." if told else why
+    return "NO CAUSE FOUND", f"Only {summary}." if summary else why
 
 
-def _told(finding: dict[str, Any]) -> str:
+def _describe(finding: dict[str, Any]) -> str:
     """A finding in the reason, and how far it is to be believed."""
     if finding["cause"] == "outliers":
         rows = len(finding["rows"])
@@ -129,7 +131,7 @@ def _key_sentence(diagnosis: Diagnosis, result: dict[str, Any], unit: Unit) -> s
     before_um, after_um = result["baseline"]["heldout_rms_um"], None
     if diagnosis.written:
         before_um, after_um = diagnosis.written_clear_um or diagnosis.written_rms_um
-    unit = unit.of(before_um / 1e3)
+    unit = unit.scale_to(before_um / 1e3)
     before = f"Held-out readings are missed by {unit.three_digits(before_um / 1e3)} (3-D RMS)"
     if after_um is None:
         return f"{before}."
@@ -151,19 +153,19 @@ def _at_a_glance(page: Page, result: dict[str, Any], unit: Unit) -> None:
             [
                 [
                     str(number),
-                    _in_a_word(one),
-                    f"{one['probability']:.3f}",
-                    unit.text(one["gain"]["heldout_rms_um_before"] / 1e3),
-                    unit.text(one["gain"]["heldout_rms_um_after"] / 1e3),
-                    "yes" if one["gain"]["shown"] else "no",
+                    _in_a_word(finding),
+                    f"{finding['probability']:.3f}",
+                    unit.text(finding["gain"]["heldout_rms_um_before"] / 1e3),
+                    unit.text(finding["gain"]["heldout_rms_um_after"] / 1e3),
+                    "yes" if finding["gain"]["shown"] else "no",
                 ]
-                for number, one in enumerate(findings[:MOST_FINDINGS], 1)
+                for number, finding in enumerate(findings[:MOST_FINDINGS], 1)
             ],
         )  # fmt: skip
-        if (more := len(findings) - MOST_FINDINGS) > 0:
-            page.text(f"{counted(more, 'further finding')}: Appendix.")
+        if (n_further := len(findings) - MOST_FINDINGS) > 0:
+            page.text(f"{counted(n_further, 'further finding')}: Appendix.")
         page.text(page.in_brief("Verdict in words", result["verdict"]))
-    figure, panel = one_drawing(2.2)
+    figure, panel = make_single_figure(2.2)
     draw_gains(panel, result, unit)
     page.figure(figure, GAINS)
 
@@ -171,9 +173,9 @@ def _at_a_glance(page: Page, result: dict[str, Any], unit: Unit) -> None:
 def _model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
     readings, sessions = sum(s.n for s in diagnosis.sessions), len(diagnosis.sessions)
     if diagnosis.holdout:
-        held = sum(s.n for s in diagnosis.holdout)
-        others = len(diagnosis.holdout)
-        heldout = f"{held} readings of {counted(others, 'other session')}"
+        n_readings = sum(s.n for s in diagnosis.holdout)
+        n_sessions = len(diagnosis.holdout)
+        heldout = f"{n_readings} readings of {counted(n_sessions, 'other session')}"
     else:
         heldout = "each placement in turn"
     model = (
@@ -194,19 +196,27 @@ def _model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) 
 
 def _most_telling(comparisons: Sequence[ResidualComparison]) -> list[ResidualComparison]:
     """Of the overview those that noise explains least, in the overview's order."""
-    shown = overview(comparisons)
-    kept = sorted(shown, key=lambda one: one.order)[:MOST_ROWS]
-    return [one for one in shown if any(one is own for own in kept)]
+    comparisons_overview = choose_overview(comparisons)
+    chosen = sorted(comparisons_overview, key=lambda comparison: comparison.order)[:MOST_ROWS]
+    return [
+        comparison
+        for comparison in comparisons_overview
+        if any(comparison is choice for choice in chosen)
+    ]
 
 
 def _rest_of_overview(page: Page, comparisons: Sequence[ResidualComparison], units: Units) -> None:
     if not comparisons:
         return
-    told = _most_telling(comparisons)
-    if rest := [one for one in overview(comparisons) if all(one is not own for own in told)]:
-        names = ", ".join(one.bins.variable for one in rest)
+    telling = _most_telling(comparisons)
+    if remainder := [
+        comparison
+        for comparison in choose_overview(comparisons)
+        if all(comparison is not shown_comparison for shown_comparison in telling)
+    ]:
+        names = ", ".join(comparison.bins.variable for comparison in remainder)
         page.heading(f"Measured against simulated: {names}")
-        page.figure(draw_rows(rest, units), f"Mean residual over {names}")
+        page.figure(draw_rows(remainder, units), f"Mean residual over {names}")
 
 
 def _measured_against_simulated(
@@ -269,14 +279,14 @@ def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any], units:
             ],
             [
                 [
-                    one["placement"],
-                    one["target"],
-                    one["rests"],
-                    length.text(one["rms_um"] / 1e3),
-                    length.text(one["step_um"] / 1e3) if one["after"] else "",
-                    one["after"] or "",
+                    target["placement"],
+                    target["target"],
+                    target["rests"],
+                    length.text(target["rms_um"] / 1e3),
+                    length.text(target["step_um"] / 1e3) if target["after"] else "",
+                    target["after"] or "",
                 ]
-                for one in unexplained["by_target"]
+                for target in unexplained["by_target"]
             ],
         )
         page.text(

@@ -57,29 +57,31 @@ def _manner(salt: str = "") -> AbstractContextManager[None]:
     )
 
 
-def drawing(rows: int = 1, columns: int = 1, height_in: float = 3.6) -> tuple[Figure, list[Axes]]:
+def make_figure(
+    rows: int = 1, columns: int = 1, height_in: float = 3.6
+) -> tuple[Figure, list[Axes]]:
     """A drawing as wide as the page, and its axes row by row."""
     with _manner():
         figure = NotebookFigure(figsize=(WIDTH_IN, height_in), layout="constrained")
         return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
 
 
-def one_drawing(height_in: float = 3.6) -> tuple[Figure, Axes]:
+def make_single_figure(height_in: float = 3.6) -> tuple[Figure, Axes]:
     """A drawing of one pair of axes."""
-    figure, axes = drawing(height_in=height_in)
+    figure, axes = make_figure(height_in=height_in)
     return figure, axes[0]
 
 
-def views(height_in: float = 5.0) -> tuple[Figure, Sequence[tuple[Axes, int, int]]]:
+def make_views(height_in: float = 5.0) -> tuple[Figure, Sequence[tuple[Axes, int, int]]]:
     """Space on paper: from above (x, y) and from the side (x, z), in mm, to the same scale.
 
     Each as its axes and the two columns of a position that it shows.
     """
-    figure, axes = drawing(1, 2, height_in)
-    shown = [(axes[0], 0, 1), (axes[1], 0, 2)]
-    for panel, across, up in shown:
+    figure, axes = make_figure(1, 2, height_in)
+    panels = [(axes[0], 0, 1), (axes[1], 0, 2)]
+    for panel, across, up in panels:
         set_view(panel, across, up)
-    return figure, shown
+    return figure, panels
 
 
 def set_view(panel: Axes, across: int, up: int) -> None:

@@ -11,7 +11,7 @@ from armd.compensation.report.gains import name_finding
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import NOT_STATED
 from armd.compensation.report.signature_plot import signature_plot
-from armd.compensation.report.units import units_of
+from armd.compensation.report.units import choose_units
 from armd.compensation.wording import ARC_SECOND, clock
 
 #: Units in which a person reads amplitudes.
@@ -24,21 +24,21 @@ def add_finding(
     """Add a finding, numbered as the verdict names it."""
     page.heading(f"{number}. {name_finding(finding)}")
     page.text(_sentence(finding["reading"]))
-    gain, length = finding["gain"], units_of(diagnosis.arm).length
+    gain, length = finding["gain"], choose_units(diagnosis.arm).length
 
-    def shown(value_um: float) -> str:
+    def format_um(value_um: float) -> str:
         return length.three_digits(value_um / 1e3)
 
     low, high = gain["interval_um"]
     page.text(
-        f"Held-out readings: {shown(gain['heldout_rms_um_before'])} before, "
-        f"{shown(gain['heldout_rms_um_after'])} after (95 % of the gain: {shown(low)} to"
-        f" {shown(high)})."
+        f"Held-out readings: {format_um(gain['heldout_rms_um_before'])} before, "
+        f"{format_um(gain['heldout_rms_um_after'])} after (95 % of the gain: {format_um(low)} to"
+        f" {format_um(high)})."
         + ("" if gain["shown"] else " They do not confirm it: a lead to follow, not a fact.")
     )
     page.text(
         f"Why: {finding['reason']}. In these readings it moves the tip by "
-        f"{shown(finding['tip_rms_um'])} (3-D RMS) that nothing else in the model takes up, "
+        f"{format_um(finding['tip_rms_um'])} (3-D RMS) that nothing else in the model takes up, "
         f"{finding['signal_to_noise']:.1f} standard deviations out of the noise."
     )
     page.figure(
@@ -103,13 +103,13 @@ def _in_small_units(parameter: dict[str, Any]) -> list[str]:
     if parameter["unit"] == "s (Unix)":
         return [parameter["name"], clock(parameter["value"]), NOT_STATED, ""]
     scale, unit = SMALL.get(parameter["unit"].split(" ")[0].split("/")[0], (1.0, ""))
-    rest = parameter["unit"].removeprefix(parameter["unit"].split(" ")[0].split("/")[0])
-    if rest == "/rad":  # the plot above has its axis in degrees
-        scale, rest = scale * float(np.radians(1.0)), "/°"
+    per_unit = parameter["unit"].removeprefix(parameter["unit"].split(" ")[0].split("/")[0])
+    if per_unit == "/rad":  # the plot above has its axis in degrees
+        scale, per_unit = scale * float(np.radians(1.0)), "/°"
     value, sigma = scale * parameter["value"], scale * parameter["standard_uncertainty"]
-    shown = unit + rest if unit else parameter["unit"]
+    shown_unit = unit + per_unit if unit else parameter["unit"]
     if not sigma:
-        return [parameter["name"], f"{value:.10g}", NOT_STATED, shown]
+        return [parameter["name"], f"{value:.10g}", NOT_STATED, shown_unit]
     digits = max(0, 1 - int(np.floor(np.log10(sigma))))
     fine = f"{value:.{digits}f}" if digits < 6 else f"{value:.4g}"
-    return [parameter["name"], fine, f"{sigma:.2g}", shown]
+    return [parameter["name"], fine, f"{sigma:.2g}", shown_unit]

@@ -7,7 +7,7 @@ from typing import Any
 
 from armd.compensation.design.first import FirstExperiment
 from armd.compensation.model.arm import Arm
-from armd.compensation.report.design import poses_picture
+from armd.compensation.report.design import draw_poses
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import InputFile, origin
 from armd.terminal.counted import counted
@@ -31,7 +31,7 @@ def first_design_report(
         " joints as shown. All figures are forecasts; nothing is judged by them, so there is no"
         " decision rule."
     )
-    figure = poses_picture(experiment.q, experiment.tip_mm, experiment.parameters)
+    figure = draw_poses(experiment.q, experiment.tip_mm, experiment.parameters)
     page.figure(figure, "The arm in each pose, joint by joint; its number at the tip")
     page.table(list(rows[0]), [[str(value) for value in row.values()] for row in rows])
     origin(page, arm, [], files)

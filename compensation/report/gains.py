@@ -15,8 +15,10 @@ MOST_NAMED = 5
 
 def name_finding(finding: Mapping[str, Any]) -> str:
     """A finding's cause and place, as `diagnose --json` has it, in words."""
-    said = finding["location"] == "-" or finding["cause"].startswith(finding["location"])
-    place = "" if said else f", {finding['location']}"
+    cause_names_place = finding["location"] == "-" or finding["cause"].startswith(
+        finding["location"]
+    )
+    place = "" if cause_names_place else f", {finding['location']}"
     return f"{finding['cause'].replace('_', ' ')}{place}"
 
 
@@ -34,7 +36,7 @@ def draw_gains(panel: Axes, result: Mapping[str, Any], unit: Unit = MICROMETRES)
         low.append(max(values[-1] - best, 0.0))
         high.append(max(worst - values[-1], 0.0))
     factor = unit.per_base / 1e3
-    values, low, high = ([factor * one for one in own] for own in (values, low, high))
+    values, low, high = ([factor * number for number in row] for row in (values, low, high))
     places = range(len(labels))
     panel.errorbar(places, values, yerr=[low, high], fmt="o", capsize=4)
     for place, value in zip(places, values, strict=True):
@@ -44,7 +46,9 @@ def draw_gains(panel: Axes, result: Mapping[str, Any], unit: Unit = MICROMETRES)
     short = len(labels) > MOST_NAMED  # the table above has their names
     panel.set_xticks(places, [f"+ {i}." if i else labels[0] for i in places] if short else labels)
     panel.set_xlim(-0.5, len(labels) - 0.5)
-    panel.set_ylim(0.0, 1.15 * max(value + more for value, more in zip(values, high, strict=True)))
+    panel.set_ylim(
+        0.0, 1.15 * max(value + whisker for value, whisker in zip(values, high, strict=True))
+    )
     floor = factor * baseline["noise_floor_um"]
     panel.axhline(floor, linestyle=":", color="black")
     panel.annotate(

@@ -35,7 +35,7 @@ def head(
     about = about or About()
     started = [*started_unix_s, *(session.started_unix_s for session in sessions)]
     operators = about.operator or _few(session.operator for session in sessions)
-    own = [session.artefact for session in sessions]
+    artefacts = [session.artefact for session in sessions]
     page.head(
         [
             ("document", about.document),
@@ -45,8 +45,8 @@ def head(
             ("place", about.place),
             ("measured on", _days(started)),
             ("operator", operators),
-            ("artefact", _few(artefact.name for artefact in own)),
-            ("certificate", _few(_certificate(artefact) for artefact in own)),
+            ("artefact", _few(artefact.name for artefact in artefacts)),
+            ("certificate", _few(_certificate(artefact) for artefact in artefacts)),
             ("environment", _environment(sessions)),
             ("software", f"armd {__version__}"),
         ]
@@ -54,16 +54,18 @@ def head(
 
 
 def _serial(arm: Arm | None) -> str | None:
-    known = arm is not None and arm.serial_number != NOBODYS
-    return arm.serial_number if arm and known else None
+    is_known = arm is not None and arm.serial_number != NOBODYS
+    return arm.serial_number if arm and is_known else None
 
 
 def _few(texts: Iterable[str | None]) -> str | None:
     """Different texts in their order; None where there is none."""
     different = list(dict.fromkeys(filter(None, texts)))
-    rest = len(different) - MOST_NAMED
-    shown = "; ".join(different[:MOST_NAMED]) + (f"; {rest} more: {APPENDIX}" if rest > 0 else "")
-    return shown or None
+    n_further = len(different) - MOST_NAMED
+    text = "; ".join(different[:MOST_NAMED]) + (
+        f"; {n_further} more: {APPENDIX}" if n_further > 0 else ""
+    )
+    return text or None
 
 
 def _certificate(artefact: Artefact) -> str | None:
@@ -75,12 +77,12 @@ def _certificate(artefact: Artefact) -> str | None:
 
 def _days(started_unix_s: Sequence[float]) -> str | None:
     """The day, or the first and the last; an instant of 0 is one that nobody knows."""
-    known = [instant for instant in started_unix_s if instant > 0.0]
-    if not known:
+    instants = [instant for instant in started_unix_s if instant > 0.0]
+    if not instants:
         return None
     first, last = (
         f"{datetime.datetime.fromtimestamp(instant, datetime.UTC):%Y-%m-%d}"
-        for instant in (min(known), max(known))
+        for instant in (min(instants), max(instants))
     )
     return first if first == last else f"{first} to {last}"
 
@@ -90,13 +92,15 @@ def _environment(sessions: Sequence[Session]) -> str | None:
         "arm": [session.states.temperature_c.ravel() for session in sessions],
         "artefact": [session.artefact_c for session in sessions],
     }
-    known = {what: _range(np.concatenate(values)) for what, values in parts.items() if values}
-    return ", ".join(f"{what} {text}" for what, text in known.items() if text) or None
+    ranges = {
+        quantity: _range(np.concatenate(values)) for quantity, values in parts.items() if values
+    }
+    return ", ".join(f"{quantity} {text}" for quantity, text in ranges.items() if text) or None
 
 
 def _range(values_c: F64) -> str:
-    known = values_c[np.isfinite(values_c)]
-    if not known.size:
+    measured_c = values_c[np.isfinite(values_c)]
+    if not measured_c.size:
         return ""
-    low, high = f"{known.min():.1f}", f"{known.max():.1f}"
+    low, high = f"{measured_c.min():.1f}", f"{measured_c.max():.1f}"
     return f"{low} °C" if low == high else f"{low} to {high} °C"

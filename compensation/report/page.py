@@ -58,17 +58,17 @@ class Page:
             self.items(lines)
         self._put_off = []
 
-    def items_in_brief(self, title: str, lines: Sequence[str], most: int = MOST_ITEMS) -> None:
+    def items_in_brief(self, title: str, lines: Sequence[str], limit: int = MOST_ITEMS) -> None:
         """A list under *title*, shortened before the appendix, which then has it in full."""
         if not lines:
             return
         self.heading(title)
-        shown = [shorten(line) for line in lines[:most]]
-        if shown != list(lines):
+        items = [shorten(line) for line in lines[:limit]]
+        if items != list(lines):
             self._put_off.append((title, list(lines)))
-        if len(lines) > most:
-            shown.append(f"{len(lines) - most} more: {APPENDIX}.")
-        self.items(shown)
+        if len(lines) > limit:
+            items.append(f"{len(lines) - limit} more: {APPENDIX}.")
+        self.items(items)
 
     def in_brief(self, title: str, text: str) -> str:
         """*text*, shortened before the appendix, which then has it in full under *title*."""
@@ -124,9 +124,9 @@ class Page:
     def figure(self, figure: Figure, caption: str) -> None:
         """A drawing; *caption* says what it shows, also to who cannot see it."""
         self._figures += 1
-        drawing = svg(figure, f"figure {self._figures}", caption)
+        picture = svg(figure, f"figure {self._figures}", caption)
         self._blocks.append(
-            f"<figure>{drawing}<figcaption>{html.escape(caption)}</figcaption></figure>"
+            f"<figure>{picture}<figcaption>{html.escape(caption)}</figcaption></figure>"
         )
 
     def origin(
@@ -177,9 +177,9 @@ def report_number(serial: str, *sha256: str) -> str:
     return f"{serial}-{digest[:8]}"
 
 
-def shorten(text: str, most: int = MOST_LETTERS) -> str:
+def shorten(text: str, limit: int = MOST_LETTERS) -> str:
     """The text, or its beginning where it is longer than *most* letters."""
-    return text if len(text) <= most else f"{text[: most - 1].rstrip()}…"
+    return text if len(text) <= limit else f"{text[: limit - 1].rstrip()}…"
 
 
 def _cell(value: object) -> str:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from armd.compensation.diagnose.constants import CURVES
 from armd.compensation.diagnose.predictive.curves import ResidualComparison, ResidualCurve
-from armd.compensation.report.drawing import COLOURS, drawing
+from armd.compensation.report.drawing import COLOURS, make_figure
 from armd.compensation.report.units import MICROMETRES, SECONDS, Unit, Units
 
 #: More names than these have no room below an axis.
@@ -29,51 +29,63 @@ UNITS = Units(MICROMETRES, SECONDS)
 def draw_overview(comparisons: Sequence[ResidualComparison]) -> Figure:
     """Draw of joint angles, temperatures, time and placements what leaves its band most, each under
     the model under test (left) and with the findings (right)."""
-    return draw_rows([*overview(comparisons)])
+    return draw_rows([*choose_overview(comparisons)])
 
 
-def overview(comparisons: Sequence[ResidualComparison]) -> Sequence[ResidualComparison]:
+def choose_overview(comparisons: Sequence[ResidualComparison]) -> Sequence[ResidualComparison]:
     """The one of each group that leaves its band most under the model under test; and what does so
     of all of them, if it is of no such group."""
     groups: dict[str, list[ResidualComparison]] = {}
-    for one in comparisons:
-        groups.setdefault(_group(one.bins.variable), []).append(one)
+    for comparison in comparisons:
+        groups.setdefault(_group(comparison.bins.variable), []).append(comparison)
     order = ["joint angle", "temperature", "time", "placement"]
-    if comparisons and (first := _group(most_outside(comparisons).bins.variable)) not in order:
+    if (
+        comparisons
+        and (first := _group(choose_most_outside(comparisons).bins.variable)) not in order
+    ):
         order.insert(0, first)
-    return [most_outside(groups[group]) for group in order if group in groups]
+    return [choose_most_outside(groups[group]) for group in order if group in groups]
 
 
-def most_outside(comparisons: Sequence[ResidualComparison]) -> ResidualComparison:
+def choose_most_outside(comparisons: Sequence[ResidualComparison]) -> ResidualComparison:
     """The one that stands out of noise most under the model under test."""
-    return min(comparisons, key=lambda one: one.order)
+    return min(comparisons, key=lambda comparison: comparison.order)
 
 
-def of_finding(
+def choose_for_finding(
     comparisons: Sequence[ResidualComparison], finding: Mapping[str, Any]
 ) -> ResidualComparison | None:
     """What shows a *finding* (of `diagnose --json`) best: of the variables that it depends on, at
     its own place where it has one; None where none of them was recorded."""
     names = {"approach" if name.startswith("approach") else name for name in finding["depends_on"]}
-    own = [one for one in comparisons if one.bins.variable in names]
-    at_place = [one for one in own if one.component.place == finding["location"]]
-    found = at_place or own
-    return most_outside(found) if found else None
+    over_its_variables = [
+        comparison for comparison in comparisons if comparison.bins.variable in names
+    ]
+    at_place = [
+        comparison
+        for comparison in over_its_variables
+        if comparison.component.place == finding["location"]
+    ]
+    candidates = at_place or over_its_variables
+    return choose_most_outside(candidates) if candidates else None
 
 
 def draw_rows(
-    shown: Sequence[ResidualComparison], units: Units = UNITS, row_in: float = ROW_IN
+    comparisons: Sequence[ResidualComparison], units: Units = UNITS, row_in: float = ROW_IN
 ) -> Figure:
     """Draw comparisons below each other: before, and after."""
-    figure, axes = drawing(max(len(shown), 1), 2, row_in * max(len(shown), 1))
-    for row, one in enumerate(shown):
+    figure, axes = make_figure(max(len(comparisons), 1), 2, row_in * max(len(comparisons), 1))
+    for row, comparison in enumerate(comparisons):
         pair = axes[2 * row : 2 * row + 2]
-        reach = max(_reach(one.before), _reach(one.after)) * unit_of(one, units).per_base
-        draw_curve(pair[0], one, one.before, "model under test", units)
-        draw_curve(pair[1], one, one.after, "with the findings", units)
+        reach = (
+            max(_reach(comparison.before), _reach(comparison.after))
+            * unit_of(comparison, units).per_base
+        )
+        draw_curve(pair[0], comparison, comparison.before, "model under test", units)
+        draw_curve(pair[1], comparison, comparison.after, "with the findings", units)
         for panel in pair:
             panel.set_ylim(-reach, reach)
-    if shown:
+    if comparisons:
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
     return figure
 
@@ -102,8 +114,8 @@ def draw_curve(
     panel.set(xlabel=bins.title, ylabel=f"residual, {comparison.component.title}, {unit.name}")
     if bins.labels:
         few = len(bins.labels) <= MOST_LABELS
-        shown = [_short(label) for label in bins.labels] if few else []
-        panel.set_xticks(x if few else [], shown, rotation=90, fontsize=7.0)
+        tick_labels = [_short(label) for label in bins.labels] if few else []
+        panel.set_xticks(x if few else [], tick_labels, rotation=90, fontsize=7.0)
 
 
 def unit_of(comparison: ResidualComparison, units: Units) -> Unit:
@@ -119,8 +131,8 @@ def unit_of(comparison: ResidualComparison, units: Units) -> Unit:
 
 def _p(curve: ResidualCurve) -> str:
     """A p-value of 0 is one below what the drawn curves resolve."""
-    least = 1.0 / CURVES
-    return f"p = {curve.p_value:.2g}" if curve.p_value >= least else f"p < {least:.1g}"
+    resolution = 1.0 / CURVES
+    return f"p = {curve.p_value:.2g}" if curve.p_value >= resolution else f"p < {resolution:.1g}"
 
 
 def _reach(curve: ResidualCurve) -> float:

@@ -8,16 +8,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from armd.arrays import F64
-from armd.compensation.report.drawing import COLOURS, drawing
+from armd.compensation.report.drawing import COLOURS, make_figure
 from armd.compensation.report.page import Page, report_number
 from armd.compensation.report.sessions import InputFile
 from armd.compensation.verify.repeatability import Repeatability
 
 
 def repeatability_page(
-    found: Repeatability,
+    repeatability: Repeatability,
     words: Sequence[str],
-    when: tuple[F64, F64],
+    time_and_temperature: tuple[F64, F64],
     name: str,
     files: Mapping[str, InputFile | None],
 ) -> str:
@@ -25,7 +25,7 @@ def repeatability_page(
     page = Page(f"Repeatability: {name}")
     page.items(words)
     page.figure(
-        _over_time(found, *when),
+        _over_time(repeatability, *time_and_temperature),
         "Each visit's distance from the mean in x, y and z, the fitted drifts (lines), and the"
         " temperature",
     )
@@ -35,14 +35,14 @@ def repeatability_page(
     return page.html()
 
 
-def _over_time(found: Repeatability, time_h: F64, temperature_c: F64) -> Figure:
+def _over_time(repeatability: Repeatability, time_h: F64, temperature_c: F64) -> Figure:
     """Over hours, or over the number of the visit where no time is known."""
     warm, timed = np.isfinite(temperature_c).any(), np.isfinite(time_h).all()
     across = time_h if timed else np.arange(1.0, len(time_h) + 1)
-    figure, panels = drawing(1 + bool(warm), 1, 5.0 if warm else 3.6)
+    figure, panels = make_figure(1 + bool(warm), 1, 5.0 if warm else 3.6)
     for i, axis in enumerate("xyz"):
-        panels[0].plot(across, found.offset_um[:, i], ".", color=COLOURS[i], label=axis)
-        panels[0].plot(across, found.fitted_um[:, i], color=COLOURS[i], linewidth=0.9)
+        panels[0].plot(across, repeatability.offset_um[:, i], ".", color=COLOURS[i], label=axis)
+        panels[0].plot(across, repeatability.fitted_um[:, i], color=COLOURS[i], linewidth=0.9)
     panels[0].set_ylabel("from the mean, µm")
     panels[0].legend(frameon=False, ncols=3)
     if warm:

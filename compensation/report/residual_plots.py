@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from armd.arrays import F64, I64
-from armd.compensation.report.drawing import COLOURS, MOST_POINTS, cloud, drawing, views
+from armd.compensation.report.drawing import COLOURS, MOST_POINTS, cloud, make_figure, make_views
 from armd.compensation.report.units import Unit, Units
 
 #: Readings whose lever on a joint is below this share of the median tell nothing of it.
@@ -20,20 +20,22 @@ DRAWN_SHARE = 0.04
 ROW_IN = 2.1
 
 
-def residuals_by_joint(q: F64, joints: F64, residual_mm: F64, units: Units) -> Figure:
+def draw_residuals_by_joint(q: F64, joints: F64, residual_mm: F64, units: Units) -> Figure:
     """Residuals (n, 3) along each joint's motion, joints (n, 3, N) mm/rad, over its angle (n, N).
 
     Each panel has the readings, their running mean and the 95 % band of that mean.
     """
     count = q.shape[1]
     rows = -(-count // 3)
-    figure, panels = drawing(rows, 3, ROW_IN * rows)
+    figure, panels = make_figure(rows, 3, ROW_IN * rows)
     for k, panel in enumerate(panels[:count]):
-        square = (joints[:, :, k] ** 2).sum(axis=1)
-        known = square > LEAST_LEVER**2 * np.median(square)
-        along = (joints[:, :, k] * residual_mm).sum(axis=1) / np.where(known, square, 1.0)
-        known &= np.isfinite(along)
-        _draw(panel, np.degrees(q[known, k]), along[known] * units.angle.per_base)
+        lever_squared = (joints[:, :, k] ** 2).sum(axis=1)
+        has_lever = lever_squared > LEAST_LEVER**2 * np.median(lever_squared)
+        along = (joints[:, :, k] * residual_mm).sum(axis=1) / np.where(
+            has_lever, lever_squared, 1.0
+        )
+        has_lever &= np.isfinite(along)
+        _draw(panel, np.degrees(q[has_lever, k]), along[has_lever] * units.angle.per_base)
         panel.set_xlabel(f"joint {k + 1}, °")
         panel.set_ylabel(f"residual, {units.angle.name}" if k % 3 == 0 else "")
     for panel in panels[count:]:
@@ -41,39 +43,39 @@ def residuals_by_joint(q: F64, joints: F64, residual_mm: F64, units: Units) -> F
     return figure
 
 
-def residuals_by_sensor(
+def draw_residuals_by_sensor(
     celsius: F64, names: list[str], tip_mm: F64, residual_mm: F64, unit: Unit
 ) -> Figure | None:
     """Residuals away from the base's axis over each sensor; None where no temperature is known."""
-    known = [s for s in range(len(names)) if np.isfinite(celsius[:, s]).any()]
-    if not known:
+    measured_sensors = [s for s in range(len(names)) if np.isfinite(celsius[:, s]).any()]
+    if not measured_sensors:
         return None
     out = tip_mm * [1.0, 1.0, 0.0]
     out /= np.maximum(np.linalg.norm(out, axis=1), 1e-9)[:, None]
     along = (out * residual_mm).sum(axis=1) * unit.per_base
-    rows = -(-len(known) // 3)
-    figure, panels = drawing(rows, 3, ROW_IN * rows)
-    for i, (panel, s) in enumerate(zip(panels, known, strict=False)):
+    rows = -(-len(measured_sensors) // 3)
+    figure, panels = make_figure(rows, 3, ROW_IN * rows)
+    for i, (panel, s) in enumerate(zip(panels, measured_sensors, strict=False)):
         measured = np.isfinite(celsius[:, s]) & np.isfinite(along)
         _draw(panel, celsius[measured, s], along[measured])
         panel.set_xlabel(f"{names[s]}, °C")
         panel.set_ylabel(f"residual outwards, {unit.name}" if i % 3 == 0 else "")
-    for panel in panels[len(known) :]:
+    for panel in panels[len(measured_sensors) :]:
         panel.set_axis_off()
     return figure
 
 
-def vectors(tip_mm: F64, residual_mm: F64, unit: Unit) -> tuple[Figure, float]:
+def draw_vectors(tip_mm: F64, residual_mm: F64, unit: Unit) -> tuple[Figure, float]:
     """Each tip position (n, 3) with its residual, and how many times too long that is drawn."""
-    known = np.flatnonzero(np.isfinite(residual_mm).all(axis=1))
-    rows = known[thinned(len(known))]
+    finite = np.flatnonzero(np.isfinite(residual_mm).all(axis=1))
+    rows = finite[thinned(len(finite))]
     tip, residual = tip_mm[rows], residual_mm[rows]
     size = float(np.median(np.linalg.norm(residual, axis=1))) or 1.0
     reach = float(np.linalg.norm(np.ptp(tip, axis=0)))
     times = round_down(DRAWN_SHARE * reach / size)
     key_mm = round_down(4.0 * size)
     name = f"{key_mm * unit.per_base:g} {unit.name}"
-    figure, panels = views(3.9)
+    figure, panels = make_views(3.9)
     for panel, across, up in panels:
         panel.quiver(
             tip[:, across], tip[:, up], times * residual[:, across], times * residual[:, up],

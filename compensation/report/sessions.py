@@ -89,5 +89,7 @@ def _duration_h(time_s: F64) -> str:
 
 
 def _range(values_c: F64) -> str:
-    known = values_c[np.isfinite(values_c)]
-    return f"{known.min():.1f} to {known.max():.1f}" if known.size else "not measured"
+    measured_c = values_c[np.isfinite(values_c)]
+    return (
+        f"{measured_c.min():.1f} to {measured_c.max():.1f}" if measured_c.size else "not measured"
+    )

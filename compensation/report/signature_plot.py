@@ -17,8 +17,8 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.signatures import compile_candidates
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model import parameters
-from armd.compensation.report.drawing import COLOURS, MOST_POINTS, cloud, one_drawing
-from armd.compensation.report.units import units_of
+from armd.compensation.report.drawing import COLOURS, MOST_POINTS, cloud, make_single_figure
+from armd.compensation.report.units import choose_units
 
 BINS = 24
 MOST_DOTS = 2500
@@ -28,7 +28,7 @@ LEAST_LEVER = 0.3
 
 def signature_plot(diagnosis: Diagnosis, index: int) -> Figure:
     """What the readings show of a finding, with the fitted effect over it."""
-    figure, panel = one_drawing()
+    figure, panel = make_single_figure()
     draw_signature(panel, diagnosis, index)
     return figure
 
@@ -41,7 +41,7 @@ def draw_signature(panel: Axes, diagnosis: Diagnosis, index: int) -> None:
     name, values = _variable(diagnosis, candidate)
     if len(candidate.depends_on) > 1:
         _, points, line, title = _at_the_tip(diagnosis, index)
-        name = f"fitted effect at the tip, {units_of(diagnosis.arm).length.name}"
+        name = f"fitted effect at the tip, {choose_units(diagnosis.arm).length.name}"
         _draw(panel, line, points, line, name, title)
         panel.plot(*_means(line, points), "o", color=COLOURS[2], label="readings, means")
         _legend(panel)
@@ -58,9 +58,9 @@ def draw_signature(panel: Axes, diagnosis: Diagnosis, index: int) -> None:
 
 
 def _draw(panel: Axes, values: F64, points: F64, line: F64, name: str, title: str) -> None:
-    shown = np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(int)
+    indices = np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(int)
     label = "readings, all else taken off"
-    cloud(panel, values[shown], points[shown], label)
+    cloud(panel, values[indices], points[indices], label)
     if len(np.unique(values)) <= BINS:
         panel.plot(*_means(values, line), "o", color=COLOURS[1], label="fitted effect")
     else:
@@ -86,17 +86,22 @@ def _in_the_parameter(
     effect -= effect.mean()  # a constant is the parameter's own
     number = diagnosis.arm.layout.index(parameter)
     lever = last.linear.jacobian[number, : 3 * n].reshape(n, 3)
-    left = (last.residual - last.fitted)[: 3 * n].reshape(n, 3)
-    square = (lever**2).sum(axis=1)
-    rows = np.flatnonzero(square > LEAST_LEVER**2 * np.median(square))
+    residual = (last.residual - last.fitted)[: 3 * n].reshape(n, 3)
+    lever_squared = (lever**2).sum(axis=1)
+    rows = np.flatnonzero(lever_squared > LEAST_LEVER**2 * np.median(lever_squared))
     # The residual is tip minus target: a parameter too small by e leaves −e times its column.
-    error = effect - (left * lever).sum(axis=1) / np.maximum(square, 1e-300)
-    units = units_of(diagnosis.arm)
+    error = effect - (residual * lever).sum(axis=1) / np.maximum(lever_squared, 1e-300)
+    units = choose_units(diagnosis.arm)
     unit = units.length if parameters.unit(parameter) == "mm" else units.angle
     scale = unit.per_base
     joint = parameter.split("_")[-1]
-    what = f"angle of joint {joint}" if parameter.startswith("theta") else parameter
-    return rows, scale * error[rows], scale * effect[rows], f"correction of the {what}, {unit.name}"
+    quantity = f"angle of joint {joint}" if parameter.startswith("theta") else parameter
+    return (
+        rows,
+        scale * error[rows],
+        scale * effect[rows],
+        f"correction of the {quantity}, {unit.name}",
+    )
 
 
 def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[I64, F64, F64, str]:
@@ -104,14 +109,14 @@ def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[I64, F64, F64, str]:
     last = diagnosis.search.last
     signature = last.net_signature(index)
     n = len(signature)
-    left = -(last.residual - last.fitted)[: 3 * n].reshape(n, 3)
+    residual = -(last.residual - last.fitted)[: 3 * n].reshape(n, 3)
     size = np.linalg.norm(signature, axis=1)
     direction = signature / np.maximum(size, 0.05 * max(float(np.median(size)), 1e-12))[:, None]
     axis = np.linalg.svd(signature, full_matrices=False)[2][0]
     sign = np.where(signature @ axis >= 0.0, 1.0, -1.0)
-    before = ((left + signature) * direction).sum(axis=1)
+    before = ((residual + signature) * direction).sum(axis=1)
     rows = np.arange(n)
-    unit = units_of(diagnosis.arm).length
+    unit = choose_units(diagnosis.arm).length
     scale, title = unit.per_base * sign, f"correction at the tip, along it, {unit.name}"
     return rows, before * scale, size * scale, title
 

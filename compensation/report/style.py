@@ -53,11 +53,11 @@ figcaption { color: var(--neutral); }
 """
 
 
-def footer_style(left: str) -> str:
+def footer_style(left_text: str) -> str:
     """On each printed page: *left* (the arm's serial number), the page and the number of pages."""
     return (
         "@page { size: A4; margin: 16mm 15mm 18mm;"
-        f" @bottom-left {{ content: {_css_text(left)}; font: 8pt sans-serif; }}"
+        f" @bottom-left {{ content: {_css_text(left_text)}; font: 8pt sans-serif; }}"
         ' @bottom-right { content: "page " counter(page) " of " counter(pages);'
         " font: 8pt sans-serif; } }\n"
     )

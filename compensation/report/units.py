@@ -27,7 +27,7 @@ class Unit:
             return NOT_KNOWN
         return f"{value * self.per_base:{sign}.{self.decimals}f}"
 
-    def of(self, *values: float) -> Unit:
+    def scale_to(self, *values: float) -> Unit:
         """This unit, or mm where the largest of *values* (mm) has more than three digits in µm."""
         large = self.name == "µm" and max(map(abs, values)) >= 1.0
         return Unit("mm", 1.0, 3) if large else self
@@ -58,7 +58,7 @@ def resolution_mm(arm: Arm) -> float:
     return math.tau / min(counts) * arm.reach_mm / 2.0 if counts else 0.0
 
 
-def units_of(arm: Arm) -> Units:
+def choose_units(arm: Arm) -> Units:
     """Return the units that suit *arm*."""
     resolved_mm = resolution_mm(arm)
     if resolved_mm < COARSE_MM:

@@ -12,7 +12,7 @@ from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.head import head
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import InputFile, origin
-from armd.compensation.report.units import Unit, units_of
+from armd.compensation.report.units import Unit, choose_units
 from armd.compensation.verify.figures import BLOCK, TESTS
 from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged, Verdict
 from armd.terminal.counted import counted
@@ -64,7 +64,7 @@ def verification_report(
 
 def _lengths(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
     page.figure(
-        figures.lengths(item, verdict.limits, unit),
+        figures.draw_lengths(item, verdict.limits, unit),
         f"{item.figure.name}: error of each length with ± U (k = 2), {unit.name}; a colour for"
         " each placement; green: within the MPE",
     )
@@ -73,17 +73,17 @@ def _lengths(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
 def _draw(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
     """The drawing that suits the figure, if one says more than its table."""
     name = item.figure.name
-    if item.figure.key == "spat_max" and (figure := figures.rosettes(item, unit)):
+    if item.figure.key == "spat_max" and (figure := figures.draw_rosettes(item, unit)):
         caption = f"{name}: each articulation about the mean of its seat; dashed: the MPE"
         page.figure(figure, f"{caption}; above: x and y, below: x and z")
-    elif item.figure.key == "p_form" and (figure := figures.sphere_form(item, unit)):
+    elif item.figure.key == "p_form" and (figure := figures.draw_sphere_form(item, unit)):
         page.figure(figure, f"{name}: each point's distance from the fitted sphere, {unit.name}")
     elif item.figure.key in ("volumetric_max", BLOCK):
         _lengths(page, item, verdict, unit)
 
 
 def _unit(arm: Arm) -> Unit:
-    return units_of(arm).length
+    return choose_units(arm).length
 
 
 def _verdict(page: Page, verdict: Verdict, unit: Unit) -> None:
@@ -93,11 +93,11 @@ def _verdict(page: Page, verdict: Verdict, unit: Unit) -> None:
         return
     keys = {item.figure.key for item in verdict.judged if item.outcome != "not judged"}
     covered = len(keys - {BLOCK})
-    whole = "full test" if covered == ALL_FIGURES else "partial test"
+    extent = "full test" if covered == ALL_FIGURES else "partial test"
     blocks = ", and gauge blocks" if BLOCK in keys else ""
     page.verdict(
         "ACCEPTED" if verdict.passed else "NOT ACCEPTED",
-        f"{covered} of {ALL_FIGURES} figures, {whole}{blocks}",
+        f"{covered} of {ALL_FIGURES} figures, {extent}{blocks}",
         verdict.passed,
         _key_sentence(verdict, unit),
     )
@@ -111,14 +111,14 @@ def _key_sentence(verdict: Verdict, unit: Unit) -> str:
         return "No figure with a limit was tested."
     worst = max(failed or decided, key=lambda item: abs(item.deciding.value_mm) / _limit(item))
     value_mm, limit_mm = worst.deciding.value_mm, _limit(worst)
-    unit = unit.of(value_mm, limit_mm)
-    found = f"{unit.three_digits(value_mm, '+')} of {unit.three_digits(limit_mm)} permitted"
+    unit = unit.scale_to(value_mm, limit_mm)
+    sentence = f"{unit.three_digits(value_mm, '+')} of {unit.three_digits(limit_mm)} permitted"
     if failed:
-        return f"{worst.figure.name} {_outcome(worst)}: {found}."
+        return f"{worst.figure.name} {_outcome(worst)}: {sentence}."
     if missing := len(verdict.not_tested):
         was = "was" if missing == 1 else "were"
         return f"{counted(missing, 'figure')} with a limit {was} not tested."
-    return f"{worst.figure.name} is nearest its limit: {found}."
+    return f"{worst.figure.name} is nearest its limit: {sentence}."
 
 
 def _limit(item: Judged) -> float:
@@ -140,7 +140,7 @@ def _explained(page: Page, verdict: Verdict, unit: Unit) -> None:
     page.table(
         ["figure", f"largest, {unit.name}", "at"],
         [
-            [item.figure.name, unit.text(item.figure.worst.value_mm, "+"), item.figure.worst.where]
+            [item.figure.name, unit.text(item.figure.worst.value_mm, "+"), item.figure.worst.label]
             for item in verdict.judged
         ],
     )
@@ -157,7 +157,7 @@ def _explained(page: Page, verdict: Verdict, unit: Unit) -> None:
 def _results(item: Judged, unit: Unit) -> list[list[str]]:
     return [
         [
-            deviation.where,
+            deviation.label,
             f"{deviation.length_mm:.3f}" if deviation.length_mm else NO_LENGTH,
             unit.text(deviation.value_mm, "+"),
             unit.text(COVERAGE_FACTOR * deviation.standard_uncertainty_mm)
@@ -169,13 +169,13 @@ def _results(item: Judged, unit: Unit) -> list[list[str]]:
 
 
 def _row(item: Judged, unit: Unit) -> list[str]:
-    known = item.uncertainty_stated
+    has_uncertainty = item.uncertainty_stated
     return [
         item.figure.name,
         item.figure.standard,
         unit.text(item.deciding.value_mm, "+"),
-        item.deciding.where,
+        item.deciding.label,
         "" if item.limit_mm is None else unit.text(item.limit_mm),
-        unit.text(item.expanded_uncertainty_mm) if known else NOT_STATED,
+        unit.text(item.expanded_uncertainty_mm) if has_uncertainty else NOT_STATED,
         item.outcome,
     ]

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from armd.arrays import F64
-from armd.compensation.report.drawing import COLOURS, drawing, one_drawing
+from armd.compensation.report.drawing import COLOURS, make_figure, make_single_figure
 from armd.compensation.report.units import Unit
 from armd.compensation.verify.limits import PermissibleErrors
 from armd.compensation.verify.results import Deviation
@@ -22,28 +22,31 @@ APART = 0.08
 FAR = 4.0
 
 
-def lengths(item: Judged, limits: PermissibleErrors | None, unit: Unit) -> Figure:
+def draw_lengths(item: Judged, limits: PermissibleErrors | None, unit: Unit) -> Figure:
     """Errors over length with ± U, a colour for each placement, within the band of the MPE."""
-    figure, panel = one_drawing(3.1)
+    figure, panel = make_single_figure(3.1)
     deviations = item.figure.deviations
-    longest = max(one.length_mm for one in deviations)
-    places = list(dict.fromkeys(one.placement for one in deviations))
+    longest = max(deviation.length_mm for deviation in deviations)
+    places = list(dict.fromkeys(deviation.placement for deviation in deviations))
     apart_mm = APART * longest / max(len(places), MOST_NAMED)
+    expanded = unit.per_base * COVERAGE_FACTOR
     for i, place in enumerate(places):
-        own = [one for one in deviations if one.placement == place]
+        placed = [deviation for deviation in deviations if deviation.placement == place]
         panel.errorbar(
-            [one.length_mm + (i - (len(places) - 1) / 2) * apart_mm for one in own],
-            [unit.per_base * one.value_mm for one in own],
-            [unit.per_base * COVERAGE_FACTOR * one.standard_uncertainty_mm for one in own],
+            [deviation.length_mm + (i - (len(places) - 1) / 2) * apart_mm for deviation in placed],
+            [unit.per_base * deviation.value_mm for deviation in placed],
+            [expanded * deviation.standard_uncertainty_mm for deviation in placed],
             fmt="o", markersize=3.5, elinewidth=0.8, alpha=0.8,
             color=COLOURS[i % MOST_NAMED], label=place if len(places) <= MOST_NAMED else None,
         )  # fmt: skip
     if limits is not None and item.limit_mm is not None:
-        at = np.linspace(0.0, 1.05 * longest, 2)
-        limit = unit.per_base * np.array([limits.mpe.of(item.figure.key, x) or 0.0 for x in at])
-        panel.fill_between(at, -limit, limit, color=COLOURS[2], alpha=0.12, linewidth=0)
+        ends_mm = np.linspace(0.0, 1.05 * longest, 2)
+        limit = unit.per_base * np.array(
+            [limits.mpe.limit_mm(item.figure.key, x) or 0.0 for x in ends_mm]
+        )
+        panel.fill_between(ends_mm, -limit, limit, color=COLOURS[2], alpha=0.12, linewidth=0)
         for sign in (-1, 1):
-            panel.plot(at, sign * limit, "--", color=COLOURS[2], label="MPE" * (sign > 0))
+            panel.plot(ends_mm, sign * limit, "--", color=COLOURS[2], label="MPE" * (sign > 0))
     panel.axhline(0.0, color="black", linewidth=0.5)
     panel.set(xlabel="length, mm", ylabel=f"error, {unit.name}")
     if panel.get_legend_handles_labels()[1]:
@@ -51,46 +54,52 @@ def lengths(item: Judged, limits: PermissibleErrors | None, unit: Unit) -> Figur
     return figure
 
 
-def rosettes(item: Judged, unit: Unit) -> Figure | None:
+def draw_rosettes(item: Judged, unit: Unit) -> Figure | None:
     """Each seat's readings about their mean, from above and from the side; None without points."""
-    seats = [one for one in item.figure.deviations if one.offsets_mm is not None]
+    seats = [deviation for deviation in item.figure.deviations if deviation.offsets_mm is not None]
     if not seats:
         return None
-    figure, panels = drawing(2, len(seats), 2 * 2.6)
+    figure, panels = make_figure(2, len(seats), 2 * 2.6)
     limit = (item.limit_mm or 0.0) * unit.per_base
-    largest = max(unit.per_base * _largest(one) for one in seats)
-    shown = limit <= FAR * largest
-    reach = 1.15 * max(limit if shown else 0.0, largest, 1e-9)
-    for column, one in enumerate(seats):
-        assert one.offsets_mm is not None
-        offsets = unit.per_base * one.offsets_mm
+    largest = max(unit.per_base * _largest(deviation) for deviation in seats)
+    is_limit_shown = limit <= FAR * largest
+    reach = 1.15 * max(limit if is_limit_shown else 0.0, largest, 1e-9)
+    for column, deviation in enumerate(seats):
+        assert deviation.offsets_mm is not None
+        offsets = unit.per_base * deviation.offsets_mm
         for row, up in enumerate((1, 2)):
             panel = panels[row * len(seats) + column]
             _rosette(panel, offsets[:, 0], offsets[:, up], limit, reach)
             panel.set(xlabel=f"x, {unit.name}", ylabel=f"{'xyz'[up]}, {unit.name}")
-        panels[column].set_title(one.where)
-    if not shown:
+        panels[column].set_title(deviation.label)
+    if not is_limit_shown:
         figure.suptitle(f"the MPE, {limit:g} {unit.name}, is outside of the picture", fontsize=9.0)
     return figure
 
 
-def sphere_form(item: Judged, unit: Unit) -> Figure | None:
+def draw_sphere_form(item: Judged, unit: Unit) -> Figure | None:
     """Each sphere seen from its pole: how far each point lies off the fitted sphere."""
-    spheres = [one for one in item.figure.deviations if one.offsets_mm is not None]
+    spheres = [
+        deviation for deviation in item.figure.deviations if deviation.offsets_mm is not None
+    ]
     if not spheres:
         return None
-    figure, panels = drawing(1, len(spheres), SIDE_IN)
-    shown = [_from_pole(one.offsets_mm) for one in spheres if one.offsets_mm is not None]
-    most = max(float(np.abs(radial).max()) for _, radial in shown) * unit.per_base or 1.0
+    figure, panels = make_figure(1, len(spheres), SIDE_IN)
+    outlines = [
+        _from_pole(deviation.offsets_mm)
+        for deviation in spheres
+        if deviation.offsets_mm is not None
+    ]
+    largest = max(float(np.abs(radial).max()) for _, radial in outlines) * unit.per_base or 1.0
     points = None
-    for panel, one, (place, radial) in zip(panels, spheres, shown, strict=True):
+    for panel, deviation, (place, radial) in zip(panels, spheres, outlines, strict=True):
         for angle in (30, 60, 90):
             _circle(panel, angle, "#8c959f", ":")
         points = panel.scatter(
-            place[:, 0], place[:, 1], 40.0, radial * unit.per_base, cmap="coolwarm", vmin=-most,
-            vmax=most, edgecolors="black", linewidths=0.4,
+            place[:, 0], place[:, 1], 40.0, radial * unit.per_base, cmap="coolwarm", vmin=-largest,
+            vmax=largest, edgecolors="black", linewidths=0.4,
         )  # fmt: skip
-        panel.set_title(f"{one.where}: {unit.text(one.value_mm)} {unit.name}")
+        panel.set_title(f"{deviation.label}: {unit.text(deviation.value_mm)} {unit.name}")
         panel.set_aspect("equal", adjustable="datalim")
         panel.set(xlabel="from the pole, °", ylabel="from the pole, °")
     if points is not None:
@@ -98,9 +107,9 @@ def sphere_form(item: Judged, unit: Unit) -> Figure | None:
     return figure
 
 
-def _largest(one: Deviation) -> float:
-    assert one.offsets_mm is not None
-    return float(np.linalg.norm(one.offsets_mm, axis=1).max())
+def _largest(deviation: Deviation) -> float:
+    assert deviation.offsets_mm is not None
+    return float(np.linalg.norm(deviation.offsets_mm, axis=1).max())
 
 
 def _rosette(panel: Axes, x: F64, y: F64, limit: float, reach: float) -> None:

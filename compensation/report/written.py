@@ -18,9 +18,11 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 PRINTING_S = 120.0
 
 
-def add_pages(parser: argparse.ArgumentParser, what: str = "a report that opens offline") -> None:
+def add_pages(
+    parser: argparse.ArgumentParser, description: str = "a report that opens offline"
+) -> None:
     """The options --report and --pdf."""
-    parser.add_argument("--report", metavar="R.html", help=what)
+    parser.add_argument("--report", metavar="R.html", help=description)
     parser.add_argument("--pdf", metavar="R.pdf", help="the same, printed by an installed Chromium")
 
 
@@ -80,4 +82,4 @@ def printed(page: str) -> bytes:
 
 
 def _browser() -> str | None:
-    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+    return next((path for name in BROWSERS if (path := shutil.which(name))), None)

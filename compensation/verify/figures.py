@@ -23,7 +23,7 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.verify.limits import TestUncertainty
 from armd.compensation.verify.readings import SPHERE, NotSupported, VerifiedReadings
 from armd.compensation.verify.results import Deviation, Figure, Verification
-from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
+from armd.compensation.verify.spheres import find_smallest_sphere, fit_sphere
 
 ISO, ASME = "ISO 10360-12:2016", "ASME B89.4.22-2004"
 CERTIFICATE = "the certificate"
@@ -32,7 +32,7 @@ NO_BLOCK = "no two planes with a certified length between them were touched"
 POSITIONS = ("SPHERE1", "SPHERE2")
 
 
-def positions_of(session: Session, arm: Arm, calibration: LoadedCalibration | None) -> F64:
+def correct_positions(session: Session, arm: Arm, calibration: LoadedCalibration | None) -> F64:
     """Return corrected points (n, 3) mm; NaN where a temperature is missing.
 
     Raises `BadInput` where the calibration makes points that are not finite.
@@ -45,15 +45,15 @@ def positions_of(session: Session, arm: Arm, calibration: LoadedCalibration | No
     return position
 
 
-def figures_of(
-    session: Session, arm: Arm, position: F64, test: TestUncertainty, *, whole: bool = True
+def evaluate_figures(
+    session: Session, arm: Arm, position: F64, test: TestUncertainty, *, complete: bool = True
 ) -> Verification:
     """All figures of corrected points (n, 3) mm, one per reading; NaN for one that failed.
 
     Unless *whole*, single-point articulation counts for the seats that were measured, and remarks
     name those that were not.
     """
-    readings = VerifiedReadings(session, arm, position, test, whole)
+    readings = VerifiedReadings(session, arm, position, test, complete)
     figures: list[Figure] = []
     left_out: dict[str, str] = {}
     # The matrices are small: threads of the library's own cost more than they bring.
@@ -63,7 +63,7 @@ def figures_of(
                 figures += evaluate(readings)
             except (NotSupported, ArithmeticError) as reason:
                 left_out |= dict.fromkeys(keys, str(reason))
-    remarks = [*session.remarks, *readings.without_position(), *dict.fromkeys(readings.told)]
+    remarks = [*session.remarks, *readings.without_position(), *dict.fromkeys(readings.remarks)]
     remarks += [
         f"{name}: {celsius:g} °C in every row, far from all other temperatures: does it show any?"
         for name, celsius in still_and_far(session, arm)
@@ -80,30 +80,30 @@ def _sphere_size(readings: VerifiedReadings) -> Iterator[Figure]:
         return
     diameter, uncertainty = readings.length(readings.certified(SPHERE))
     size = []
-    for where in POSITIONS:
-        _, radius = fit_sphere(readings.one_each(f"{where}.", 25))
+    for position in POSITIONS:
+        _, radius = fit_sphere(readings.one_each(f"{position}.", 25))
         error = 2 * (radius - readings.tip_radius_mm) - diameter
-        size.append(Deviation(where, error, uncertainty))
+        size.append(Deviation(position, error, uncertainty))
     yield Figure("p_size", "P_Size", ISO, tuple(size))
 
 
 def _sphere_form(readings: VerifiedReadings) -> Iterator[Figure]:
     """P_Form: of the same points; no certified diameter is needed."""
     form = []
-    touched = [(one.where, one.points_mm) for one in readings.spheres()]
-    named = ((where, readings.one_each(f"{where}.", 25)) for where in POSITIONS)
-    for where, points in touched or named:
+    touched = [(sphere.label, sphere.points_mm) for sphere in readings.spheres()]
+    named = ((label, readings.one_each(f"{label}.", 25)) for label in POSITIONS)
+    for label, points in touched or named:
         offsets = points - fit_sphere(points)[0]
         distance = np.linalg.norm(offsets, axis=1)
         spread = float(distance.max() - distance.min())
-        form.append(Deviation(where, spread, readings.test.sphere_form_mm, offsets_mm=offsets))
+        form.append(Deviation(label, spread, readings.test.sphere_form_mm, offsets_mm=offsets))
     yield Figure("p_form", "P_Form", ISO, tuple(form))
 
 
 def _location(readings: VerifiedReadings) -> Iterator[Figure]:
     """L_Dia.5×5: the sphere's centre from five points in each of five orientations."""
     centres = np.array([fit_sphere(readings.one_each(f"LDIA.{k}.", 5))[0] for k in range(1, 6)])
-    diameter = 2 * smallest_sphere(centres)[1]
+    diameter = 2 * find_smallest_sphere(centres)[1]
     # A point displaced by the sphere's form moves the centre of five by about as much.
     deviation = Deviation("5 orientations", diameter, readings.test.sphere_form_mm)
     yield Figure("l_dia", "L_Dia.5×5", ISO, (deviation,))
@@ -125,9 +125,9 @@ def _lengths(readings: VerifiedReadings) -> Iterator[Figure]:
             length, uncertainty = readings.length(distance, placement)
             for repeat in range(3):
                 measured = float(np.linalg.norm(end[repeat] - start[repeat]))
-                where = f"{placement} L{i} repeat {repeat + 1}"
+                label = f"{placement} L{i} repeat {repeat + 1}"
                 error = measured - length
-                deviations.append(Deviation(where, error, uncertainty, length, placement))
+                deviations.append(Deviation(label, error, uncertainty, length, placement))
     yield Figure("e_uni", "E_Uni", ISO, tuple(deviations))
 
 
@@ -156,7 +156,7 @@ def _articulation(readings: VerifiedReadings) -> Iterator[Figure]:
         points = readings.points(seat)
         if len(points) < 10:
             missing.append(f"{len(points)} of 10 articulations in {seat}")
-            if readings.whole:
+            if readings.complete:
                 raise NotSupported(missing[0])
             continue
         offsets = points - points.mean(axis=0)
@@ -165,12 +165,12 @@ def _articulation(readings: VerifiedReadings) -> Iterator[Figure]:
         farthest = float(distance.max())
         largest.append(Deviation(seat, farthest, readings.test.seat_mm, offsets_mm=offsets))
         spread.append(Deviation(seat, 2 * deviation, readings.test.seat_mm))
-        if not readings.whole:  # of points alone: the figure that the makers' own routines show
+        if not readings.complete:  # of points alone: the figure that the makers' own routines show
             half = ", ".join(f"{x:.1f}" for x in 500.0 * np.ptp(points, axis=0))
-            readings.told.append(f"{seat}: half of the range in x, y, z: {half} µm")
+            readings.remarks.append(f"{seat}: half of the range in x, y, z: {half} µm")
     if not largest:
         raise NotSupported(missing[0])
-    readings.told += [f"{text}: ASME B89.4.22 wants three seats" for text in missing]
+    readings.remarks += [f"{text}: ASME B89.4.22 wants three seats" for text in missing]
     yield Figure("spat_max", "SPAT max δ", ASME, tuple(largest))
     yield Figure("spat_2s", "SPAT 2s", ASME, tuple(spread))
 

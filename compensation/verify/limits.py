@@ -49,7 +49,7 @@ class Mpe(Strict):
             raise ValueError("e_uni_mm beside e_uni_mm_per_m: MPE = A + L times this")
         return self
 
-    def of(self, figure: str, length_mm: float) -> float | None:
+    def limit_mm(self, figure: str, length_mm: float) -> float | None:
         """The limit of a figure (its key without ``_mm``), for a length where it depends on it."""
         limit: float | None = getattr(self, f"{figure}_mm")
         if limit is not None and figure == "e_uni":

@@ -12,7 +12,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
-from armd.compensation.verify.figures import figures_of
+from armd.compensation.verify.figures import evaluate_figures
 from armd.compensation.verify.limits import TestUncertainty
 from armd.compensation.verify.results import Verification
 from armd.errors import BadInput
@@ -24,13 +24,13 @@ UNKNOWN = {"schema": "armd.arm/1", "serial_number": "-", "joint": [{}, {}, {}]}
 
 
 @dataclass(frozen=True)
-class OfPoints:
+class PointsVerification:
     """What a table of points gives, and what was assumed in reading it."""
 
     verification: Verification
     session: Session
     arm: Arm
-    said: list[str]
+    messages: list[str]
 
 
 def verify_points(
@@ -40,7 +40,7 @@ def verify_points(
     test: TestUncertainty,
     *,
     judged: bool,
-) -> OfPoints:
+) -> PointsVerification:
     """All figures that the table at *path* supports; raises `BadInput`.
 
     *judged*: by limits, for which a test has to be whole; otherwise each seat has its own SPAT.
@@ -84,5 +84,5 @@ def verify_points(
         row=np.arange(n),
         digest=lambda: digest_input(path),
     )
-    verification = figures_of(session, arm, points.position_mm, test, whole=judged)
-    return OfPoints(verification, session, arm, points.remarks)
+    verification = evaluate_figures(session, arm, points.position_mm, test, complete=judged)
+    return PointsVerification(verification, session, arm, points.remarks)

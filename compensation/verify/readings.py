@@ -31,7 +31,7 @@ class NotSupported(Exception):
 class TouchedSphere:
     """A sphere of the artefact's surfaces in one placement: where the tip's centre stood on it."""
 
-    where: str
+    label: str
     placement: str
     surface: Surface
     points_mm: F64  # (n, 3)
@@ -41,11 +41,11 @@ class VerifiedReadings:
     """A session's corrected points, by target and placement."""
 
     def __init__(
-        self, session: Session, arm: Arm, position: F64, test: TestUncertainty, whole: bool
+        self, session: Session, arm: Arm, position: F64, test: TestUncertainty, complete: bool
     ) -> None:
-        self.whole = whole
+        self.complete = complete
         self.tip_radius_mm = arm.tip.radius_mm
-        self.told: list[str] = []  # how readings count that a test does not ask for
+        self.remarks: list[str] = []  # how readings count that a test does not ask for
         self.test = test
         self._session = session
         self._position = position
@@ -60,21 +60,23 @@ class VerifiedReadings:
         """Points (count, 3), one at each target whose name starts so."""
         names = [name for name in self._names if name.startswith(prefix)]
         points = [self.points(name) for name in names]
-        found = sum(len(at) > 0 for at in points)
-        if found < count:
-            raise NotSupported(f"{found} of {count} points on {prefix}*")
-        self.told += [
-            f"{name}: {len(at)} readings, their mean counts"
-            for name, at in zip(names, points, strict=True)
-            if len(at) > 1
+        n_measured = sum(len(target_points) > 0 for target_points in points)
+        if n_measured < count:
+            raise NotSupported(f"{n_measured} of {count} points on {prefix}*")
+        self.remarks += [
+            f"{name}: {len(target_points)} readings, their mean counts"
+            for name, target_points in zip(names, points, strict=True)
+            if len(target_points) > 1
         ]
-        return np.vstack([at.mean(axis=0) for at in points if len(at)])
+        return np.vstack(
+            [target_points.mean(axis=0) for target_points in points if len(target_points)]
+        )
 
     def repeats(self, target: str, placement: str, count: int) -> F64:
         """The first *count* points, or fewer, at a target in a placement."""
         points = self.points(target, placement)
         if len(points) > count:
-            self.told.append(
+            self.remarks.append(
                 f"{target} in {placement}: {len(points)} readings, the first {count} count"
             )
         return points[:count]
@@ -86,27 +88,29 @@ class VerifiedReadings:
     def far_off(self) -> list[str]:
         """Single readings far from where the others place them, in words."""
         session, position = self._session, self._position
-        found = [
-            single.repeats(session, position),
-            single.ends(session, position, lambda one, where: self.length(one, where)[0]),
+        checks = [
+            single.check_repeats(session, position),
+            single.check_lengths(
+                session, position, lambda distance, placement: self.length(distance, placement)[0]
+            ),
         ]
         radii_mm = {
             surface.name: surface.radius_mm + self.tip_radius_mm
             for surface in session.artefact.surfaces
             if surface.kind == "sphere" and surface.radius_mm is not None
         }
-        found.append(single.on_surfaces(session, position, radii_mm))
+        checks.append(single.check_surfaces(session, position, radii_mm))
         with suppress(NotSupported):
             radius_mm = self.length(self.certified(SPHERE))[0] / 2 + self.tip_radius_mm
-            found.append(single.on_spheres(session, position, radius_mm))
-        return [line for one in found for line in one.in_words(session)]
+            checks.append(single.check_spheres(session, position, radius_mm))
+        return [line for check in checks for line in check.in_words(session)]
 
     def placements(self, target: str) -> list[str]:
         """Names of the placements in which a target was measured, in order of appearance."""
         if target not in self._names:
             return []
-        seen = self._session.placement[self._rows(target, None)]
-        return [self._session.placement_names[i] for i in dict.fromkeys(seen.tolist())]
+        placements = self._session.placement[self._rows(target, None)]
+        return [self._session.placement_names[i] for i in dict.fromkeys(placements.tolist())]
 
     def certified(self, between: tuple[str, str]) -> Distance:
         for distance in self._session.artefact.distances:
@@ -137,22 +141,22 @@ class VerifiedReadings:
 
         Raises `NotSupported` where one has too few points, or, for a whole test, one position.
         """
-        found = []
+        spheres = []
         for surface in self._session.artefact.surfaces:
             for placement in self.placements(surface.name) if surface.kind == "sphere" else ():
                 points = self.points(surface.name, placement)
-                where = f"{placement} {surface.name}"
+                label = f"{placement} {surface.name}"
                 if len(points) < SPHERE_POINTS:
-                    raise NotSupported(f"{len(points)} of {SPHERE_POINTS} points on {where}")
+                    raise NotSupported(f"{len(points)} of {SPHERE_POINTS} points on {label}")
                 if len(points) > SPHERE_POINTS:
-                    told = f"{where}: all {len(points)} points count, of {SPHERE_POINTS} wanted"
-                    self.told.append(told)
-                found.append(TouchedSphere(where, placement, surface, points))
-        if len(found) == 1:
-            if self.whole:
+                    remark = f"{label}: all {len(points)} points count, of {SPHERE_POINTS} wanted"
+                    self.remarks.append(remark)
+                spheres.append(TouchedSphere(label, placement, surface, points))
+        if len(spheres) == 1:
+            if self.complete:
                 raise NotSupported("1 of 2 positions of a sphere")
-            self.told.append(f"{found[0].where}: one position; ISO 10360-12 wants two")
-        return found
+            self.remarks.append(f"{spheres[0].label}: one position; ISO 10360-12 wants two")
+        return spheres
 
     def size_of(self, touched: TouchedSphere) -> Deviation:
         """The error of a sphere's diameter; raises `NotSupported` without a certified radius."""
@@ -164,25 +168,25 @@ class VerifiedReadings:
             touched.placement,
         )  # fmt: skip
         measured = 2 * (fit_sphere(touched.points_mm)[1] - self.tip_radius_mm)
-        return Deviation(touched.where, measured - size, uncertainty, placement=touched.placement)
+        return Deviation(touched.label, measured - size, uncertainty, placement=touched.placement)
 
     def block_errors(self) -> Iterator[Deviation]:
         """Error of each certified length between two planes, in each placement that has both;
         raises `NotSupported` where the places do not tell a plane."""
         kinds = self._session.artefact.surface_kinds
         for distance in self._session.artefact.distances:
-            one, other = distance.between
-            if kinds.get(one) != "plane" or kinds.get(other) != "plane":
+            first, second = distance.between
+            if kinds.get(first) != "plane" or kinds.get(second) != "plane":
                 continue
-            for placement in self.placements(one):
+            for placement in self.placements(first):
                 faces = [self.points(name, placement) for name in distance.between]
-                where = f"{placement} {one}, {other}"
+                label = f"{placement} {first}, {second}"
                 planes = fit_parallel_planes(faces)
                 if planes is None:
-                    raise NotSupported(f"{where}: touched at too few places, or too near together")
+                    raise NotSupported(f"{label}: touched at too few places, or too near together")
                 length, uncertainty = self.length(distance, placement)
                 error = planes.apart_mm - 2 * self.tip_radius_mm - length
-                yield Deviation(where, error, uncertainty, length, placement)
+                yield Deviation(label, error, uncertainty, length, placement)
 
     def _rows(self, target: str, placement: str | None) -> I64:
         if target not in self._names:

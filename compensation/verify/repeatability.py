@@ -126,13 +126,13 @@ def fit_repeatability(position_mm: F64, time_h: F64, temperature_c: F64) -> Repe
     )
 
 
-def _varied(values: F64, least: float, what: str, remarks: list[str]) -> F64 | None:
+def _varied(values: F64, least_span: float, quantity: str, remarks: list[str]) -> F64 | None:
     """Values about their mean; None where they tell no drift, with a remark."""
     if not np.isfinite(values).all():
-        remarks.append(f"no {what} with every visit: no drift by {what}")
+        remarks.append(f"no {quantity} with every visit: no drift by {quantity}")
         return None
-    if float(np.ptp(values)) < least:
-        remarks.append(f"the {what} varied by {np.ptp(values):.2g}: no drift by {what}")
+    if float(np.ptp(values)) < least_span:
+        remarks.append(f"the {quantity} varied by {np.ptp(values):.2g}: no drift by {quantity}")
         return None
     out: F64 = values - values.mean()
     return out
@@ -156,30 +156,30 @@ def _enlargement(residual: F64, remarks: list[str]) -> F64:
 def _interval(covariance: F64, freedom: int, size: float) -> tuple[float, float]:
     """95 %, by chi-squared with the degrees of freedom of the three axes together (Satterthwaite,
     Biometrics Bull. 2, 1946)."""
-    square = float((covariance**2).sum())
-    together = freedom * size**4 / square if square > 0 else 3.0 * freedom
+    square_sum = float((covariance**2).sum())
+    together = freedom * size**4 / square_sum if square_sum > 0 else 3.0 * freedom
     tails = stats.chi2.ppf([0.5 + CONFIDENCE / 2, 0.5 - CONFIDENCE / 2], together)
     low, high = size * np.sqrt(together / tails)
     return float(low), float(high)
 
 
-def repeatability_in_words(found: Repeatability, sensors: Sequence[str]) -> list[str]:
+def describe_repeatability(fit: Repeatability, sensors: Sequence[str]) -> list[str]:
     """What came of it, for the console and the page; *sensors* were averaged."""
-    low, high = found.interval_um
+    low, high = fit.interval_um
     lines = [
-        f"repeatability {found.repeatability_um / 1e3:.4f} mm (95 %: {low / 1e3:.4f} to"
-        f" {high / 1e3:.4f} mm), 3-D standard deviation of {len(found.offset_um)} visits after the"
+        f"repeatability {fit.repeatability_um / 1e3:.4f} mm (95 %: {low / 1e3:.4f} to"
+        f" {high / 1e3:.4f} mm), 3-D standard deviation of {len(fit.offset_um)} visits after the"
         " drifts",
-        f"ISO 9283 RP {found.rp_um / 1e3:.4f} mm; farthest visit {found.largest_um / 1e3:.4f} mm",
+        f"ISO 9283 RP {fit.rp_um / 1e3:.4f} mm; farthest visit {fit.largest_um / 1e3:.4f} mm",
     ]
-    where = f" (mean of {', '.join(sensors)})" if sensors else ""
-    for drift, unit in ((found.per_h, "h"), (found.per_k, f"K{where}")):
+    source = f" (mean of {', '.join(sensors)})" if sensors else ""
+    for drift, unit in ((fit.per_h, "h"), (fit.per_k, f"K{source}")):
         if drift is not None:
-            each = ", ".join(
+            drifts = ", ".join(
                 f"{axis} {value:+.2f} ± {2 * deviation:.2f}"
                 for axis, value, deviation in zip(
                     "xyz", drift.value, drift.standard_uncertainty, strict=True
                 )
             )
-            lines.append(f"drift {each} µm per {unit}, ± U (k = 2)")
-    return [*lines, *(f"remark: {remark}" for remark in found.remarks)]
+            lines.append(f"drift {drifts} µm per {unit}, ± U (k = 2)")
+    return [*lines, *(f"remark: {remark}" for remark in fit.remarks)]

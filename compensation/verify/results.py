@@ -11,7 +11,7 @@ from armd.arrays import F64
 class Deviation:
     """One result: a signed error or a spread, with the test's own standard uncertainty."""
 
-    where: str
+    label: str
     value_mm: float
     standard_uncertainty_mm: float
     length_mm: float = 0.0

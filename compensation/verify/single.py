@@ -17,7 +17,7 @@ from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Distance
 from armd.compensation.identify.admission.far_off import FarOff, far_off
-from armd.compensation.verify.spheres import distances_from_sphere
+from armd.compensation.verify.spheres import measure_distances_from_sphere
 
 #: Targets that are points on one sphere, if they are of one placement. The sphere of L_Dia stands
 #: still while the arm's posture changes, and so does that of the effective diameter.
@@ -29,7 +29,7 @@ LEAST_POINTS = 9
 LEAST_REPEATS = 3
 
 
-def repeats(session: Session, position_mm: F64) -> FarOff:
+def check_repeats(session: Session, position_mm: F64) -> FarOff:
     """Readings of a seat, whose tips stand at *position_mm* (n, 3), far from the middle one."""
     off_mm = np.full(session.n, np.nan)
     for rows in _seats(session, position_mm):
@@ -39,48 +39,54 @@ def repeats(session: Session, position_mm: F64) -> FarOff:
     return far_off(off_mm)
 
 
-def ends(session: Session, position_mm: F64, length_mm: Callable[[Distance, str], float]) -> FarOff:
+def check_lengths(
+    session: Session, position_mm: F64, length_mm: Callable[[Distance, str], float]
+) -> FarOff:
     """Readings of the ends of a certified length that is farther off than the others; both ends
     are told, because one reading each does not say which. *length_mm*: at a placement."""
     names, off_mm = session.artefact.target_names, np.full(session.n, np.nan)
-    at = {
+    rows_by_seat = {
         (names[session.target[rows[0]]], int(session.placement[rows[0]])): rows
         for rows in _seats(session, position_mm)
         if len(rows) < LEAST_REPEATS
     }
     for distance in session.artefact.distances:
         for number, placement in enumerate(session.placement_names):
-            both = [at.get((name, number)) for name in distance.between]
-            if both[0] is None or both[1] is None:
+            end_rows = [rows_by_seat.get((name, number)) for name in distance.between]
+            if end_rows[0] is None or end_rows[1] is None:
                 continue
-            apart = position_mm[both[1]].mean(axis=0) - position_mm[both[0]].mean(axis=0)
-            error = abs(float(np.linalg.norm(apart)) - length_mm(distance, placement))
-            off_mm[np.concatenate([both[0], both[1]])] = error
+            difference_mm = position_mm[end_rows[1]].mean(axis=0) - position_mm[end_rows[0]].mean(
+                axis=0
+            )
+            error = abs(float(np.linalg.norm(difference_mm)) - length_mm(distance, placement))
+            off_mm[np.concatenate([end_rows[0], end_rows[1]])] = error
     return far_off(off_mm)
 
 
-def on_spheres(session: Session, position_mm: F64, radius_mm: float) -> FarOff:
+def check_spheres(session: Session, position_mm: F64, radius_mm: float) -> FarOff:
     """Points far from the sphere of this radius, tip included, that the others of it are on."""
     names, off_mm = session.artefact.target_names, np.full(session.n, np.nan)
-    spheres = [found[1] if (found := ON_SPHERE.match(name)) else "" for name in names]
+    spheres = [match[1] if (match := ON_SPHERE.match(name)) else "" for name in names]
     sphere, usable = np.array(spheres)[session.target], np.isfinite(position_mm).all(axis=1)
-    for one in sorted(set(spheres) - {""}):
+    for group in sorted(set(spheres) - {""}):
         for placement in range(len(session.placement_names)):
-            rows = np.flatnonzero((sphere == one) & (session.placement == placement) & usable)
+            rows = np.flatnonzero((sphere == group) & (session.placement == placement) & usable)
             if len(rows) >= LEAST_POINTS:
-                off_mm[rows] = distances_from_sphere(position_mm[rows], radius_mm)
+                off_mm[rows] = measure_distances_from_sphere(position_mm[rows], radius_mm)
     return far_off(off_mm)
 
 
-def on_surfaces(session: Session, position_mm: F64, radii_mm: Mapping[str, float]) -> FarOff:
+def check_surfaces(session: Session, position_mm: F64, radii_mm: Mapping[str, float]) -> FarOff:
     """The same of spheres that are surfaces, by the name and the radius of each, tip included."""
     names, off_mm = session.artefact.target_names, np.full(session.n, np.nan)
     usable = np.isfinite(position_mm).all(axis=1)
     for name, radius_mm in radii_mm.items():
         for placement in range(len(session.placement_names)):
-            own = (session.target == names.index(name)) & (session.placement == placement) & usable
-            if (rows := np.flatnonzero(own)).size >= LEAST_POINTS:
-                off_mm[rows] = distances_from_sphere(position_mm[rows], radius_mm)
+            is_on_surface = (
+                (session.target == names.index(name)) & (session.placement == placement) & usable
+            )
+            if (rows := np.flatnonzero(is_on_surface)).size >= LEAST_POINTS:
+                off_mm[rows] = measure_distances_from_sphere(position_mm[rows], radius_mm)
     return far_off(off_mm)
 
 
@@ -90,6 +96,6 @@ def _seats(session: Session, position_mm: F64) -> Iterator[I64]:
     surfaces = session.artefact.surface_kinds
     for target, name in enumerate(session.artefact.target_names):
         for placement in range(len(session.placement_names)):
-            own = (session.target == target) & (session.placement == placement) & usable
-            if own.any() and name not in surfaces and not ON_SPHERE.match(name):
-                yield np.flatnonzero(own)
+            is_at_seat = (session.target == target) & (session.placement == placement) & usable
+            if is_at_seat.any() and name not in surfaces and not ON_SPHERE.match(name):
+                yield np.flatnonzero(is_at_seat)

@@ -28,21 +28,22 @@ def fit_sphere(points: F64) -> tuple[F64, float]:
         out: F64 = np.linalg.norm(around - unknown[:3], axis=1) - unknown[3]
         return out
 
-    found = least_squares(distances, [*centre, radius], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
-    return middle + found[:3], float(found[3])
+    solution = least_squares(distances, [*centre, radius], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    return middle + solution[:3], float(solution[3])
 
 
-def distances_from_sphere(points: F64, radius: float) -> F64:
+def measure_distances_from_sphere(points: F64, radius: float) -> F64:
     """(n,) how far points (n, 3) lie from a sphere of this radius that few far off hardly move.
 
     Each is left out once; where the others fit best, all are weighed by Cauchy's weights.
     """
-    each = np.arange(len(points))
-    centres = [_centre(points[each != i], radius, np.ones(len(points) - 1)) for i in each]
-    left = [
-        np.sum(_outside(points[each != i], centre, radius) ** 2) for i, centre in enumerate(centres)
+    numbers = np.arange(len(points))
+    centres = [_centre(points[numbers != i], radius, np.ones(len(points) - 1)) for i in numbers]
+    squares = [
+        np.sum(_outside(points[numbers != i], centre, radius) ** 2)
+        for i, centre in enumerate(centres)
     ]
-    off = np.abs(_outside(points, centres[int(np.argmin(left))], radius))
+    off = np.abs(_outside(points, centres[int(np.argmin(squares))], radius))
     for _ in range(ROBUST_ROUNDS):
         weight = 1.0 / (1.0 + (off / max(float(np.median(off)), LEAST_MM)) ** 2)
         off = np.abs(_outside(points, _centre(points, radius, weight), radius))
@@ -55,8 +56,8 @@ def _centre(points: F64, radius: float, weight: F64) -> F64:
     def off(centre: F64) -> F64:
         return np.sqrt(weight) * _outside(points, centre, radius)
 
-    found: F64 = least_squares(off, np.median(points, axis=0)).x
-    return found
+    solution: F64 = least_squares(off, np.median(points, axis=0)).x
+    return solution
 
 
 def _outside(points: F64, centre: F64, radius: float) -> F64:
@@ -64,7 +65,7 @@ def _outside(points: F64, centre: F64, radius: float) -> F64:
     return outside
 
 
-def smallest_sphere(points: F64) -> tuple[F64, float]:
+def find_smallest_sphere(points: F64) -> tuple[F64, float]:
     """Centre (3,) and radius of the smallest sphere that holds all points (n, 3), n small.
 
     It is determined by two, three or four of them: all such choices are tried.
@@ -76,8 +77,8 @@ def smallest_sphere(points: F64) -> tuple[F64, float]:
         for chosen in combinations(range(len(points)), size):
             centre = _circumcentre(points[list(chosen)])
             radius = float(np.linalg.norm(points - centre, axis=1).max())
-            own = float(np.linalg.norm(points[chosen[0]] - centre))
-            holds = radius <= own * (1 + 1e-9) + 1e-12
+            own_radius = float(np.linalg.norm(points[chosen[0]] - centre))
+            holds = radius <= own_radius * (1 + 1e-9) + 1e-12
             if holds and (best is None or radius < best[1]):
                 best = centre, radius
     assert best is not None  # the smallest sphere touches two, three or four of its points

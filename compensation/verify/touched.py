@@ -41,10 +41,10 @@ class ParallelPlanes:
 
 def fit_parallel_planes(points: Sequence[F64]) -> ParallelPlanes | None:
     """Planes through points (n, 3) mm on each; None where the places do not tell them."""
-    counts = tuple(len(own) for own in points)
+    counts = tuple(len(plane_points) for plane_points in points)
     if min(counts) < 1 or sum(counts) < len(points) + 2:
         return None
-    off = np.concatenate([own - own.mean(axis=0) for own in points])
+    off = np.concatenate([plane_points - plane_points.mean(axis=0) for plane_points in points])
     spread, directions = np.linalg.svd(off, full_matrices=False)[1:]
     if spread[1] / math.sqrt(len(off)) < LEAST_SPREAD_MM:
         return None
@@ -52,7 +52,7 @@ def fit_parallel_planes(points: Sequence[F64]) -> ParallelPlanes | None:
     across = float(((off @ directions[2]) ** 2).sum())
     return ParallelPlanes(
         directions[2],
-        np.array([own.mean(axis=0) @ directions[2] for own in points]),
+        np.array([plane_points.mean(axis=0) @ directions[2] for plane_points in points]),
         counts,
         math.sqrt(across / freedom) if freedom else 0.0,
         freedom,

@@ -90,18 +90,18 @@ class Verdict:
         if self.limits is None:
             return "none: no limits given"
         silent = [item.figure.name for item in self.judged if item.outcome == "not judged"]
-        beside = f"; not judged, having no limit: {', '.join(silent)}" if silent else ""
+        not_judged = f"; not judged, having no limit: {', '.join(silent)}" if silent else ""
         if self.passed:
-            return f"PASSED for {', '.join(self.covered)}{beside}"
+            return f"PASSED for {', '.join(self.covered)}{not_judged}"
         reasons = [
             f"{item.figure.name}: {item.outcome} ({1e3 * item.deciding.value_mm:+.1f} µm at"
-            f" {item.deciding.where}, MPE {1e3 * (item.limit_mm or 0.0):.1f} µm,"
+            f" {item.deciding.label}, MPE {1e3 * (item.limit_mm or 0.0):.1f} µm,"
             f" U {item.uncertainty_um(1)})"
             for item in self.judged
             if item.outcome not in ("conforms", "not judged")
         ]
         reasons += [f"{key}: not tested, {reason}" for key, reason in self.not_tested.items()]
-        return f"FAILED: {'; '.join(reasons)}{beside}"
+        return f"FAILED: {'; '.join(reasons)}{not_judged}"
 
     @property
     def rule(self) -> str:
@@ -110,9 +110,9 @@ class Verdict:
     @property
     def remarks(self) -> list[str]:
         remarks = list(self.verification.remarks)
-        far = self.verification.far_off
-        remarks += [f"far off, and counted as it was measured: {one}" for one in far]
-        if far:
+        far_off = self.verification.far_off
+        remarks += [f"far off, and counted as it was measured: {reading}" for reading in far_off]
+        if far_off:
             remarks.append(FAR_OFF)
         range_mm = self.limits.measuring_range_mm if self.limits else None
         for figure in self.verification.figures:
@@ -127,7 +127,7 @@ class Verdict:
                     f"{figure.name}: its certified lengths fit the arm if they are taken as {unit}:"
                     " length_mm in session.toml is in mm"
                 )
-            elif abs(figure.worst.value_mm) > ABSURD_MM and not far:
+            elif abs(figure.worst.value_mm) > ABSURD_MM and not far_off:
                 remarks.append(
                     f"{figure.name}: {figure.worst.value_mm:.0f} mm: is arm.toml the drawing of"
                     " this arm, and the session's unit of angles right?"
@@ -161,14 +161,14 @@ class Verdict:
                     "name": item.figure.name,
                     "standard": item.figure.standard,
                     "value_mm": item.figure.worst.value_mm,
-                    "at": item.figure.worst.where,
+                    "at": item.figure.worst.label,
                     "deciding_mm": item.deciding.value_mm,
-                    "deciding_at": item.deciding.where,
+                    "deciding_at": item.deciding.label,
                     "mpe_mm": item.limit_mm,
                     "expanded_uncertainty_mm": item.expanded_uncertainty_mm,
                     "outcome": item.outcome,
                     "deviations": [
-                        {"at": d.where, "value_mm": d.value_mm, "length_mm": d.length_mm}
+                        {"at": d.label, "value_mm": d.value_mm, "length_mm": d.length_mm}
                         for d in item.figure.deviations
                     ],
                 }
@@ -195,7 +195,7 @@ def judge(verification: Verification, limits: PermissibleErrors | None) -> Verdi
     judged = tuple(_judge(figure, limits) for figure in verification.figures)
 
     def is_limited(key: str) -> bool:
-        return limits is not None and limits.mpe.of(key, 0.0) is not None
+        return limits is not None and limits.mpe.limit_mm(key, 0.0) is not None
 
     if is_limited(BLOCK) and BLOCK not in {figure.key for figure in verification.figures}:
         left_out = {BLOCK: NO_BLOCK} | verification.left_out
@@ -206,16 +206,16 @@ def judge(verification: Verification, limits: PermissibleErrors | None) -> Verdi
 
 def _judge(figure: Figure, limits: PermissibleErrors | None) -> Judged:
     """The deviation nearest to its limit, or farthest beyond it, decides."""
-    if limits is None or limits.mpe.of(figure.key, 0.0) is None:
+    if limits is None or limits.mpe.limit_mm(figure.key, 0.0) is None:
         return Judged(figure, "not judged", figure.worst, None)
 
     def excess(deviation: Deviation) -> float:
-        limit = limits.mpe.of(figure.key, deviation.length_mm) or 0.0
+        limit = limits.mpe.limit_mm(figure.key, deviation.length_mm) or 0.0
         guard = COVERAGE_FACTOR * deviation.standard_uncertainty_mm
         return abs(deviation.value_mm) - limit + (guard if limits.decision == "guarded" else 0.0)
 
     deciding = max(figure.deviations, key=excess)
-    limit = limits.mpe.of(figure.key, deciding.length_mm) or 0.0
+    limit = limits.mpe.limit_mm(figure.key, deciding.length_mm) or 0.0
     guard = COVERAGE_FACTOR * deciding.standard_uncertainty_mm
     outcome: Outcome
     if excess(deciding) <= 0:

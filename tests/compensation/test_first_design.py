@@ -12,15 +12,15 @@ from armd.compensation.data.session_format import Artefact
 from armd.compensation.design.artefact_places import ArtefactReadings
 from armd.compensation.design.clearance import height_mm
 from armd.compensation.design.exchange import (
-    candidates_of,
     choose_readings,
     log_determinant,
+    make_candidates,
     share_out,
 )
 from armd.compensation.design.first import Bounds, FirstExperiment, design_first
 from armd.compensation.design.observability import (
-    clear_singular_values,
-    observability_indices,
+    compute_observability_indices,
+    decompose_constants,
     structural_rank,
     tracker_columns,
 )
@@ -53,7 +53,7 @@ def test_exchanges_come_near_the_best_of_all_choices(seed: int) -> None:
     """Of 20 postures of a small arm the best six, of 38 760 choices; 5 % in each direction."""
     arm = synthetic.arm(3)
     q = np.random.default_rng(seed).uniform(-2.5, 2.5, (20, 3))
-    candidates = candidates_of(tracker_columns(arm, q, arm.nominal()))
+    candidates = make_candidates(tracker_columns(arm, q, arm.nominal()))
     chosen = choose_readings(candidates, 6, np.zeros(20, dtype=np.int64))
     sets = np.array(list(combinations(range(20), 6)))
     k = candidates.nuisances
@@ -67,7 +67,7 @@ def test_exchanges_come_near_the_best_of_all_choices(seed: int) -> None:
 def test_of_thirty_candidates_it_is_as_good_as_exchanges_from_many_starts() -> None:
     arm, count = synthetic.arm(3), 9
     rng = np.random.default_rng(5)
-    candidates = candidates_of(tracker_columns(arm, rng.uniform(-2, 2, (30, 3)), arm.nominal()))
+    candidates = make_candidates(tracker_columns(arm, rng.uniform(-2, 2, (30, 3)), arm.nominal()))
     k, rows = candidates.nuisances, candidates.rows
     best = -np.inf
     for _ in range(20):
@@ -91,11 +91,11 @@ def test_the_criterion_is_the_determinant_of_the_calibrations_own_unknowns() -> 
     arm = synthetic.arm(4)
     rng = np.random.default_rng(2)
     columns = tracker_columns(arm, rng.uniform(-2, 2, (80, 4)), arm.nominal())
-    candidates = candidates_of(columns)
+    candidates = make_candidates(columns)
     difference = []
     for _ in range(4):
         chosen = rng.choice(80, 20, replace=False)
-        s = clear_singular_values(columns.rows(chosen))[0][:13]
+        s = decompose_constants(columns.rows(chosen))[0][:13]
         difference.append(log_determinant(candidates, chosen.tolist()) - 2 * np.log(s).sum())
     assert np.ptp(difference) < 1e-3
 
@@ -128,7 +128,7 @@ def test_indices_are_those_of_numpys_singular_values_by_hand() -> None:
     assert o["O4"] == pytest.approx(s[-1] ** 2 / s[0], rel=1e-4)
     assert o["O5"] == pytest.approx(1 / np.sum(1 / s), rel=1e-4)
     assert found.condition_number == pytest.approx(s[0] / s[-1], rel=1e-4)
-    assert set(observability_indices(np.array([2.0, 0.0]), 4).values()) == {0.0}
+    assert set(compute_observability_indices(np.array([2.0, 0.0]), 4).values()) == {0.0}
 
 
 @pytest.mark.parametrize("n", [3, 4, 6, 7, 9])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.report import written
-from armd.compensation.report.drawing import MOST_POINTS, cloud, one_drawing, views
+from armd.compensation.report.drawing import MOST_POINTS, cloud, make_single_figure, make_views
 from armd.compensation.report.page import Page, report_number
 from armd.errors import ArmdError, BadInput
 
@@ -19,12 +19,12 @@ from armd.errors import ArmdError, BadInput
 def a_page() -> Page:
     page = Page("Arm <A>")
     rng = np.random.default_rng(1)
-    figure, panel = one_drawing()
+    figure, panel = make_single_figure()
     cloud(panel, *rng.normal(size=(2, MOST_POINTS)), "readings of $B_1$")
     panel.set(xlabel="joint 1, °", ylabel="error, µm")
     panel.legend()
     page.figure(figure, 'error & "angle"')
-    figure, panels = views()
+    figure, panels = make_views()
     for drawn, across, up in panels:
         drawn.plot([across, up], [0, 1])
     page.figure(figure, "two views")
@@ -32,7 +32,7 @@ def a_page() -> Page:
 
 
 def test_a_drawing_shows_itself_in_a_notebook_without_pyplot() -> None:
-    figure, panel = one_drawing()
+    figure, panel = make_single_figure()
     panel.plot([0.0, 1.0])
     shown = figure._repr_png_()  # by this name a notebook asks
     assert shown.startswith(b"\x89PNG") and len(shown) < 50_000

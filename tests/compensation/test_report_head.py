@@ -17,7 +17,7 @@ from armd.compensation.report.head import head
 from armd.compensation.report.page import MOST_LETTERS, Page
 from armd.compensation.report.sessions import session_facts
 from armd.compensation.report.style import footer_style
-from armd.compensation.report.units import Unit, three_digits, units_of
+from armd.compensation.report.units import Unit, choose_units, three_digits
 from armd.daemon.cli import main
 from armd.errors import BadInput
 
@@ -111,7 +111,7 @@ def test_long_texts_are_short_before_the_appendix_and_whole_in_it() -> None:
     page = Page("P")
     long = "x" * 2 * MOST_LETTERS
     page.verdict("NO", page.in_brief("Verdict", long), good=False, key="one")
-    page.items_in_brief("Remarks", [f"remark {i}." for i in range(20)], most=3)
+    page.items_in_brief("Remarks", [f"remark {i}." for i in range(20)], limit=3)
     page.items_in_brief("Nothing", [])
     page.appendix()
     page.heading("More")
@@ -123,13 +123,16 @@ def test_long_texts_are_short_before_the_appendix_and_whole_in_it() -> None:
 
 
 def test_units_are_those_that_the_arm_resolves() -> None:
-    fine, coarse = units_of(an_arm(1 << 24)), units_of(an_arm(4096))
+    fine, coarse = choose_units(an_arm(1 << 24)), choose_units(an_arm(4096))
     assert (fine.length.name, fine.angle.name) == ("µm", "″")
     assert (coarse.length.name, coarse.angle.name) == ("mm", "°")
     assert fine.length.text(0.01234, "+") == "+12.34" and coarse.length.text(0.5) == "0.50"
     assert fine.length.text(float("nan")) == "–"
     assert fine.length.three_digits(0.01234) == "12.3\N{NO-BREAK SPACE}µm"
-    assert fine.length.of(0.5, 1.2) == Unit("mm", 1.0, 3) and fine.length.of(0.5) == fine.length
+    assert (
+        fine.length.scale_to(0.5, 1.2) == Unit("mm", 1.0, 3)
+        and fine.length.scale_to(0.5) == fine.length
+    )
     assert [three_digits(x) for x in (0.0, 1234.5, 0.01234)] == ["0", "1234", "0.0123"]
 
 

@@ -13,14 +13,18 @@ from armd.compensation.report.coverage import MOST_NAMED, add_coverage
 from armd.compensation.report.drawing import svg
 from armd.compensation.report.page import Page
 from armd.compensation.report.residual_plots import (
-    residuals_by_joint,
-    residuals_by_sensor,
+    draw_residuals_by_joint,
+    draw_residuals_by_sensor,
+    draw_vectors,
     round_down,
     running_mean,
-    vectors,
 )
-from armd.compensation.report.units import Unit, units_of
-from armd.compensation.report.verification_figures import lengths, rosettes, sphere_form
+from armd.compensation.report.units import Unit, choose_units
+from armd.compensation.report.verification_figures import (
+    draw_lengths,
+    draw_rosettes,
+    draw_sphere_form,
+)
 from armd.compensation.verify.limits import PermissibleErrors
 from armd.compensation.verify.results import Deviation, Figure
 from armd.compensation.verify.verdict import Judged
@@ -67,8 +71,8 @@ def test_residuals_along_a_joint_have_their_sign() -> None:
     joints = rng.normal(size=(400, 3, ARM.n_joints)) + 300.0
     planted = 1e-5 * np.sin(q[:, 1])
     residual = joints[:, :, 1] * planted[:, None]
-    units = units_of(ARM)
-    figure = residuals_by_joint(q, joints, residual, units)
+    units = choose_units(ARM)
+    figure = draw_residuals_by_joint(q, joints, residual, units)
     mean = next(line for line in figure.axes[1].lines if len(line.get_xdata()) > 5)
     x, y = mean.get_data()
     assert y == pytest.approx(1e-5 * np.sin(np.radians(x)) * units.angle.per_base, abs=0.2)
@@ -87,8 +91,8 @@ def test_running_means_know_how_well() -> None:
 def test_a_sensor_that_nobody_read_is_not_drawn() -> None:
     celsius = np.array([[20.0, np.nan]] * 30)
     tip, residual = np.full((30, 3), 300.0), np.full((30, 3), 0.01)
-    assert residuals_by_sensor(celsius[:, 1:], ["t2"], tip, residual, MICROMETRES) is None
-    figure = residuals_by_sensor(celsius, ["t1", "t2"], tip, residual, MICROMETRES)
+    assert draw_residuals_by_sensor(celsius[:, 1:], ["t2"], tip, residual, MICROMETRES) is None
+    figure = draw_residuals_by_sensor(celsius, ["t1", "t2"], tip, residual, MICROMETRES)
     assert figure is not None and "t2" not in svg(figure, "s", "s")
     mean = max(figure.axes[0].lines[0].get_ydata())
     assert mean == pytest.approx(10.0 * np.sqrt(2.0))  # µm outwards, both x and y
@@ -98,7 +102,7 @@ def test_vectors_are_to_a_scale_that_is_named() -> None:
     rng = np.random.default_rng(3)
     tip = rng.uniform(-500.0, 500.0, (50, 3))
     residual = np.full((50, 3), 0.005 / np.sqrt(3.0))
-    figure, times = vectors(tip, residual, MICROMETRES)
+    figure, times = draw_vectors(tip, residual, MICROMETRES)
     key = figure.axes[0].lines[0].get_xdata()
     assert ">20 µm<" in svg(figure, "v", "v")
     assert np.ptp(key) == pytest.approx(0.020 * times)
@@ -109,7 +113,7 @@ def test_lengths_stand_in_the_band_of_their_limit() -> None:
     limits = PermissibleErrors.model_validate({"mpe": {"e_uni_mm": 0.03, "e_uni_mm_per_m": 0.01}})
     results = tuple(Deviation(f"P{i}", 0.01 * i, 0.002, 500.0, f"P{i}") for i in range(3))
     item = Judged(Figure("e_uni", "E_Uni", "ISO", results), "conforms", results[2], 0.035)
-    figure = lengths(item, limits, MICROMETRES)
+    figure = draw_lengths(item, limits, MICROMETRES)
     text = svg(figure, "l", "l")
     for word in ("P0", "P1", "P2", "MPE", "error, µm"):
         assert f">{word}<" in text
@@ -122,7 +126,7 @@ def test_seats_and_spheres_show_their_points() -> None:
     offsets = rng.normal(0.0, 0.01, (10, 3))
     seat = Deviation("SPAT1", 0.03, 0.0, offsets_mm=offsets)
     item = Judged(Figure("spat_max", "SPAT max δ", "ASME", (seat,)), "conforms", seat, 0.05)
-    figure = rosettes(item, MICROMETRES)
+    figure = draw_rosettes(item, MICROMETRES)
     assert figure is not None
     ends = next(line for line in figure.axes[0].lines if line.get_marker() == "o")
     assert ends.get_xydata() == pytest.approx(1e3 * offsets[:, :2])
@@ -131,13 +135,15 @@ def test_seats_and_spheres_show_their_points() -> None:
     points[3] *= 1.0 + 0.02 / 12.5
     sphere = Deviation("SPHERE1", 0.02, 0.0, offsets_mm=points)
     form = Judged(Figure("p_form", "P_Form", "ISO", (sphere,)), "not judged", sphere, None)
-    figure = sphere_form(form, MICROMETRES)
+    figure = draw_sphere_form(form, MICROMETRES)
     assert figure is not None
     shown = np.asarray(figure.axes[0].collections[0].get_array())
     assert shown.argmax() == 3 and shown[3] == pytest.approx(20.0 * 24 / 25)
     without = replace(sphere, offsets_mm=None)
     alone = replace(form, figure=replace(form.figure, deviations=(without,)))
-    assert sphere_form(alone, MICROMETRES) is None and rosettes(alone, MICROMETRES) is None
+    assert (
+        draw_sphere_form(alone, MICROMETRES) is None and draw_rosettes(alone, MICROMETRES) is None
+    )
 
 
 def test_the_tip_of_the_picture_is_the_models() -> None:

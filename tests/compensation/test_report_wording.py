@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.report.calibration_tables import correlations
+from armd.compensation.report.calibration_tables import add_correlations
 from armd.compensation.report.finding import _in_small_units
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import session_facts
@@ -43,7 +43,7 @@ def test_correlations_of_what_nothing_determines_are_not_listed() -> None:
     found = result.fit
     assert found.solution.null.shape[1] > 0
     page = Page("Calibration")
-    correlations(page, found)
+    add_correlations(page, found)
     text = page.html()
     assert "Not determined, and so not listed" in text
     names = np.array(found.unknowns.words(found.terms))

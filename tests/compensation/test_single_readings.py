@@ -16,10 +16,10 @@ import pytest
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.verify.figures import figures_of, positions_of
+from armd.compensation.verify.figures import correct_positions, evaluate_figures
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty
 from armd.compensation.verify.results import Verification
-from armd.compensation.verify.spheres import distances_from_sphere
+from armd.compensation.verify.spheres import measure_distances_from_sphere
 from armd.compensation.verify.verdict import judge
 from support.plain_kinematics import tip_pose
 from support.selection import parametrize_default
@@ -38,7 +38,7 @@ READINGS = {
 
 
 def figures(session: Session, arm: Arm) -> Verification:
-    return figures_of(session, arm, positions_of(session, arm, None), TestUncertainty())
+    return evaluate_figures(session, arm, correct_positions(session, arm, None), TestUncertainty())
 
 
 @pytest.fixture(scope="module")
@@ -190,6 +190,6 @@ def test_points_on_a_sphere_are_held_against_what_the_others_say() -> None:
     points = [400.0, -200.0, 100.0] + radius[:, None] * (
         normals / np.linalg.norm(normals, axis=1, keepdims=True)
     )
-    off = distances_from_sphere(points, 15.0)
+    off = measure_distances_from_sphere(points, 15.0)
     assert off[[3, 17]] == pytest.approx([90.0, 3.0], abs=1e-3)
     assert np.delete(off, [3, 17]).max() < 1e-3

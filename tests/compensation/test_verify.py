@@ -15,10 +15,10 @@ from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.compensation.report.verification import verification_report
-from armd.compensation.verify.figures import figures_of
+from armd.compensation.verify.figures import evaluate_figures
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
 from armd.compensation.verify.results import Figure, Verification
-from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
+from armd.compensation.verify.spheres import find_smallest_sphere, fit_sphere
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import BadInput
 
@@ -52,7 +52,7 @@ class Measured:
 
     def figures(self, test: TestUncertainty = EXACT) -> Verification:
         points = np.array([point for _, _, point in self.rows])
-        return figures_of(self.session(), ARM, points, test)
+        return evaluate_figures(self.session(), ARM, points, test)
 
     def session(self) -> Session:
         targets = dict.fromkeys([target for _, target, _ in self.rows])
@@ -119,7 +119,7 @@ def test_probing() -> None:
             measured.add(where, f"{where}.{i:02d}", point)
     size, form = only(measured.figures(), "p_size", "p_form")
     assert values(size) == pytest.approx([0.020, -0.030], abs=1e-7)
-    assert size.worst.where == "SPHERE2"
+    assert size.worst.label == "SPHERE2"
     assert size.worst.standard_uncertainty_mm == 0.0002
     assert values(form) == pytest.approx([0.007, 0.014], abs=1e-6)
 
@@ -152,7 +152,7 @@ def test_lengths_at_the_artefacts_temperature() -> None:
     (lengths,) = only(verification, "e_uni")
     assert len(lengths.deviations) == 105
     assert lengths.worst.value_mm == pytest.approx(0.020, abs=1e-9)
-    assert lengths.worst.where == "P4 L5 repeat 3"
+    assert lengths.worst.label == "P4 L5 repeat 3"
     assert lengths.worst.length_mm == pytest.approx(1000.1)
     assert lengths.worst.standard_uncertainty_mm == pytest.approx(math.hypot(0.0005, 0.001))
     for range_mm, remarks in ((1500.0, 0), (1600.0, 1)):
@@ -358,7 +358,7 @@ def test_the_limit_of_a_length_grows_with_it() -> None:
     limits = PermissibleErrors.model_validate(
         {"schema": "armd.mpe/1", "mpe": {"e_uni_mm": 0.02, "e_uni_mm_per_m": 0.01}}
     )
-    assert limits.mpe.of("e_uni", 1500.0) == pytest.approx(0.035)
+    assert limits.mpe.limit_mm("e_uni", 1500.0) == pytest.approx(0.035)
 
 
 @pytest.mark.parametrize(
@@ -371,7 +371,7 @@ def test_the_limit_of_a_length_grows_with_it() -> None:
     ],
 )
 def test_smallest_sphere(points: list[tuple[float, float, float]], radius: float) -> None:
-    centre, found = smallest_sphere(np.array(points, float))
+    centre, found = find_smallest_sphere(np.array(points, float))
     assert found == pytest.approx(radius, abs=1e-12)
     assert (np.linalg.norm(np.array(points) - centre, axis=1) <= found + 1e-9).all()
 

@@ -28,8 +28,8 @@ def test_causes_stand_apart_as_in_one_dense_fit_with_one_reading_more() -> None:
     criterion = Between("", signal[:, None], (slice(1, 3),), np.ones((1, 1)))
     known = known_of(sessions.T @ sessions, 3)
     for rows, found in (
-        (sessions, criterion.apart(known)[0]),
-        (np.vstack([sessions, reading[1]]), criterion.apart(known, reading)[1]),
+        (sessions, criterion.separations(known)[0]),
+        (np.vstack([sessions, reading[1]]), criterion.separations(known, reading)[1]),
     ):
         others, own = rows[:, [0, 1, 2, 4, 5]], rows[:, 3:] @ signal
         left = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]

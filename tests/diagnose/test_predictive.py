@@ -21,7 +21,7 @@ from armd.compensation.diagnose.predictive.curves import (
 )
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
 from armd.compensation.diagnose.predictive.strength import Strength
-from armd.compensation.report.predictive_plot import draw_rows, of_finding, overview
+from armd.compensation.report.predictive_plot import choose_for_finding, choose_overview, draw_rows
 from support.small_fit import small_fit, unit_noise
 from support.whole_scene import whole_scene
 
@@ -219,17 +219,17 @@ def test_the_report_picks_what_stands_out_most_of_each_group_and_of_a_finding() 
              ]  # fmt: skip
 
     def picked(of: list[ResidualComparison]) -> list[tuple[str, str]]:
-        return [(one.bins.variable, one.component.name.split()[-1]) for one in overview(of)]
+        return [(one.bins.variable, one.component.name.split()[-1]) for one in choose_overview(of)]
 
     groups = [("q3", "5"), ("artefact_c", "1"), ("time_s", "4"), ("placement", "2")]
     assert picked(every) == groups
     strong = compared("target", every[-1].component, 0.2, 500.0)
     assert picked([*every, strong]) == [("target", "artefact"), *groups]
-    at_joint = of_finding(every, {"depends_on": ["q3"], "location": "joint 3"})
+    at_joint = choose_for_finding(every, {"depends_on": ["q3"], "location": "joint 3"})
     assert at_joint is every[1]
-    assert of_finding(every, {"depends_on": ["approach_z"], "location": "tip"}) is every[7]
-    assert of_finding(every, {"depends_on": [], "location": "rows"}) is None
-    figure = draw_rows(overview([*every, strong]))
+    assert choose_for_finding(every, {"depends_on": ["approach_z"], "location": "tip"}) is every[7]
+    assert choose_for_finding(every, {"depends_on": [], "location": "rows"}) is None
+    figure = draw_rows(choose_overview([*every, strong]))
     assert [panel.get_title() for panel in figure.axes[2:4]] == [
         "model under test: 90 % outside, p < 0.0001",
         "with the findings: 0 % outside, p = 1",

@@ -107,7 +107,7 @@ def test_of_several_rivals_the_near_and_likely_ones_count() -> None:
     def together(weight_of_near: float, rows: np.ndarray | None = None) -> float:
         weight = np.array([[weight_of_near, 1.0]])
         criterion = Between("", finding, rivals, weight)
-        (near, far), *_ = criterion.apart(known)[0]
+        (near, far), *_ = criterion.separations(known)[0]
         assert near == pytest.approx(10.0 * np.sqrt(1 - 0.9**2))
         assert far == pytest.approx(10.0)
         return float(criterion.merit(known, rows)[0])

@@ -11,7 +11,7 @@ import pytest
 from armd.compensation.data.session import Session
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
-from armd.compensation.verify.figures import positions_of
+from armd.compensation.verify.figures import correct_positions
 from armd.errors import BadInput
 from support import synthetic
 
@@ -51,7 +51,9 @@ def test_rows_that_overflow_are_named(coefficient: float) -> None:
         with pytest.raises(BadInput, match=words):
             evaluate([session], ARM, calibration)
         with pytest.raises(BadInput, match=words):
-            positions_of(session, ARM, LoadedCalibration(calibration, "0" * 64, Path("cal.json")))
+            correct_positions(
+                session, ARM, LoadedCalibration(calibration, "0" * 64, Path("cal.json"))
+            )
 
 
 def test_what_lacks_a_temperature_overflows_nowhere() -> None:

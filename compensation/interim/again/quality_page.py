@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, Mask
-from armd.compensation.report.drawing import one_drawing
+from armd.compensation.report.drawing import make_single_figure
 from armd.compensation.report.page import Page, report_number
 from armd.compensation.report.sessions import NOT_STATED
 from armd.terminal.counted import counted
@@ -108,7 +108,7 @@ def quality_page(
         "off, as far as the calibration states its uncertainty."
     )
     page.text(f"Decision rule: {_rule(change.tolerance_mm)}.")
-    figure, panel = one_drawing()
+    figure, panel = make_single_figure()
     instants = np.array(change.stamp_ns, dtype="datetime64[ns]")
     panel.plot(instants, change.distance_mm, "o", markersize=3, rasterized=True, label="moved by")
     panel.plot(

@@ -14,7 +14,7 @@ from armd.compensation.interim.points.judge import PointEpoch
 from armd.compensation.interim.points.result import points_in_words
 from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics
-from armd.compensation.report.drawing import COLOURS, one_drawing
+from armd.compensation.report.drawing import COLOURS, make_single_figure
 from armd.compensation.report.head import head
 from armd.compensation.report.page import MOST_SENTENCES, Page, report_number
 from armd.compensation.wording import plain
@@ -80,7 +80,7 @@ def _changes(page: Page, epoch: PointEpoch) -> None:
 
 
 def _over_time(epoch: PointEpoch, checks: Sequence[dict[str, Any]], j: int) -> Figure:
-    figure, panel = one_drawing(2.4)
+    figure, panel = make_single_figure(2.4)
     name = epoch.names[j]
     own = {check.artefact for check in epoch.checks}
     shown = [c for c in checks if c["artefact"] in own and name in c["figures_um"]]

@@ -19,11 +19,11 @@ from armd.compensation.interim.told.result import in_words
 from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, instants
 from armd.compensation.report.coverage import add_coverage
-from armd.compensation.report.drawing import COLOURS, one_drawing
+from armd.compensation.report.drawing import COLOURS, make_single_figure
 from armd.compensation.report.head import head
 from armd.compensation.report.page import MOST_SENTENCES, Page, report_number
 from armd.compensation.report.sessions import session_facts
-from armd.compensation.report.units import Unit, units_of
+from armd.compensation.report.units import Unit, choose_units
 from armd.compensation.wording import ARC_SECOND, minute, plain
 
 #: Of a check's files, what was measured.
@@ -40,7 +40,10 @@ def interim_page(
 ) -> str:
     """HTML text of the report; *sessions* are the checks as they were measured, in time."""
     arm = judgement.latest.checks[-1].arm
-    page, unit = Page(f"Interim checks of arm {result['arm']}", result["arm"]), units_of(arm).length
+    page, unit = (
+        Page(f"Interim checks of arm {result['arm']}", result["arm"]),
+        choose_units(arm).length,
+    )
     first, *more = in_words(judgement)
     reason = page.in_brief("Verdict", first.removeprefix("In control: "))
     page.verdict(
@@ -126,7 +129,7 @@ def _key_sentence(checks: Sequence[dict[str, Any]], unit: Unit) -> str:
     """The last check that counts, in one figure."""
     counts = [check for check in checks if check["verdict"] != "bad_check"] or checks
     last_mm, first_mm = (counts[i]["rms_um"] / 1e3 for i in (-1, 0))
-    unit = unit.of(last_mm, first_mm)
+    unit = unit.scale_to(last_mm, first_mm)
     return (
         f"The last check misses the calibration by {unit.three_digits(last_mm)} RMS, the first by"
         f" {unit.three_digits(first_mm)}."
@@ -134,7 +137,7 @@ def _key_sentence(checks: Sequence[dict[str, Any]], unit: Unit) -> str:
 
 
 def _residuals(checks: Sequence[dict[str, Any]], unit: Unit) -> Figure:
-    figure, panel = one_drawing(2.6)
+    figure, panel = make_single_figure(2.6)
     factor = unit.per_base / 1e3
     draw_by_verdict(panel, checks, [factor * check["rms_um"] for check in checks])
     panel.set_ylabel(f"residuals, {unit.name} RMS")
@@ -145,7 +148,7 @@ def _residuals(checks: Sequence[dict[str, Any]], unit: Unit) -> Figure:
 
 def _over_time(epoch: Epoch, told: Told) -> Figure:
     """A cause's amplitudes check by check, and the course that is told."""
-    figure, panel = one_drawing()
+    figure, panel = make_single_figure()
     assert told.change.cause is not None and told.cause is not None
     moments = instants([check.line.started for check in epoch.checks])
     block = epoch.stack.blocks[told.change.cause]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from armd.arrays import F64, I64
-from armd.compensation.design.clearance import from_the_column_mm, height_mm
+from armd.compensation.design.clearance import column_distance_mm, height_mm
 from armd.compensation.estimate.adjustment import adjusted
 from armd.compensation.interim.checks.catalogue_digest import digest
 from armd.compensation.interim.checks.columns import Cause
@@ -50,7 +50,7 @@ def planned(arm: Arm, calibration: Calibration, at_unix_s: float) -> Planned:
     drawn = poses(arm, calibration.reference_temperature_c, DRAWN, 21)
     drawn = replace(drawn, time_s=np.full(drawn.n, at_unix_s))
     tips = forward(drawn.q, np.tile(constants, (drawn.n, 1)))[0]
-    away = from_the_column_mm(drawn.q, constants)
+    away = column_distance_mm(drawn.q, constants)
     reach = float(away.max())
     height = tips @ -np.array(arm.gravity) / np.linalg.norm(arm.gravity)
     free = (away > AWAY[0] * reach) & (away < AWAY[1] * reach)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.design.clearance import coming_to_rest
+from armd.compensation.design.clearance import make_resting_states
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.poses import rigid_columns
 from armd.compensation.interim.checks.signals import Signals
@@ -20,7 +20,7 @@ def poses(arm: Arm, reference_c: float, count: int, seed: int) -> States:
     """Poses over the ranges of all joints, each joint coming to rest from either side."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(*arm.range_rad, (count, arm.n_joints))
-    return coming_to_rest(q, rng, arm, reference_c, 0.0)
+    return make_resting_states(q, rng, arm, reference_c, 0.0)
 
 
 def tip_rms_um(arm: Arm, calibration: Calibration, candidate: Candidate, values: F64) -> float:

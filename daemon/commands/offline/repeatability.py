@@ -16,11 +16,11 @@ from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.report.written import page_outputs, write_pages
 from armd.compensation.verify import single
-from armd.compensation.verify.figures import positions_of
+from armd.compensation.verify.figures import correct_positions
 from armd.compensation.verify.repeatability import (
     Repeatability,
+    describe_repeatability,
     fit_repeatability,
-    repeatability_in_words,
 )
 from armd.daemon.commands.offline.given import load_given
 from armd.errors import BadInput
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         repeatability = fit_repeatability(visits.position_mm, visits.time_h, visits.temperature_c)
     except ArithmeticError as error:
         raise BadInput(path, "the visits", str(error), "more visits of the seat") from error
-    words = [*repeatability_in_words(repeatability, visits.sensors), *visits.remarks]
+    words = [*describe_repeatability(repeatability, visits.sensors), *visits.remarks]
     if args.json:
         result = repeatability.as_json() | {"sensors": list(visits.sensors)}
         write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
@@ -91,9 +91,9 @@ def _of_session(args: argparse.Namespace, path: Path) -> Visits:
         ],
     )
     loaded = None if calibration is None else calibration.for_arm(arm.content)
-    position = positions_of(session, arm.content, loaded)
+    position = correct_positions(session, arm.content, loaded)
     usable = np.isfinite(position[:, 0])  # a position is known as a whole
-    remarks = [f"remark: {line}" for line in single.repeats(session, position).in_words(session)]
+    remarks = [f"remark: {line}" for line in single.check_repeats(session, position).in_words(session)]
     if not usable.all():
         remarks.append(f"remark: {int((~usable).sum())} visits without a temperature do not count")
     time_h = (session.states.time_s - session.started_unix_s) / 3600

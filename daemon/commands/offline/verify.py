@@ -14,7 +14,7 @@ from armd.compensation.model.arm import load_arm
 from armd.compensation.report.about import About, add_about, read_about
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty
-from armd.compensation.verify.points import OfPoints, verify_points
+from armd.compensation.verify.points import PointsVerification, verify_points
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.daemon.commands.offline.given import load_given
 from armd.daemon.files.session_folder import load_artefact
@@ -85,7 +85,7 @@ def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None, about
     radius_mm = args.tip_radius_mm or (load_arm(args.arm).tip.radius_mm if args.arm else 0.0)
     path = Path(args.session)
     verification = verify_points(path, artefact, radius_mm, test, judged=limits is not None)
-    for sentence in () if args.quiet else verification.said:
+    for sentence in () if args.quiet else verification.messages:
         print(f"armd: {printable(sentence)}")
     verdict = judge(verification.verification, limits)
     require_judged(verdict, args.session)
@@ -105,7 +105,7 @@ def _finish(
     return 0 if limits is None or verdict.passed else 1
 
 
-def _page(args: argparse.Namespace, verdict: Verdict, verification: OfPoints, about: About) -> str:
+def _page(args: argparse.Namespace, verdict: Verdict, verification: PointsVerification, about: About) -> str:
     from armd.compensation.report.sessions import InputFile
     from armd.compensation.report.verification import verification_report  # drawings load slowly
 
