@@ -42,7 +42,7 @@ def calibration(*some: int, provenance: dict[str, Any] | None = None) -> Calibra
 def last(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A fit of the three findings whose refits are the numbers of those in it."""
     monkeypatch.setattr(
-        left_open, "Refits", lambda *_: SimpleNamespace(with_some=lambda some: tuple(some))
+        left_open, "Refits", lambda *_: SimpleNamespace(with_subset=lambda some: tuple(some))
     )
     monkeypatch.setattr(left_open, "extended", lambda some, *_: calibration(*some))
     return SimpleNamespace(

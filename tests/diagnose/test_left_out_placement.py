@@ -48,7 +48,7 @@ def test_the_pose_left_out_stays_and_all_else_is_the_least_norm_solution(
         rows[:half].T @ known.residual[:half]
     )
     monkeypatch.setattr(np.linalg, "eigh", None)  # what takes long, and is not needed
-    found = Refits(whitened_by(known, whitener)).with_some([])
+    found = Refits(whitened_by(known, whitener)).with_subset([])
     np.testing.assert_allclose(found.solution, expected, atol=1e-10)
     assert not found.solution[6:12].any() and found.solution[:6].all()
     assert find_determined_columns(found.problem).tolist() == [*range(6), 12, 13, 14]
@@ -94,14 +94,14 @@ def test_what_placements_share_is_solved_as_beside_their_poses(
     inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
     solution = inverse @ (rows.T @ known.residual[np.repeat(~out, 3)])
     (refits,) = refits_without(known, [out])
-    found = refits.with_some(some)
+    found = refits.with_subset(some)
     last = len(shared)
     np.testing.assert_allclose(found.solution, solution[-last:], atol=1e-10)
     np.testing.assert_allclose(found.inverse, inverse[-last:, -last:], atol=1e-10)
     full = known.nuisance.columns.dense(shared) @ solution[-last:]
     np.testing.assert_allclose(found.fitted, full, atol=1e-10)
     at_full = whitened_by(known, np.where(out[:, None, None], 0.0, known.noise.whitener))
-    beside_poses = Refits(at_full).with_some(some)
+    beside_poses = Refits(at_full).with_subset(some)
     for one, other in zip(found.amplitudes, beside_poses.amplitudes, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-10)
 

@@ -28,7 +28,7 @@ def test_some_of_the_findings_keep_their_columns_and_are_numbered_anew() -> None
     assert [at.stop - at.start for at in layout.findings] == [1, 2]
     for at, own in zip(layout.findings, (A, C), strict=True):
         np.testing.assert_array_equal(columns[:, at], findings[own])
-    assert layout.blocks.n == len(kept) == len(layout.drawing) == 5
+    assert layout.blocks.n == len(kept) == len(layout.nominal_variance) == 5
     assert layout.mount.start == layout.shared == 5
 
 

@@ -35,7 +35,7 @@ def test_elements_are_the_upper_triangles_of_each_ones_products(
     rng = np.random.default_rng(seed)
     candidates = drawn(rng)
     jacobian, bases = rng.normal(size=(PARAMETERS, N, 3)), rng.normal(size=(BASES, N))
-    within = Within.of(candidates)
+    within = Within.from_candidates(candidates)
     found = within.products(jacobian, bases)
     ends = [*within.first[1:], len(found)]
     for columns, begin, end in zip(candidates, within.first, ends, strict=True):
@@ -48,10 +48,10 @@ def test_elements_are_the_upper_triangles_of_each_ones_products(
 
 def test_a_pair_of_parameters_is_multiplied_once_whoever_has_it() -> None:
     """Two candidates of one parameter, each with a basis of its own: one product of parameters."""
-    within = Within.of([[[(2, 1.0, 0)]], [[(2, -1.0, 1)]]])
+    within = Within.from_candidates([[[(2, 1.0, 0)]], [[(2, -1.0, 1)]]])
     assert within.parameters.tolist() == [[2, 2]]
     assert [len(group) for group, _ in within.groups] == [2]
 
 
 def test_no_candidates_have_no_products() -> None:
-    assert len(Within.of([]).products(np.zeros((1, N, 3)), np.zeros((1, N)))) == 0
+    assert len(Within.from_candidates([]).products(np.zeros((1, N, 3)), np.zeros((1, N)))) == 0

@@ -88,8 +88,8 @@ def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float, struc
     whitener = noise_model._unit_whitener(problem, share)
     blocks = in_blocks([columns], placement)
     products = blocks.products(whitener, distance, residual)
-    absorbing = Absorbing.of(blocks.meeting, variance)
-    known = Restricted.of(products, absorbing, len(residual))
+    absorbing = Absorbing.from_meeting(blocks.meeting, variance)
+    known = Restricted.from_products(products, absorbing, len(residual))
     free, shared = columns[:, np.isinf(variance)], columns[:, ~np.isinf(variance)]
     assert known.freedom == len(residual) - free.shape[1]
 
@@ -107,7 +107,7 @@ def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float, struc
         return float(logs + residual @ left @ residual)
 
     for one, other in (((0.8, 0.3), (1.7, 5.0)), ((0.8, 0.3), (0.8, 1e-3)), ((0.01, 9.0), (1, 1))):
-        difference = known.unlikely(*one) - known.unlikely(*other)
+        difference = known.negative_log_likelihood(*one) - known.negative_log_likelihood(*other)
         assert difference == pytest.approx(dense(*one) - dense(*other), rel=1e-8)
 
 
@@ -176,7 +176,7 @@ def test_the_likeliest_scale_is_found_however_large_the_drift(drift: float, seed
     if drift >= scale:
         assert drifted == pytest.approx(drift, rel=0.7)
     on_a_grid = min(
-        known.unlikely(s, d)
+        known.negative_log_likelihood(s, d)
         for s in scale * np.exp(np.linspace(-0.3, 0.3, 13))
         for d in max(drift, 1e-4) * np.exp(np.linspace(-1.0, 1.0, 21))
     )

@@ -310,7 +310,7 @@ def test_some_of_the_findings_are_fitted_as_if_there_were_no_others(disturbed: A
     last = diagnose(planted(sessions, wave(4, 8.0, 2)), arm).search.last
     assert len(last.findings) == 2
     for some in ((), (0,), (1,), (0, 1)):
-        short = Refits(last).with_some(some)
+        short = Refits(last).with_subset(some)
         anew = solve_again(last, [last.findings[i] for i in some], arm)
         assert short.fitted == pytest.approx(anew.fitted, abs=1e-7)
         for one, other in zip(short.amplitudes, anew.amplitudes, strict=True):

@@ -79,7 +79,7 @@ def test_a_fit_without_a_part_is_the_fit_of_the_others_alone(problem) -> None:
     without = solve_again(whitened_by(current, whitener), [], arm)
     kept = np.append(np.repeat(~out, 3), np.ones(len(current.residual) - 3 * len(out), bool))
     white, scale = whitened(without.noise, without.nuisance.columns.dense())
-    held = np.minimum(without.nuisance.variance, without.layout.drawing)
+    held = np.minimum(without.nuisance.variance, without.layout.nominal_variance)
     prior = 1.0 / np.sqrt(held) / scale
     heard = white[kept].any(axis=0)
     rows = np.vstack([white[kept], np.diag(prior)])[:, heard]
@@ -118,7 +118,7 @@ def test_a_survey_by_parts_is_the_one_of_all_rows_and_of_all_but_a_part(problem)
     for part, refits in enumerate(refits_without(current, outs)):
         whitener = np.where(outs[part][:, None, None], 0.0, current.noise.whitener)
         anew = solve_again(whitened_by(current, whitener), [], arm)
-        surveys.append((parted.without(part, refits.with_some([])), anew))
+        surveys.append((parted.without(part, refits.with_subset([])), anew))
     for survey, fitted in surveys:
         projection = make_projection(fitted, arm)
         for sums, some in ((survey.sums, signatures), (survey.projection.sums(few), few)):

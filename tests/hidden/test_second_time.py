@@ -118,7 +118,7 @@ def test_an_effect_that_was_not_written_is_no_other_cause_later(history: History
     first = diagnose(planted(history.first, since), arm)
     assert [f.candidate.place for f in first.found] == [("encoder_eccentricity", "joint 2")]
     last, sessions = first.search.last, first.sessions
-    without = Refits(last).with_some(())
+    without = Refits(last).with_subset(())
     plain = extended(without, arm, sessions, left_out=last.findings)
     written = saying_what_is_open(plain, last, (), arm, sessions)
     assert rms_um(history.holdout, arm, written) == rms_um(history.holdout, arm, plain)
