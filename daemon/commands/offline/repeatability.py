@@ -93,7 +93,9 @@ def _of_session(args: argparse.Namespace, path: Path) -> Visits:
     loaded = None if calibration is None else calibration.for_arm(arm.content)
     position = correct_positions(session, arm.content, loaded)
     usable = np.isfinite(position[:, 0])  # a position is known as a whole
-    remarks = [f"remark: {line}" for line in single.check_repeats(session, position).in_words(session)]
+    remarks = [
+        f"remark: {line}" for line in single.check_repeats(session, position).in_words(session)
+    ]
     if not usable.all():
         remarks.append(f"remark: {int((~usable).sum())} visits without a temperature do not count")
     time_h = (session.states.time_s - session.started_unix_s) / 3600

@@ -105,7 +105,9 @@ def _finish(
     return 0 if limits is None or verdict.passed else 1
 
 
-def _page(args: argparse.Namespace, verdict: Verdict, verification: PointsVerification, about: About) -> str:
+def _page(
+    args: argparse.Namespace, verdict: Verdict, verification: PointsVerification, about: About
+) -> str:
     from armd.compensation.report.sessions import InputFile
     from armd.compensation.report.verification import verification_report  # drawings load slowly
 
