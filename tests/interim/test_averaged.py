@@ -10,7 +10,7 @@ from test_interim_evidence import a_stack, density
 
 from armd.compensation.interim.changes import ways as module
 from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.changes.ways import ways
+from armd.compensation.interim.changes.ways import list_ways
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, SIZES
 from armd.compensation.interim.evidence.stack import Stack
@@ -67,7 +67,7 @@ def test_mean_and_variance_are_those_of_the_posterior(
     rng = np.random.default_rng(seed)
     of, causes = a_stack(rng)
     causes = steps_alone(causes)
-    every = ways(of, causes, [a_step(of, 0, 2)], ())
+    every = list_ways(of, causes, [a_step(of, 0, 2)], ())
     assert len(every) == of.n * len(causes) * len(SIZES)
     found = averaged(of, causes, every, ())
     for _ in range(3):
@@ -80,7 +80,7 @@ def test_what_is_left_out_has_little_share(seed: int) -> None:
     rng = np.random.default_rng(seed)
     of, causes = a_stack(rng)
     causes = steps_alone(causes)
-    few = ways(of, causes, [a_step(of, 0, 2)], ())
+    few = list_ways(of, causes, [a_step(of, 0, 2)], ())
     shares = [share for share, _ in few]
     assert sum(shares) == pytest.approx(1.0) and shares == sorted(shares, reverse=True)
     probe = rng.normal(size=3)
@@ -97,7 +97,9 @@ def test_two_changes_are_averaged_each_over_its_own_causes() -> None:
         z + 30.0 * (x[:, 0] * (i >= 1) + x[:, 1] * (i >= 3))
         for i, (z, x) in enumerate(zip(of.residual, of.columns, strict=True))
     ))  # fmt: skip
-    found = averaged(of, causes, ways(of, causes, [a_step(of, 0, 1), a_step(of, 1, 3)], ()), ())
+    found = averaged(
+        of, causes, list_ways(of, causes, [a_step(of, 0, 1), a_step(of, 1, 3)], ()), ()
+    )
     assert found.of_change == tuple(sorted(found.of_change)) and set(found.of_change) == {0, 1}
     for number in (0, 1):
         own = {i: found.shares[i] for i, n in enumerate(found.of_change) if n == number}
@@ -111,7 +113,7 @@ def test_two_changes_are_averaged_each_over_its_own_causes() -> None:
 def test_an_unnamed_change_has_no_amplitudes() -> None:
     of, causes = a_stack(np.random.default_rng(1))
     strange = Change(None, False, 3, 3, 3, np.nan, 1.0)
-    found = averaged(of, causes, ways(of, causes, [strange], ()), ())
+    found = averaged(of, causes, list_ways(of, causes, [strange], ()), ())
     assert found.changes == (strange,) and found.amplitudes.covariance.size == 0
 
 
@@ -125,6 +127,6 @@ def test_how_far_a_cause_moved_is_the_difference_of_after_and_before() -> None:
     known = tuple(0.3 * x for x in columns)
     nothing = tuple(np.zeros((20, 0)) for _ in range(8))
     of = Stack(np.arange(8.0), residual, columns, known, nothing, (slice(0, 1),), (0, 1), 0.3)
-    of = of.at(0.01 / 0.3)
+    of = of.rescale(0.01 / 0.3)
     found = fit(of, [one], (a_step(of, 0, 4),), ())
     assert found.values[0][0, 0] == pytest.approx(-moved, abs=0.02)

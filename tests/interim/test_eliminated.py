@@ -69,7 +69,7 @@ def test_sums_without_some_of_the_last_checks_are_those_of_the_others(
     onsets = np.arange(max(0, len(kept) - back), len(kept))
     expected = weigh(anew, causes, len(kept), onsets)
     # Counted from where these sums begin; none that is left out lies before.
-    found = weigh(some, causes, some.of.n, onsets - begin)
+    found = weigh(some, causes, some.stack.n, onsets - begin)
     assert found.log_by_size == pytest.approx(expected.log_by_size, abs=1e-8)
 
 

@@ -102,7 +102,7 @@ def test_shares_of_onsets_and_rates_are_those_of_the_plain_formulas(cause: int) 
     kept = [i for i in range(of.n) if i not in (0, 9, 10)]
     some = of.only(kept)
     change = Change(cause, True, 3, 3, 3, float(of.time_d[2]), 1.0, size=3.0)
-    found = Growths(of, kept).of(change, kept)
+    found = Growths(of, kept).weigh_onsets(change, kept)
     courses = [course for _, course in found]
     assert [course.first for course in courses] == kept
     # A bend at every third check until the last but one, none before a growth's first check.

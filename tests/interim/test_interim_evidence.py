@@ -246,7 +246,7 @@ def test_how_large_standing_errors_are_is_averaged_over(seed: int) -> None:
     weighed = weigh(RunningSums(of), causes, of.n, np.array([2]))
     nothing = [np.zeros((len(z), 1)) for z in of.residual]
     step = [float(i >= 2) * x[:, of.blocks[1]] for i, x in enumerate(of.columns)]
-    each = [of.at(share / of.share) for share in ALL_ALONG]
+    each = [of.rescale(share / of.share) for share in ALL_ALONG]
     without = logsumexp([density(one, nothing, 0.0) for one in each])
     for s, size in enumerate(SIZES):
         with_it = logsumexp([density(one, step, size) for one in each])

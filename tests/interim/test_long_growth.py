@@ -89,7 +89,7 @@ def test_how_many_bends_a_course_has_changes_nothing_of_what_is_likely() -> None
     of, _ = worn(0)
     kept = [*range(CHECKS)]
     change = Change(0, True, FIRST, FIRST, FIRST, FIRST - 1.0, 1.0)
-    ((_, found),) = Growths(of, kept).of(change, [FIRST])
+    ((_, found),) = Growths(of, kept).weigh_onsets(change, [FIRST])
     assert found.rate_size is not None
 
     def deviation(course: Change) -> F64:

@@ -11,7 +11,7 @@ from test_interim_evidence import a_stack
 
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.changes.dated import between, instant
-from armd.compensation.interim.changes.held import HELD, held
+from armd.compensation.interim.changes.held import HELD, find_onset_interval
 from armd.compensation.interim.changes.likeliest import LEAST_SHARE, likeliest
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import SIZES, Weighed
@@ -34,15 +34,15 @@ DAY_S = 86400.0
     ],
 )
 def test_the_interval_is_the_shortest_that_holds_enough(share, run) -> None:
-    assert held(np.array(share)) == run
-    assert held(7.0 * np.array(share)) == run  # weights need no sum
+    assert find_onset_interval(np.array(share)) == run
+    assert find_onset_interval(7.0 * np.array(share)) == run  # weights need no sum
 
 
 def test_no_shorter_run_of_random_weights_holds_enough() -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):
         share = rng.dirichlet(np.full(9, 0.3))
-        a, b = held(share)
+        a, b = find_onset_interval(share)
         assert share[a : b + 1].sum() >= HELD - 1e-12
         shorter = [share[i : i + b - a].sum() for i in range(9 - (b - a) + 1)]
         assert max(shorter) < HELD

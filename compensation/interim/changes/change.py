@@ -73,16 +73,18 @@ class ChangesFound:
     looked: Looked  # what the next check need not have watched again
 
 
-def shapes(of: Stack, change: Change) -> F64:
+def shapes(stack: Stack, change: Change) -> F64:
     """(n, 1 + bends) how far a change is at each check, per amplitude of each of its columns."""
     if not change.gradual:
-        return (np.arange(of.n) >= change.first).astype(float)[:, None]
-    return np.stack([ramp(of, at) for at in (change.origin_d, *change.bends_d)], axis=1)
+        return (np.arange(stack.n) >= change.first).astype(float)[:, None]
+    return np.stack(
+        [ramp(stack, start_d) for start_d in (change.origin_d, *change.bends_d)], axis=1
+    )
 
 
-def ramp(of: Stack, origin_d: float) -> F64:
+def ramp(stack: Stack, origin_d: float) -> F64:
     """(n,) 0 until *origin_d*, and 1 after 30 days more."""
-    grown: F64 = np.maximum(of.time_d - origin_d, 0.0) / RAMP_DAYS
+    grown: F64 = np.maximum(stack.time_d - origin_d, 0.0) / RAMP_DAYS
     return grown
 
 
@@ -95,32 +97,34 @@ def amplitude_sizes(change: Change, columns: int) -> F64:
     return sizes
 
 
-def n_amplitudes(of: Stack, change: Change) -> int:
+def count_amplitudes(stack: Stack, change: Change) -> int:
     """How many amplitudes a change has; none of no cause."""
     if change.cause is None:
         return 0
-    block = of.blocks[change.cause]
+    block = stack.blocks[change.cause]
     return (1 + len(change.bends_d)) * int(block.stop - block.start)
 
 
-def with_changes(of: Stack, changes: Sequence[Change]) -> Stack:
+def with_changes(stack: Stack, changes: Sequence[Change]) -> Stack:
     """The stack where these changes, of whatever size, are among what is known."""
     if all(change.cause is None for change in changes):
-        return of
-    return of.knowing(columns_of(of, changes))
+        return stack
+    return stack.knowing(columns_of(stack, changes))
 
 
-def columns_of(of: Stack, changes: Sequence[Change]) -> list[F64]:
+def columns_of(stack: Stack, changes: Sequence[Change]) -> list[F64]:
     """(r, amplitudes of all named changes) of each check, per standard deviation of each."""
-    columns: list[list[F64]] = [[np.zeros((len(own), 0))] for own in of.residual]
+    columns: list[list[F64]] = [[np.zeros((len(residual), 0))] for residual in stack.residual]
     for change in changes:
         if change.cause is None:
             continue
-        block = of.blocks[change.cause]
-        shape = shapes(of, change)
+        block = stack.blocks[change.cause]
+        shape = shapes(stack, change)
         sizes = amplitude_sizes(change, block.stop - block.start)
-        for i in range(of.n):
-            own = of.columns[i][:, block]
-            wide = (shape[i][:, None, None] * sizes[:, None, :] * own[None]).transpose(1, 0, 2)
-            columns[i].append(wide.reshape(len(own), -1))
-    return [np.concatenate(own, axis=1) for own in columns]
+        for i in range(stack.n):
+            block_columns = stack.columns[i][:, block]
+            wide = (shape[i][:, None, None] * sizes[:, None, :] * block_columns[None]).transpose(
+                1, 0, 2
+            )
+            columns[i].append(wide.reshape(len(block_columns), -1))
+    return [np.concatenate(check_columns, axis=1) for check_columns in columns]

@@ -27,17 +27,17 @@ def circle(
     stands: Sequence[Stand],
     since: int,
     left_out: Sequence[int],
-    known: Sequence[float],
+    known_numbers: Sequence[float],
     alarms: Sequence[int],
 ) -> Sequence[Stand]:
     """The stands since the search was last about to look so; none if it never was."""
     for number, stand in enumerate(stands):
-        if stand.alarms == tuple(alarms) and stand.look.is_at(since, left_out, known):
+        if stand.alarms == tuple(alarms) and stand.look.is_at(since, left_out, known_numbers):
             return stands[number:]
     return ()
 
 
-def best(of: Stack, stands: Sequence[Stand]) -> Stand:
+def best(stack: Stack, stands: Sequence[Stand]) -> Stand:
     """The stand whose changes make all readings likeliest, each change more at the price of an
     alarm; of the checks that no stand takes for bad.
 
@@ -45,10 +45,10 @@ def best(of: Stack, stands: Sequence[Stand]) -> Stand:
     by fewer than the other. All readings decide, wherever the circle was entered.
     """
     bad = {i for stand in stands for i in stand.bad}
-    good = [i for i in range(of.n) if i not in bad]
+    good = [i for i in range(stack.n) if i not in bad]
 
     def evidence(stand: Stand) -> float:
-        known = with_changes(of, stand.found)
-        return log_marginal(known, known.sums(good)) - LIMIT * len(stand.found)
+        changed = with_changes(stack, stand.found)
+        return log_marginal(changed, changed.sums(good)) - LIMIT * len(stand.found)
 
     return max(stands, key=evidence)

@@ -11,12 +11,12 @@ from armd.compensation.model.slow_factors import DAY_S
 
 
 def between(
-    checks: Sequence[Reduced], of: Stack, change: Change, bad: Collection[int]
+    checks: Sequence[Reduced], stack: Stack, change: Change, bad: Collection[int]
 ) -> tuple[float, float]:
     """What holds the change's instant: from the last good check without it to the first with it."""
     until = checks[change.latest].first_unix_s
     good = _good_before(change.earliest, bad)
-    beyond = of.gap_d * DAY_S
+    beyond = stack.gap_d * DAY_S
     if not change.gradual:
         return (checks[good[-1]].last_unix_s if good else until - beyond), until
     # A growth is dated to a check; it may as well have begun between that and its neighbours.
@@ -25,7 +25,7 @@ def between(
     return checks[0].first_unix_s - beyond, until
 
 
-def instant(checks: Sequence[Reduced], of: Stack, change: Change, bad: Collection[int]) -> float:
+def instant(checks: Sequence[Reduced], stack: Stack, change: Change, bad: Collection[int]) -> float:
     """From when on the calibration has a change: halfway between two good checks, or where it
     began."""
     if change.gradual:
@@ -33,7 +33,7 @@ def instant(checks: Sequence[Reduced], of: Stack, change: Change, bad: Collectio
     first = checks[change.first].first_unix_s
     good = _good_before(change.first, bad)
     if not good:
-        return first - of.gap_d * DAY_S / 2
+        return first - stack.gap_d * DAY_S / 2
     return (checks[good[-1]].last_unix_s + first) / 2
 
 

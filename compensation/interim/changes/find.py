@@ -37,96 +37,96 @@ MOST_CHANGES = 5
 BEFORE_ALARM = 10
 
 
-def find(of: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> ChangesFound:
+def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> ChangesFound:
     """All changes of a stack of checks, some of which may have been watched *before*."""
-    found: list[Change] = []
+    changes: list[Change] = []
     alarms: list[int] = []
     bad: tuple[int, ...] = ()
     first_look: Watched | None = None
     stands: list[Stand] = []
     since = 0
     while True:
-        null = with_changes(of, found)
-        known = tuple(number for change in found for number in change.numbers)
+        null = with_changes(stack, changes)
+        known_numbers = tuple(number for change in changes for number in change.numbers)
         left_out = tuple(i for i in bad if i < since)
-        if round_ := circle(stands, since, left_out, known, alarms):
-            stand = best(of, round_)
-            found, bad = [*stand.found], stand.bad
+        if round_ := circle(stands, since, left_out, known_numbers, alarms):
+            stand = best(stack, round_)
+            changes, bad = [*stand.found], stand.bad
             break
-        looked = watch(null, causes, since, bad, before.begun(since, left_out, known))
+        looked = watch(null, causes, since, bad, before.begun(since, left_out, known_numbers))
         first_look = first_look or looked
         bad = tuple(sorted({*left_out, *looked.bad}))
-        look = EpochLook(since, left_out, known, looked.quiet)
-        stands.append(Stand(look, tuple(found), tuple(alarms), bad))
+        look = EpochLook(since, left_out, known_numbers, looked.quiet)
+        stands.append(Stand(look, tuple(changes), tuple(alarms), bad))
         if looked.alarm is None:
-            if found and _since_start(of, causes, found, of.n, bad) < REFUTED:
+            if changes and _since_start(stack, causes, changes, stack.n, bad) < REFUTED:
                 # Later checks speak against the last alarm: it was a false one.
-                found.pop()
+                changes.pop()
                 since = alarms.pop() + 1
-                if since < of.n:
+                if since < stack.n:
                     continue
             break
         until = looked.alarm + 1
         if looked.strange:
             first = looked.alarm - 2 if looked.alarm >= 2 else 0
-            found.append(Change(None, False, first, first, looked.alarm, np.nan, 1.0))
+            changes.append(Change(None, False, first, first, looked.alarm, np.nan, 1.0))
             bad = tuple(i for i in bad if i < first)
             break
-        weighed, kept = weighed_since(null, causes, since, until, until, bad)
-        if found:
-            again = _renamed(of, causes, found, alarms[-1], until, bad, weighed.log_alarm)
+        weighed, good = weighed_since(null, causes, since, until, until, bad)
+        if changes:
+            again = _renamed(stack, causes, changes, alarms[-1], until, bad, weighed.log_alarm)
             if again is not None:
-                found[-1] = again
+                changes[-1] = again
                 since = again.first + 1
                 continue
-            if _since_start(of, causes, found, until, bad) + weighed.log_alarm < 2 * LIMIT:
+            if _since_start(stack, causes, changes, until, bad) + weighed.log_alarm < 2 * LIMIT:
                 # There and back is less likely than a false alarm, and what ended it another.
-                found.pop()
+                changes.pop()
                 since = alarms.pop() + 1
                 continue
-        new = likeliest(null, causes, weighed, kept)
-        if (same := _same_growth(found, causes, new)) is not None:
+        new = likeliest(null, causes, weighed, good)
+        if (same := _same_growth(changes, causes, new)) is not None:
             # What moves on at one place is one growth, no staircase; it is known up to here.
             begun = replace(
-                found[same],
+                changes[same],
                 gradual=True,
-                origin_d=origin_d(of, kept, kept.index(found[same].first)),
+                origin_d=origin_d(stack, good, good.index(changes[same].first)),
             )
-            others = with_changes(of, found[:same])
-            near = [i for i in kept if abs(i - begun.first) <= NEAR and i <= alarms[same]]
-            found[same] = growth(others, begun, kept, near)
-            del found[same + 1 :], alarms[same + 1 :]
+            without_it = with_changes(stack, changes[:same])
+            neighbours = [i for i in good if abs(i - begun.first) <= NEAR and i <= alarms[same]]
+            changes[same] = growth(without_it, begun, good, neighbours)
+            del changes[same + 1 :], alarms[same + 1 :]
             since = until
             continue
-        if len(found) == MOST_CHANGES:
+        if len(changes) == MOST_CHANGES:
             break
-        found.append(new)
+        changes.append(new)
         alarms.append(looked.alarm)
         since = new.first + 1
-    found = _refined(of, causes, found, bad)
+    changes = _refined(stack, causes, changes, bad)
     assert first_look is not None
-    statistic = _filled(first_look, of, causes, bad, before)
+    statistic = _filled(first_look, stack, causes, bad, before)
     after = () if first_look.alarm is None else statistic[first_look.alarm + 1 : -1].tolist()
     looks = tuple(stand.look for stand in stands)
-    remembered = Looked(looks, tuple(after), tuple(i for i in bad if i < of.n - 1))
-    return ChangesFound(statistic, first_look.alarm, tuple(found), bad, remembered)
+    remembered = Looked(looks, tuple(after), tuple(i for i in bad if i < stack.n - 1))
+    return ChangesFound(statistic, first_look.alarm, tuple(changes), bad, remembered)
 
 
 def _refined(
-    of: Stack, causes: Sequence[Cause], found: list[Change], bad: tuple[int, ...]
+    stack: Stack, causes: Sequence[Cause], changes: list[Change], bad: tuple[int, ...]
 ) -> list[Change]:
     """Every change looked at once more with all readings, the others known; what they leave too
     little of is dropped."""
-    named = [change for change in found if change.cause is not None]
-    strange = [change for change in found if change.cause is None]
+    named = [change for change in changes if change.cause is not None]
+    strange = [change for change in changes if change.cause is None]
     for _ in range(2):
         i = 0
         while i < len(named):
-            others, weighed, kept = weighed_again(of, causes, [*named, *strange], i, bad)
+            without_it, weighed, good = weighed_again(stack, causes, [*named, *strange], i, bad)
             if weighed.log_alarm < LIMIT and len(named) > 1:
                 del named[i]
                 continue
-            named[i] = likeliest(others, causes, weighed, kept)
+            named[i] = likeliest(without_it, causes, weighed, good)
             if _same_growth(named[:i], causes, named[i]) is not None:
                 del named[i]  # under this name it is the growth that is there already
                 continue
@@ -135,52 +135,52 @@ def _refined(
 
 
 def _filled(
-    first_look: Watched, of: Stack, causes: Sequence[Cause], bad: Sequence[int], before: Looked
+    first_look: Watched, stack: Stack, causes: Sequence[Cause], bad: Sequence[int], before: Looked
 ) -> F64:
     """The statistic of checks after the alarm: still that of what was known before it."""
     statistic = first_look.statistic.copy()
     if first_look.alarm is None:
         return statistic
-    kept = [i for i in range(of.n) if i not in bad]
-    begin = bisect_left(kept, max(0, first_look.alarm - BEFORE_ALARM))
-    sums = RunningSums(of.only(kept), begin)
-    for i in range(first_look.alarm + 1, of.n):
-        count = bisect_left(kept, i + 1)
-        if (known := before.after_alarm(first_look.alarm, i, bad)) is not None:
-            statistic[i] = known
+    good = [i for i in range(stack.n) if i not in bad]
+    begin = bisect_left(good, max(0, first_look.alarm - BEFORE_ALARM))
+    sums = RunningSums(stack.only(good), begin)
+    for i in range(first_look.alarm + 1, stack.n):
+        count = bisect_left(good, i + 1)
+        if (remembered := before.after_alarm(first_look.alarm, i, bad)) is not None:
+            statistic[i] = remembered
         elif begin < count:
             statistic[i] = weigh(sums, causes, count, np.arange(begin, count)).log_sum
     return statistic
 
 
-def _same_growth(found: Sequence[Change], causes: Sequence[Cause], new: Change) -> int | None:
+def _same_growth(changes: Sequence[Change], causes: Sequence[Cause], new: Change) -> int | None:
     """Which change found *new* only goes on with: one of its cause at its place, if either of them
     grows or it would be the third."""
 
     def place(change: Change) -> tuple[str, str] | None:
         return None if change.cause is None else causes[change.cause].place
 
-    same = [i for i, change in enumerate(found) if place(change) == place(new)]
+    same = [i for i, change in enumerate(changes) if place(change) == place(new)]
     if not same:
         return None
-    grows = new.gradual or found[same[-1]].gradual
+    grows = new.gradual or changes[same[-1]].gradual
     return same[0] if grows or len(same) > 1 else None
 
 
 def _since_start(
-    of: Stack, causes: Sequence[Cause], found: Sequence[Change], until: int, bad: Sequence[int]
+    stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], until: int, bad: Sequence[int]
 ) -> float:
     """Log ratio of all readings *until* a check with some change where the last one found may be,
     to that without it."""
-    start = found[-2].first + 1 if len(found) > 1 else 0
-    before = with_changes(of, found[:-1])
+    start = changes[-2].first + 1 if len(changes) > 1 else 0
+    before = with_changes(stack, changes[:-1])
     return weighed_since(before, causes, start, until, until, bad)[0].log_alarm
 
 
 def _renamed(
-    of: Stack,
+    stack: Stack,
     causes: Sequence[Cause],
-    found: Sequence[Change],
+    changes: Sequence[Change],
     alarm: int,
     until: int,
     bad: Sequence[int],
@@ -188,14 +188,14 @@ def _renamed(
 ) -> Change | None:
     """The last change found under another name, if all readings until now want that rather than
     *another* change beside it; it began by the check that told it, *alarm*."""
-    before = with_changes(of, found[:-1])
-    start = found[-2].first + 1 if len(found) > 1 else 0
-    weighed, kept = weighed_since(before, causes, start, alarm + 1, until, bad)
-    last = found[-1]
+    before = with_changes(stack, changes[:-1])
+    start = changes[-2].first + 1 if len(changes) > 1 else 0
+    weighed, good = weighed_since(before, causes, start, alarm + 1, until, bad)
+    last = changes[-1]
     assert last.cause is not None
-    place = (weighed.first == kept.index(last.first), last.cause, int(last.gradual))
+    place = (weighed.first == good.index(last.first), last.cause, int(last.gradual))
     as_it_is = float(weighed.log_weight[place][0])
     if weighed.log_sum <= as_it_is + log_another - LIMIT:
         return None
-    again = likeliest(before, causes, weighed, kept)
+    again = likeliest(before, causes, weighed, good)
     return None if again.key == last.key else again

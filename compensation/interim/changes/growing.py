@@ -28,22 +28,24 @@ from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 class Growing:
     """A stack with everything known eliminated, for growths of one cause after another."""
 
-    def __init__(self, of: Stack) -> None:
-        sums = of.sums(range(of.n))
+    def __init__(self, stack: Stack) -> None:
+        sums = stack.sums(range(stack.n))
         # Of the size that the stack takes them for.
-        known = cleared(sums.curvature, sums.side, sums.square, slice(0), (1.0,))
-        self._of = of
-        self._known = [known.rotation @ one.T for one in of.known]  # per check (q, r)
-        self._side = known.side
-        self._square = float(known.square[0])
-        self._spread = float(known.spread[0])
+        eliminated = cleared(sums.curvature, sums.side, sums.square, slice(0), (1.0,))
+        self._stack = stack
+        self._rotated = [
+            eliminated.rotation @ columns.T for columns in stack.known
+        ]  # per check (q, r)
+        self._side = eliminated.side
+        self._squared_norm = float(eliminated.square[0])
+        self._spread = float(eliminated.spread[0])
         self._numbers = float(sums.numbers)
 
     def rate(self, change: Change) -> F64:
         """(p,) of a growth at one rate throughout, in typical sizes."""
         assert change.cause is not None
-        ramps = _Ramps(self._of, change.cause, self._known, self._side)
-        gram, side = ramps.alone(np.array([change.origin_d]))
+        ramps = _Ramps(self._stack, change.cause, self._rotated, self._side)
+        gram, side = ramps.products(np.array([change.origin_d]))
         curvature = np.eye(side.shape[1]) + change.size**2 * gram[0]
         rate: F64 = change.size**2 * np.linalg.solve(curvature, side[0])
         return rate
@@ -56,112 +58,117 @@ class Growing:
         instants, all after their origins, share their `rate_size`, and bend by the same share of it
         or by another.
         """
-        ramps = _Ramps(self._of, cause, self._known, self._side)
-        found: list[float] = []
-        for (bends, _), group in groupby(courses, lambda one: (one.bends_d, one.bending)):
-            some = list(group)
-            origins = np.array([course.origin_d for course in some])
-            spread, told = ramps.integrated(origins, np.array(bends), some[0])
-            found += [
-                log_student(self._numbers, self._spread + more, self._square - less)
-                for more, less in zip(spread.tolist(), told.tolist(), strict=True)
+        ramps = _Ramps(self._stack, cause, self._rotated, self._side)
+        logs: list[float] = []
+        for (bends, _), group in groupby(
+            courses, lambda candidate: (candidate.bends_d, candidate.bending)
+        ):
+            members = list(group)
+            origins = np.array([course.origin_d for course in members])
+            spread, explained = ramps.integrated(origins, np.array(bends), members[0])
+            logs += [
+                log_student(self._numbers, self._spread + added, self._squared_norm - less)
+                for added, less in zip(spread.tolist(), explained.tolist(), strict=True)
             ]
-        return np.array(found)
+        return np.array(logs)
 
 
 class _Ramps:
     """Products of ramps of one cause's p columns, what is known eliminated; per 30 days."""
 
-    def __init__(self, of: Stack, cause: int, known: Sequence[F64], side: F64) -> None:
-        own = [columns[:, of.blocks[cause]] for columns in of.columns]
-        days = of.time_d
+    def __init__(self, stack: Stack, cause: int, rotated: Sequence[F64], side: F64) -> None:
+        columns_of_cause = [columns[:, stack.blocks[cause]] for columns in stack.columns]
+        days = stack.time_d
         self._side = side
-        self._own = _Since(days, np.stack([x.T @ x for x in own]))
+        self._gram = _Since(days, np.stack([x.T @ x for x in columns_of_cause]))
         self._towards = _Since(
-            days, np.stack([x.T @ z for x, z in zip(own, of.residual, strict=True)])
+            days, np.stack([x.T @ z for x, z in zip(columns_of_cause, stack.residual, strict=True)])
         )
-        self._along = _Since(days, np.stack([k @ x for k, x in zip(known, own, strict=True)]))
+        self._along = _Since(
+            days, np.stack([k @ x for k, x in zip(rotated, columns_of_cause, strict=True)])
+        )
 
-    def alone(self, origins: F64) -> tuple[F64, F64]:
+    def products(self, origins: F64) -> tuple[F64, F64]:
         """Each ramp with itself (m, p, p), and with the readings (m, p)."""
         along = self._along.once(origins)
-        gram = self._own.twice(origins) - along.swapaxes(1, 2) @ along
+        gram = self._gram.twice(origins) - along.swapaxes(1, 2) @ along
         return gram, self._towards.once(origins) - self._side @ along
 
     def pairs(self, a: F64, b: F64) -> F64:
         """Ramps from *a* (m,) with those from *b* (k,), (m p, k p)."""
-        later, apart = np.maximum.outer(a, b), np.abs(np.subtract.outer(a, b)) / RAMP_DAYS
-        plain = self._own.twice(later) + apart[..., None, None] * self._own.once(later)
-        m, k, p, _ = plain.shape
-        left, right = (
-            self._along.once(at).swapaxes(0, 1).reshape(-1, len(at) * p) for at in (a, b)
+        later, distance = np.maximum.outer(a, b), np.abs(np.subtract.outer(a, b)) / RAMP_DAYS
+        product = self._gram.twice(later) + distance[..., None, None] * self._gram.once(later)
+        m, k, p, _ = product.shape
+        earlier, other_side = (
+            self._along.once(starts).swapaxes(0, 1).reshape(-1, len(starts) * p)
+            for starts in (a, b)
         )
-        cleared: F64 = plain.swapaxes(1, 2).reshape(m * p, k * p) - left.T @ right
+        cleared: F64 = product.swapaxes(1, 2).reshape(m * p, k * p) - earlier.T @ other_side
         return cleared
 
     def integrated(self, origins: F64, bends: F64, like: Change) -> tuple[F64, F64]:
         """Amplitudes of the ramps from *bends* on and of each from *origins* (T,) on integrated
         out: log of the determinant's root (T,), and what they explain of the readings' square."""
-        gram, side = self.alone(origins)
-        (first, *others) = amplitude_sizes(like, side.shape[1])
-        sizes = np.ravel(others)
+        gram, side = self.products(origins)
+        (first, *bend_sizes) = amplitude_sizes(like, side.shape[1])
+        sizes = np.ravel(bend_sizes)
         gram, side = gram * np.outer(first, first) + np.eye(len(first)), side * first
-        spread, told = 0.0, 0.0
+        spread, explained = 0.0, 0.0
         if len(bends):
             common = self.pairs(bends, bends) * np.outer(sizes, sizes) + np.eye(len(sizes))
             root = cholesky(common, lower=True, check_finite=False)
-            left = _solved(root, self.alone(bends)[1].ravel() * sizes)
+            solved_side = _solved(root, self.products(bends)[1].ravel() * sizes)
             across = self.pairs(bends, origins) * sizes[:, None] * np.tile(first, len(origins))
             across = _solved(root, across).reshape(len(sizes), len(origins), -1).swapaxes(0, 1)
             gram = gram - across.swapaxes(1, 2) @ across
-            side = side - left @ across
-            spread, told = float(np.log(np.diag(root)).sum()), float(left @ left)
+            side = side - solved_side @ across
+            spread, explained = float(np.log(np.diag(root)).sum()), float(solved_side @ solved_side)
         roots = np.linalg.cholesky(gram)
         lefts = np.linalg.solve(roots, side[..., None])[..., 0]
         spreads = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-        return spread + spreads, told + (lefts**2).sum(axis=1)
+        return spread + spreads, explained + (lefts**2).sum(axis=1)
 
 
 class _Since:
     """Sums of *of* (n, …) over all checks from each on, times powers of the time since."""
 
-    def __init__(self, time_d: F64, of: F64) -> None:
+    def __init__(self, time_d: F64, values: F64) -> None:
         self._time = time_d
         step = np.diff(time_d, append=time_d[-1])[:, None] / RAMP_DAYS
-        flat = of.reshape(len(of), -1)
-        self._shape = of.shape[1:]
+        flat = values.reshape(len(values), -1)
+        self._shape = values.shape[1:]
         self._sums = _backwards(flat)
         self._once = _backwards(step * self._sums[1:])
         self._twice = _backwards(2 * step * self._once[1:] + step**2 * self._sums[1:])
 
     def once(self, origins: F64) -> F64:
         """(*origins, …) the ramp from each origin on, times *of*."""
-        at, lead = self._at(origins)
-        return self._shaped(origins, self._once[at] + lead * self._sums[at])
+        places, lead = self._find_places(origins)
+        return self._shaped(origins, self._once[places] + lead * self._sums[places])
 
     def twice(self, origins: F64) -> F64:
         """The same of the ramp's square."""
-        at, lead = self._at(origins)
-        found = self._twice[at] + 2 * lead * self._once[at] + lead**2 * self._sums[at]
-        return self._shaped(origins, found)
+        places, lead = self._find_places(origins)
+        sums = self._twice[places] + 2 * lead * self._once[places] + lead**2 * self._sums[places]
+        return self._shaped(origins, sums)
 
-    def _at(self, origins: F64) -> tuple[I64, F64]:
+    def _find_places(self, origins: F64) -> tuple[I64, F64]:
         """The first check after each origin, and how long after."""
-        at = np.searchsorted(self._time, origins.ravel(), side="right")
-        first = self._time[np.minimum(at, len(self._time) - 1)]
-        return at, (first - origins.ravel())[:, None] / RAMP_DAYS
+        places = np.searchsorted(self._time, origins.ravel(), side="right")
+        first = self._time[np.minimum(places, len(self._time) - 1)]
+        return places, (first - origins.ravel())[:, None] / RAMP_DAYS
 
-    def _shaped(self, origins: F64, found: F64) -> F64:
-        return found.reshape(*origins.shape, *self._shape)
+    def _shaped(self, origins: F64, sums: F64) -> F64:
+        return sums.reshape(*origins.shape, *self._shape)
 
 
-def _backwards(of: F64) -> F64:
+def _backwards(values: F64) -> F64:
     """(n + 1, …) sums of *of* (n, …) from each on."""
-    sums = np.zeros((len(of) + 1, *of.shape[1:]))
-    np.cumsum(of[::-1], axis=0, out=sums[-2::-1])
+    sums = np.zeros((len(values) + 1, *values.shape[1:]))
+    np.cumsum(values[::-1], axis=0, out=sums[-2::-1])
     return sums
 
 
 def _solved(factor: F64, side: F64) -> F64:
-    found: F64 = solve_triangular(factor, side, lower=True, check_finite=False)
-    return found
+    solution: F64 = solve_triangular(factor, side, lower=True, check_finite=False)
+    return solution

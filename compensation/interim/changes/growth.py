@@ -15,7 +15,7 @@ import numpy as np
 
 from armd.compensation.interim.changes.change import BENDING, Change
 from armd.compensation.interim.changes.growing import Growing
-from armd.compensation.interim.changes.held import held
+from armd.compensation.interim.changes.held import find_onset_interval
 from armd.compensation.interim.evidence.likelihood import LIMIT
 from armd.compensation.interim.evidence.stack import Stack
 
@@ -29,31 +29,31 @@ LONG_BENDINGS = (BENDING, 0.4, 0.2)
 AS_WELL = 0.6 * LIMIT
 
 
-def growth(of: Stack, change: Change, kept: Sequence[int], firsts: Sequence[int]) -> Change:
+def growth(stack: Stack, change: Change, good: Sequence[int], firsts: Sequence[int]) -> Change:
     """A growth at its likeliest onset, one of the checks *firsts*, and the interval of onsets."""
-    found = Growths(of, kept).of(change, firsts)
-    low, high = held(np.array([share for share, _ in found]))
-    _, best = max(found, key=lambda one: one[0])
+    courses = Growths(stack, good).weigh_onsets(change, firsts)
+    low, high = find_onset_interval(np.array([share for share, _ in courses]))
+    _, best = max(courses, key=lambda pair: pair[0])
     return replace(best, earliest=firsts[low], latest=firsts[high])
 
 
 class Growths:
     """Growths of any cause by courses that may bend, weighed by the checks *kept* of a stack."""
 
-    def __init__(self, of: Stack, kept: Sequence[int]) -> None:
-        self._of, self._kept = of, kept
-        self._time = of.time_d[list(kept)]
-        self._growing = Growing(of.only(kept))
+    def __init__(self, stack: Stack, good: Sequence[int]) -> None:
+        self._stack, self._good = stack, good
+        self._time = stack.time_d[list(good)]
+        self._growing = Growing(stack.only(good))
 
-    def of(self, change: Change, firsts: Sequence[int]) -> list[tuple[float, Change]]:
+    def weigh_onsets(self, change: Change, firsts: Sequence[int]) -> list[tuple[float, Change]]:
         """A growth from each of the checks *firsts* on, with its share; all onsets are as likely
         beforehand."""
         assert change.cause is not None
         rate = np.abs(self._growing.rate(change))
         # A rate that differs from column to column bends in its own proportion.
         like = replace(change, rate_size=np.maximum(rate, 0.1 * rate.max()))
-        apart, bending = self._bends(like)
-        courses = [self._course(like, first, apart, bending) for first in firsts]
+        spacing, bending = self._bends(like)
+        courses = [self._course(like, first, spacing, bending) for first in firsts]
         plausible = self._growing.log_marginals(change.cause, courses)
         share = np.exp(plausible - plausible.max())
         return list(zip((share / share.sum()).tolist(), courses, strict=True))
@@ -62,33 +62,33 @@ class Growths:
         """How many checks apart a growth's bends have to be, and by what share of its rate it
         bends every third check."""
         assert like.cause is not None
-        checks = len(self._kept) - self._kept.index(like.first)
+        checks = len(self._good) - self._good.index(like.first)
         aparts = [CHECKS_APART]
         while checks > FEW_BENDS * aparts[-1]:
             aparts.append(2 * aparts[-1])
         if len(aparts) == 1:
             return CHECKS_APART, BENDING
-        tried = [(apart, bending) for apart in aparts for bending in LONG_BENDINGS]
-        courses = [self._course(like, like.first, *one) for one in tried]
+        tried = [(spacing, bending) for spacing in aparts for bending in LONG_BENDINGS]
+        courses = [self._course(like, like.first, *choice) for choice in tried]
         plausible = self._growing.log_marginals(like.cause, courses)
-        found = zip(tried, (plausible - plausible.max()).tolist(), strict=True)
-        as_well = [(apart, log, bending) for (apart, bending), log in found if log > -AS_WELL]
-        apart, _, bending = max(as_well)
-        return apart, bending
+        weighed = zip(tried, (plausible - plausible.max()).tolist(), strict=True)
+        as_well = [(spacing, log, bending) for (spacing, bending), log in weighed if log > -AS_WELL]
+        spacing, _, bending = max(as_well)
+        return spacing, bending
 
-    def _course(self, like: Change, first: int, apart: int, bending: float) -> Change:
-        knots = [float(self._time[k]) for k in range(len(self._kept) - 2, 0, -apart)][::-1]
+    def _course(self, like: Change, first: int, spacing: int, bending: float) -> Change:
+        knots = [float(self._time[k]) for k in range(len(self._good) - 2, 0, -spacing)][::-1]
         return replace(
             like,
             first=first,
-            origin_d=origin_d(self._of, self._kept, self._kept.index(first)),
-            bends_d=tuple(at for at in knots if at > float(self._of.time_d[first])),
-            bending=bending * float(np.sqrt(apart / CHECKS_APART)),
+            origin_d=origin_d(self._stack, self._good, self._good.index(first)),
+            bends_d=tuple(knot for knot in knots if knot > float(self._stack.time_d[first])),
+            bending=bending * float(np.sqrt(spacing / CHECKS_APART)),
         )
 
 
-def origin_d(of: Stack, kept: Sequence[int], first: int) -> float:
+def origin_d(stack: Stack, good: Sequence[int], first: int) -> float:
     """When a growth that first shows at the kept check *first* begins: at the check before."""
     if first:
-        return float(of.time_d[kept[first - 1]])
-    return float(of.time_d[kept[0]]) - of.gap_d
+        return float(stack.time_d[good[first - 1]])
+    return float(stack.time_d[good[0]]) - stack.gap_d

@@ -10,7 +10,7 @@ from armd.arrays import F64
 HELD = 0.95
 
 
-def held(share: F64) -> tuple[int, int]:
+def find_onset_interval(share: F64) -> tuple[int, int]:
     """The shortest run of onsets that holds `HELD` of the weight."""
     total = np.concatenate([[0.0], np.cumsum(share)])
     runs = [

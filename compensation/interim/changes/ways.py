@@ -18,8 +18,8 @@ from armd.compensation.interim.evidence.stack import Stack
 KEPT_SHARE, MOST_WAYS = 0.99, 60
 
 
-def ways(
-    of: Stack, causes: Sequence[Cause], changes: Sequence[Change], bad: Sequence[int]
+def list_ways(
+    stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], bad: Sequence[int]
 ) -> list[Way]:
     """The likeliest ways in which all *changes* may have been; their shares add up to 1.
 
@@ -27,51 +27,53 @@ def ways(
     gives it, the others being what they are told to be.
     """
     named = [change for change in changes if change.cause is not None]
-    found: list[Way] = [(1.0, ())]
+    ways_so_far: list[Way] = [(1.0, ())]
     for index in range(len(named)):
-        its = _likeliest(_alternatives(of, causes, changes, index, bad))
-        found = _likeliest(
-            (share * other, (*before, *one)) for share, before in found for other, one in its
+        its = _likeliest(_alternatives(stack, causes, changes, index, bad))
+        ways_so_far = _likeliest(
+            (share * weight, (*before, *alternative))
+            for share, before in ways_so_far
+            for weight, alternative in its
         )
     strange = tuple(change for change in changes if change.cause is None)
-    return [(share, (*way, *strange)) for share, way in found]
+    return [(share, (*changes_of_way, *strange)) for share, changes_of_way in ways_so_far]
 
 
-def _likeliest(found: Iterator[Way]) -> list[Way]:
-    ordered = sorted(found, key=lambda way: -way[0])
+def _likeliest(ways: Iterator[Way]) -> list[Way]:
+    ordered = sorted(ways, key=lambda pair: -pair[0])
     shares = np.array([share for share, _ in ordered])
     until = int(np.searchsorted(np.cumsum(shares), KEPT_SHARE * shares.sum())) + 1
-    kept = ordered[: min(until, MOST_WAYS)]
-    total = sum(share for share, _ in kept)
-    return [(share / total, way) for share, way in kept]
+    chosen = ordered[: min(until, MOST_WAYS)]
+    total = sum(share for share, _ in chosen)
+    return [(share / total, changes) for share, changes in chosen]
 
 
 def _alternatives(
-    of: Stack, causes: Sequence[Cause], changes: Sequence[Change], index: int, bad: Sequence[int]
+    stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], index: int, bad: Sequence[int]
 ) -> Iterator[Way]:
     """Everything that one change may be: a step by cause, onset and size, or a growth by cause and
     onset."""
-    others, weighed, kept = weighed_again(of, causes, changes, index, bad)
+    without_it, weighed, good = weighed_again(stack, causes, changes, index, bad)
     share = np.exp(weighed.log_by_size - weighed.log_sum)  # (T, K, 2, S)
-    firsts = [kept[int(first)] for first in weighed.first]
+    firsts = [good[int(first)] for first in weighed.first]
 
-    def one(t: int, k: int, gradual: bool, size: float) -> Change:
-        first, origin = firsts[t], origin_d(of, kept, int(weighed.first[t]))
+    def make_change(t: int, k: int, gradual: bool, size: float) -> Change:
+        first, origin = firsts[t], origin_d(stack, good, int(weighed.first[t]))
         return Change(k, gradual, first, first, first, origin, np.nan, size=size)
 
     for t, k, s in _largest(share[:, :, 0]):
-        yield float(share[t, k, 0, s]), (one(t, k, False, SIZES[s]),)
+        yield float(share[t, k, 0, s]), (make_change(t, k, False, SIZES[s]),)
     by_cause = share[:, :, 1].sum(axis=(0, 2))
-    growths = Growths(others, kept)
+    growths = Growths(without_it, good)
     for (k,) in _largest(by_cause):
         grown = share[:, k, 1]
-        t, s = (int(at) for at in np.unravel_index(int(np.argmax(grown)), grown.shape))
-        likeliest = one(t, k, True, SIZES[s])
-        for begun, course in growths.of(likeliest, firsts):
+        t, s = (int(position) for position in np.unravel_index(int(np.argmax(grown)), grown.shape))
+        likeliest = make_change(t, k, True, SIZES[s])
+        for begun, course in growths.weigh_onsets(likeliest, firsts):
             yield float(by_cause[k]) * begun, (course,)
 
 
 def _largest(share: F64) -> Iterator[tuple[int, ...]]:
     """Indices of all that may be among those kept."""
-    least = (1 - KEPT_SHARE) / MOST_WAYS
-    yield from (tuple(int(i) for i in at) for at in np.argwhere(share > least))
+    smallest = (1 - KEPT_SHARE) / MOST_WAYS
+    yield from (tuple(int(i) for i in indices) for indices in np.argwhere(share > smallest))

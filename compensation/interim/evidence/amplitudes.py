@@ -18,18 +18,18 @@ def integrated(gram: Lower, side: Sequence[F64], sizes: Sequence[float]) -> tupl
     Elimination row by row, over all matrices at once: they have few rows and there are many.
     """
     by = np.array(sizes)
-    entry = {at: one[..., None] * by**2 for at, one in gram.items()}
-    rest = [one[..., None] * by for one in side]
+    entry = {place: values[..., None] * by**2 for place, values in gram.items()}
+    sides = [values[..., None] * by for values in side]
     determinant = np.ones(())
     quad = np.zeros(())
     for j in range(len(side)):
         # A pivot of I + s² G is 1 at least, but for roundings.
         pivot = np.maximum(1.0 + entry[j, j], 1.0)
         determinant = determinant * pivot
-        quad = quad + rest[j] ** 2 / pivot
+        quad = quad + sides[j] ** 2 / pivot
         for i in range(j + 1, len(side)):
             share = entry[i, j] / pivot
-            rest[i] = rest[i] - share * rest[j]
+            sides[i] = sides[i] - share * sides[j]
             for k in range(i, len(side)):
                 entry[k, i] = entry[k, i] - share * entry[k, j]
     return np.log(determinant), quad

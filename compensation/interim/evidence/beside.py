@@ -15,24 +15,24 @@ from armd.compensation.interim.evidence.stack import Stack
 class Beside:
     """Of the checks *chosen* of a stack."""
 
-    def __init__(self, of: Stack, chosen: Sequence[int]) -> None:
+    def __init__(self, stack: Stack, chosen: Sequence[int]) -> None:
         self._chosen = list(chosen)
-        self._known = self._stacked(of.known)
-        self._residual = self._stacked(of.residual)
-        self._own = of.sums(self._chosen)
+        self._known = self._stacked(stack.known)
+        self._residual = self._stacked(stack.residual)
+        self._own = stack.sums(self._chosen)
 
     def sums(self, extra: Sequence[F64]) -> CheckSums:
         """With *extra* known errors, (r, ·) of every check of the stack: the same as of a stack
         that has them (`Stack.knowing`)."""
-        more = self._stacked(extra)
-        across = self._known.T @ more
+        added = self._stacked(extra)
+        across = self._known.T @ added
         return CheckSums(
-            np.block([[self._own.curvature, across], [across.T, more.T @ more]]),
-            np.concatenate([self._own.side, more.T @ self._residual]),
+            np.block([[self._own.curvature, across], [across.T, added.T @ added]]),
+            np.concatenate([self._own.side, added.T @ self._residual]),
             self._own.square,
             self._own.numbers,
         )
 
-    def _stacked(self, of: Sequence[F64]) -> F64:
+    def _stacked(self, rows_of_checks: Sequence[F64]) -> F64:
         """The chosen ones' rows; it may be that none is chosen."""
-        return np.concatenate([of[0][:0], *(of[i] for i in self._chosen)])
+        return np.concatenate([rows_of_checks[0][:0], *(rows_of_checks[i] for i in self._chosen)])

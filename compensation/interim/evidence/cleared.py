@@ -62,8 +62,8 @@ def cleared(
     factor = cholesky(gram, lower=True, check_finite=False)
     inverse = solve_triangular(factor, np.eye(len(fixed)), lower=True, check_finite=False)
     across = inverse @ curvature[np.ix_(fixed, free)]
-    left = curvature[np.ix_(free, free)] - across.T @ across
-    value, vector = eigh(left, check_finite=False, driver="evd") if len(free) else _NOTHING
+    remainder = curvature[np.ix_(free, free)] - across.T @ across
+    value, vector = eigh(remainder, check_finite=False, driver="evd") if len(free) else _NOTHING
     value = np.maximum(value, 0.0)
     rotation = np.zeros((q, q))
     rotation[np.ix_(fixed, fixed)] = inverse

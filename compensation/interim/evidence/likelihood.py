@@ -62,84 +62,89 @@ class Weighed:
 
         Without a change the sum of all onsets is on average as large as they are many.
         """
-        each = logsumexp(self.log_by_size, axis=(1, 2, 3))
-        ends = range(min(MOST_BACK, len(each)), len(each) + 1)
-        return max(float(logsumexp(each[max(0, end - MOST_BACK) : end])) for end in ends)
+        by_onset = logsumexp(self.log_by_size, axis=(1, 2, 3))
+        ends = range(min(MOST_BACK, len(by_onset)), len(by_onset) + 1)
+        return max(float(logsumexp(by_onset[max(0, end - MOST_BACK) : end])) for end in ends)
 
 
 def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Weighed:
     """Weigh changes of the first *n* checks that begin at checks *first*."""
-    known = sums.of.cleared(sums.upto(n))
+    eliminated = sums.stack.cleared(sums.upto(n))
     priors = np.array([[c.prior_sudden, c.prior_gradual] for c in causes])
     with np.errstate(divide="ignore"):
         log_prior = np.log(priors) - np.log(len(SIZES))
-    log_share = _log_marginals(known, int(sums.numbers[n]))
+    log_share = _log_marginals(eliminated, int(sums.numbers[n]))
     log_share -= logsumexp(log_share)
     freedom = NOISE_WORD + float(sums.numbers[n])
     weights = np.empty((len(first), len(causes), 2, len(SIZES)))
-    for at in range(0, len(first), AT_ONCE):
-        some = slice(at, at + AT_ONCE)
-        for shape, begun in enumerate(sums.begun(first[some], n, known.rotation)):
-            for members, ratio in _log_ratios(sums.groups, begun, known, freedom, log_share):
-                weights[some, members, shape] = ratio + log_prior[members, shape, None]
+    for begin in range(0, len(first), AT_ONCE):
+        batch = slice(begin, begin + AT_ONCE)
+        for shape, begun in enumerate(sums.begun(first[batch], n, eliminated.rotation)):
+            for members, ratio in _log_ratios(sums.groups, begun, eliminated, freedom, log_share):
+                weights[batch, members, shape] = ratio + log_prior[members, shape, None]
     return Weighed(first, weights)
 
 
-def log_sum(of: F64, axis: int = -1) -> F64:
+def log_sum(logs: F64, axis: int = -1) -> F64:
     """log Σ exp along an axis; of many small arrays `scipy.special.logsumexp` takes longer."""
-    most = of.max(axis=axis, keepdims=True)
-    found: F64 = most.squeeze(axis) + np.log(np.exp(of - most).sum(axis=axis))
-    return found
+    largest = logs.max(axis=axis, keepdims=True)
+    total: F64 = largest.squeeze(axis) + np.log(np.exp(logs - largest).sum(axis=axis))
+    return total
 
 
 def _log_ratios(
-    groups: Sequence[tuple[I64, I64]], begun: Begun, known: Cleared, freedom: float, log_share: F64
+    groups: Sequence[tuple[I64, I64]],
+    begun: Begun,
+    eliminated: Cleared,
+    freedom: float,
+    log_share: F64,
 ) -> Iterator[tuple[I64, F64]]:
     """Each group's causes, and log likelihood ratios (T, causes, sizes) of their changes, the
     standing errors being of each size with a share of *log_share* (scales,)."""
-    clear = (
-        begun.towards[..., None] - begun.cross @ (known.weights * known.side).T
+    side_cleared = (
+        begun.towards[..., None] - begun.cross @ (eliminated.weights * eliminated.side).T
     )  # (T, C, scales)
-    left = (NOISE_WORD + known.square)[:, None]
+    remainder = (NOISE_WORD + eliminated.square)[:, None]
     end = 0
-    for (members, at), own in zip(groups, begun.own, strict=True):
-        p = at.shape[1]
-        begin, end = end, end + at.size
-        block = begun.cross[:, begin:end].reshape(*own.shape[:3], -1)
+    for (members, columns), gram_of_group in zip(groups, begun.own, strict=True):
+        p = columns.shape[1]
+        begin, end = end, end + columns.size
+        block = begun.cross[:, begin:end].reshape(*gram_of_group.shape[:3], -1)
         gram = {
-            (i, j): own[..., i, j, None] - (block[:, :, i] * block[:, :, j]) @ known.weights.T
+            (i, j): gram_of_group[..., i, j, None]
+            - (block[:, :, i] * block[:, :, j]) @ eliminated.weights.T
             for i in range(p)
             for j in range(i + 1)
         }
-        side = clear[:, begin:end].reshape(*own.shape[:3], -1)
+        side = side_cleared[:, begin:end].reshape(*gram_of_group.shape[:3], -1)
         spread, quad = integrated(gram, [side[:, :, i] for i in range(p)], SIZES)
-        quad = np.minimum(quad, left * (1 - 1e-12))
-        each = -0.5 * (spread + freedom * np.log1p(-quad / left)) + log_share[:, None]
-        yield members, log_sum(each, axis=2)
+        quad = np.minimum(quad, remainder * (1 - 1e-12))
+        logs = -0.5 * (spread + freedom * np.log1p(-quad / remainder)) + log_share[:, None]
+        yield members, log_sum(logs, axis=2)
 
 
 def log_marginals(sums: RunningSums, n: int) -> F64:
     """(scales,) log of Student's density of the first *n* checks' readings without a change, by
     how large the standing errors are; everything known integrated out."""
-    return _log_marginals(sums.of.cleared(sums.upto(n)), int(sums.numbers[n]))
+    return _log_marginals(sums.stack.cleared(sums.upto(n)), int(sums.numbers[n]))
 
 
-def _log_marginals(known: Cleared, numbers: int) -> F64:
-    pairs = zip(known.spread, known.square, strict=True)
+def _log_marginals(eliminated: Cleared, numbers: int) -> F64:
+    pairs = zip(eliminated.spread, eliminated.square, strict=True)
     return np.array([log_student(float(numbers), float(a), float(b)) for a, b in pairs])
 
 
-def log_marginal(of: Stack, sums: CheckSums) -> float:
+def log_marginal(stack: Stack, sums: CheckSums) -> float:
     """Log of the density of the readings of *sums*, whatever the standing errors' size."""
-    found = _log_marginals(of.cleared(sums), sums.numbers)
-    return float(logsumexp(found)) - float(np.log(len(found)))
+    logs = _log_marginals(stack.cleared(sums), sums.numbers)
+    return float(logsumexp(logs)) - float(np.log(len(logs)))
 
 
-def at_its_share(of: Stack) -> Stack:
+def at_its_share(stack: Stack) -> Stack:
     """The stack with its standing errors as large as its readings make likeliest."""
-    sums = of.sums(range(of.n))
-    scales = _log_marginals(of.cleared(sums), sums.numbers)
-    return of.at(of.scales[int(np.argmax(scales))])
+    sums = stack.sums(range(stack.n))
+    scales = _log_marginals(stack.cleared(sums), sums.numbers)
+    return stack.rescale(stack.scales[int(np.argmax(scales))])
 
 
 def log_student(numbers: float, spread: float, square: float) -> float:
@@ -165,15 +170,15 @@ def known_errors(sums: CheckSums) -> KnownErrors:
     curvature = sums.curvature + np.eye(len(sums.side))
     covariance = np.asarray(np.linalg.inv(curvature), dtype=np.float64)
     mean = covariance @ sums.side
-    left = NOISE_WORD + sums.square - float(sums.side @ mean)
-    return KnownErrors(mean, covariance, left / (NOISE_WORD + sums.numbers))
+    remainder = NOISE_WORD + sums.square - float(sums.side @ mean)
+    return KnownErrors(mean, covariance, remainder / (NOISE_WORD + sums.numbers))
 
 
 def run(
     sums: RunningSums, causes: Sequence[Cause], since: int = 0, until: int | None = None
 ) -> F64:
     """Log of the alarm's statistic after each check from *since* on, (until − since,)."""
-    until = sums.of.n if until is None else until
+    until = sums.stack.n if until is None else until
     statistics = []
     for n in range(since + 1, until + 1):
         first = np.arange(max(since, n - MOST_BACK), n)

@@ -59,8 +59,8 @@ class Looked:
 
     def begun(self, since: int, left_out: Sequence[int], known: Sequence[float]) -> Quiet:
         """What is known of a look already."""
-        at = (look for look in self.looks if look.is_at(since, left_out, known))
-        return next((look.quiet for look in at), NOTHING_YET)
+        matching = (look for look in self.looks if look.is_at(since, left_out, known))
+        return next((look.quiet for look in matching), NOTHING_YET)
 
     def after_alarm(self, alarm: int, check: int, left_out: Sequence[int]) -> float | None:
         """The statistic after a *check* that came after the first *alarm*, if it is known."""

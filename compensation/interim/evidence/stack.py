@@ -85,9 +85,9 @@ class Stack:
         factors[slice(*self.standing)] = scale
         return factors
 
-    def at(self, scale: float) -> Stack:
+    def rescale(self, scale: float) -> Stack:
         """The same, the standing errors *scale* times as large."""
-        known = tuple(one * self.scaled(scale) for one in self.known)
+        known = tuple(columns * self.scaled(scale) for columns in self.known)
         return replace(self, known=known, share=self.share * scale)
 
     def only(self, chosen: Sequence[int]) -> Stack:
@@ -134,7 +134,7 @@ def stack(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
     columns = [check.causes * typical for check in checks]
     share = max(ALL_ALONG)
     stated = _compressed(_aligned(checks))
-    standing = _compressed([share * own for own in columns])
+    standing = _compressed([share * values for values in columns])
     known = [np.concatenate(pair, axis=1) for pair in zip(stated, standing, strict=True)]
     ends = np.cumsum([len(cause.candidate.columns) for cause in causes])
     starts = np.concatenate([[0], ends[:-1]])
@@ -155,22 +155,22 @@ def _aligned(checks: Sequence[Reduced]) -> list[F64]:
     """Known errors of every check under the same names."""
     names = list(dict.fromkeys(name for check in checks for name in check.known_names))
     place = {name: i for i, name in enumerate(names)}
-    found = []
+    aligned = []
     for check in checks:
         wide = np.zeros((len(check.residual), len(names)))
         # a growth's size is the materials', not the calibration's word
         trust = [1.0 if name.startswith(GROWTH) else TRUST for name in check.known_names]
         wide[:, [place[name] for name in check.known_names]] = np.array(trust) * check.known
-        found.append(wide)
-    return found
+        aligned.append(wide)
+    return aligned
 
 
 def _compressed(known: Sequence[F64]) -> list[F64]:
     """The same errors by fewer, independent unknowns: those that the checks see at all."""
-    seen = sum((one.T @ one for one in known), np.zeros((known[0].shape[1],) * 2))
-    value, vector = np.linalg.eigh(seen)
-    kept = vector[:, value > LEAST_SEEN]
-    return [one @ kept for one in known]
+    gram = sum((columns.T @ columns for columns in known), np.zeros((known[0].shape[1],) * 2))
+    value, vector = np.linalg.eigh(gram)
+    visible = vector[:, value > LEAST_SEEN]
+    return [columns @ visible for columns in known]
 
 
 class RunningSums:
@@ -181,59 +181,63 @@ class RunningSums:
     by group.
     """
 
-    def __init__(self, of: Stack, begin: int = 0) -> None:
-        self.of, self.begin = of, begin
-        days = of.time_d / RAMP_DAYS
+    def __init__(self, stack: Stack, begin: int = 0) -> None:
+        self.stack, self.begin = stack, begin
+        days = stack.time_d / RAMP_DAYS
         groups: dict[int, list[int]] = {}
-        for k, block in enumerate(of.blocks):
+        for k, block in enumerate(stack.blocks):
             groups.setdefault(block.stop - block.start, []).append(k)
         #: causes by their number of columns, and these columns (causes, p)
         self.groups = [
             (
                 np.array(members),
-                np.array([list(range(of.blocks[k].start, of.blocks[k].stop)) for k in members]),
+                np.array(
+                    [list(range(stack.blocks[k].start, stack.blocks[k].stop)) for k in members]
+                ),
             )
             for _, members in sorted(groups.items())
         ]
-        self._order = np.concatenate([at.ravel() for _, at in self.groups] or [np.zeros(0, int)])
-        self._powers = np.array([np.ones(of.n), days, days**2])  # of time
-        pairs = [*zip(of.known, of.residual, strict=True)]
-        q = of.known[0].shape[1]
+        self._order = np.concatenate(
+            [columns.ravel() for _, columns in self.groups] or [np.zeros(0, int)]
+        )
+        self._powers = np.array([np.ones(stack.n), days, days**2])  # of time
+        pairs = [*zip(stack.known, stack.residual, strict=True)]
+        q = stack.known[0].shape[1]
         self.known = _cumulated(self._powers[:1], (k.T @ k for k, _ in pairs), (q, q))[0]
         self.known_towards = _cumulated(self._powers[:1], (k.T @ z for k, z in pairs), (q,))[0]
-        self.square = np.concatenate([[0.0], np.cumsum([z @ z for z in of.residual])])
-        self.numbers = np.concatenate([[0], np.cumsum([len(z) for z in of.residual])])
+        self.square = np.concatenate([[0.0], np.cumsum([z @ z for z in stack.residual])])
+        self.numbers = np.concatenate([[0], np.cumsum([len(z) for z in stack.residual])])
 
     @cached_property
     def own(self) -> list[F64]:
         """Each group's (3, n − begin + 1, causes, p, p)."""
-        found = []
-        for _, at in self.groups:
+        grams = []
+        for _, columns in self.groups:
             products = (
-                x[:, at].transpose(1, 2, 0) @ x[:, at].transpose(1, 0, 2)
-                for x in self.of.columns[self.begin :]
+                x[:, columns].transpose(1, 2, 0) @ x[:, columns].transpose(1, 0, 2)
+                for x in self.stack.columns[self.begin :]
             )
-            found.append(self._since_begin(3, products, (*at.shape, at.shape[1])))
-        return found
+            grams.append(self._since_begin(3, products, (*columns.shape, columns.shape[1])))
+        return grams
 
     @cached_property
     def towards(self) -> F64:
         """(2, n − begin + 1, C)."""
-        pairs = zip(self._columns(), self.of.residual[self.begin :], strict=True)
+        pairs = zip(self._columns(), self.stack.residual[self.begin :], strict=True)
         return self._since_begin(2, (x.T @ z for x, z in pairs), self._order.shape)
 
     @cached_property
     def cross(self) -> F64:
         """(2, n − begin + 1, C, q)."""
-        pairs = zip(self._columns(), self.of.known[self.begin :], strict=True)
-        shape = (len(self._order), self.of.known[0].shape[1])
+        pairs = zip(self._columns(), self.stack.known[self.begin :], strict=True)
+        shape = (len(self._order), self.stack.known[0].shape[1])
         return self._since_begin(2, (x.T @ k for x, k in pairs), shape)
 
     def _columns(self) -> Iterator[F64]:
-        return (x[:, self._order] for x in self.of.columns[self.begin :])
+        return (x[:, self._order] for x in self.stack.columns[self.begin :])
 
-    def _since_begin(self, powers: int, of: Iterable[F64], shape: tuple[int, ...]) -> F64:
-        return _cumulated(self._powers[:powers, self.begin :], of, shape)
+    def _since_begin(self, powers: int, products: Iterable[F64], shape: tuple[int, ...]) -> F64:
+        return _cumulated(self._powers[:powers, self.begin :], products, shape)
 
     def upto(self, n: int) -> CheckSums:
         """Of the first *n* checks."""
@@ -246,21 +250,23 @@ class RunningSums:
         # A growth is dated by the check before its first one.
         begin = max(0, n - back - len(left_out) - 1)
 
-        def dropped(of: F64, axis: int, kept_from: int) -> F64:
-            some = np.moveaxis(of, axis, 0)[begin - kept_from : n + 1 - kept_from]
-            for at in sorted((i - begin for i in left_out), reverse=True):
-                its = some[at + 1] - some[at]
-                some = np.concatenate([some[: at + 1], some[at + 2 :] - its])
-            return np.moveaxis(some, 0, axis)
+        def dropped(values: F64, axis: int, kept_from: int) -> F64:
+            sums = np.moveaxis(values, axis, 0)[begin - kept_from : n + 1 - kept_from]
+            for place in sorted((i - begin for i in left_out), reverse=True):
+                its = sums[place + 1] - sums[place]
+                sums = np.concatenate([sums[: place + 1], sums[place + 2 :] - its])
+            return np.moveaxis(sums, 0, axis)
 
         new = copy(self)
-        new.of, new.begin = self.of.only([i for i in range(begin, n) if i not in left_out]), 0
+        new.stack, new.begin = self.stack.only([i for i in range(begin, n) if i not in left_out]), 0
         new.known, new.known_towards, new.square, new.numbers = (
-            dropped(one, 0, 0)
-            for one in (self.known, self.known_towards, self.square, self.numbers)
+            dropped(values_of_all, 0, 0)
+            for values_of_all in (self.known, self.known_towards, self.square, self.numbers)
         )
-        new.own = [dropped(own, 1, self.begin) for own in self.own]
-        new.towards, new.cross = (dropped(one, 1, self.begin) for one in (self.towards, self.cross))
+        new.own = [dropped(gram, 1, self.begin) for gram in self.own]
+        new.towards, new.cross = (
+            dropped(values_of_all, 1, self.begin) for values_of_all in (self.towards, self.cross)
+        )
         return new, begin
 
     def begun(self, first: I64, n: int, rotation: F64) -> Iterator[Begun]:
@@ -271,28 +277,28 @@ class RunningSums:
         turned = (self.cross[:, since].reshape(-1, shape[-1]) @ rotation.T).reshape(shape)
         cross = (self.cross[:, until] @ rotation.T)[:, None] - turned
         towards = self.towards[:, until, None] - self.towards[:, since]
-        owns = [own[:, until, None] - own[:, since] for own in self.own]
-        yield Begun(cross[0], towards[0], [own[0] for own in owns])
+        owns = [gram[:, until, None] - gram[:, since] for gram in self.own]
+        yield Begun(cross[0], towards[0], [gram[0] for gram in owns])
         a = (origin := self.origin(first, n))[:, None]
         b = origin[:, None, None, None]
         yield Begun(
             cross[1] - a[:, :, None] * cross[0],
             towards[1] - a * towards[0],
-            [own[2] - 2 * b * own[1] + b**2 * own[0] for own in owns],
+            [gram[2] - 2 * b * gram[1] + b**2 * gram[0] for gram in owns],
         )
 
     def origin(self, first: I64, n: int) -> F64:
         """(T,) when a growth begins that first shows at check *first* of *n*, in units of
         `RAMP_DAYS`."""
-        days = self.of.time_d[:n] / RAMP_DAYS
-        before = np.concatenate([[days[0] - gap_d(self.of.time_d[:n]) / RAMP_DAYS], days[:-1]])
+        days = self.stack.time_d[:n] / RAMP_DAYS
+        before = np.concatenate([[days[0] - gap_d(self.stack.time_d[:n]) / RAMP_DAYS], days[:-1]])
         return before[first]
 
 
-def _cumulated(powers: F64, of: Iterable[F64], shape: tuple[int, ...]) -> F64:
+def _cumulated(powers: F64, products: Iterable[F64], shape: tuple[int, ...]) -> F64:
     """(powers, n + 1, *shape) sums of *of*, n of that shape, times powers of time (powers, n)."""
     sums = np.zeros((len(powers), powers.shape[1] + 1, *shape))
-    for i, one in enumerate(of):
+    for i, product in enumerate(products):
         for power, total in zip(powers[:, i], sums, strict=True):
-            np.add(total[i], power * one, out=total[i + 1])
+            np.add(total[i], power * product, out=total[i + 1])
     return sums

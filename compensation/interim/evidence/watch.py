@@ -51,7 +51,7 @@ class Standing:
 
 
 def watch(
-    of: Stack,
+    stack: Stack,
     causes: Sequence[Cause],
     since: int = 0,
     known_bad: Sequence[int] = (),
@@ -61,29 +61,29 @@ def watch(
     checks may have *begun* it already."""
     watched = len(begun.statistic)
     settled = list(begun.bad) if watched else [i for i in known_bad if i < since]
-    statistics = np.full(of.n, np.nan)
+    statistics = np.full(stack.n, np.nan)
     statistics[since : since + watched] = begun.statistic
     doubted: list[int] = []
-    sums, kept = _sums(of, settled, since + watched)
+    sums, good = _sums(stack, settled, since + watched)
     quiet = begun
-    for n in range(since + watched + 1, of.n + 1):
+    for n in range(since + watched + 1, stack.n + 1):
         quiet = Quiet(tuple(statistics[since : n - 1].tolist()), tuple(settled))
-        count, begins = (bisect_left(kept, at) for at in (n, since))
-        open_ = range(bisect_left(kept, max(since, n - UNSETTLED)), count)
-        places = list(spoilt(sums.of, sums.upto(count), open_)) if count > 1 else []
+        count, begins = (bisect_left(good, check) for check in (n, since))
+        open_ = range(bisect_left(good, max(since, n - UNSETTLED)), count)
+        places = list(spoilt(sums.stack, sums.upto(count), open_)) if count > 1 else []
         if places:
             standing = _weighed(sums, causes, begins, count, places)
         else:
             standing = Standing(_log_ratio(sums, causes, begins, count), False, ())
-        doubted = [kept[i] for i in places]
+        doubted = [good[i] for i in places]
         statistics[n - 1] = standing.statistic
         if standing.statistic >= LIMIT:
-            bad = tuple(sorted({*settled, *(kept[i] for i in standing.bad)}))
+            bad = tuple(sorted({*settled, *(good[i] for i in standing.bad)}))
             return Watched(statistics, n - 1, standing.strange, bad, quiet)
         past = [i for i in doubted if i <= n - UNSETTLED]
         if past:
             settled = sorted({*settled, *past})
-            sums, kept = _sums(of, settled, n)
+            sums, good = _sums(stack, settled, n)
     return Watched(statistics, None, False, tuple(sorted({*settled, *doubted})), quiet)
 
 
@@ -96,44 +96,46 @@ def _weighed(
 ) -> Standing:
     """Log odds of a change from check *begins* on, after *count* checks, whichever of the *doubted*
     are bad."""
-    of, every = sums.of, sums.upto(count)
-    rest = log_marginal(of, _without(of, every, doubted))
-    alone = {
-        i: log_marginal(of, with_it) - rest + Rest(of, with_it).log_evidence(i)
+    stack, every = sums.stack, sums.upto(count)
+    without_doubted = log_marginal(stack, _without(stack, every, doubted))
+    spoilt_log = {
+        i: log_marginal(stack, with_it) - without_doubted + Rest(stack, with_it).log_evidence(i)
         for i in doubted
-        for with_it in [_without(of, every, [k for k in doubted if k != i])]
+        for with_it in [_without(stack, every, [k for k in doubted if k != i])]
     }
-    ways = [way for k in range(len(doubted) + 1) for way in combinations(doubted, k)]
-    nothing, change = np.empty((2, len(ways)))
-    for w, way in enumerate(ways):
-        bad = sum(alone[i] - np.log(ONE_IN) for i in way)
-        nothing[w] = bad + log_marginal(of, _without(of, every, way))
-        good, begin = sums.dropping(way, count, MOST_BACK)
-        onsets = max(begins - sum(i < begins for i in way) - begin, 0)
-        change[w] = nothing[w] + _log_ratio(good, causes, onsets, good.of.n)
+    combinations_of_bad = [
+        chosen for k in range(len(doubted) + 1) for chosen in combinations(doubted, k)
+    ]
+    nothing, change = np.empty((2, len(combinations_of_bad)))
+    for w, chosen in enumerate(combinations_of_bad):
+        bad = sum(spoilt_log[i] - np.log(ONE_IN) for i in chosen)
+        nothing[w] = bad + log_marginal(stack, _without(stack, every, chosen))
+        good, begin = sums.dropping(chosen, count, MOST_BACK)
+        onsets = max(begins - sum(i < begins for i in chosen) - begin, 0)
+        change[w] = nothing[w] + _log_ratio(good, causes, onsets, good.stack.n)
     nameless = -np.inf
     if len(doubted) == UNSETTLED:
-        nameless = np.log(STRANGE) + rest + sum(alone.values())
+        nameless = np.log(STRANGE) + without_doubted + sum(spoilt_log.values())
     strange = bool(nameless > logsumexp(change))
     return Standing(
         statistic=float(logsumexp([*change, nameless]) - logsumexp(nothing)),
         strange=strange,
-        bad=() if strange else tuple(ways[int(np.argmax(change))]),
+        bad=() if strange else tuple(combinations_of_bad[int(np.argmax(change))]),
     )
 
 
-def _without(of: Stack, sums: CheckSums, left_out: Sequence[int]) -> CheckSums:
+def _without(stack: Stack, sums: CheckSums, left_out: Sequence[int]) -> CheckSums:
     for i in left_out:
-        sums = sums.without(of.known[i], of.residual[i])
+        sums = sums.without(stack.known[i], stack.residual[i])
     return sums
 
 
-def _sums(of: Stack, left_out: Sequence[int], watched: int) -> tuple[RunningSums, list[int]]:
+def _sums(stack: Stack, left_out: Sequence[int], watched: int) -> tuple[RunningSums, list[int]]:
     """Of all checks but those *left_out*, and which these are; the first *watched* are no news."""
-    kept = [i for i in range(of.n) if i not in left_out]
+    good = [i for i in range(stack.n) if i not in left_out]
     back = MOST_BACK + UNSETTLED + 1  # some of the last may be left out, too
-    begin = max(0, bisect_left(kept, watched + 1) - back)
-    return RunningSums(of.only(kept), begin), kept
+    begin = max(0, bisect_left(good, watched + 1) - back)
+    return RunningSums(stack.only(good), begin), good
 
 
 def _log_ratio(sums: RunningSums, causes: Sequence[Cause], begins: int, count: int) -> float:

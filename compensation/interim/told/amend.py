@@ -13,7 +13,7 @@ from armd.compensation.interim.changes.change import (
     Change,
     amplitude_sizes,
     columns_of,
-    n_amplitudes,
+    count_amplitudes,
     shapes,
 )
 from armd.compensation.interim.checks.columns import Cause
@@ -69,7 +69,7 @@ def fit(
         if change.cause is None:
             split.append(np.zeros((0, 0)))
             continue
-        count = n_amplitudes(of, change)
+        count = count_amplitudes(of, change)
         split.append(values[at : at + count].reshape(1 + len(change.bends_d), -1))
         at += count
     return Amplitudes(tuple(split), cov)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armd.compensation.interim.changes.change import Change, Way, n_amplitudes
+from armd.compensation.interim.changes.change import Change, Way, count_amplitudes
 from armd.compensation.interim.changes.growth import FEW_BENDS
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.beside import Beside
@@ -109,7 +109,7 @@ def averaged(
             distinct.setdefault(_key(number, change), (number, change))
             shares[_key(number, change)] = shares.get(_key(number, change), 0.0) + share
     keys = sorted(distinct, key=lambda key: distinct[key][0])
-    sizes = [n_amplitudes(of, distinct[key][1]) for key in keys]
+    sizes = [count_amplitudes(of, distinct[key][1]) for key in keys]
     ends = np.cumsum(sizes)
     slots = {key: np.arange(end - n, end) for key, n, end in zip(keys, sizes, ends, strict=True)}
     width = int(ends[-1]) if len(ends) else 0

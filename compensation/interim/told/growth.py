@@ -65,7 +65,7 @@ def find_growth(
         return None
     reduced = [check.reduced for check in checks]
     without = stack([_without_growth(one) for one in reduced], causes)
-    without = without.at(of.share / without.share)
+    without = without.rescale(of.share / without.share)
     own = [one.known[:, _is_growth(one)] for one in reduced]
     beside = columns_of(without, changes)
     found = _fit(without, own, beside, good)

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from armd.compensation.interim.changes.change import ChangesFound, shapes, with_changes
 from armd.compensation.interim.changes.dated import between, instant
 from armd.compensation.interim.changes.find import find
-from armd.compensation.interim.changes.ways import ways
+from armd.compensation.interim.changes.ways import list_ways
 from armd.compensation.interim.checks.columns import Cause, causes_of
 from armd.compensation.interim.checks.history import Check, iso
 from armd.compensation.interim.evidence.likelihood import at_its_share
@@ -46,10 +46,10 @@ def _epoch(checks: tuple[Check, ...], before: Looked) -> Epoch:
     # What is there all along shows where neither changes nor bad checks are taken for it.
     good = [i for i in range(stacked.n) if i not in found.bad]
     explained = with_changes(stacked, found.changes).only(good)
-    stacked = stacked.at(at_its_share(explained).share / stacked.share)
+    stacked = stacked.rescale(at_its_share(explained).share / stacked.share)
     amplitudes = fit(stacked, causes, found.changes, found.bad)
     instants = [instant(reduced, stacked, change, found.bad) for change in found.changes]
-    possible = ways(stacked, causes, found.changes, found.bad)
+    possible = list_ways(stacked, causes, found.changes, found.bad)
     grown = find_growth(checks, stacked, causes, found.changes, found.bad)
     under = calibration.content if grown is None else grown.calibration
     rows = len(under.covariance_of)

@@ -148,7 +148,7 @@ def telling(epoch: Epoch, index: int) -> Tomorrow | None:
 def _stack(epoch: Epoch, checks: Sequence[Reduced]) -> Stack:
     """*checks* stacked, what is wrong all along as large as in the epoch."""
     of = stack(checks, epoch.causes)
-    return of.at(epoch.stack.share / of.share)
+    return of.rescale(epoch.stack.share / of.share)
 
 
 def _causes(ways: Sequence[tuple[Change, ...]], index: int) -> list[int]:
