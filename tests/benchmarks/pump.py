@@ -11,12 +11,12 @@ import sys
 import time
 
 from armd.drivers.serial import wire
-from armd.simulator.live.electronics import BITS
+from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.live.pty_port import PtyPort
 
 JOINTS, SENSORS = 6, 6
 SETTLE_HZ = 1000  # first of all, and not counted
-HELLO = wire.Hello(1, JOINTS, SENSORS, 1000, 1, "SIM-0001", (BITS,) * JOINTS)
+HELLO = wire.Hello(1, JOINTS, SENSORS, 1000, 1, "SIM-0001", (COUNTS_PER_TURN,) * JOINTS)
 TICK_S = 0.001
 PAUSE_S = 0.4  # what is on its way arrives; longer would be silence
 
