@@ -41,7 +41,10 @@ class Before(NamedTuple):
 
 @dataclass
 class Homing:
-    """Of one session. *counts_per_turn* (N,); *before*: None where no homing was lost."""
+    """Of one session. *counts_per_turn* (N,); *before*: None where no homing was lost.
+
+    Recordings have its fields by these names (`state`).
+    """
 
     counts_per_turn: Sequence[int]
     before: Before | None = None
@@ -49,13 +52,11 @@ class Homing:
     unconfirmed: bool = False  # HOME was acknowledged, and is not believed yet
     _home: Sequence[int] | None = None  # counts in the rest, or in what may be it
     _last: tuple[int, int | None] | None = None  # instant and timer of the last reading when homed
-    _rest_counts: Sequence[int] = ()
+    _rest: Sequence[int] = ()
     _rest_since_ns: int = 0
     _buttons: int | None = None  # of the last reading
     _pressed_ns: int | None = None  # a press that asks for HOME
-    _home_sent: bool = (
-        False  # HOME was sent in this session: the counts are no more those of before
-    )
+    _asked: bool = False  # HOME was sent in this session: the counts are no more those of before
     _doubt: str = ""  # why the press that asks for HOME needs another one
     _lifted: bool = False  # since HOME
     _quickest_ns: int | None = None  # reply of this session, which tells most of the timer
@@ -87,7 +88,7 @@ class Homing:
 
     def note_sent(self) -> None:
         """HOME goes out."""
-        self._home_sent = True
+        self._asked = True
 
     def acknowledged(self) -> bool:
         """HOME was; whether the arm counts as homed."""
@@ -113,12 +114,9 @@ class Homing:
         """A reading of the arm that is not homed, *took_ns* from its request to its reply; why a
         press was refused, if one was."""
         self._look_at_timer(at_ns, ticks, took_ns)
-        moved = (
-            not self._rest_counts
-            or self._largest_difference(counts, self._rest_counts)[0] > REST_DEG
-        )
+        moved = not self._rest or self._largest_difference(counts, self._rest)[0] > REST_DEG
         if moved:
-            self._rest_counts, self._rest_since_ns = tuple(counts), at_ns
+            self._rest, self._rest_since_ns = tuple(counts), at_ns
         if self.unconfirmed:
             self._home = tuple(counts) if self._home is None else self._home
             self._lifted |= self._largest_difference(counts, self._home)[0] > LIFTED_DEG
@@ -147,7 +145,7 @@ class Homing:
         """Why *counts* may not be those of the stylus in its rest; empty if they are."""
         if self.before is None:
             return ""
-        if self._home_sent or not self._ran_on:
+        if self._asked or not self._ran_on:
             return "nothing tells whether the stylus is in its rest, as the arm may have been off"
         degrees, joint = self._largest_difference(counts, self.before.home)
         if degrees <= BACK_DEG:

@@ -227,3 +227,17 @@ def test_what_is_known_outlives_sessions_that_are_not_homed() -> None:
     assert session.homing.lost() == Before(counts_of(HOME), 99, 7)
     again = Homing.restored(session.homing.state())
     assert again == session.homing and again.lost() == session.homing.lost()
+
+
+def test_a_recording_of_an_earlier_version_is_restored() -> None:
+    """Recordings have the fields by their names, which therefore stay."""
+    recorded = {
+        "counts_per_turn": [40000] * 5, "before": [[1, 2, 3, 4, 5], 7, None], "homed": True,
+        "unconfirmed": False, "_home": [1, 2, 3, 4, 5], "_last": [9, None],
+        "_rest": [1, 2, 3, 4, 5],
+        "_rest_since_ns": 3, "_buttons": 0, "_pressed_ns": None, "_asked": True, "_doubt": "",
+        "_lifted": False, "_quickest_ns": None, "_ran_on": False,
+    }  # fmt: skip
+    restored = Homing.restored(recorded)
+    assert restored.homed and restored.before == Before([1, 2, 3, 4, 5], 7, None)
+    assert set(restored.state()) == set(recorded)
