@@ -13,7 +13,7 @@ from armd.compensation.design.conditions import POOL
 from armd.compensation.design.design import Experiment
 from armd.compensation.design.design import design as choose
 from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
-from armd.compensation.diagnose.told.advice import next_experiment
+from armd.compensation.diagnose.report.advice import next_experiment
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellShare
 from armd.errors import BadInput

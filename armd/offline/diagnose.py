@@ -10,7 +10,7 @@ from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
 from armd.compensation.diagnose.diagnosis import Diagnosis as Details
 from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.predictive.curves import ResidualComparison, compare
-from armd.compensation.diagnose.told.result import as_json
+from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.odd_session import refuse_mistakes

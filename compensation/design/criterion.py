@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.told.advice import Doubt, alike
+from armd.compensation.diagnose.report.advice import Doubt, alike
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import jacobian

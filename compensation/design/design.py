@@ -29,7 +29,7 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import IDENTIFIED, finding
 from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.told.advice import most_doubtful
+from armd.compensation.diagnose.report.advice import most_doubtful
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm

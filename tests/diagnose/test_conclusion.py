@@ -11,7 +11,7 @@ import pytest
 from armd.compensation.diagnose.conclusion import lower_odds, name_outliers
 from armd.compensation.diagnose.diagnosis import Finding, Outlier
 from armd.compensation.diagnose.problem.layout import EXPANSIONS
-from armd.compensation.diagnose.told.verdict import _nothing_found
+from armd.compensation.diagnose.report.verdict import _nothing_found
 from support.small_fit import candidate
 
 

@@ -10,11 +10,11 @@ import pytest
 from armd.compensation.diagnose.constants import CURVE_POINTS, SHAPE_OFF
 from armd.compensation.diagnose.diagnosis import Finding, Rival
 from armd.compensation.diagnose.fitting.curves import as_curve, orders_of
+from armd.compensation.diagnose.report.advice import alike, next_experiment
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
 from armd.compensation.diagnose.search.findings import _honest as honest
 from armd.compensation.diagnose.search.findings import likelier_rival
 from armd.compensation.diagnose.search.findings import nearest_step as nearest
-from armd.compensation.diagnose.told.advice import alike, next_experiment
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, join_finding
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns

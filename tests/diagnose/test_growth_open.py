@@ -15,7 +15,7 @@ from armd.compensation.diagnose.fitting.growth_open import (
     without_growth,
 )
 from armd.compensation.diagnose.problem.baseline import from_calibration
-from armd.compensation.diagnose.told.verdict import verdict
+from armd.compensation.diagnose.report.verdict import verdict
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.thermal.terms import length_terms

@@ -6,7 +6,7 @@ import numpy as np
 
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.told.result import as_json
+from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.identify.calibrate import Options, calibrate
 from support import synthetic
 from support.selection import parametrize_default

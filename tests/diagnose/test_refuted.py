@@ -16,7 +16,7 @@ from armd.compensation.diagnose.heldout.refuted import (
     predicts_better,
     refuted_findings,
 )
-from armd.compensation.diagnose.told.verdict import verdict
+from armd.compensation.diagnose.report.verdict import verdict
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.terms import Term

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.told.sizes import curve_size, size_known, tip_rms_um
+from armd.compensation.diagnose.report.sizes import curve_size, size_known, tip_rms_um
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns

@@ -9,10 +9,10 @@ import pytest
 
 from armd.compensation.diagnose.constants import ENOUGH
 from armd.compensation.diagnose.diagnosis import Explained, Finding
+from armd.compensation.diagnose.report import verdict
 from armd.compensation.diagnose.scoring.shape import shape_place
 from armd.compensation.diagnose.search import explains, findings
 from armd.compensation.diagnose.search.explains import explain
-from armd.compensation.diagnose.told import verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, Winding
 from support.small_fit import candidate, small_fit

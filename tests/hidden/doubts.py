@@ -19,7 +19,7 @@ from armd.compensation.design.design import Experiment, design
 from armd.compensation.diagnose.constants import SURE
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.told.advice import Doubt, most_doubtful
+from armd.compensation.diagnose.report.advice import Doubt, most_doubtful
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design

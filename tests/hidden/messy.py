@@ -16,7 +16,7 @@ from cases import at_most
 
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.told.result import as_json
+from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm, load_arm

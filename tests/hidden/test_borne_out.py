@@ -23,8 +23,8 @@ from armd.compensation.diagnose.heldout.borne_out import (
 )
 from armd.compensation.diagnose.heldout.gain import gain
 from armd.compensation.diagnose.heldout.judge import Look
-from armd.compensation.diagnose.told.result import as_json
-from armd.compensation.diagnose.told.verdict import um, verdict
+from armd.compensation.diagnose.report.result import as_json
+from armd.compensation.diagnose.report.verdict import um, verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.arm import load_arm

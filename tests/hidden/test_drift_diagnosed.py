@@ -14,8 +14,8 @@ from sweep import CONSTANTS, ROOM, changed
 
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.diagnose.search import explains
-from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from cases import NOISES, run_case
 
-from armd.compensation.diagnose.told.sizes import tip_rms_um
+from armd.compensation.diagnose.report.sizes import tip_rms_um
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.simulator.campaigns.hidden import DESIGNS, Design

@@ -11,7 +11,7 @@ import pytest
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.told.verdict import verdict
+from armd.compensation.diagnose.report.verdict import verdict
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case

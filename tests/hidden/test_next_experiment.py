@@ -12,7 +12,7 @@ import pytest
 from doubts import Doubtful, settle
 
 from armd.compensation.design.criterion import ASKED, Between
-from armd.compensation.diagnose.told.advice import next_experiment
+from armd.compensation.diagnose.report.advice import next_experiment
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main

@@ -13,10 +13,10 @@ from armd.compensation.data.session import Session, load_session
 from armd.compensation.design.conditions import draw_poses
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.report.result import as_json
+from armd.compensation.diagnose.report.sizes import size_known
+from armd.compensation.diagnose.report.verdict import verdict
 from armd.compensation.diagnose.search.findings import as_told
-from armd.compensation.diagnose.told.result import as_json
-from armd.compensation.diagnose.told.sizes import size_known
-from armd.compensation.diagnose.told.verdict import verdict
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.calibrate import calibrate

@@ -25,9 +25,9 @@ from whole_path import whole_path
 
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence import likelihood
-from armd.compensation.interim.told.judge import judge
-from armd.compensation.interim.told.judgement import Epoch, Judgement
-from armd.compensation.interim.told.tomorrow import Advised, tomorrow
+from armd.compensation.interim.report.judge import judge
+from armd.compensation.interim.report.judgement import Epoch, Judgement
+from armd.compensation.interim.report.tomorrow import Advised, tomorrow
 from armd.simulator.campaigns import interim
 
 #: Of each history without a change that is measured and added.

@@ -26,10 +26,10 @@ from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import SIZES
 from armd.compensation.interim.evidence.stack import ALL_ALONG, DAY_S, RAMP_DAYS, TRUST, stack
 from armd.compensation.interim.evidence.watch import watch
-from armd.compensation.interim.told import tomorrow
-from armd.compensation.interim.told.judge import judge
-from armd.compensation.interim.told.judgement import Epoch, Judgement
-from armd.compensation.interim.told.planned import Planned, as_check, rows
+from armd.compensation.interim.report import tomorrow
+from armd.compensation.interim.report.judge import judge
+from armd.compensation.interim.report.judgement import Epoch, Judgement
+from armd.compensation.interim.report.planned import Planned, as_check, rows
 from armd.simulator.campaigns import interim
 
 #: Checks of a history, at which of them a change may begin, and how many more are waited for.

@@ -14,8 +14,8 @@ from armd.arrays import F64
 from armd.compensation.estimate.poses import rigid_columns
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.signals import Signals
-from armd.compensation.interim.told.amend import Amplitudes, amended, fit
-from armd.compensation.interim.told.judgement import Epoch
+from armd.compensation.interim.report.amend import Amplitudes, amended, fit
+from armd.compensation.interim.report.judgement import Epoch
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.state import States
 from armd.simulator.campaigns import interim

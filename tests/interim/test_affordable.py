@@ -14,8 +14,8 @@ from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.changes.ways import Way
 from armd.compensation.interim.checks.columns import Cause, causes_of
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.told.amend import amended
-from armd.compensation.interim.told.averaged import MOST_ROWS, _terms, affordable, averaged
+from armd.compensation.interim.report.amend import amended
+from armd.compensation.interim.report.averaged import MOST_ROWS, _terms, affordable, averaged
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, load_calibration, save_calibration
 from armd.errors import BadInput

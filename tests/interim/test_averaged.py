@@ -14,8 +14,8 @@ from armd.compensation.interim.changes.ways import list_ways
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, SIZES
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.told.amend import fit
-from armd.compensation.interim.told.averaged import Averaged, averaged
+from armd.compensation.interim.report.amend import fit
+from armd.compensation.interim.report.averaged import Averaged, averaged
 
 
 def a_step(of: Stack, cause: int, first: int) -> Change:

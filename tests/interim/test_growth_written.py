@@ -11,7 +11,7 @@ import pytest
 from armd.compensation.interim.checks.catalogue_digest import digest
 from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.interim.checks.open_growth import OpenGrowth, open_growth
-from armd.compensation.interim.told.growth import LinkGrowth, with_growth
+from armd.compensation.interim.report.growth import LinkGrowth, with_growth
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import Temperature
 from support import synthetic

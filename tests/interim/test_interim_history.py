@@ -22,7 +22,7 @@ from armd import __version__
 from armd.compensation.interim.checks import appending
 from armd.compensation.interim.checks.chain import REPORT
 from armd.compensation.interim.checks.columns import causes_of
-from armd.compensation.interim.told import remembered
+from armd.compensation.interim.report import remembered
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of, save_calibration
 from armd.daemon.commands.offline import interim

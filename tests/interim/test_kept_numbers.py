@@ -13,7 +13,7 @@ import pytest
 
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.statistics import DIGITS, from_json, to_json
-from armd.compensation.interim.told.judgement import Epoch, Judgement
+from armd.compensation.interim.report.judgement import Epoch, Judgement
 from armd.errors import BadInput
 
 SHARED = ("known_names", "target_names", "certified", "catalogue", "readings", "mean_unix_s")

@@ -20,7 +20,7 @@ from armd.compensation.data.session import load_sessions
 from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
-from armd.compensation.interim.told import tomorrow
+from armd.compensation.interim.report import tomorrow
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.simulator.plants.plant import Plant

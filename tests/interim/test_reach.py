@@ -11,8 +11,8 @@ from armd.compensation.effects.location import joint
 from armd.compensation.estimate.poses import rigid_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.signals import Signals
-from armd.compensation.interim.told.planned import POOL, THERE_MM, as_check, planned, rows
-from armd.compensation.interim.told.reach import poses, tip_rms_um
+from armd.compensation.interim.report.planned import POOL, THERE_MM, as_check, planned, rows
+from armd.compensation.interim.report.reach import poses, tip_rms_um
 from support import synthetic
 from support.drawn import drawn
 from support.plain_kinematics import tip_pose

@@ -30,7 +30,7 @@ from armd.compensation.interim.evidence.quiet import (
 )
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.evidence.watch import watch
-from armd.compensation.interim.told.remembered import NOTHING, WATCHED, code, recall, remember
+from armd.compensation.interim.report.remembered import NOTHING, WATCHED, code, recall, remember
 from support.selection import parametrize_default
 
 

@@ -22,10 +22,10 @@ HELD_BY = {
     "interim/points/judge": POINTS,
     "interim/points/page": POINTS,
     "interim/points/result": POINTS,
-    "interim/told/judge": HISTORY,
-    "interim/told/page": HISTORY,
-    "interim/told/result": HISTORY,
-    "interim/told/single": "interim/test_checks_gone_wrong.py",
+    "interim/report/judge": HISTORY,
+    "interim/report/page": HISTORY,
+    "interim/report/result": HISTORY,
+    "interim/report/single": "interim/test_checks_gone_wrong.py",
 }
 
 

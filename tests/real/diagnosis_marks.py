@@ -23,8 +23,8 @@ from armd.arrays import F64, Mask
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.told.result import needs_of, place_of
-from armd.compensation.diagnose.told.verdict import verdict
+from armd.compensation.diagnose.report.result import needs_of, place_of
+from armd.compensation.diagnose.report.verdict import verdict
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.evaluation.evaluate import evaluate

@@ -24,7 +24,7 @@ from armd.compensation.diagnose.problem.linear import ModelState, Rests
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
-from armd.compensation.diagnose.told.verdict import verdict
+from armd.compensation.diagnose.report.verdict import verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.catalogue import candidates
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column

@@ -14,8 +14,8 @@ from convert import ROBOTS, convert
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.neighbourhood import possible
-from armd.compensation.diagnose.told.result import as_json
-from armd.compensation.diagnose.told.verdict import verdict
+from armd.compensation.diagnose.report.result import as_json
+from armd.compensation.diagnose.report.verdict import verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.gauge import PLAUSIBLE

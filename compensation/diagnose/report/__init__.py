@@ -1,1 +1,1 @@
-"""What is said of a diagnosis: to a person, to a program, and what to do next."""
+"""The report of a diagnosis: to a person, to a program, and what to do next."""

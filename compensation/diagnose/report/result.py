@@ -11,15 +11,15 @@ from armd.compensation.diagnose.constants import MOST_PARTS
 from armd.compensation.diagnose.diagnosis import Diagnosis, Explained, Finding, Gain, Touched
 from armd.compensation.diagnose.fitting.target_steps import TargetStep, target_steps
 from armd.compensation.diagnose.problem.amplitudes import is_curve
-from armd.compensation.diagnose.told.advice import next_experiment
-from armd.compensation.diagnose.told.sizes import (
+from armd.compensation.diagnose.report.advice import next_experiment
+from armd.compensation.diagnose.report.sizes import (
     curve_size,
     parameters_of,
     row,
     size_known,
     tip_rms_um,
 )
-from armd.compensation.diagnose.told.verdict import touched_in_words, verdict
+from armd.compensation.diagnose.report.verdict import touched_in_words, verdict
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.location import ROWS

@@ -21,7 +21,7 @@ from armd.compensation.diagnose.fitting.growth_open import explain_missing_growt
 from armd.compensation.diagnose.fitting.target_steps import steps, target_steps
 from armd.compensation.diagnose.problem.layout import EXPANSIONS
 from armd.compensation.diagnose.problem.rests import spare_rows
-from armd.compensation.diagnose.told.sizes import size_known
+from armd.compensation.diagnose.report.sizes import size_known
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.wording import clock, plain

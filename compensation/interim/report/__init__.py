@@ -1,1 +1,1 @@
-"""What is told of a history: the result, the page, the mended calibration, the next check."""
+"""The report of a history: result, page, repaired calibration, next check."""

@@ -21,7 +21,7 @@ from armd.compensation.interim.changes.growth import FEW_BENDS
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.beside import Beside
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.told.amend import Amplitudes, fit, telling_checks
+from armd.compensation.interim.report.amend import Amplitudes, fit, telling_checks
 
 #: A calibration file has a covariance of so many rows at most: a file of more than 100 000 values
 #: is refused (`armd.files.schema`).

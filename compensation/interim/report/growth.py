@@ -18,7 +18,7 @@ from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.beside import Beside
 from armd.compensation.interim.evidence.likelihood import KnownErrors, known_errors
 from armd.compensation.interim.evidence.stack import Stack, stack
-from armd.compensation.interim.told.amend import telling_checks
+from armd.compensation.interim.report.amend import telling_checks
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 

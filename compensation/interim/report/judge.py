@@ -17,12 +17,12 @@ from armd.compensation.interim.checks.history import Check, iso
 from armd.compensation.interim.evidence.likelihood import at_its_share
 from armd.compensation.interim.evidence.quiet import Looked
 from armd.compensation.interim.evidence.stack import Stack, stack
-from armd.compensation.interim.told.amend import Amplitudes, amended, at_the_end, fit
-from armd.compensation.interim.told.averaged import Averaged, affordable, averaged
-from armd.compensation.interim.told.growth import find_growth
-from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
-from armd.compensation.interim.told.reach import tip_rms_um
-from armd.compensation.interim.told.remembered import NOTHING, Remembered
+from armd.compensation.interim.report.amend import Amplitudes, amended, at_the_end, fit
+from armd.compensation.interim.report.averaged import Averaged, affordable, averaged
+from armd.compensation.interim.report.growth import find_growth
+from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
+from armd.compensation.interim.report.reach import tip_rms_um
+from armd.compensation.interim.report.remembered import NOTHING, Remembered
 from armd.compensation.model.calibration import Calibration
 
 

@@ -9,7 +9,7 @@ from armd.compensation.interim.changes.change import Change, ChangesFound, Way
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.told.growth import Grown
+from armd.compensation.interim.report.growth import Grown
 from armd.compensation.model.calibration import Calibration
 
 

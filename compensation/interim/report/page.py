@@ -14,8 +14,8 @@ from armd.compensation.data.session_files import READINGS
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.interim.changes.change import shapes
 from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
-from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
-from armd.compensation.interim.told.result import in_words
+from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
+from armd.compensation.interim.report.result import in_words
 from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, instants
 from armd.compensation.report.coverage import add_coverage

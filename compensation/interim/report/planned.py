@@ -16,7 +16,7 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals
-from armd.compensation.interim.told.reach import poses
+from armd.compensation.interim.report.reach import poses
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import forward

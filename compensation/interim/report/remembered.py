@@ -25,7 +25,7 @@ from armd import __version__
 from armd.compensation.interim.checks.history import STATISTICS, Check
 from armd.compensation.interim.evidence.likelihood import LIMIT
 from armd.compensation.interim.evidence.quiet import NEVER_YET, EpochLook, Looked, Quiet
-from armd.compensation.interim.told.judgement import Judgement
+from armd.compensation.interim.report.judgement import Judgement
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_json
 from armd.files.writing import write_changed

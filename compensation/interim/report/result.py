@@ -10,8 +10,8 @@ from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check, iso
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
-from armd.compensation.interim.told.growth import SURE, Grown
-from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
+from armd.compensation.interim.report.growth import SURE, Grown
+from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
 from armd.compensation.wording import ARC_SECOND, minute, plain
 from armd.terminal.counted import counted
 

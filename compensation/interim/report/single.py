@@ -12,7 +12,7 @@ from armd.compensation.identify.admission.far_off import FarOff, distances_mm, f
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.interim.checks import history
 from armd.compensation.interim.checks.history import Check
-from armd.compensation.interim.told.judgement import Judgement
+from armd.compensation.interim.report.judgement import Judgement
 
 #: Whether a check is bad is open until so many later ones are there.
 UNDECIDED = 3

@@ -14,11 +14,11 @@ from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.stack import Stack, stack
-from armd.compensation.interim.told.amend import telling_checks
-from armd.compensation.interim.told.judgement import Epoch, Judgement
-from armd.compensation.interim.told.planned import as_check, planned, rows
-from armd.compensation.interim.told.result import named
-from armd.compensation.interim.told.telling import (
+from armd.compensation.interim.report.amend import telling_checks
+from armd.compensation.interim.report.judgement import Epoch, Judgement
+from armd.compensation.interim.report.planned import as_check, planned, rows
+from armd.compensation.interim.report.result import named
+from armd.compensation.interim.report.telling import (
     all_of,
     best_poses,
     by_place,

@@ -11,7 +11,7 @@ from typing import Any
 from rich.table import Table
 
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.told.result import as_json
+from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.model.calibration import save_calibration
 from armd.compensation.report.about import add_about, read_about
 from armd.compensation.report.written import add_pages, page_outputs, write_pages

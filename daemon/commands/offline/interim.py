@@ -21,12 +21,12 @@ from armd.compensation.interim.checks import chain, history, keeping
 from armd.compensation.interim.checks.admission import refuse_unfit
 from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.interim.checks.reduce import reduce
-from armd.compensation.interim.told.judge import judge
-from armd.compensation.interim.told.judgement import Judgement
-from armd.compensation.interim.told.remembered import recall, remember
-from armd.compensation.interim.told.result import as_json, in_words
-from armd.compensation.interim.told.single import single_readings
-from armd.compensation.interim.told.tomorrow import Tomorrow, tomorrow
+from armd.compensation.interim.report.judge import judge
+from armd.compensation.interim.report.judgement import Judgement
+from armd.compensation.interim.report.remembered import recall, remember
+from armd.compensation.interim.report.result import as_json, in_words
+from armd.compensation.interim.report.single import single_readings
+from armd.compensation.interim.report.tomorrow import Tomorrow, tomorrow
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.compensation.report.about import About, add_about, read_about
@@ -159,7 +159,7 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _page(folder: Path, judgement: Judgement, result: dict[str, Any], about: About) -> str:
-    from armd.compensation.interim.told.page import interim_page  # draws: slow to load
+    from armd.compensation.interim.report.page import interim_page  # draws: slow to load
 
     sessions = [history.session(folder, check) for check in judgement.checks]
     return interim_page(judgement, result, sessions, about)
