@@ -119,8 +119,9 @@ class _PoseProblem:
 
         q, _ = solve_nearest(constraints, q0)
         every = np.arange(len(rows))
-        corrected, nominal_ = derivatives(constraints, q, every), derivatives(nominal, q0, every)
-        return q, np.minimum(inverse_condition(corrected), inverse_condition(nominal_))
+        corrected = derivatives(constraints, q, every)
+        nominal_slopes = derivatives(nominal, q0, every)
+        return q, np.minimum(inverse_condition(corrected), inverse_condition(nominal_slopes))
 
     def miss(self, pose: CorrectedPose, q: F64, rows: I64) -> F64:
         """(m, 3) of the position in shares of the reach, then (m, 3) of the rotation in rad."""

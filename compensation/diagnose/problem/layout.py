@@ -62,9 +62,9 @@ class FitLayout:
     def with_findings(self, counts: Sequence[int]) -> FitLayout:
         """With findings of so many columns each in the place of those that it has."""
         first, stop = self.identified.stop, self.mount.start
-        open_ = np.full(sum(counts), np.inf)
+        free_variance = np.full(sum(counts), np.inf)
         nominal_variance = np.concatenate(
-            [self.nominal_variance[:first], open_, self.nominal_variance[stop:]]
+            [self.nominal_variance[:first], free_variance, self.nominal_variance[stop:]]
         )
         sizes = self.blocks.sizes
         finding_sizes = tuple((finding(i), int(count)) for i, count in enumerate(counts))

@@ -49,8 +49,8 @@ def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> C
         null = with_changes(stack, changes)
         known_numbers = tuple(number for change in changes for number in change.numbers)
         left_out = tuple(i for i in bad if i < since)
-        if round_ := circle(stands, since, left_out, known_numbers, alarms):
-            stand = best(stack, round_)
+        if whole_circle := circle(stands, since, left_out, known_numbers, alarms):
+            stand = best(stack, whole_circle)
             changes, bad = [*stand.found], stand.bad
             break
         looked = watch(null, causes, since, bad, before.begun(since, left_out, known_numbers))

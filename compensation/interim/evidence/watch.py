@@ -69,8 +69,8 @@ def watch(
     for n in range(since + watched + 1, stack.n + 1):
         quiet = Quiet(tuple(statistics[since : n - 1].tolist()), tuple(settled))
         count, begins = (bisect_left(good, check) for check in (n, since))
-        open_ = range(bisect_left(good, max(since, n - UNSETTLED)), count)
-        places = list(spoilt(sums.stack, sums.upto(count), open_)) if count > 1 else []
+        unsettled = range(bisect_left(good, max(since, n - UNSETTLED)), count)
+        places = list(spoilt(sums.stack, sums.upto(count), unsettled)) if count > 1 else []
         if places:
             standing = _weighed(sums, causes, begins, count, places)
         else:

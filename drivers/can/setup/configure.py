@@ -179,12 +179,12 @@ def _read_encoder(node: PromptNode, expected_counts: int | None) -> EncoderFacts
         total = read_object(sdo, can.TOTAL_RANGE, 0, 4) or 1 << 32  # 32 bits cannot say 2^32
     else:
         reported = read_optional(sdo, can.PHYSICAL_RESOLUTION, 0, 4)
-        per_turn_ = expected_counts if reported is None else reported
-        if per_turn_ is None:
+        chosen_per_turn = expected_counts if reported is None else reported
+        if chosen_per_turn is None:
             raise NodeRefused(
                 "object 6501, counts per turn: found none, expected counts_per_turn in arm.toml"
             )
-        per_turn = per_turn_
+        per_turn = chosen_per_turn
         turns = read_optional(sdo, can.TURNS, 0, 2)
         total = per_turn * max(1, 1 if turns is None else turns)
     if per_turn < 2 or total < per_turn:
