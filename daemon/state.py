@@ -62,7 +62,7 @@ def assess(observation: Observation) -> tuple[State, str]:
     if observation.points and observation.invalid == observation.points:
         if observation.hindrance:
             return State.NOT_READY, f"no valid point: {observation.hindrance}"
-        missing = " and ".join(observation.missing_sensors)
+        missing = " and ".join(observation.missing_sensors) or "a temperature"
         return State.NOT_READY, f"no valid point: {joints or f'{missing} missing for too long'}"
     if observation.hindrance:
         return State.DEGRADED, observation.hindrance

@@ -36,6 +36,8 @@ FINE = {"silent_s": 0.01, "points": 1000}
         ({"invalid": 10, "invalid_joints": (3,)}, State.DEGRADED, "joint 3"),
         ({"invalid": 1000, "invalid_joints": (3,)}, State.NOT_READY, "joint 3"),
         ({"invalid": 1000, "missing_sensors": ("t2",)}, State.NOT_READY, "t2 missing"),
+        # held under 5 s:
+        ({"invalid": 1000}, State.NOT_READY, "a temperature missing for too long"),
         ({"silent_s": 0.6, "trouble": "unplugged"}, State.NOT_READY, "0.6 s: unplugged"),
         ({"silent_s": None, "points": 0}, State.NOT_READY, "no sample yet"),
     ],
