@@ -48,11 +48,11 @@ VERIFICATION = """
 import sys
 import numpy as np
 from support import synthetic
-from armd.compensation.verify.figures import positions_of
+from armd.compensation.verify.figures import correct_positions
 
 arm, rng = synthetic.arm(), np.random.default_rng(8)
 session = synthetic.session(arm, arm.nominal(), rng, readings=48)
-assert np.isfinite(positions_of(session, arm, None)).all()
+assert np.isfinite(correct_positions(session, arm, None)).all()
 print("numba" in sys.modules)
 """
 
