@@ -96,6 +96,8 @@ def fuzz(doors: list[Door], seed: int, end_s: float, most: int | None, keep: Pat
                 path = keep / f"{len(faults):03d}-{door.name.replace(' ', '-').replace('/', '-')}"
                 path.write_bytes(data)
                 print(f"{path}: {fault}", flush=True)
+    if n == 0:
+        sys.exit("armd: no damaged input was tried: sound ones took all the time; more MINUTES")
     print(f"armd: {n} inputs at {len(doors)} doors, {len(faults)} kinds of fault")
     for door in doors:
         print(f"  {entered[door.name]:8d}  {door.name}")
