@@ -28,7 +28,6 @@ from armd.compensation.verify.spheres import find_smallest_sphere, fit_sphere
 ISO, ASME = "ISO 10360-12:2016", "ASME B89.4.22-2004"
 CERTIFICATE = "the certificate"
 BLOCK = "block_length"  # of no standard: missed only where it has a limit
-NO_BLOCK = "no two planes with a certified length between them were touched"
 POSITIONS = ("SPHERE1", "SPHERE2")
 
 
@@ -132,9 +131,11 @@ def _lengths(readings: VerifiedReadings) -> Iterator[Figure]:
 
 
 def _block_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
-    """Gauge blocks: how far apart two parallel planes are, in each placement; none without one."""
-    if errors := tuple(readings.block_errors()):
-        yield Figure(BLOCK, "Block length", CERTIFICATE, errors)
+    """Gauge blocks: how far apart two parallel planes are, in each placement."""
+    errors = tuple(readings.block_errors())
+    if not errors:
+        raise NotSupported("no two planes with a certified length between them were touched")
+    yield Figure(BLOCK, "Block length", CERTIFICATE, errors)
 
 
 def _effective_diameter(readings: VerifiedReadings) -> Iterator[Figure]:

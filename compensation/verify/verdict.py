@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from armd.compensation.identify.admission.mistakes import LENGTHS_MM
-from armd.compensation.verify.figures import BLOCK, NO_BLOCK
+from armd.compensation.verify.figures import BLOCK
 from armd.compensation.verify.limits import PermissibleErrors
 from armd.compensation.verify.results import Deviation, Figure, Verification
 
@@ -193,14 +193,14 @@ def _certified_in(worst: Deviation) -> str:
 def judge(verification: Verification, limits: PermissibleErrors | None) -> Verdict:
     """Decide on every figure; without *limits* the figures are told and nothing is decided."""
     judged = tuple(_judge(figure, limits) for figure in verification.figures)
-
-    def is_limited(key: str) -> bool:
-        return limits is not None and limits.mpe.limit_mm(key, 0.0) is not None
-
-    if is_limited(BLOCK) and BLOCK not in {figure.key for figure in verification.figures}:
-        left_out = {BLOCK: NO_BLOCK} | verification.left_out
-        verification = replace(verification, left_out=left_out)
-    missing = {key: why for key, why in verification.left_out.items() if is_limited(key)}
+    left_out = verification.left_out
+    limited = {
+        key for key in left_out if limits is not None and limits.mpe.limit_mm(key, 0.0) is not None
+    }
+    verification = replace(
+        verification, left_out={k: why for k, why in left_out.items() if k in limited or k != BLOCK}
+    )
+    missing = {key: why for key, why in left_out.items() if key in limited}
     return Verdict(verification, limits, judged, missing)
 
 
