@@ -54,9 +54,8 @@ class Observation(NamedTuple):
 def assess(observation: Observation) -> tuple[State, str]:
     """The state and its reason; the worst reason wins."""
     if observation.silent_s is None or observation.silent_s > SILENCE_S:
-        since = "no sample yet"
-        if observation.silent_s is not None:
-            since = f"silent for {observation.silent_s:.1f} s"
+        silent_s = observation.silent_s
+        since = "no sample yet" if silent_s is None else f"silent for {silent_s:.1f} s"
         return State.NOT_READY, f"{since}: {observation.trouble}" if observation.trouble else since
     joints = ", ".join(f"joint {k}" for k in observation.invalid_joints)
     if observation.points and observation.invalid == observation.points:

@@ -120,6 +120,14 @@ class Numbers:
         own = own_variables(self.plant) if self.plant else set()
         return not self.is_own and not own.isdisjoint(self.alike)
 
+    @property
+    def verdict(self) -> str:
+        if self.plant is None:
+            return ""
+        if self.is_own:
+            return "own"
+        return "tied" if self.is_tied else "OTHER"
+
 
 def carry_out(task: Task) -> Numbers | None:
     """One case; a failure is told and counted."""
@@ -153,17 +161,8 @@ def carry_out(task: Task) -> Numbers | None:
 def tell(found: Numbers) -> str:
     where = f"{found.plant.cause} {found.plant.location}" if found.plant else "clean"
     first = f"{found.first[1]} over {found.first[0]}"
-    verdict = (
-        ""
-        if found.plant is None
-        else "own"
-        if found.is_own
-        else "tied"
-        if found.is_tied
-        else "OTHER"
-    )
     return (
-        f"{found.task.seed} {where}, {found.snr:.1f} noise units: {first} {verdict}; "
+        f"{found.task.seed} {where}, {found.snr:.1f} noise units: {first} {found.verdict}; "
         f"smallest p × entries {found.least_p[0]:.2f}, after {found.least_p[1]:.2f}"
     )
 

@@ -69,11 +69,13 @@ def _alike(one: Bins, every: list[Bins]) -> tuple[str, ...]:
 def _shared_variance(one: Bins, other: Bins) -> float:
     """Squared correlation over the rests at which both are known."""
     assert one.values is not None and other.values is not None
-    _, first, second = np.intersect1d(one.order, other.order, return_indices=True)
-    apart = [values - values.mean() if len(values) else values
-             for values in (one.values[first], other.values[second])]  # fmt: skip
-    square = float(apart[0] @ apart[0]) * float(apart[1] @ apart[1])
-    return float(apart[0] @ apart[1]) ** 2 / square if square > 0.0 else 0.0
+    common, i, j = np.intersect1d(one.order, other.order, return_indices=True)
+    if not len(common):
+        return 0.0
+    first = one.values[i] - one.values[i].mean()
+    second = other.values[j] - other.values[j].mean()
+    squares = float(first @ first) * float(second @ second)
+    return float(first @ second) ** 2 / squares if squares > 0.0 else 0.0
 
 
 def _bins(rests: Rests) -> Iterator[Bins]:

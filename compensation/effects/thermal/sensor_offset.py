@@ -71,7 +71,7 @@ def _derivative(term: Term, sensor: str) -> Iterator[Term]:
     weight = factor.weights.get(sensor, 0.0)
     if weight == 0.0:
         return
-    other_factors = [other_factor for other_factor in term.basis if other_factor is not factor]
+    other_factors = [f for f in term.basis if f is not factor]
     lower = [factor.model_copy(update={"order": factor.order - 1})] if factor.order > 1 else []
     coefficient = term.coefficient * weight * factor.order
     yield Term(parameter=term.parameter, basis=[*lower, *other_factors], coefficient=coefficient)
