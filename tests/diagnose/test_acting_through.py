@@ -163,6 +163,7 @@ def fitted(problem: Problem, findings: list[Candidate], turns: bool = True) -> F
     return fit_by_turns(problem.facts, *about, findings, start, (), None)
 
 
+@pytest.mark.slow
 def test_offset_and_gradient_come_back_and_are_written_as_fitted(problem: Problem) -> None:
     true = problem.found(GRADIENT)
     own = problem_of(measured(true))

@@ -108,6 +108,7 @@ def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibrati
     assert (still.terms, still.growth, still.model.terms) == (plain.terms, (), plain.model.terms)
 
 
+@pytest.mark.slow
 def test_one_of_several_temperatures_stays_as_it_is() -> None:
     known = from_calibration(calibrate(measured(SEED, SHOP_C), ARM).calibration, ARM, is_given=True)
     assert known.terms
@@ -121,6 +122,7 @@ def test_one_of_several_temperatures_stays_as_it_is() -> None:
     assert report_growth(with_growth_open(without, ARM)) == []
 
 
+@pytest.mark.slow
 def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
     """11 K over lengths of 20e-6 per kelvin move a tip by some 30 µm: of a disc far off its axis as
     much was left, and no term was worth it."""

@@ -146,6 +146,7 @@ def test_beside_exchanged_sensors_what_goes_by_one_goes_by_the_other(
     np.testing.assert_allclose(told, expected, atol=2e-3 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_it_goes_by_the_other_only_beside_the_exchange(problem: Problem) -> None:
     exchanged = exchange(problem)
     (turned,) = (
@@ -167,6 +168,7 @@ def test_it_goes_by_the_other_only_beside_the_exchange(problem: Problem) -> None
     assert fitted(problem, [turned, lag(problem)]).findings[0].cause == "thermal_lag"
 
 
+@pytest.mark.slow
 def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
     problem: Problem,
 ) -> None:
@@ -205,6 +207,7 @@ def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
         assert through_it.amplitudes[0] == pytest.approx(true.amplitudes[0][0], rel=0.01)
 
 
+@pytest.mark.slow
 def test_sums_of_more_candidates_are_those_of_one_pass_over_all(problem: Problem) -> None:
     own = problem_of(measured(problem.found(EXPANSION)))
     every = [*own.findings, lag(own), exchange(own)]  # of one column, and of two

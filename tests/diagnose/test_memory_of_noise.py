@@ -68,6 +68,7 @@ def test_the_time_constant_is_that_of_the_sources(of_encoders: bool) -> None:
     assert {one.variance for one in found if one} == {1.0}
 
 
+@pytest.mark.slow
 def test_what_was_absorbed_hid_a_part_of_the_memory() -> None:
     """A base that may wander takes up what is slow: taken from independent noise nothing lasts, and
     of noise that does, τ and variance are those before it was taken. The variance is in units of

@@ -47,6 +47,7 @@ def turn_noise_rad(found: armd.Diagnosis) -> float:
     return noise.turn_ratio * noise.scale_mm / TURN_MM
 
 
+@pytest.mark.slow
 def test_a_bad_encoder_is_found_with_orientations(tmp_path: Path) -> None:
     arm = measured(tmp_path, ["encoder_eccentricity@joint 6=20"], poses=40)
     found = under_a_calibration(tmp_path, arm)

@@ -128,6 +128,7 @@ def test_what_does_not_show_took_nothing_up() -> None:
     assert abs(taken[3]) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_cause_lost_to_the_doubt_that_it_made_itself_is_not_given_up(years: Years) -> None:
     """A new disc and a knock. The calibration being wrong by what it may have taken up of the disc,
     a search without the disc leaves hardly more to the noise, and tells less."""

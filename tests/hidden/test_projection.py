@@ -55,6 +55,7 @@ def test_scores_are_those_of_one_dense_problem(problem) -> None:
     assert scores.statistic[0] > 50.0
 
 
+@pytest.mark.slow
 def test_a_part_left_out_of_the_sums_is_left_out_of_the_problem(problem) -> None:
     current, arm, candidates = problem
     signatures = compile_candidates(candidates[::40], current.linear, arm)

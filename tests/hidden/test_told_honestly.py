@@ -59,6 +59,7 @@ def first(session: Session, n: int) -> Session:
     return session.rows(np.arange(session.n) < n)
 
 
+@pytest.mark.slow
 @parametrize_default("n", [1, 2])
 def test_readings_that_their_placement_explains_are_refused(measured: Measured, n: int) -> None:
     arm, calibration = measured.arm, measured.calibration

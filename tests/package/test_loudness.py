@@ -82,6 +82,7 @@ def test_verbose_says_files_and_steps_with_the_time(
     assert logging.getLogger("armd").handlers == []
 
 
+@pytest.mark.slow
 def test_each_step_once_and_what_was_written(tmp_path: Path) -> None:
     simulate = [sys.executable, "-m", "armd", "simulate", "--session", "isothermal", "-o", "m"]
     told = subprocess.run([*simulate, "-v"], cwd=tmp_path, capture_output=True, text=True).stderr

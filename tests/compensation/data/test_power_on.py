@@ -80,6 +80,7 @@ def test_the_cells_count_as_missing_and_are_named(
     assert tuple(remark for piece in pieces for remark in piece.remarks) == session.remarks
 
 
+@pytest.mark.slow
 def test_a_calibration_is_what_it_is_with_the_cell_empty(folder: Path, arm: Arm) -> None:
     results = []
     for value in ("85.0", ""):

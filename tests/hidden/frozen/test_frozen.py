@@ -44,7 +44,11 @@ def test_there_are_three_hundred_cases_of_every_kind() -> None:
 
 
 @pytest.mark.parametrize(
-    "kind", ["thermal-1", pytest.param("o-thermal-2", marks=pytest.mark.slow), "real", "field"]
+    "kind",
+    [
+        "field",
+        *(pytest.param(k, marks=pytest.mark.slow) for k in ("thermal-1", "o-thermal-2", "real")),
+    ],
 )
 def test_a_case_is_drawn_alike_each_time(kind: str, tmp_path: Path) -> None:
     for place in ("one", "two"):
