@@ -156,7 +156,7 @@ def test_where_something_is_left_the_next_experiment_does_not_say_that_nothing_i
     search = SimpleNamespace(
         facts=SimpleNamespace(timed=True, rates=True), untold=(), remaining_depends_on=("q3", "t3")
     )
-    usual = {"search": search, "found": (), "outliers": ()}
+    usual = {"search": search, "findings": (), "outliers": ()}
     left: Any = SimpleNamespace(**usual, significant_rest=True)
     assert next_experiment(left).startswith("What is left goes with q3, t3")
     nothing: Any = SimpleNamespace(**usual, significant_rest=False)

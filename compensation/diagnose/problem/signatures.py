@@ -76,7 +76,7 @@ class Signatures:
         return rows
 
     def products(self, jacobian: F64, vectors: F64, rests: slice | I64) -> F64:
-        """(K, u) products with *others* (n, 3, u) over some *rests*, changes of the artefact not
+        """(K, u) products with *vectors* (n, 3, u) over some *rests*, changes of the artefact not
         included; from a Jacobian (P, n, 3) of these rests."""
         product: F64 = self.weights @ self.of_pairs(jacobian, vectors, rests)
         return product
@@ -111,8 +111,8 @@ class Signatures:
         return grams
 
     def with_more(self, added: Signatures) -> Signatures:
-        """These candidates, then *more*; of its basis functions those that these have are theirs:
-        of many readings a copy of all is hundreds of megabytes."""
+        """These candidates, then those *added*; of its basis functions those that these have are
+        theirs: of many readings a copy of all is hundreds of megabytes."""
         keys, values = list(self.keys), [self.bases]
         for key, row in zip(added.keys, added.bases, strict=True):
             if key not in keys:
