@@ -101,7 +101,7 @@ def test_a_shape_is_the_signature_times_harmonics_of_the_joints_at_its_place() -
     signature = 3.0 * moved(own.columns[0]) + 4.0 * moved(own.columns[1])
     expected = np.sqrt(2.0) * signature * np.sin(q[:, 1])
     np.testing.assert_allclose(moved(shape.columns[0]), expected)
-    assert {column.typical for column in shape.columns} == {SHAPE_OFF}
+    assert {column.prior_sd for column in shape.columns} == {SHAPE_OFF}
     assert shape_candidate(shape, np.ones(4), 6) is None  # a shape has none of its own
     shifted = Candidate("geometry_shift", location.joint(2), own.columns[:1], ())
     assert shape_candidate(shifted, np.ones(1), 6) is None  # one number, whatever the angle

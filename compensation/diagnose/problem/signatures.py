@@ -32,7 +32,7 @@ class Signatures:
     changes: tuple[ArtefactChange | None, ...]  # per column
     keys: tuple[str, ...]  # (B,) what says a basis function
     bases: F64  # (B, n) basis values
-    typical: F64  # (K,)
+    prior_sd: F64  # (K,)
     reach: F64  # (K,)
 
     @property
@@ -133,7 +133,7 @@ class Signatures:
             (*self.changes, *added.changes),
             tuple(keys),
             np.concatenate(values) if len(values) > 1 else self.bases,
-            np.concatenate([self.typical, added.typical]),
+            np.concatenate([self.prior_sd, added.prior_sd]),
             np.concatenate([self.reach, added.reach]),
         )
 
@@ -196,7 +196,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
 
     parts: list[tuple[Part, ...]] = []
     changes: list[ArtefactChange | None] = []
-    typical, reach, first, count = [], [], [], []
+    prior_sd, reach, first, count = [], [], [], []
     for candidate in candidates:
         if len({column.artefact is None for column in candidate.columns}) > 1:
             raise ValueError(f"{candidate.cause}: some columns change the artefact, others do not")
@@ -215,7 +215,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
                 ]
             parts.append(tuple(of_column))
             changes.append(column.artefact)
-            typical.append(column.typical)
+            prior_sd.append(column.prior_sd)
             reach.append(column.reach)
     model = linear.model
     states = linear.rests.observations.states
@@ -244,7 +244,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
         tuple(changes),
         tuple(basis_of),
         values,
-        np.array(typical),
+        np.array(prior_sd),
         np.array(reach),
     )
 

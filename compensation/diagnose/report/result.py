@@ -111,7 +111,7 @@ def _finding(diagnosis: Diagnosis, index: int, finding: Finding, gain: Gain) -> 
         "signal_to_noise": float(np.sqrt(finding.statistic)),
         "tip_rms_um": tip_rms_um(diagnosis, index),
         "explains": _explains(finding.explained),
-        "reading": reading_of(diagnosis, index),
+        "reading": describe_finding(diagnosis, index),
         "reason": effect.reason,
         "confounded_with": effect.confounded_with,
     }
@@ -144,15 +144,15 @@ def place_of(candidate: Candidate) -> str:
     return "-" if candidate.cause == "unknown" else str(candidate.location)
 
 
-def reading_of(diagnosis: Diagnosis, index: int) -> str:
+def describe_finding(diagnosis: Diagnosis, index: int) -> str:
     """What the amplitudes mean, in words."""
     candidate = diagnosis.search.last.findings[index]
-    of_curve = CATALOGUE[candidate.cause].curve_reading
+    of_curve = CATALOGUE[candidate.cause].describe_curve
     if of_curve is not None and is_curve(candidate):
         rms, _, order = curve_size(diagnosis, index)
         return of_curve(candidate, rms, order)
     effect = CATALOGUE[diagnosis.findings[index].candidate.cause]
-    text = effect.reading(candidate, diagnosis.search.last.amplitudes[index])
+    text = effect.describe(candidate, diagnosis.search.last.amplitudes[index])
     if effect.by_weight and any(joint.mass_kg is None for joint in diagnosis.arm.joint):
         text += " (masses that arm.toml does not give are assumed)"
     explained = diagnosis.findings[index].explained
@@ -221,7 +221,7 @@ def _outliers(diagnosis: Diagnosis, gain: Gain) -> dict[str, Any]:
         "alternatives": [],
         "gain": _gain(gain),
         "depends_on": [],
-        "reading": effect.reading(Candidate("outliers", ROWS, (), ()), np.zeros(len(rows))),
+        "reading": effect.describe(Candidate("outliers", ROWS, (), ()), np.zeros(len(rows))),
         "reason": effect.reason,
         "confounded_with": effect.confounded_with,
     }

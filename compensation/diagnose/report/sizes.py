@@ -17,9 +17,9 @@ def size_known(diagnosis: Diagnosis, index: int) -> bool:
     Something is significant; where several amplitudes do the same, none of them need be known.
     """
     last = diagnosis.search.last
-    typical = np.array([column.typical for column in last.findings[index].columns])
-    size = last.amplitudes[index] / typical
-    covariance = last.covariances[index] / np.outer(typical, typical)
+    prior_sd = np.array([column.prior_sd for column in last.findings[index].columns])
+    size = last.amplitudes[index] / prior_sd
+    covariance = last.covariances[index] / np.outer(prior_sd, prior_sd)
     square = float(size @ size)
     return square**2 > SIZE_SIGMAS**2 * float(size @ covariance @ size)
 

@@ -260,7 +260,7 @@ def um(value: float) -> str:
 
 def touched_in_words(touched: Touched) -> str:
     """What was moved, where and when."""
-    move = CATALOGUE["artefact_moved"].reading(touched.candidate, touched.amplitudes)
+    move = CATALOGUE["artefact_moved"].describe(touched.candidate, touched.amplitudes)
     instant = "" if np.isnan(touched.instant_unix_s) else f", {clock(touched.instant_unix_s)}"
     return (
         f"In {touched.session}, {touched.placement}, before row {touched.row}{instant}, {move}: "

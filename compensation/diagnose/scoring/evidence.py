@@ -175,13 +175,13 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
         )
         statistic[members] = ((turned * with_root) ** 2).sum(axis=1)
         freedom[members] = is_independent.sum(axis=1)
-        typical = sums.signatures.typical[numbers] * size
+        prior_sd = sums.signatures.prior_sd[numbers] * size
         reach = sums.signatures.reach[numbers]
-        mean_squares = (np.einsum("cii->ci", gram) * typical**2).mean(axis=1)
+        mean_squares = (np.einsum("cii->ci", gram) * prior_sd**2).mean(axis=1)
         typical_snr[members] = np.where(
             is_independent.any(axis=1), np.sqrt(np.maximum(mean_squares, 0.0)), 0.0
         )
-        evidence[members] = log_bayes_factors(gram, u[numbers] / size, typical, reach)
+        evidence[members] = log_bayes_factors(gram, u[numbers] / size, prior_sd, reach)
     log_p = np.where(freedom > 0, log_tail(statistic, np.maximum(freedom, 1)), 0.0)
     evidence[freedom == 0] = -np.inf
     log_p = np.where(sums.signatures.count > MOST_COUNTED, np.minimum(log_p, -evidence), log_p)
@@ -215,12 +215,12 @@ def log_tail(statistic: F64, freedom: I64) -> F64:
         return np.asarray(np.log(chdtrc(freedom, statistic)), dtype=np.float64)
 
 
-def log_bayes_factors(gram: F64, side: F64, typical: F64, reach: F64) -> F64:
+def log_bayes_factors(gram: F64, side: F64, prior_sd: F64, reach: F64) -> F64:
     """(c,) of candidates against nothing, from products (c, m, m) of their columns and (c, m) with
     the residual; amplitudes a priori normal about zero with the catalogue's size."""
     logs = []
     for scale, share in SCALES.items():
-        prior = np.minimum(scale, reach) * typical
+        prior = np.minimum(scale, reach) * prior_sd
         g = gram * prior[:, :, None] * prior[:, None, :] + np.eye(gram.shape[1])
         b = side * prior
         solved = np.linalg.solve(g, b[:, :, None])[:, :, 0]

@@ -59,8 +59,8 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     log_p = float(np.log(max(tail, LEAST_P)))
     if m > MOST_COUNTED:  # with noise as large as these rests scatter
         side = white.T @ residual / np.sqrt(max(scatter, 1.0))
-        typical, reach = np.array([(c.typical, c.reach) for c in candidate.columns]).T
-        evidence = log_bayes_factors(gram[None], side[None], (typical * size)[None], reach[None])
+        prior_sd, reach = np.array([(c.prior_sd, c.reach) for c in candidate.columns]).T
+        evidence = log_bayes_factors(gram[None], side[None], (prior_sd * size)[None], reach[None])
         log_p = min(log_p, -float(evidence[0]))
     return log_p
 

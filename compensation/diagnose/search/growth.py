@@ -105,7 +105,7 @@ class _Growth:
         white, cleared = projection.clear_of_all(np.hstack(blocks))
         residual = about.noise.whiten(about.residual[:, None])
         self._gram, self._side = white.T @ cleared, (cleared.T @ residual)[:, 0]
-        self._typical = np.array([column.typical for c in every for column in c.columns])
+        self._prior_sd = np.array([column.prior_sd for c in every for column in c.columns])
         edges = np.cumsum([0, *(block.shape[1] for block in blocks)])
         numbers = iter(range(len(every)))
         self._columns = [
@@ -125,7 +125,7 @@ class _Growth:
         evidence = log_bayes_factors(
             self._gram[np.ix_(columns, columns)][None],
             self._side[columns][None],
-            self._typical[columns][None],
+            self._prior_sd[columns][None],
             np.full((1, len(columns)), np.inf),
         )
         return float(prior + evidence[0])

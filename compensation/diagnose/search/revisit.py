@@ -289,11 +289,11 @@ def _amplitudes_a_priori(fitted: Fit) -> tuple[F64, float]:
         if is_sized(candidate):  # the data have their size
             variances.append(fitted.nuisance.variance[span])
             continue
-        typical = np.array([column.typical for column in candidate.columns])
+        prior_sd = np.array([column.prior_sd for column in candidate.columns])
         reach = np.array([column.reach for column in candidate.columns])
         able = []
         for scale, share in SCALES.items():
-            size = np.minimum(scale, reach) * typical
+            size = np.minimum(scale, reach) * prior_sd
             log_density = -0.5 * ((values / size) ** 2).sum() - np.log(size).sum()
             able.append((math.log(share) + log_density, size, share))
         _, size, share = max(able, key=lambda entry: entry[0])

@@ -43,7 +43,7 @@ from armd.compensation.diagnose.scoring.threshold import family_wise, significan
 from armd.compensation.diagnose.search.findings import nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
-from armd.compensation.estimate.robust import OUTLIER_D2, huber_loss, huber_weights
+from armd.compensation.estimate.robust import DOWNWEIGHT_CHI2, huber_loss, huber_weights
 from armd.compensation.model.arm import Arm
 
 
@@ -197,7 +197,7 @@ def borne_by_enough(pose: F64, residual: F64, after: int) -> bool:
     *pose* (3 k, 6) and *residual* (3 k,) whitened, of the placement's rests in order."""
     parts = (slice(None, 3 * after), slice(3 * after, None))
     sound = [
-        int((_distance(pose[part], residual[part]) ** 2 <= OUTLIER_D2).sum()) for part in parts
+        int((_distance(pose[part], residual[part]) ** 2 <= DOWNWEIGHT_CHI2).sum()) for part in parts
     ]
     return min(sound) >= LEAST_RESTS_BESIDE
 
