@@ -186,7 +186,7 @@ class Asked:
 
     of: ClassVar[list[tuple[int, ...]]] = []
 
-    def freed(self, *out: int) -> Any:
+    def score_without_finding(self, *out: int) -> Any:
         self.of.append(out)
         return SimpleNamespace(log_p=np.zeros(2))
 
@@ -215,8 +215,12 @@ def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
     beside = score_candidates(about, both)
     neither = make_projection(solve_again(last, [], ARM), ARM)
     itself = score_candidates(neither, last.findings[:1]).scores.statistic[0]
-    assert beside.as_needed(0).statistic[0] == pytest.approx(itself, rel=1e-6)
-    assert beside.as_needed(1).statistic[1] == beside.alone(1).statistic[1] < itself
+    assert beside.score_findings_without_acting(0).statistic[0] == pytest.approx(itself, rel=1e-6)
+    assert (
+        beside.score_findings_without_acting(1).statistic[1]
+        == beside.score_findings(1).statistic[1]
+        < itself
+    )
     monkeypatch.setattr(candidates, "score_candidates", lambda *_: Asked())
     weakest(about)
     assert Asked.of == [(0, 1), (1,)]

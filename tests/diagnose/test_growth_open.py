@@ -45,8 +45,8 @@ def grows_per_k() -> dict[str, float]:
 
 def check_growth(diagnosis: Diagnosis) -> list[Finding]:
     """Each growth that is named is right, each of a metal is named, all come first; the rest."""
-    named = [f for f in diagnosis.found if f.candidate.cause == "link_expansion"]
-    assert list(diagnosis.found[: len(named)]) == named
+    named = [f for f in diagnosis.findings if f.candidate.cause == "link_expansion"]
+    assert list(diagnosis.findings[: len(named)]) == named
     true_per_k = grows_per_k()
     for finding, values, variances in zip(
         named, diagnosis.search.last.amplitudes, diagnosis.search.last.covariances, strict=False
@@ -57,7 +57,7 @@ def check_growth(diagnosis: Diagnosis) -> list[Finding]:
     links = {str(f.candidate.location) for f in named}
     assert {link for link, per_k in true_per_k.items() if per_k > 10e-6} - {"link 1"} <= links
     assert set(range(len(named))) <= set(diagnosis.written)
-    return list(diagnosis.found[len(named) :])
+    return list(diagnosis.findings[len(named) :])
 
 
 def errors_um(*models: Calibration, terms: tuple[Term, ...] = ()) -> list[float]:

@@ -192,9 +192,9 @@ def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
         last = fitted(own, findings)
         plain = compile_candidates([shift, expansion, *lags], last.linear, ARM)
         signatures = with_acting(plain, last, own.facts, (), ARM)
-        parted = PartedSurvey.of(with_findings_unsolved(last, [], ARM), signatures, ARM)
+        parted = PartedSurvey.from_fit(with_findings_unsolved(last, [], ARM), signatures, ARM)
         through = partial(acting_through, facts=own.facts, refused=())
-        Revisit(parted.beside(last), parted, ARM, 100, choose, through).others()
+        Revisit(parted.with_findings(last), parted, ARM, 100, choose, through).find_rival_sets()
     for causes in ((), ("geometry_shift",)):
         assert {c.location for c in offered[causes]} == {c.location for c in lags}
         assert not any(c.through for c in offered[causes])

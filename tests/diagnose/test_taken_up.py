@@ -45,7 +45,7 @@ class Years:
     def told(self, before: tuple[Effect, ...], since: tuple[Effect, ...]) -> dict[object, float]:
         """Names and probabilities of what is found under the calibration."""
         calibration = calibrate(planted(self.calibrated, *before), ARM).calibration
-        found = diagnose(planted(self.later, *since), ARM, calibration).found
+        found = diagnose(planted(self.later, *since), ARM, calibration).findings
         return {finding.candidate.place: finding.probability for finding in found}
 
 
@@ -163,7 +163,7 @@ def searched(rests: Rests, baseline: Baseline, *found: Candidate) -> Any:
         rests, ARM, baseline, baseline.model, found, [np.zeros(len(c.columns)) for c in found]
     )
     return SimpleNamespace(
-        last=last, searched=last, found=[SimpleNamespace(candidate=c) for c in found], tests=3000
+        last=last, searched=last, findings=[SimpleNamespace(candidate=c) for c in found], tests=3000
     )
 
 

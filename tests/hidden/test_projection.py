@@ -112,8 +112,8 @@ def test_a_survey_by_parts_is_the_one_of_all_rows_and_of_all_but_a_part(problem)
     few = compile_candidates(candidates[20::400], current.linear, arm)
     finding = next(c for c in candidates if c.place == ("encoder_eccentricity", "joint 3"))
     found = solve_again(current, [finding], arm)
-    parted = PartedSurvey.of(with_findings_unsolved(found, [], arm), signatures, arm)
-    surveys = [(parted.beside(found), found), (parted.under(current), current)]
+    parted = PartedSurvey.from_fit(with_findings_unsolved(found, [], arm), signatures, arm)
+    surveys = [(parted.with_findings(found), found), (parted.without_findings(current), current)]
     folds = folds_of(current.linear.rests)
     outs = [folds == 0, folds == 1]
     for part, refits in enumerate(refits_without(current, outs)):

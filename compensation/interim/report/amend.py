@@ -92,7 +92,7 @@ def _sizes(causes: Sequence[Cause], changes: Sequence[Change]) -> F64:
     for change in changes:
         if change.cause is None:
             continue
-        typical = np.array([c.typical for c in causes[change.cause].candidate.columns])
+        typical = np.array([c.prior_sd for c in causes[change.cause].candidate.columns])
         found.append((amplitude_sizes(change, len(typical)) * typical).ravel())
     return np.concatenate(found) if found else np.zeros(0)
 

@@ -160,7 +160,7 @@ def reading(told: Told) -> str:
         size = plain(abs(float(told.values[0])) / ARC_SECOND)
         text = f"the index of {candidate.location} slipped by {size}″"
     else:
-        text = CATALOGUE[candidate.cause].reading(candidate, told.values)
+        text = CATALOGUE[candidate.cause].describe(candidate, told.values)
     if told.per_day is not None:
         days = abs(float(told.values[0] / told.per_day[0])) if told.per_day[0] else 0.0
         text += f" by the last check, grown over {plain(days)} days"
