@@ -83,14 +83,16 @@ def generate_case(
     healthy, later = campaigns(seed, design, noise)
     rng = np.random.default_rng([seed, 0xCA5E])
 
-    def own(i: int) -> np.random.Generator:
+    def make_plant_rng(i: int) -> np.random.Generator:
         return np.random.default_rng([seed, 0x9147, i])
 
     # What a plant draws of its own must not depend on how many others there are.
-    alone = [plant_all(later, [plant], own(i)) for i, plant in enumerate(plants)]
+    single_plant_campaigns = [
+        plant_all(later, [plant], make_plant_rng(i)) for i, plant in enumerate(plants)
+    ]
     sick = later
     for i, plant in enumerate(plants):
-        sick = plant_all(sick, [plant], own(i))
+        sick = plant_all(sick, [plant], make_plant_rng(i))
     sick = in_the_workshop(sick, mess, np.random.default_rng([seed, 0x3E55]))
     earlier, present = list(carry_out(healthy, rng)), list(carry_out(sick, rng))
     measured = earlier + present
@@ -105,7 +107,7 @@ def generate_case(
 
     effects = [
         _effect(plant, campaign, later, present)
-        for plant, campaign in zip(plants, alone, strict=True)
+        for plant, campaign in zip(plants, single_plant_campaigns, strict=True)
     ]
     return HiddenCase(
         arm=folder / "arm.toml",
@@ -126,8 +128,8 @@ def generate_case(
 def _write_mess(folder: Path, mess: str, sessions: list[Measured], seed: int) -> None:
     texts = [session_files(session) for session in sessions]
     texts = on_the_desk(mess, texts, np.random.default_rng([seed, 0xDE5C]))
-    for session, own in zip(sessions, texts, strict=True):
-        for name, text in own.items():
+    for session, files in zip(sessions, texts, strict=True):
+        for name, text in files.items():
             write_whole(folder / session.plan.name / name, text)
 
 
@@ -159,9 +161,9 @@ def measure_next(
     )
     n = len(q_rad)
     tip = rig.arm.tip(q_rad, Conditions.at_rest(n, rig.arm.n_joints, plan.climate.ambient_c))
-    where = Placement("P1", random_rotation(rng), rng.uniform(-500.0, 500.0, 3))
+    pose = Placement("P1", random_rotation(rng), rng.uniform(-500.0, 500.0, 3))
     balls = {
-        f"N{i + 1}": tuple(ball) for i, ball in enumerate((tip - where.origin_mm) @ where.rotation)
+        f"N{i + 1}": tuple(ball) for i, ball in enumerate((tip - pose.origin_mm) @ pose.rotation)
     }
     artefact = Artefact.certified(
         "balls at the proposed poses",
@@ -174,7 +176,7 @@ def measure_next(
     artefact = replace(artefact, true_expansion_per_k=rig.artefact.true_expansion_per_k)
     rows = np.arange(n)
     measured = take_readings(
-        replace(rig, artefact=artefact), plan, [where], np.zeros(n, int), rows, q_rad, rng, sides
+        replace(rig, artefact=artefact), plan, [pose], np.zeros(n, int), rows, q_rad, rng, sides
     )
     write_session(folder, measured)
     return folder
@@ -187,28 +189,28 @@ def _certificate_error(measured: Measured, healthy: Artefact) -> F64:
 
 
 def _effect(
-    plant: Plant, alone: Campaign, healthy: Campaign, measured: list[Measured]
+    plant: Plant, planted: Campaign, healthy: Campaign, measured: list[Measured]
 ) -> HiddenEffect:
-    error = {m.plan.name: _error(alone.rig, healthy.rig, m) for m in measured}
+    error = {m.plan.name: _error(planted.rig, healthy.rig, m) for m in measured}
     rows = np.concatenate([v for name, v in error.items() if name.startswith("session")])
     rms_um = 1e3 * float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
     return HiddenEffect(plant, depends_on(plant), error, rms_um)
 
 
-def _error(alone: Rig, healthy: Rig, measured: Measured) -> F64:
-    """What a model that knows the *healthy* rig errs by where it is as in *alone*: (n, 3) mm.
+def _error(planted: Rig, healthy: Rig, measured: Measured) -> F64:
+    """What a model that knows the *healthy* rig errs by where it is as in *planted*: (n, 3) mm.
 
     Its prediction, from what encoders show and sensors tell, minus where it believes the target.
     """
     conditions, phi = measured.conditions, measured.phi
-    arm = alone.arm.carrying(measured.plan.payload_kg)
-    told = alone.read_sensors(measured.felt_c) - measured.felt_c
-    believed = replace(conditions, link_c=conditions.link_c + told)
+    arm = planted.arm.carrying(measured.plan.payload_kg)
+    sensor_error_c = planted.read_sensors(measured.felt_c) - measured.felt_c
+    believed = replace(conditions, link_c=conditions.link_c + sensor_error_c)
     error = healthy.arm.tip(arm.encoder_angles(phi, conditions), believed)
     error -= arm.tip(phi, conditions)
-    if alone.core_lag_s is not None:
+    if planted.core_lag_s is not None:
         felt = replace(conditions, link_c=measured.felt_c)
         error += healthy.arm.tip(phi, felt) - healthy.arm.tip(phi, conditions)
-    where = (measured.target, measured.artefact_c, measured.down)
-    moved = alone.artefact.positions(*where) - healthy.artefact.positions(*where)
+    touched = (measured.target, measured.artefact_c, measured.down)
+    moved = planted.artefact.positions(*touched) - healthy.artefact.positions(*touched)
     return error + measured.to_base(moved)

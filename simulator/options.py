@@ -174,12 +174,12 @@ def parser() -> Parser:
 def read_scenario(options: argparse.Namespace) -> Scenario:
     """The scenario file, overridden by the options given; raises `BadInput`."""
     file = Scenario() if options.scenario is None else load_toml(options.scenario, Scenario)
-    given = {
+    given_options = {
         key: value
         for key, value in vars(options).items()
         if key in Scenario.model_fields and value is not None and key != "fault"
     }
-    merged = file.model_dump(by_alias=True) | given
+    merged = file.model_dump(by_alias=True) | given_options
     scenario = validate("command line", merged, Scenario)
     wire: Wire = "serial" if options.serial else "microscribe" if options.microscribe else "can"
     if options.servo:
@@ -227,7 +227,7 @@ def check_twin(options: argparse.Namespace) -> None:
     elif options.arm is None:
         raise BadInput(line, "--arm", "nothing", "the arm.toml of --twin")
     if options.twin is not None:
-        others = {
+        other_arms_options = {
             "--microscribe": options.microscribe,
             "--servo": options.servo,
             "--plant": options.plant,
@@ -235,7 +235,7 @@ def check_twin(options: argparse.Namespace) -> None:
             "--serial-number": options.serial_number,
             "--arm-out": options.arm_out,
         }
-        for name, value in others.items():
+        for name, value in other_arms_options.items():
             if value:
                 raise BadInput(line, name, "it", "none with --twin: its arm.toml says what it is")
     if (options.output is None) != (options.session_like is None):

@@ -36,7 +36,7 @@ from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.printed import bench
 from armd.simulator.truth.answers import true_constants, true_expansion
-from armd.terminal.arguments import factor, seed, whole
+from armd.terminal.arguments import factor, parse_integer, seed
 from armd.terminal.aside import aside, bar
 from armd.terminal.counted import counted
 from armd.terminal.loudness import add_loudness
@@ -86,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--days",
-        type=lambda text: whole(text, 1, 2000),
+        type=lambda text: parse_integer(text, 1, 2000),
         metavar="N",
         help="interim: so many checks, one a day (40)",
     )
@@ -125,9 +125,9 @@ def run(args: argparse.Namespace) -> int:
     if args.session == PRINTED:
         if args.plant or args.noise != 1.0:
             raise BadInput("--session so101", "--plant or --noise", "one", "neither of them")
-        with bar(aside(args), MEASURING) as told:
+        with bar(aside(args), MEASURING) as show_share:
             printed, texts, readings = bench.measure(
-                args.seed, lambda share: told(MEASURING, share)
+                args.seed, lambda share: show_share(MEASURING, share)
             )
         texts = {"arm.toml": _printed_drawing(), **texts}
         _write_files({folder / name: text for name, text in texts.items()}, folder, args.force)
@@ -169,10 +169,10 @@ def _interim(args: argparse.Namespace) -> int:
     )
     noise = Noise().scaled(args.noise)
     measured = []
-    with bar(aside(args), MEASURING) as told:
-        for one in interim.carry_out(history, args.seed, noise):
-            measured.append(one)
-            told(MEASURING, len(measured) / days)
+    with bar(aside(args), MEASURING) as show_share:
+        for session in interim.carry_out(history, args.seed, noise):
+            measured.append(session)
+            show_share(MEASURING, len(measured) / days)
     campaign = interim.campaign(args.seed, noise, history.artefact)
     _write_measured(args.output, campaign.arm_toml, measured, args.force)
     if args.truth_out is not None:

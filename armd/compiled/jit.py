@@ -50,8 +50,8 @@ class Compiled:
     def __call__(self, *args: Any) -> Any:
         last, kinds, entry = self._last
         if len(args) == len(last):
-            for value, before, known in zip(args, last, kinds, strict=True):
-                if value is not before and library.kind(value) != known:
+            for value, before, expected_kind in zip(args, last, kinds, strict=True):
+                if value is not before and library.kind(value) != expected_kind:
                     break
             else:
                 self._last = args, kinds, entry
@@ -75,8 +75,8 @@ class Compiled:
 
     def _entry(self, kinds: Kinds) -> Callable[..., Any]:
         if kinds not in self.entries:
-            found = getattr(library.loaded(), library.symbol(self.name, kinds), None)
-            self.entries[kinds] = self.by_numba if found is None else found
+            compiled_entry = getattr(library.loaded(), library.symbol(self.name, kinds), None)
+            self.entries[kinds] = self.by_numba if compiled_entry is None else compiled_entry
         return self.entries[kinds]
 
     @functools.cached_property
@@ -89,8 +89,8 @@ class Compiled:
         try:
             from armd.compiled import compiler
         except PermissionError as error:  # of llvmlite, which tries it when it is imported
-            found = "that no machine code may be written to memory (MemoryDenyWriteExecute)"
-            raise BadInput("numba", self.name, found, FOR_NUMBA) from error
+            obstacle = "that no machine code may be written to memory (MemoryDenyWriteExecute)"
+            raise BadInput("numba", self.name, obstacle, FOR_NUMBA) from error
 
         while _SAY:
             compiler.when_compiling(_SAY.pop())

@@ -134,8 +134,8 @@ def kind(value: Any) -> Hashable:
         return value.dtype, value.ndim, value.flags.num & LAYOUT
     if isinstance(value, tuple):
         return type(value), tuple(map(kind, value))
-    made: type = type(value)
-    return _SCALARS.get(made, made)
+    value_type: type = type(value)
+    return _SCALARS.get(value_type, value_type)
 
 
 def symbol(name: str, kinds: Hashable) -> str:

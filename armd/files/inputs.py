@@ -16,7 +16,7 @@ from pathlib import Path
 
 from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NONBLOCK
-from armd.terminal.suggest import near, within
+from armd.terminal.suggest import suggest_path, within
 
 #: What a person or armd writes as JSON: a covariance of 300 parameters takes 2.5 MB.
 MOST_JSON_BYTES = 8 << 20
@@ -52,13 +52,13 @@ def open_input(path: str | Path) -> BufferedReader:
         raise _refused(path, error) from error
     except ValueError as error:
         raise BadInput(repr(str(path)), "the file", "a zero byte in its name", "a name") from error
-    found = os.fstat(handle)
-    kind = stat.S_IFMT(found.st_mode)
+    status = os.fstat(handle)
+    kind = stat.S_IFMT(status.st_mode)
     if kind != stat.S_IFREG:
         os.close(handle)
         has = within(Path(path)) if kind == stat.S_IFDIR else ""
         raise BadInput(path, "the file", _KINDS.get(kind, "no file") + has, "a regular file")
-    _log.info("reading %s, %d bytes", path, found.st_size)
+    _log.info("reading %s, %d bytes", path, status.st_size)
     return os.fdopen(handle, "rb")
 
 
@@ -91,8 +91,8 @@ def check_input(path: str | Path) -> None:
 
 
 def _refused(path: str | Path, error: OSError) -> BadInput:
-    found = _REFUSALS.get(error.errno or 0) or error.strerror or "an error"
+    reason = _REFUSALS.get(error.errno or 0) or error.strerror or "an error"
     expected = "a file that can be read"
-    if found == "nothing":
-        expected = f"an existing file{near(Path(path))}"
-    return BadInput(path, "the file", found, expected)
+    if reason == "nothing":
+        expected = f"an existing file{suggest_path(Path(path))}"
+    return BadInput(path, "the file", reason, expected)

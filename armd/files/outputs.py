@@ -36,8 +36,8 @@ class OutputKind:
 def _json_key(head: bytes, key: str) -> str | None:
     """The text of the first `"key": …` of a JSON object, without quotation marks."""
     text = head.decode("utf-8", "replace")
-    found = re.search(rf'"{key}"\s*:\s*"?([^",}}\n]*)', text)
-    return found[1] if found and text.lstrip().startswith("{") else None
+    match = re.search(rf'"{key}"\s*:\s*"?([^",}}\n]*)', text)
+    return match[1] if match and text.lstrip().startswith("{") else None
 
 
 def _is_calibration(head: bytes) -> bool:
@@ -53,19 +53,19 @@ def _is_result(head: bytes) -> bool:
 def has_columns(*names: str) -> Callable[[bytes], bool]:
     """Whether a table's first line has these columns."""
 
-    def told(head: bytes) -> bool:
+    def header_has_names(head: bytes) -> bool:
         if head.startswith(b"PAR1"):  # Parquet says its columns at its end
             return True
         line = head.split(b"\n")[0].decode("utf-8-sig", "replace")
         header = next(csv.reader([line]), [])
         return set(names) <= {name.strip() for name in header}
 
-    return told
+    return header_has_names
 
 
 def _is_settings(head: bytes) -> bool:
-    told = ("plants", "encoder_eccentricity_arcsec")  # of a campaign; of a printed arm
-    return any(_json_key(head, key) is not None for key in told)
+    settings_keys = ("plants", "encoder_eccentricity_arcsec")  # of a campaign; of a printed arm
+    return any(_json_key(head, key) is not None for key in settings_keys)
 
 
 def _is_truth(head: bytes) -> bool:
@@ -113,7 +113,7 @@ def check_outputs(
     *inputs* are the files and session folders that the run reads; paths that are None are left out.
     """
     read = _files_of(inputs)
-    taken: dict[str, Path] = {}
+    path_by_option: dict[str, Path] = {}
     for option, (name, kind) in outputs.items():
         if name is None:
             continue
@@ -122,10 +122,10 @@ def check_outputs(
         if os.path.lexists(path) and not path.is_file():
             continue  # a device or pipe, which keeps nothing
         _check_not_read(path, option, read)
-        for other, its_path in taken.items():
-            if same_place(path, its_path):
-                raise BadInput(path, option, f"the file of {other}", "a file of its own")
-        taken[option] = path
+        for earlier_option, earlier_path in path_by_option.items():
+            if same_place(path, earlier_path):
+                raise BadInput(path, option, f"the file of {earlier_option}", "a file of its own")
+        path_by_option[option] = path
         if not force:
             _check_kind(path, option, kind)
 
@@ -143,8 +143,8 @@ def check_same(
     _check_not_read(path, "the file", _files_of(inputs))
     data = content.encode() if isinstance(content, str) else content
     if not force and path.is_file() and path.read_bytes() not in (b"", data):
-        found = f"{kind.name} with another content"
-        raise BadInput(path, "the file", found, "none, or --force to write over it")
+        present_file = f"{kind.name} with another content"
+        raise BadInput(path, "the file", present_file, "none, or --force to write over it")
 
 
 def check_output_folder(folder: Path) -> None:
@@ -169,10 +169,10 @@ def _check_kind(path: Path, option: str, kind: OutputKind) -> None:
             head += file.read(_TAIL_BYTES)
     if kind.told_by is None or not kind.told_by(head):
         expected = f"a new file{f', or {kind.name} of before' if kind.told_by else ''}"
-        raise BadInput(path, option, _what(path, head), f"{expected} (or --force)")
+        raise BadInput(path, option, _describe_file(path, head), f"{expected} (or --force)")
 
 
-def _what(path: Path, head: bytes) -> str:
+def _describe_file(path: Path, head: bytes) -> str:
     """In words, what stands where an output should go."""
     if head.startswith(b"\x89MCAP"):
         return "a recording, which cannot be had again"
@@ -185,9 +185,9 @@ def _what(path: Path, head: bytes) -> str:
     return "a file of another kind"
 
 
-def _check_not_read(path: Path, where: str, inputs: Iterable[Path]) -> None:
+def _check_not_read(path: Path, option: str, inputs: Iterable[Path]) -> None:
     if any(same_place(path, file) for file in inputs):
-        raise BadInput(path, where, "an input of this run", "another file")
+        raise BadInput(path, option, "an input of this run", "another file")
 
 
 def _files_of(inputs: Iterable[str | Path | None]) -> list[Path]:

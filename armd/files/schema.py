@@ -98,18 +98,18 @@ def toml_data(path: str | Path, content: bytes) -> dict[str, Any]:
         raise _hostile(path, error) from error
 
 
-def _refuse_long_integers(path: str | Path, where: str, value: Any) -> None:
+def _refuse_long_integers(path: str | Path, location: str, value: Any) -> None:
     """TOML's integers have 64 bits; Python's parser takes any number of hexadecimal digits, which
     nothing after it can write as decimal ones."""
     if isinstance(value, dict):
         for key, below in value.items():
-            _refuse_long_integers(path, f"{where}.{key}" if where else key, below)
+            _refuse_long_integers(path, f"{location}.{key}" if location else key, below)
     elif isinstance(value, list):
         for i, below in enumerate(value, 1):
-            _refuse_long_integers(path, f"{where}[{i}]", below)
+            _refuse_long_integers(path, f"{location}[{i}]", below)
     elif isinstance(value, int) and value.bit_length() > INTEGER_BITS:
-        found = f"an integer of {value.bit_length()} bits"
-        raise BadInput(path, where, found, "at most 63 bits and a sign, as TOML has it")
+        size = f"an integer of {value.bit_length()} bits"
+        raise BadInput(path, location, size, "at most 63 bits and a sign, as TOML has it")
 
 
 def json_data(path: str | Path, content: bytes) -> Any:
@@ -118,12 +118,14 @@ def json_data(path: str | Path, content: bytes) -> Any:
     try:
         return json_value(text)
     except KeyTwice as error:
-        raise BadInput(path, error.key, error.found, "it once") from error
+        raise BadInput(path, error.key, error.description, "it once") from error
     except json.JSONDecodeError as error:
-        where = f"line {error.lineno} column {error.colno}"
-        there = text[error.pos :].split("\n", 1)[0][:MOST_SHOWN]
+        position = f"line {error.lineno} column {error.colno}"
+        rest_of_line = text[error.pos :].split("\n", 1)[0][:MOST_SHOWN]
         expected = f"valid JSON ({error.msg[:1].lower()}{error.msg[1:]})"
-        raise BadInput(path, where, repr(there) if there else "the end", expected) from error
+        raise BadInput(
+            path, position, repr(rest_of_line) if rest_of_line else "the end", expected
+        ) from error
     except (RecursionError, ValueError) as error:
         raise _hostile(path, error) from error
 
@@ -133,8 +135,8 @@ class KeyTwice(ValueError):
 
     def __init__(self, key: str, values: list[Any]) -> None:
         self.key = key
-        self.found = "this key with " + " and with ".join(map(_shown, values[:2]))
-        super().__init__(f"{key}: {self.found}")
+        self.description = "this key with " + " and with ".join(map(_quote, values[:2]))
+        super().__init__(f"{key}: {self.description}")
 
 
 def json_value(text: str | bytes) -> Any:
@@ -144,11 +146,11 @@ def json_value(text: str | bytes) -> Any:
 
 
 def _of_keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    table = dict(pairs)
+    if len(table) < len(pairs):
         key = Counter(key for key, _ in pairs).most_common(1)[0][0]
         raise KeyTwice(key, [value for name, value in pairs if name == key])
-    return found
+    return table
 
 
 def validate(
@@ -166,7 +168,7 @@ def validate(
     except RecursionError as error:
         raise _hostile(path, error) from error
     except ValidationError as error:
-        worst, *more = (
+        worst, *further_faults = (
             BadInput(
                 path,
                 _key(_location(fault), data, first) or "the file",
@@ -175,7 +177,7 @@ def validate(
             for fault in error.errors(include_url=False)[:MOST_FAULTS]
             if fault["type"] != "default_factory_not_called"  # what it wants is wrong, and told
         )
-        worst.more = tuple(more)
+        worst.more = tuple(further_faults)
         raise worst from error
 
 
@@ -186,8 +188,10 @@ def _text(path: str | Path, content: bytes) -> str:
         raise BadInput(path, "the file", f"{values} values", f"{MOST_VALUES} at most")
     for mark, name in MARKS.items():
         if content.startswith(mark):
-            found = f"a byte order mark of {name} before the text"
-            raise BadInput(path, "byte 0", found, "UTF-8 without one: save it so in the editor")
+            mark_in_words = f"a byte order mark of {name} before the text"
+            raise BadInput(
+                path, "byte 0", mark_in_words, "UTF-8 without one: save it so in the editor"
+            )
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -235,20 +239,20 @@ def _key(
     return key
 
 
-def _shown(value: object) -> str:
+def _quote(value: object) -> str:
     """A value as its file has it; text in quotation marks."""
     match value:
         case None:
-            shown = "nothing"
+            text = "nothing"
         case bool():
-            shown = str(value).lower()
+            text = str(value).lower()
         case dict():
-            shown = f"a table with {few(map(str, value))}" if value else "an empty table"
+            text = f"a table with {few(map(str, value))}" if value else "an empty table"
         case list():
-            shown = f"[{', '.join(map(_shown, value[: MOST_SHOWN // 2]))}]"
+            text = f"[{', '.join(map(_quote, value[: MOST_SHOWN // 2]))}]"
         case _:
-            shown = repr(value)
-    return shown if len(shown) <= MOST_SHOWN else shown[: MOST_SHOWN - 3] + "..."
+            text = repr(value)
+    return text if len(text) <= MOST_SHOWN else text[: MOST_SHOWN - 3] + "..."
 
 
 def _refuse_invisible(path: str | Path, data: object) -> None:
@@ -287,31 +291,31 @@ def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
             return fault["ctx"]["found"], fault["ctx"]["expected"]
         case "missing":
             *table, key = fault["loc"]
-            there = set(fault["input"]) if isinstance(fault["input"], dict) else set()
-            strange = sorted(there.difference(keys_at(model, table)))
+            present_keys = set(fault["input"]) if isinstance(fault["input"], dict) else set()
+            strange = sorted(present_keys.difference(keys_at(model, table)))
             like = nearest(str(key), strange)
             return (f"{like!r} instead" if like else "nothing"), "this key"
         case "extra_forbidden":
             *table, key = fault["loc"]
-            known = keys_at(model, table)
-            return "an unknown key", f"one of the documented keys{hint(str(key), known)}"
+            known_keys = keys_at(model, table)
+            return "an unknown key", f"one of the documented keys{hint(str(key), known_keys)}"
         case "union_tag_not_found":
             return "nothing", "this key"
         case "union_tag_invalid":
             tag = fault["input"][fault["ctx"]["discriminator"].strip("'")]
             return repr(tag), f"one of {fault['ctx']['expected_tags']}"
-    found = _shown(fault["input"])
+    quoted_input = _quote(fault["input"])
     match fault["type"]:
         case "value_error" if isinstance(fault["input"], dict):
             return "values that do not fit together", fault["msg"].removeprefix("Value error, ")
         case "model_type" | "dict_type" | "model_attributes_type":
-            return found, "a table"
+            return quoted_input, "a table"
         case "too_short" | "too_long" if isinstance(fault["input"], list):
-            least = "at least" if fault["type"] == "too_short" else "at most"
+            side_of_bound = "at least" if fault["type"] == "too_short" else "at most"
             bound = fault["ctx"]["min_length" if fault["type"] == "too_short" else "max_length"]
-            return f"{len(fault['input'])} entries", f"{least} {bound}"
+            return f"{len(fault['input'])} entries", f"{side_of_bound} {bound}"
         case "literal_error" if fault["loc"] == ("schema",):
             expected = fault["ctx"]["expected"]
-            return _schema(found), _schema(expected)
+            return _schema(quoted_input), _schema(expected)
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-    return found, message
+    return quoted_input, message

@@ -10,5 +10,5 @@ import platformdirs
 
 def state_folder() -> Path:
     """`$STATE_DIRECTORY` (systemd's), else `$XDG_STATE_HOME/armd`, else what the system has."""
-    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
-    return Path(given) if given else Path(platformdirs.user_state_dir("armd"))
+    systemd_folder = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    return Path(systemd_folder) if systemd_folder else Path(platformdirs.user_state_dir("armd"))

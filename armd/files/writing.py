@@ -45,7 +45,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     """
     target = Path(path)
     check_place(target)
-    with told(target):
+    with explain_os_errors(target):
         if _is_stream(target):
             with tempfile.TemporaryDirectory(prefix="armd-") as folder:
                 part = Path(folder) / f"stream{target.suffix}"
@@ -109,7 +109,7 @@ def write_changed(path: str | Path, content: bytes | str) -> None:
 def check_place(path: str | Path) -> None:
     """Raise `BadInput` unless a file can be written at *path*, as far as can be told before."""
     target = Path(path)
-    with told(target):
+    with explain_os_errors(target):
         kind = 0 if _descriptor(target) is not None else stat.S_IFMT(_standing(target))
         match kind:
             case stat.S_IFLNK:
@@ -121,8 +121,8 @@ def check_place(path: str | Path) -> None:
             case stat.S_IFDIR:
                 raise BadInput(target, "the file", "a folder", "a file to write")
             case stat.S_IFBLK | stat.S_IFSOCK:
-                found = "a disk" if kind == stat.S_IFBLK else "a socket"
-                raise BadInput(target, "the file", found, "a file to write")
+                kind_in_words = "a disk" if kind == stat.S_IFBLK else "a socket"
+                raise BadInput(target, "the file", kind_in_words, "a file to write")
         if not _is_stream(target):
             check_folder(target.parent)
             if len(os.fsencode(target.name)) > longest_name(target.parent):
@@ -138,26 +138,26 @@ def longest_name(folder: Path) -> int:
 
 def check_folder(folder: Path) -> None:
     """Raise `BadInput` unless files can be made in *folder*."""
-    with told(folder):
+    with explain_os_errors(folder):
         if not folder.is_dir():
-            found = "a file" if folder.exists() else "nothing"
-            raise BadInput(folder, "the folder", found, "an existing folder to write in")
+            obstacle = "a file" if folder.exists() else "nothing"
+            raise BadInput(folder, "the folder", obstacle, "an existing folder to write in")
         if not os.access(folder, os.W_OK | os.X_OK):
-            found = "no permission to write in it"
-            raise BadInput(folder, "the folder", found, "a folder to write in")
+            obstacle = "no permission to write in it"
+            raise BadInput(folder, "the folder", obstacle, "a folder to write in")
 
 
-def same_place(one: Path, other: Path) -> bool:
+def same_place(path: Path, other_path: Path) -> bool:
     """Whether two paths are one file, by another name, through links or over a hard link."""
-    if os.path.realpath(one) == os.path.realpath(other):
+    if os.path.realpath(path) == os.path.realpath(other_path):
         return True
     with suppress(OSError):
-        return one.samefile(other)
+        return path.samefile(other_path)
     return False
 
 
 @contextmanager
-def told(path: Path) -> Iterator[None]:
+def explain_os_errors(path: Path) -> Iterator[None]:
     """Within this `with`, what the system refuses of *path* becomes a `BadInput` in words."""
     try:
         yield
@@ -165,11 +165,11 @@ def told(path: Path) -> Iterator[None]:
         raise
     except OSError as error:
         number = error.errno or 0
-        said = " ".join((error.strerror or str(error) or "an error").split())
+        message = " ".join((error.strerror or str(error) or "an error").split())
         if number in _ROOM:
             raise BadInput(path, "the file", _ROOM[number], "room for it") from error
-        found = _REFUSALS.get(number, said)
-        raise BadInput(path, "the file", found, "a place to write a file") from error
+        reason = _REFUSALS.get(number, message)
+        raise BadInput(path, "the file", reason, "a place to write a file") from error
     except ValueError as error:
         if "null" not in str(error):
             raise
@@ -197,9 +197,9 @@ def _is_stream(path: Path) -> bool:
 def _descriptor(path: Path) -> int | None:
     """The number of the open file that *path* is a name of, as /dev/stdout is of 1."""
     with suppress(OSError):
-        own = os.path.realpath("/proc/self/fd")
+        descriptor_folder = os.path.realpath("/proc/self/fd")
         for _ in range(_MOST_LINKS):
-            if path.name.isdecimal() and os.path.realpath(path.parent) == own:
+            if path.name.isdecimal() and os.path.realpath(path.parent) == descriptor_folder:
                 return int(path.name)
             if not path.is_symlink():
                 return None

@@ -65,7 +65,7 @@ class ArmModel(Displayed):
         """
         write_whole(Path(path), self._data)
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         arm = self.content
         tip = ", ".join(f"{value:g}" for value in arm.tip.offset_mm)
         facts = [

@@ -17,8 +17,8 @@ def arrow_table(table: Any, name: str) -> pa.Table:
         return _converted(table)
     except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
         expected = "a pandas, polars or Arrow table, or a dict of arrays of one length"
-        said = " ".join(str(error).split())
-        raise BadInput(name, "the table", said or type(table).__name__, expected) from error
+        message = " ".join(str(error).split())
+        raise BadInput(name, "the table", message or type(table).__name__, expected) from error
 
 
 def _converted(table: Any) -> pa.Table:

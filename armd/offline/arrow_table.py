@@ -75,8 +75,8 @@ class ArrowTable:
         return rows
 
     def _rest(self) -> str:
-        more = len(self) - SHOWN_ROWS
-        return f"… {more} more rows" if more > 0 else ""
+        n_more_rows = len(self) - SHOWN_ROWS
+        return f"… {n_more_rows} more rows" if n_more_rows > 0 else ""
 
     def __repr__(self) -> str:
         rows = self._texts()

@@ -95,7 +95,9 @@ class Calibration(Displayed):
         missing where a quantity was not identified.
         """
         content = self.content
-        known = dict(zip(self.covariance_of, np.sqrt(np.diag(self.covariance)), strict=True))
+        uncertainty_of = dict(
+            zip(self.covariance_of, np.sqrt(np.diag(self.covariance)), strict=True)
+        )
         nominal: dict[str, float] = {}
         if self.identified is not None:
             arm = self.identified.arm.content
@@ -115,7 +117,7 @@ class Calibration(Displayed):
                     [*content.constants.values(), *(term.coefficient for term in content.terms)]
                 ),
                 "standard_uncertainty": np.array(
-                    [float(known.get(name, math.nan)) for name in names]
+                    [float(uncertainty_of.get(name, math.nan)) for name in names]
                 ),
             }
         )
@@ -166,7 +168,7 @@ class Calibration(Displayed):
         value = self.content.provenance.get(name)
         return float(value) if isinstance(value, int | float) else math.nan
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         content = self.content
         facts = [
             ("created", content.created),

@@ -112,8 +112,8 @@ class Corrector(Displayed):
         firsts = [max(rows.num_rows - 1, 0)]
         for name in self._arm.sensors:
             if name in rows.column_names:
-                known = np.flatnonzero(~np.isnan(_numbers(rows, name)))
-                firsts += known[-1:].tolist()
+                rows_with_value = np.flatnonzero(~np.isnan(_numbers(rows, name)))
+                firsts += rows_with_value[-1:].tolist()
         if self.lead_in_s and rows.num_rows:
             is_stamped = is_recorded(rows.column_names)
             time_s = _numbers(rows, STAMP) * 1e-9 if is_stamped else _numbers(rows, "time_s")
@@ -170,7 +170,7 @@ class Corrector(Displayed):
         self._uncertainty = state["uncertainty"]
         self.remarks = []
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         source = self._calibration.path if self._calibration else "none: nominal geometry"
         facts = [
             ("calibration", str(source)),
@@ -184,18 +184,18 @@ class Corrector(Displayed):
 def parse_instant(option: str, value: datetime.datetime | str, source: str = "Corrector") -> float:
     """Return Unix seconds of a datetime or ISO 8601 text; raises `BadInput`, which names
     *source* and *option*."""
-    shown = repr(value) if isinstance(value, str) else value.isoformat()
+    text = repr(value) if isinstance(value, str) else value.isoformat()
     try:
-        when = datetime.datetime.fromisoformat(value) if isinstance(value, str) else value
+        instant = datetime.datetime.fromisoformat(value) if isinstance(value, str) else value
     except ValueError:
-        when = None
-    if when is None or when.tzinfo is None:
+        instant = None
+    if instant is None or instant.tzinfo is None:
         expected = "an instant with its offset from UTC, as 2026-03-01T09:00:00Z"
-        raise BadInput(source, option, shown, expected)
+        raise BadInput(source, option, text, expected)
     try:
-        return measured_at(when).timestamp()
+        return measured_at(instant).timestamp()
     except ValueError as error:
-        raise BadInput(source, option, shown, str(error)) from error
+        raise BadInput(source, option, text, str(error)) from error
 
 
 def _numbers(table: pa.Table, name: str) -> F64:

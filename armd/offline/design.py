@@ -90,7 +90,7 @@ class DesignResult(Reported):
         files = list_inputs(self._arm, self._calibration)
         return design_report(self.experiment, self._arm.content, self.sessions, self.rows, files)
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         experiment = self.experiment
         unit = experiment.criterion.unit
         facts = [

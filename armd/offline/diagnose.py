@@ -97,7 +97,9 @@ class Diagnosis(Displayed):
 
         `predictive` takes some seconds the first time: data sets are drawn and refitted.
         """
-        return self._result | {"predictive": [one.as_json() for one in self.comparisons]}
+        return self._result | {
+            "predictive": [comparison.as_json() for comparison in self.comparisons]
+        }
 
     def plot(self, finding: int | None = None, *, ax: Axes | None = None) -> Figure:
         """Draw the diagnosis; return the matplotlib figure.
@@ -120,8 +122,8 @@ class Diagnosis(Displayed):
         if index is not None:
             draw_signature(panel, self.details, index)
         elif self.comparisons:
-            most = predictive_plot.choose_most_outside(self.comparisons)
-            predictive_plot.draw_curve(panel, most, most.before, "model under test")
+            most_outside = predictive_plot.choose_most_outside(self.comparisons)
+            predictive_plot.draw_curve(panel, most_outside, most_outside.before, "model under test")
         return figure
 
     def report(self, path: PathText) -> None:
@@ -148,7 +150,7 @@ class Diagnosis(Displayed):
             raise ValueError(f"finding {finding} of {listed} has no curve to draw")
         return index
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         baseline = self.baseline
         facts = [
             ("3-D RMS", f"{baseline.rms_um:.2f} µm"),
@@ -189,8 +191,8 @@ def diagnose(
     loaded = resolve_calibration(calibration, model)
     content = loaded.content if loaded else None
     inspected = resolve_sessions(sessions)
-    others = [] if holdout is None else resolve_sessions(holdout)
-    fitted, held_out = load_sessions(inspected, model.content, others)
+    holdout_sessions = [] if holdout is None else resolve_sessions(holdout)
+    fitted, held_out = load_sessions(inspected, model.content, holdout_sessions)
     assumed = AssumedModel.under(model.content, content) if content else None
     every = [*fitted, *held_out]
     if any(session.artefact.surfaces for session in every):

@@ -13,21 +13,21 @@ MOST_LINES, MOST_WIDE = 24, 100
 Facts = Sequence[tuple[str, str]]
 
 
-def shorten(text: str, most: int = MOST_WIDE) -> str:
-    """Return the first line of *text*, cut to *most* characters."""
+def shorten(text: str, max_length: int = MOST_WIDE) -> str:
+    """Return the first line of *text*, cut to *max_length* characters."""
     line = " ".join(text.split())
-    return line if len(line) <= most else line[: most - 1] + "…"
+    return line if len(line) <= max_length else line[: max_length - 1] + "…"
 
 
 class Displayed:
     """A result that prints as a title and a line for each of its facts."""
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         """Return the title, and names with values in words."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        title, facts = self._shown()
+        title, facts = self._describe()
         width = max((len(name) for name, _ in facts), default=0)
         lines = [title, *(f"  {name:<{width}}  {value}" for name, value in facts)]
         if len(lines) > MOST_LINES:
@@ -35,7 +35,7 @@ class Displayed:
         return "\n".join(shorten_end(line) for line in lines)
 
     def _repr_html_(self) -> str:
-        title, facts = self._shown()
+        title, facts = self._describe()
         rows = "".join(
             f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
             f"<td style='text-align:left'>{html.escape(value)}</td></tr>"

@@ -93,7 +93,7 @@ class EvaluationResult(Displayed):
         """Return what `armd evaluate --json` writes."""
         return dict(self._figures)
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         figures = self._figures
         facts = [
             ("3-D RMS", f"{self.rms_um:.2f} µm"),
@@ -149,10 +149,10 @@ def evaluate(
 
 def _places(every: Observations, part: Observations) -> I64:
     """Return where the readings of *part* are among *every* one."""
-    most = int(every.row.max()) + 1
-    key, wanted = every.session * most + every.row, part.session * most + part.row
+    n_rows = int(every.row.max()) + 1
+    key, part_key = every.session * n_rows + every.row, part.session * n_rows + part.row
     order = np.argsort(key, kind="stable")
-    places: I64 = order[np.searchsorted(key, wanted, sorter=order)]
+    places: I64 = order[np.searchsorted(key, part_key, sorter=order)]
     return places
 
 

@@ -109,17 +109,19 @@ class FirstDesignResult(Reported):
         if self._artefact is not None:
             content = self._artefact.model_dump(mode="json", by_alias=True, exclude_defaults=True)
             files["artefact"] = hash_data(self._artefact.name, content)
-        shown = [{k: v for k, v in row.items() if not _is_rad(k)} for row in self.rows]
-        return first_design_report(self.experiment, self._arm.content, shown, self.words, files)
+        rows_in_degrees = [{k: v for k, v in row.items() if not _is_rad(k)} for row in self.rows]
+        return first_design_report(
+            self.experiment, self._arm.content, rows_in_degrees, self.words, files
+        )
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         experiment = self.experiment
         condition = experiment.condition_number
         facts = [
             ("poses", str(len(self.rows))),
             ("rank", f"{experiment.rank} of {experiment.structural_rank}"),
             ("condition number", "infinite" if condition is None else f"{condition:.3g}"),
-            *(("not known", found) for found in experiment.not_known),
+            *(("not known", unknown_quantity) for unknown_quantity in experiment.not_known),
         ]
         return f"First experiment with arm {self._arm.serial_number}", facts
 
@@ -138,9 +140,9 @@ def design_without_sessions(
     )
     seats = None
     if artefact is not None:
-        where = "artefact" if isinstance(artefact, Mapping) else str(artefact)
-        seats = validate(where, {"artefact": artefact_content(artefact)}, ArtefactFile).artefact
-        refuse_surfaces(seats, where, "`armd design`")
+        source = "artefact" if isinstance(artefact, Mapping) else str(artefact)
+        seats = validate(source, {"artefact": artefact_content(artefact)}, ArtefactFile).artefact
+        refuse_surfaces(seats, source, "`armd design`")
     experiment = design_first(content, parameters, readings, seats, bounds)
     return FirstDesignResult(experiment, arm, calibration, seats)
 
@@ -161,8 +163,8 @@ def _rows(experiment: FirstExperiment) -> list[dict[str, Any]]:
 
 def _in_words(experiment: FirstExperiment) -> list[str]:
     """What the poses are worth, a sentence each."""
-    n, most = len(experiment.q), experiment.structural_rank
-    where = (
+    n, full_rank = len(experiment.q), experiment.structural_rank
+    setup = (
         f"on the artefact in {len(set(experiment.placements))} placements"
         if experiment.placements
         else "seen by a tracker in one placement"
@@ -170,16 +172,16 @@ def _in_words(experiment: FirstExperiment) -> list[str]:
     condition = experiment.condition_number
     indices = ", ".join(f"{name} {v:.3g}" for name, v in experiment.observability.items())
     words = [
-        f"{counted(n, 'posture')} for a first calibration, {where};"
+        f"{counted(n, 'posture')} for a first calibration, {setup};"
         f" a certificate wants {experiment.certificate}.",
-        f"Rank {experiment.rank} of {most}, of {experiment.constants} constants: directions known"
-        f" to a tenth of 10 mm or 0.02 rad, with {experiment.noise_mm:.2g} mm of noise a reading."
-        f" Structural rank {most}: directions that move a point at all.",
+        f"Rank {experiment.rank} of {full_rank}, of {experiment.constants} constants: directions"
+        f" known to a tenth of 10 mm or 0.02 rad, with {experiment.noise_mm:.2g} mm of noise a"
+        f" reading. Structural rank {full_rank}: directions that move a point at all.",
         f"Observability {indices}; condition number"
         f" {'infinite' if condition is None else f'{condition:.3g}'}. Columns are scaled by 10 mm"
         " and 0.02 rad, placements and unknown targets eliminated.",
     ]
-    words += [f"Not known: {found}." for found in experiment.not_known]
+    words += [f"Not known: {unknown_quantity}." for unknown_quantity in experiment.not_known]
     if experiment.below_base:
         words.append(
             f"In {counted(experiment.below_base, 'posture')} a part of the arm is lower than its"

@@ -80,9 +80,9 @@ class Model(Displayed):
             part = states.rows(rows)
             parameters = self._parameters(part)
             turned = frames(part.q, parameters)[1][:, -1]
-            known = np.isfinite(part.q).all(axis=1) & np.isfinite(parameters).all(axis=1)
-            if known.any():
-                quaternion[rows][known] = Rotation.from_matrix(turned[known]).as_quat(
+            has_values = np.isfinite(part.q).all(axis=1) & np.isfinite(parameters).all(axis=1)
+            if has_values.any():
+                quaternion[rows][has_values] = Rotation.from_matrix(turned[has_values]).as_quat(
                     canonical=True
                 )
         return quaternion
@@ -126,13 +126,15 @@ class Model(Displayed):
         cannot be reached, is near a singularity or beyond a limit: `armd compensate` says which.
         """
         states = self._states(q, temperatures)
-        wanted = None
+        targets_mm = None
         if wanted_mm is not None:
-            wanted = _numbers("wanted_mm", wanted_mm)
-            if wanted.shape != (states.n, 3):
-                raise ValueError(f"wanted_mm has shape {wanted.shape}, expected ({states.n}, 3)")
+            targets_mm = _numbers("wanted_mm", wanted_mm)
+            if targets_mm.shape != (states.n, 3):
+                raise ValueError(
+                    f"wanted_mm has shape {targets_mm.shape}, expected ({states.n}, 3)"
+                )
         settled = replace(states, series=np.arange(states.n))  # no row lags behind another
-        return compensate(self._arm.content, self._loaded, settled, wanted).q
+        return compensate(self._arm.content, self._loaded, settled, targets_mm).q
 
     def _states(self, q: npt.ArrayLike, temperatures: npt.ArrayLike | None) -> States:
         """Check shapes; return one settled state a row."""
@@ -187,7 +189,7 @@ class Model(Displayed):
             derivatives[:, :, k] += np.einsum("nip,np->ni", by_parameter, change)
         return derivatives
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         facts = [
             ("calibration", self._source),
             ("joints", str(self._arm.n_joints)),

@@ -27,8 +27,8 @@ def list_inputs(
     arm: ArmModel, calibration: LoadedCalibration | None
 ) -> dict[str, InputFile | None]:
     """Return what a report names as its inputs, beside sessions."""
-    known = InputFile(calibration.path.name, calibration.sha256) if calibration else None
-    return {"arm": describe_arm(arm), "calibration": known}
+    calibration_file = InputFile(calibration.path.name, calibration.sha256) if calibration else None
+    return {"arm": describe_arm(arm), "calibration": calibration_file}
 
 
 def describe_arm(arm: ArmModel) -> InputFile:

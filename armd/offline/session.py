@@ -89,7 +89,7 @@ class Session(Displayed):
             self._loaded = key, self._source.load(arm, place)
         return self._loaded[1]
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         file = self._source.file
         facts = [
             ("arm", file.arm),
@@ -150,11 +150,11 @@ def make_session(
     """
     model = resolve_arm(arm)
     readings = arrow_table(table, IN_MEMORY)
-    when = EPOCH if started is None else started
+    start = EPOCH if started is None else started
     content = {
         "schema": "armd.session/1",
         "arm": model.serial_number,
-        "started": when.isoformat() if isinstance(when, datetime.datetime) else when,
+        "started": start.isoformat() if isinstance(start, datetime.datetime) else start,
         "angle_unit": angle_unit,
         "artefact": _unknown_points(readings) if artefact is None else artefact_content(artefact),
     }
@@ -167,8 +167,8 @@ def make_session(
 def artefact_content(artefact: Mapping[str, Any] | PathText) -> dict[str, Any]:
     """Return the content of `[artefact]`. Not public."""
     if isinstance(artefact, Mapping):
-        plain: dict[str, Any] = _plain(artefact)
-        return plain
+        table: dict[str, Any] = _to_builtin(artefact)
+        return table
     path = Path(artefact)
     data = toml_data(path, read_input(path, MOST_TOML_BYTES))
     is_session = data.get("schema") == "armd.session/1"
@@ -186,15 +186,15 @@ def _unknown_points(readings: Any) -> dict[str, Any]:
     return {"name": "unknown points", "target": [{"name": name} for name in names if name]}
 
 
-def _plain(value: Any) -> Any:
+def _to_builtin(value: Any) -> Any:
     """Return data without numpy's types, for the check."""
     match value:
         case Mapping():
-            return {str(key): _plain(below) for key, below in value.items()}
+            return {str(key): _to_builtin(below) for key, below in value.items()}
         case np.ndarray() | np.generic():
             return value.tolist()
         case list() | tuple():
-            return [_plain(below) for below in value]
+            return [_to_builtin(below) for below in value]
     return value
 
 
@@ -204,7 +204,9 @@ def resolve_sessions(sessions: Sessions) -> list[Session]:
     listed: list[Session | PathText] = [sessions] if single else list(sessions)  # type: ignore[list-item, arg-type]
     if not listed:
         raise BadInput("sessions", "the list", "no session", "one at least")
-    return [one if isinstance(one, Session) else read_session(one) for one in listed]
+    return [
+        session if isinstance(session, Session) else read_session(session) for session in listed
+    ]
 
 
 def load_sessions(
@@ -217,7 +219,7 @@ def load_sessions(
         if session.path is not None:
             places.append(session.path)
             continue
-        if any(session is other for other in every[:i]):
+        if any(session is earlier_session for earlier_session in every[:i]):
             raise BadInput(session.name, "the session", "given twice", "every session once")
         counted += 1
         places.append(Path(IN_MEMORY if counted == 1 else f"{IN_MEMORY}-{counted}"))

@@ -81,8 +81,8 @@ class TableSource:
         check_arm(place, self.file, arm)
         header = list(self._table.column_names)
         check_header(place, header)
-        wanted = wanted_columns(header, number_columns(arm), TEXTS)
-        table = cast_columns(place, self._table, wanted)
+        columns = wanted_columns(header, number_columns(arm), TEXTS)
+        table = cast_columns(place, self._table, columns)
         if table.num_rows == 0:
             raise without_readings(place)
         readings = Readings(place, header, table)

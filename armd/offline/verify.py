@@ -72,7 +72,7 @@ class VerificationResult(Reported):
         files["limits"] = hash_data("as data", dict(mpe)) if is_data else InputFile.read(mpe)  # type: ignore[arg-type]
         return verification_report(self.details, self._session, self._arm.content, files, about)
 
-    def _shown(self) -> tuple[str, Facts]:
+    def _describe(self) -> tuple[str, Facts]:
         facts = [
             (item.figure.name, f"{1e3 * item.deciding.value_mm:+.1f} µm, {item.outcome}")
             for item in self.details.judged
@@ -118,8 +118,10 @@ def verify(
     if surfaces := bool(read.artefact.surfaces):
         evaluate([read], model.content, content)  # refuses those that nobody can place
     test = limits.uncertainty if limits else TestUncertainty()
-    whole = limits is not None or not surfaces
-    verdict = judge(evaluate_figures(read, model.content, position, test, complete=whole), limits)
+    must_be_complete = limits is not None or not surfaces
+    verdict = judge(
+        evaluate_figures(read, model.content, position, test, complete=must_be_complete), limits
+    )
     require_judged(verdict, str(read.path))
     return VerificationResult(verdict, read, model, loaded, mpe)
 

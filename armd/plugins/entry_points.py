@@ -32,14 +32,16 @@ class Plugin:
     """Name and version of the distribution that brings it."""
     entry: EntryPoint
 
-    def fault(self, found: str, expected: str) -> BadInput:
+    def fault(self, problem: str, expected: str) -> BadInput:
         """An error that names the package and the entry point."""
-        return BadInput(f"package {self.package}", f"{self.group} {self.name}", found, expected)
+        return BadInput(f"package {self.package}", f"{self.group} {self.name}", problem, expected)
 
     def fault_of(self, error: BaseException, expected: str) -> BadInput:
         """The same of what its code raised."""
-        said = " ".join(str(error).split())
-        return self.fault(f"{type(error).__name__}: {said}" if said else repr(error), expected)
+        message = " ".join(str(error).split())
+        return self.fault(
+            f"{type(error).__name__}: {message}" if message else repr(error), expected
+        )
 
 
 def load_named(
@@ -49,8 +51,8 @@ def load_named(
 
     *check* returns what is used of a loaded object, or raises an error of `Plugin.fault`.
     """
-    found = {plugin.name: plugin for plugin in _plugins(group, built_in)}.get(name)
-    return None if found is None else _loaded(found, check)
+    plugin = {plugin.name: plugin for plugin in _plugins(group, built_in)}.get(name)
+    return None if plugin is None else _loaded(plugin, check)
 
 
 def load_all(
@@ -70,15 +72,15 @@ def report(text: str) -> None:
 
 def _plugins(group: Group, built_in: Collection[str]) -> Iterator[Plugin]:
     """In the order of their names; a name that is taken is reported."""
-    taken = dict.fromkeys(built_in, "armd itself")
+    owner_of_name = dict.fromkeys(built_in, "armd itself")
     for entry in sorted(entry_points(group=group), key=lambda entry: (entry.name, entry.value)):
         package = "unknown" if entry.dist is None else f"{entry.dist.name} {entry.dist.version}"
         plugin = Plugin(group, entry.name, package, entry)
-        if entry.name in taken:
-            found = f"a name that {taken[entry.name]} has"
-            report(str(plugin.fault(found, "a name of its own")))
+        if entry.name in owner_of_name:
+            problem = f"a name that {owner_of_name[entry.name]} has"
+            report(str(plugin.fault(problem, "a name of its own")))
             continue
-        taken[entry.name] = f"package {package}"
+        owner_of_name[entry.name] = f"package {package}"
         yield plugin
 
 

@@ -42,17 +42,17 @@ def factor(text: str) -> float:
 
 def seed(text: str) -> int:
     """A seed of random numbers."""
-    return whole(text, 0, 2**63 - 1)
+    return parse_integer(text, 0, 2**63 - 1)
 
 
-def whole(text: str, least: int, most: int) -> int:
-    """An integer of *least* to *most*."""
-    expected = f"a whole number, {least} to {most}"
+def parse_integer(text: str, minimum: int, maximum: int) -> int:
+    """An integer of *minimum* to *maximum*."""
+    expected = f"a whole number, {minimum} to {maximum}"
     try:
         value = int(text)
     except ValueError as error:
         raise _wrong(text, expected) from error
-    if not least <= value <= most:
+    if not minimum <= value <= maximum:
         raise _wrong(text, expected)
     return value
 
@@ -68,5 +68,5 @@ def _number(text: str, fits: Callable[[float], bool], expected: str) -> float:
 
 
 def _wrong(text: str, expected: str) -> argparse.ArgumentTypeError:
-    shown = text if len(text) <= 40 else text[:37] + "..."
-    return argparse.ArgumentTypeError(f"found {shown!r}, expected {expected}")
+    excerpt = text if len(text) <= 40 else text[:37] + "..."
+    return argparse.ArgumentTypeError(f"found {excerpt!r}, expected {expected}")

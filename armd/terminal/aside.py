@@ -84,8 +84,8 @@ def bar(console: Console, text: str) -> Iterator[Callable[[str, float], None]]:
     ) as progress:
         task = progress.add_task(text, total=1.0)
 
-        def told(said: str, share: float) -> None:
-            tell(said)
-            progress.update(task, description=said, completed=share)
+        def show_share(step: str, share: float) -> None:
+            tell(step)
+            progress.update(task, description=step, completed=share)
 
-        yield told
+        yield show_share

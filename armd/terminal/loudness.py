@@ -29,7 +29,9 @@ OWN_FAULT = 70
 
 def add_loudness(parser: argparse.ArgumentParser) -> None:
     """The options -q and -v, of *parser* or of each of the commands below it."""
-    groups = [one for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
+    groups = [
+        action for action in parser._actions if isinstance(action, argparse._SubParsersAction)
+    ]
     for below in (below for group in groups for below in group.choices.values()):
         add_loudness(below)
     if groups:
@@ -79,25 +81,26 @@ def _most_memory() -> str:
 
 def _once() -> Callable[[logging.LogRecord], bool]:
     """Of lines that are the same, the first: a file is looked into more often than once."""
-    said: set[str] = set()
+    logged_texts: set[str] = set()
 
     def new(record: logging.LogRecord) -> bool:
         text = record.getMessage()
-        is_new = text not in said
-        said.add(text)
+        is_new = text not in logged_texts
+        logged_texts.add(text)
         return is_new
 
     return new
 
 
-def own_fault(error: Exception, of: str = "armd") -> int:
+def own_fault(error: Exception, culprit: str = "armd") -> int:
     """For what nobody foresaw: its traceback, without -v too, for it may not come again.
 
-    *of*: whose code it was."""
+    *culprit*: whose code it was."""
     traceback.print_exception(error)
     name = type(error).__name__
     print(
-        f"armd: {name}: this is a fault of {of}, not of your files; please report the lines above",
+        f"armd: {name}: this is a fault of {culprit}, not of your files;"
+        " please report the lines above",
         file=sys.stderr,
     )
     return OWN_FAULT

@@ -17,8 +17,8 @@ from armd.terminal.suggest import did_you_mean
 _NO_NUMBER = re.compile(r"invalid (int|float) value: (.*)")
 
 
-def _expected_number(found: re.Match[str]) -> str:
-    return f"found {found[2]}, expected a {'whole ' * (found[1] == 'int')}number"
+def _expected_number(match: re.Match[str]) -> str:
+    return f"found {match[2]}, expected a {'whole ' * (match[1] == 'int')}number"
 
 
 class Parser(argparse.ArgumentParser):
@@ -35,10 +35,10 @@ class Parser(argparse.ArgumentParser):
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As argparse does, but for words that nobody takes: see `refuse`."""
-        found, unknown = self.parse_known_args(args, namespace)
+        parsed, unknown = self.parse_known_args(args, namespace)
         if unknown:
             self.refuse(unknown)
-        return found
+        return parsed
 
     def refuse(self, unknown: Sequence[str]) -> NoReturn:
         """Exit code 2 for words that are no options of this command, and not one of its own."""
@@ -46,46 +46,50 @@ class Parser(argparse.ArgumentParser):
         if option is None:
             self.error(f"found {' '.join(map(repr, unknown))}, expected nothing more")
         name = option.partition("=")[0]
-        known = _options(self)
-        if name in known:  # of a command, and before it
+        known_options = _options(self)
+        if name in known_options:  # of a command, and before it
             self.error(f"found {name} here, expected the command first")
-        self.error(f"found {name}, expected an option{did_you_mean(name, known)}")
+        self.error(f"found {name}, expected an option{did_you_mean(name, known_options)}")
 
     def error(self, message: str) -> NoReturn:
         """In one line: argparse would print all options before it."""
-        told = _NO_NUMBER.sub(_expected_number, " ".join(message.split()))
-        told = fit_lines(told)
-        if "required" in told:  # misspelt, it is not missing
-            known = _options(self)
+        text = _NO_NUMBER.sub(_expected_number, " ".join(message.split()))
+        text = fit_lines(text)
+        if "required" in text:  # misspelt, it is not missing
+            known_options = _options(self)
             names = [word.partition("=")[0] for word in self._words if word.startswith("--")]
-            strange = [name for name in names if not any(one.startswith(name) for one in known)]
+            strange = [
+                name
+                for name in names
+                if not any(option.startswith(name) for option in known_options)
+            ]
             if strange:
                 self.refuse(strange)
-        more = f"{self.prog} --help"
-        if "required" in told and self.example:
-            told, more = f"{told}, as in: {self.example}", f"more: {more}"
-        print(f"armd: command line: {self.prog}: {told} ({more})", file=sys.stderr)
+        advice = f"{self.prog} --help"
+        if "required" in text and self.example:
+            text, advice = f"{text}, as in: {self.example}", f"more: {advice}"
+        print(f"armd: command line: {self.prog}: {text} ({advice})", file=sys.stderr)
         sys.exit(2)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Of an argument with a list of choices."""
         if action.choices is not None and value not in action.choices:
-            known = [str(choice) for choice in action.choices]
+            choices = [str(choice) for choice in action.choices]
             raise argparse.ArgumentError(
                 action,
-                f"found {value!r}, expected one of {', '.join(known)}"
-                f"{did_you_mean(str(value), known)}",
+                f"found {value!r}, expected one of {', '.join(choices)}"
+                f"{did_you_mean(str(value), choices)}",
             )
 
 
 def _options(parser: argparse.ArgumentParser) -> list[str]:
     """Of the parser and of those below it."""
-    found = list(parser._option_string_actions)  # argparse shows them nowhere else
+    options = list(parser._option_string_actions)  # argparse shows them nowhere else
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for below in action.choices.values():
-                found += _options(below)
-    return found
+                options += _options(below)
+    return options
 
 
 #: What every command returns, unless its own entry says more.

@@ -21,26 +21,26 @@ MOST_SHOWN = 12
 MOST_COMPARED = 500
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, known_names: Iterable[str]) -> str:
     """`: did you mean alpha_deg?`, or nothing."""
-    like = nearest(word, known)
+    like = nearest(word, known_names)
     return f": did you mean {like}?" if like else ""
 
 
-def nearest(word: str, known: Iterable[str]) -> str | None:
-    """The one of *known* that is most like *word*, if it is like it at all."""
-    by_lower = {name.lower(): name for name in known}
-    found = difflib.get_close_matches(word.lower(), by_lower, 1, ALIKE)
-    return by_lower[found[0]] if found else None
+def nearest(word: str, known_names: Iterable[str]) -> str | None:
+    """The one of *known_names* that is most like *word*, if it is like it at all."""
+    by_lower = {name.lower(): name for name in known_names}
+    matches = difflib.get_close_matches(word.lower(), by_lower, 1, ALIKE)
+    return by_lower[matches[0]] if matches else None
 
 
-def hint(word: str, known: Iterable[str]) -> str:
+def hint(word: str, known_names: Iterable[str]) -> str:
     """`: did you mean alpha_deg?`, or where none is near, `: theta_deg, d_mm, …`."""
-    names = list(known)
+    names = list(known_names)
     return did_you_mean(word, names) or (f": {few(names)}" if names else "")
 
 
-def near(path: Path) -> str:
+def suggest_path(path: Path) -> str:
     """`: did you mean src/T20?` of a path that leads nowhere, or nothing."""
     like = nearest(path.name, _names(path.parent))
     return f": did you mean {path.parent / like}?" if like else ""
@@ -62,8 +62,8 @@ def _names(folder: Path) -> list[str]:
 
 def few(names: Iterable[str]) -> str:
     """All of them, or as many as can be read in one line."""
-    shown = list(names)
-    return ", ".join(shown[:MOST_SHOWN]) + (", …" if len(shown) > MOST_SHOWN else "")
+    listed = list(names)
+    return ", ".join(listed[:MOST_SHOWN]) + (", …" if len(listed) > MOST_SHOWN else "")
 
 
 def keys_at(model: type[BaseModel], location: Iterable[int | str]) -> list[str]:
@@ -89,7 +89,9 @@ def _children(table: dict[str, Any], part: int | str) -> Iterator[dict[str, Any]
         yield table["properties"][part]
     elif isinstance(table.get("additionalProperties"), dict):
         yield table["additionalProperties"]
-    elif any(part == one.get("const") for one in table.get("properties", {}).values()):
+    elif any(
+        part == alternative.get("const") for alternative in table.get("properties", {}).values()
+    ):
         yield table  # the tag of a union, of which this is the member
 
 
@@ -99,6 +101,6 @@ def _resolved(table: dict[str, Any], schema: dict[str, Any]) -> Iterator[dict[st
         name = table["$ref"].removeprefix("#/$defs/")
         yield from _resolved(schema["$defs"][name], schema)
     for word in ("anyOf", "oneOf", "allOf"):
-        for one in table.get(word, []):
-            yield from _resolved(one, schema)
+        for alternative in table.get(word, []):
+            yield from _resolved(alternative, schema)
     yield table

@@ -7,7 +7,7 @@ from pathlib import Path
 from armd.compensation.data.foreign.table import TABLES
 from armd.errors import BadInput
 from armd.terminal.counted import counted
-from armd.terminal.suggest import few, near, within
+from armd.terminal.suggest import few, suggest_path, within
 
 READINGS = ("readings.csv", "readings.parquet")
 
@@ -23,7 +23,7 @@ def check_is_session(folder: Path) -> None:
             expected += ": armd import makes one of a table"
         elif not folder.exists():
             siblings = sorted(path.parent.name for path in folder.parent.glob("*/session.toml"))
-            expected += near(folder) or (f": there is {few(siblings)}" if siblings else "")
+            expected += suggest_path(folder) or (f": there is {few(siblings)}" if siblings else "")
         raise BadInput(folder, "the session", actual, expected)
     if (folder / "session.toml").exists():
         return

@@ -24,7 +24,7 @@ from armd.compensation.data.table_writing import table_writer, write_group
 from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
 from armd.files.outputs import check_output_folder
-from armd.files.writing import sync_folder, told, whole_file
+from armd.files.writing import explain_os_errors, sync_folder, whole_file
 
 #: Seconds of points that wait in memory for their file.
 FILE_S = 30.0
@@ -98,7 +98,7 @@ class Lake:
     def _lock_folder(self) -> int:
         check_output_folder(self.folder)
         path = self.folder / LOCK
-        with told(path):
+        with explain_os_errors(path):
             self.folder.mkdir(parents=True, exist_ok=True)
             handle = os.open(path, os.O_RDWR | os.O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0o666)
         try:
@@ -151,7 +151,7 @@ class Lake:
 
     def _write_file(self, day: str, table: pa.Table) -> None:
         folder = self.folder / f"day={day}"
-        with told(folder):
+        with explain_os_errors(folder):
             if not folder.is_dir():
                 folder.mkdir()
                 sync_folder(self.folder)

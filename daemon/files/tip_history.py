@@ -13,7 +13,7 @@ from armd.client import Arm
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.state_folder import state_folder
-from armd.files.writing import told
+from armd.files.writing import explain_os_errors
 
 SCHEMA = "armd.tip/1"
 GOOD = "good"  # the verdict without doubts
@@ -48,7 +48,7 @@ def keep(serial: str, entry: dict[str, Any]) -> Path:
     """Append one more; on the disk when this returns. Raises `BadInput` where it cannot be."""
     path = history_file(serial)
     line = json.dumps({"schema": SCHEMA, **entry}, allow_nan=False) + "\n"
-    with told(path):
+    with explain_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o750)
         with path.open("ab") as file:
             if file.tell() and not path.read_bytes().endswith(b"\n"):

@@ -17,7 +17,7 @@ from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
 from armd.files.outputs import check_output_folder
 from armd.files.schema import KeyTwice, json_value
-from armd.files.writing import check_folder, sync_folder, told, write_all
+from armd.files.writing import check_folder, explain_os_errors, sync_folder, write_all
 
 NAME = "measuring.jsonl"
 SCHEMA = "armd.measuring/1"
@@ -40,7 +40,7 @@ class Log:
                 if (folder / name).exists():
                     expected = "a new folder, or one that `armd measure` began"
                     raise BadInput(folder, "the folder", name, expected)
-        with told(path):
+        with explain_os_errors(path):
             folder.mkdir(parents=True, exist_ok=True)
             check_folder(folder)
             flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | O_NOFOLLOW | O_CLOEXEC
@@ -66,7 +66,7 @@ class Log:
         it is there."""
         data = (json.dumps(entry, allow_nan=False, separators=(",", ":")) + "\n").encode()
         size = os.fstat(self._handle).st_size
-        with told(Path(NAME)):
+        with explain_os_errors(Path(NAME)):
             try:
                 write_all(self._handle, data)
                 os.fsync(self._handle)
@@ -112,7 +112,7 @@ def begun(folder: Path) -> Entry | None:
     path = folder / NAME
     if not path.exists():
         return None
-    with told(path), path.open("rb") as file:
+    with explain_os_errors(path), path.open("rb") as file:
         line = file.readline(MOST_BYTES)
     entry = _parsed(path, 1, line, "the log of a guided measurement")
     if not isinstance(entry, dict) or entry.get("schema") != SCHEMA:
@@ -125,6 +125,6 @@ def _parsed(path: Path, number: int, line: bytes, expected: str) -> Any:
     try:
         return json_value(line)
     except KeyTwice as error:
-        raise BadInput(path, f"{location}: {error.key}", error.found, "it once") from error
+        raise BadInput(path, f"{location}: {error.key}", error.description, "it once") from error
     except (ValueError, RecursionError) as error:
         raise BadInput(path, location, "no JSON", expected) from error

@@ -77,8 +77,8 @@ def campaigns(seed: int, design: Design, noise: Noise = NOISE) -> tuple[Campaign
     if not design.certified:
         frame = frame.uncertified()
     low, high = nominal.limits_rad()
-    for joint, (least, most) in design.ranges_deg.items():
-        low[joint - 1], high[joint - 1] = np.radians([least, most])
+    for joint, (from_deg, to_deg) in design.ranges_deg.items():
+        low[joint - 1], high[joint - 1] = np.radians([from_deg, to_deg])
     arm = TrueArm.default(seed)
     if not design.expanding:
         arm = replace(arm, materials=Materials.without_expansion())

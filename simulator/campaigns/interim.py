@@ -66,8 +66,8 @@ class CheckSeries:
 
 def parse_happening(text: str, default_day: float) -> Happening:
     """`cause@location=size@day`, with a `+` behind the day of what grows with use from then on."""
-    head, at, day = text.rpartition("@")
-    if not at or "=" not in head:
+    head, at_sign, day = text.rpartition("@")
+    if not at_sign or "=" not in head:
         return Happening(parse_plant(text), default_day)
     grows, digits = day.endswith("+"), day.removesuffix("+")
     try:
@@ -79,9 +79,9 @@ def parse_happening(text: str, default_day: float) -> Happening:
 def parse_bad(text: str) -> tuple[Bad, int]:
     """`dirty-seat@17`: a kind of bad check, and its day."""
     kind, _, day = text.partition("@")
-    for known in BAD:
-        if kind == known and day.isdecimal():
-            return known, int(day)
+    for bad_kind in BAD:
+        if kind == bad_kind and day.isdecimal():
+            return bad_kind, int(day)
     raise BadInput("--bad", text, "this text", f"KIND@DAY, KIND one of {', '.join(BAD)}")
 
 
@@ -115,9 +115,9 @@ def share(happening: Happening, day: float, used: F64) -> float:
 
 def seats(rng: np.random.Generator) -> Artefact:
     """Three seats on a plate; where they are nobody knows."""
-    where = np.array([[0.0, 0.0, 0.0], [180.0, 0.0, 40.0], [60.0, 160.0, 90.0]])
-    where = where + rng.normal(0.0, 0.3, (3, 3))
-    return Artefact("seats", ["S1", "S2", "S3"], np.full((3, 3), np.nan), where, 0.0, 0.0, 0.0)
+    seats_mm = np.array([[0.0, 0.0, 0.0], [180.0, 0.0, 40.0], [60.0, 160.0, 90.0]])
+    seats_mm = seats_mm + rng.normal(0.0, 0.3, (3, 3))
+    return Artefact("seats", ["S1", "S2", "S3"], np.full((3, 3), np.nan), seats_mm, 0.0, 0.0, 0.0)
 
 
 def sphere(rng: np.random.Generator) -> Artefact:
@@ -139,8 +139,8 @@ ARTEFACTS |= {"seats": (seats, 7), "sphere": (sphere, 15), "bar": (bar, 10)}
 
 def campaign(seed: int, noise: Noise, artefact: str = "bar") -> Campaign:
     """The rig as it is on the first day; `carry_out` measures it."""
-    made = ARTEFACTS[artefact][0](np.random.default_rng([seed, 0x1A7]))
-    return Campaign(nominal.arm_toml(), Rig(TrueArm.default(seed), made, noise), [])
+    rig_artefact = ARTEFACTS[artefact][0](np.random.default_rng([seed, 0x1A7]))
+    return Campaign(nominal.arm_toml(), Rig(TrueArm.default(seed), rig_artefact, noise), [])
 
 
 def begins(happening: Happening, used: F64) -> float:
@@ -200,12 +200,12 @@ def carry_out(
         for kind, its_day in history.bad:
             if its_day == day:
                 rig = _spoilt(rig, kind, np.random.default_rng([luck, 0xBAD, day]))
-        where, poses = _poses(stand, artefact, count, reach, rng)
+        pose, poses = _poses(stand, artefact, count, reach, rng)
         order = rng.permutation(len(artefact.targets) * count)
         target = np.repeat(np.arange(len(artefact.targets)), count)[order]
         phi = poses.reshape(len(order), -1)[order]
         yield take_readings(
-            rig, plan, [where], np.zeros(len(order), dtype=np.int64), target, phi, rng
+            rig, plan, [pose], np.zeros(len(order), dtype=np.int64), target, phi, rng
         )
 
 
@@ -219,15 +219,15 @@ def _planted(
     if plant.cause not in ("mount_drift", "tip_offset", "encoder_slip"):
         lasting = {}
     now = replace(plant, size=size * plant.size, detail={**lasting, **plant.detail})
-    alone = replace(today, sessions=[(plan, today.rig.artefact)])
-    return replace(plant_all(alone, [now], np.random.default_rng(seed)), sessions=[])
+    single_session = replace(today, sessions=[(plan, today.rig.artefact)])
+    return replace(plant_all(single_session, [now], np.random.default_rng(seed)), sessions=[])
 
 
 def _spoilt(rig: Rig, kind: Bad, rng: np.random.Generator) -> Rig:
     artefact = rig.artefact
     if kind == "wrong-artefact":
-        other = artefact.true_mm * (1.0 + OTHER_MM / max(np.ptp(artefact.true_mm), 1.0))
-        return replace(rig, artefact=replace(artefact, true_mm=other))
+        scaled_mm = artefact.true_mm * (1.0 + OTHER_MM / max(np.ptp(artefact.true_mm), 1.0))
+        return replace(rig, artefact=replace(artefact, true_mm=scaled_mm))
     grain = GRAIN_MM * random_unit(rng, 1)[0]
     begins = rng.uniform(0.2, 0.5)
 
@@ -244,9 +244,9 @@ def _poses(
 ) -> tuple[Placement, F64]:
     """Where the artefact stands today, and how the arm reaches its targets (K, count, N)."""
     for _ in range(MOST_TRIES):
-        where = _put_again(stand, rng)
+        pose = _put_again(stand, rng)
         try:
-            return where, reach.articulations(where.to_base(artefact.true_mm), count)
+            return pose, reach.articulations(pose.to_base(artefact.true_mm), count)
         except Unreachable:
             continue
     raise Unreachable(f"the {artefact.name} stands where the arm hardly reaches it")

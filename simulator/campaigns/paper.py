@@ -97,10 +97,12 @@ def _largest_change(then: TrueArm, now: TrueArm, trial: Measured) -> float:
     tips = [arm.tip(trial.phi, trial.conditions) for arm in (then, now)]
     largest = 0.0
     for placement in range(len(trial.placements)):
-        here = trial.placement == placement
+        in_placement = trial.placement == placement
         lengths = []
         for tip in tips:
-            mean = np.array([tip[here & (trial.target == k)].mean(axis=0) for k in range(balls)])
+            mean = np.array(
+                [tip[in_placement & (trial.target == k)].mean(axis=0) for k in range(balls)]
+            )
             lengths.append(np.linalg.norm(mean[pairs[0]] - mean[pairs[1]], axis=1))
         largest = max(largest, float(np.abs(lengths[0] - lengths[1]).max()))
     return largest

@@ -101,15 +101,15 @@ def visits(artefact: Artefact) -> tuple[Visit, ...]:
     def starting(prefix: str) -> tuple[str, ...]:
         return tuple(name for name in artefact.targets if name.startswith(prefix))
 
-    near, middle, far = 0.2 * REACH_MM, 0.8 * REACH_MM, REACH_MM
+    near_mm, middle_mm, far_mm = 0.2 * REACH_MM, 0.8 * REACH_MM, REACH_MM
     out = [
         Visit("SPHERE1", starting("SPHERE1"), 1),
         Visit("SPHERE2", starting("SPHERE2"), 1),
         Visit("LDIA", starting("LDIA"), 1),
         Visit("EFFDIA", starting("EFFDIA"), 1),
-        Visit("SPAT1", ("SPAT1",), 10, EVERYWHERE, (150.0, near)),
-        Visit("SPAT2", ("SPAT2",), 10, EVERYWHERE, (near, middle)),
-        Visit("SPAT3", ("SPAT3",), 10, EVERYWHERE, (middle, far)),
+        Visit("SPAT1", ("SPAT1",), 10, EVERYWHERE, (150.0, near_mm)),
+        Visit("SPAT2", ("SPAT2",), 10, EVERYWHERE, (near_mm, middle_mm)),
+        Visit("SPAT3", ("SPAT3",), 10, EVERYWHERE, (middle_mm, far_mm)),
     ]
     lengths = tuple(f"L{i}" for i in range(6))
     out += [Visit(f"E_UNI{i}", lengths, 3, EVERYWHERE, ACROSS) for i in range(1, 8)]

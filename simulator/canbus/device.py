@@ -51,7 +51,7 @@ class CanArm:
         self._electronics = electronics
         self._turns = electronics.parts.counts_per_turn
         self._encoders = [Encoder(k, turn) for k, turn in enumerate(self._turns, 1)]
-        modules = -(-len(self._timeline.at(0.0).sensor_c) // can.CHANNELS_PER_MODULE)
+        modules = -(-len(self._timeline.advance_to(0.0).sensor_c) // can.CHANNELS_PER_MODULE)
         self._thermometers = [Thermometer(node) for node in can.TEMPERATURE_NODES[:modules]]
         self._nodes: list[SimulatedNode] = [*self._encoders, *self._thermometers]
         self._clock = DeviceClock(scenario.rate_hz, scenario.clock_ppm)
@@ -115,7 +115,7 @@ class CanArm:
         """Every node latches at the SYNC's arrival and answers with its TPDOs."""
         self._last_sync_ns = now_ns
         self._change_faults()
-        instant = self._timeline.at((now_ns - self._start_ns) * 1e-9)
+        instant = self._timeline.advance_to((now_ns - self._start_ns) * 1e-9)
         self._latch(instant, now_ns)
         self._truth.append(np.array([now_ns], np.uint64), instant.tip_mm[None])
         self._syncs += 1
@@ -130,7 +130,7 @@ class CanArm:
         if now_ns - self._last_sync_ns > SYNCS_STOPPED_NS:
             # Otherwise a change waits for the next SYNC: a fault of no length meets exactly one.
             self._change_faults()
-            self._latch(self._timeline.at((now_ns - self._start_ns) * 1e-9), now_ns)
+            self._latch(self._timeline.advance_to((now_ns - self._start_ns) * 1e-9), now_ns)
         for node in self._nodes:
             node.tick(now_ns)
 
@@ -191,13 +191,13 @@ class CanArm:
             self._wire.up()
         all_mute = self._schedule.is_on("silence") or self._schedule.is_on("reboot")
         for node in self._nodes:
-            own = {f.name for f in self._schedule.active if f.joint == node.node_id}
-            node.mute = all_mute or bool(own & {"node_silent", "node_reboot"})
-            node.no_heartbeat = "heartbeat_loss" in own
-            node.no_pdo = "missing_tpdo" in own
+            fault_names = {f.name for f in self._schedule.active if f.joint == node.node_id}
+            node.mute = all_mute or bool(fault_names & {"node_silent", "node_reboot"})
+            node.no_heartbeat = "heartbeat_loss" in fault_names
+            node.no_pdo = "missing_tpdo" in fault_names
             if isinstance(node, Encoder):
-                node.alarms = ALARM_POSITION if "joint_invalid" in own else 0
-                node.warnings = WARNING_LIGHT if "joint_warning" in own else 0
+                node.alarms = ALARM_POSITION if "joint_invalid" in fault_names else 0
+                node.warnings = WARNING_LIGHT if "joint_warning" in fault_names else 0
         for module in self._thermometers:
             module.no_pdo = self._schedule.is_on("sensor_silent")
 

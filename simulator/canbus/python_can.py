@@ -80,6 +80,6 @@ def _keep_on_loopback(bus: can.BusABC, group: str) -> None:
     with multicast:
         everywhere = struct.pack("=4sI", socket.inet_aton(group), socket.INADDR_ANY)
         multicast.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, everywhere)
-        here = socket.inet_aton(group) + LOOPBACK
-        multicast.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, here)
+        membership = socket.inet_aton(group) + LOOPBACK
+        multicast.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
         multicast.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, LOOPBACK)

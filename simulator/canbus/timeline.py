@@ -32,7 +32,7 @@ class Timeline:
         self._block = next(blocks)
         self._next = next(blocks)
 
-    def at(self, time_s: float) -> Instant:
+    def advance_to(self, time_s: float) -> Instant:
         """Ask in order of time; an instant before the present block counts as its start."""
         place = max(time_s * GRID_HZ - self._first, 0.0)
         while place >= len(self._block.tip_mm):

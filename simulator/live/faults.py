@@ -106,7 +106,7 @@ class Fault(Strict):
 
     @field_validator("name")
     @classmethod
-    def _known(cls, name: str) -> str:
+    def _check_name(cls, name: str) -> str:
         if name not in FAULTS:
             raise ValueError(f"one of {', '.join(FAULTS)}")
         return name
@@ -127,10 +127,10 @@ class Fault(Strict):
 
 def parse_fault(text: str) -> Fault:
     """`NAME@SECONDS[:DURATION]` as on the command line; raises `BadInput`."""
-    name, _, when = text.partition("@")
-    at, _, duration = when.partition(":")
+    name, _, times_text = text.partition("@")
+    begin_text, _, duration = times_text.partition(":")
     try:
-        times = {"at_s": float(at)} | ({"duration_s": float(duration)} if duration else {})
+        times = {"at_s": float(begin_text)} | ({"duration_s": float(duration)} if duration else {})
     except ValueError:
         raise BadInput("command line", "--fault", text, "NAME@SECONDS[:DURATION]") from None
     return validate(f"--fault {text}", {"name": name, **times}, Fault)

@@ -135,7 +135,7 @@ class _Stop(NamedTuple):
     """One target to rest at."""
 
     goal_mm: F64  # (3,) base frame
-    near: F64  # (N,) a posture that reaches about there
+    posture: F64  # (N,) a posture that reaches about there
 
 
 class LedOperator(Hand):
@@ -150,9 +150,9 @@ class LedOperator(Hand):
         self._rng = np.random.default_rng([seed, 0x1ED])
         once = list(_stops(led, Reach(arm, self._rng, limits_rad), self._rng))
         self._stops: Iterator[_Stop] = itertools.cycle(once) if led.plan.again else iter(once)
-        super().__init__(arm, once[0].near)
+        super().__init__(arm, once[0].posture)
         self.first = Stretch(
-            0.0, 1e-9, led.plan.start_s or 1e-9, once[0].near, 0.0 * once[0].near, np.inf
+            0.0, 1e-9, led.plan.start_s or 1e-9, once[0].posture, 0.0 * once[0].posture, np.inf
         )
 
     def following(self, before: Stretch, link_c: F64) -> Stretch:
@@ -162,7 +162,7 @@ class LedOperator(Hand):
             return Stretch(start_s, 1e-9, np.inf, begin, 0.0 * begin, np.inf)
         missed = stop.goal_mm + self._rng.normal(0.0, 1e-3 * self._plan.miss_um, 3)
         still = Conditions.at_rest(1, len(begin), link_c)
-        posture = settle_on(self._arm, stop.near[None], missed[None], still)[0]
+        posture = settle_on(self._arm, stop.posture[None], missed[None], still)[0]
         change = posture - begin
         move_s = max(self._shortest_s(begin, change, link_c), SHORTEST_MOVE_S)
         end_s = start_s + move_s + self._plan.rest_s
@@ -188,11 +188,13 @@ def _stops(led: Led, reach: Reach, rng: np.random.Generator) -> Iterator[_Stop]:
                 "the operator's plan", location, str(error), "targets in reach"
             ) from error
         goals = placement.to_base(local)
-        left = [list(own) for own in postures]
+        remaining_postures = [list(postures_of_goal) for postures_of_goal in postures]
         for _ in range(visit.rounds):
-            for goal, own in zip(goals, left, strict=True):
-                away = [0.0 if stands is None else np.abs(q - stands).max() for q in own]
-                stands = own.pop(int(np.argmin(away)))
+            for goal, postures_of_goal in zip(goals, remaining_postures, strict=True):
+                away = [
+                    0.0 if stands is None else np.abs(q - stands).max() for q in postures_of_goal
+                ]
+                stands = postures_of_goal.pop(int(np.argmin(away)))
                 yield _Stop(goal, stands)
 
 

@@ -68,7 +68,7 @@ class Heat:
             self._haste = 3.0 * float((CAPACITY / TO_AIR).max()) / warm_up.duration_s
         self._time_s = 0.0
 
-    def at(self, time_s: float) -> tuple[F64, F64]:
+    def advance_to(self, time_s: float) -> tuple[F64, F64]:
         """Link (N,) and sensor (S,) temperatures, °C; ask in order of time."""
         self._field.step((time_s - self._time_s) * self._haste, self.air_c, self._power)
         self._time_s = time_s
@@ -97,8 +97,8 @@ def blocks(
     """The arm's life from time 0 on, sample k at k / rate_hz; never ends."""
     life = steps(hand, Heat(ambient_c, warm_up, arm.n_joints), rate_hz)
     while True:
-        some = zip(*itertools.islice(life, STEPS), strict=True)
-        together = Step(*(np.concatenate(each) for each in some))
+        next_steps = zip(*itertools.islice(life, STEPS), strict=True)
+        together = Step(*(np.concatenate(parts) for parts in next_steps))
         conditions = Conditions(
             link_c=together.link_c,
             rate=together.rate,
@@ -117,12 +117,12 @@ def blocks(
 def in_blocks(life: Iterator[tuple[Step, F64]]) -> Iterator[Block]:
     """Blocks of steps and the true tips (n, 3) mm in them, of an arm that shows its angles."""
     while True:
-        some, tips = zip(*itertools.islice(life, STEPS), strict=True)
+        next_steps, tips = zip(*itertools.islice(life, STEPS), strict=True)
         yield Block(
-            np.concatenate([step.phi for step in some]),
+            np.concatenate([step.phi for step in next_steps]),
             np.concatenate(tips),
-            np.concatenate([step.buttons for step in some]),
-            np.concatenate([step.sensor_c for step in some]),
+            np.concatenate([step.buttons for step in next_steps]),
+            np.concatenate([step.sensor_c for step in next_steps]),
         )
 
 
@@ -131,7 +131,7 @@ def steps(hand: Hand, heat: Heat, rate_hz: int) -> Iterator[Step]:
     n = max(1, round(STEP_S * rate_hz))
     for first in itertools.count(0, n):
         time_s = np.arange(first, first + n) / rate_hz
-        link_c, sensor_c = heat.at(float(time_s[0]))
+        link_c, sensor_c = heat.advance_to(float(time_s[0]))
         phi, rate, buttons = hand.angles(time_s, link_c)
         yield Step(
             phi,

@@ -61,10 +61,14 @@ class PtyPort:
 
     def plug(self) -> None:
         """Appear; on the same /dev/pts number as before wherever that is free again."""
-        wanted, spare = self.path, []
+        earlier_path, spare = self.path, []
         self._open()
         # The kernel gives the lowest free number: hold the lower ones until ours comes up.
-        while wanted and self.path != wanted and _number(self.path) < _number(wanted):
+        while (
+            earlier_path
+            and self.path != earlier_path
+            and _number(self.path) < _number(earlier_path)
+        ):
             spare += [self._master, self._slave]
             self._open()
         for descriptor in spare:

@@ -28,7 +28,7 @@ class Sag:
     axis: int  # 0 or 1
     supports: float
 
-    def at(self, along: F64) -> F64:
+    def deflection_at(self, along: F64) -> F64:
         """Deflection (n,) at places (n,) from −1 to 1, in mm: a uniform beam's (Euler, Bernoulli).
 
         With weight and stiffness 1: y'' = s − (1 + x²)/2 between the supports at ±s, and
@@ -109,11 +109,11 @@ class Artefact:
         scale = 1.0 + self.true_expansion_per_k * (artefact_c - self.reference_c)
         position_mm: F64 = self.true_mm[target] * scale[:, None]
         if self.sag is not None:
-            own = self.true_mm[:, self.sag.axis]
-            along = (2.0 * own - own.max() - own.min()) / np.ptp(own)
+            along_mm = self.true_mm[:, self.sag.axis]
+            along = (2.0 * along_mm - along_mm.max() - along_mm.min()) / np.ptp(along_mm)
             across = down.copy()
             across[:, self.sag.axis] = 0.0
-            position_mm = position_mm + self.sag.at(along)[target][:, None] * across
+            position_mm = position_mm + self.sag.deflection_at(along)[target][:, None] * across
         return position_mm
 
     def toml(self) -> str:

@@ -69,7 +69,7 @@ class Measured:
 
 
 def _down(placements: list[Placement], placement: I64) -> F64:
-    return -np.array([where.rotation[2] for where in placements])[placement]
+    return -np.array([pose.rotation[2] for pose in placements])[placement]
 
 
 def reach_of(rig: Rig, rng: np.random.Generator) -> Reach:
@@ -88,15 +88,15 @@ def measure(rig: Rig, plan: SessionPlan, reach: Reach, rng: np.random.Generator)
     """Carry out *plan*: its visits one after another, each in an order of its own."""
     placements, placement, target, phi = [], [], [], []
     for i, visit in enumerate(plan.visits):
-        wanted = rig.artefact.index(visit.targets)
-        where, poses = place(visit, rig.artefact.true_mm[wanted], reach, rng)
-        placements.append(where)
+        targets = rig.artefact.index(visit.targets)
+        pose, poses = place(visit, rig.artefact.true_mm[targets], reach, rng)
+        placements.append(pose)
         # An operator goes round the artefact several times rather than staying at one ball.
-        count = len(wanted) * visit.articulations
+        count = len(targets) * visit.articulations
         order = rng.permutation(count)
         again = np.tile if rig.in_rounds else np.repeat
         order = again(order, rig.repeats)
-        target.append(np.repeat(wanted, visit.articulations)[order])
+        target.append(np.repeat(targets, visit.articulations)[order])
         phi.append(poses.reshape(count, -1)[order])
         placement.append(np.full(len(order), i))
     return take_readings(
@@ -130,9 +130,9 @@ def take_readings(
     air_c = plan.climate.air_c(time_s)
     link_c, felt_c = _temperatures(plan.climate, time_s, rig.core_lag_s)
     pushed = np.full((n, 3), np.nan)
-    for i, where in enumerate(placements):
+    for i, pose in enumerate(placements):
         rows = placement == i
-        pushed[rows] = rig.artefact.inward[target[rows]] @ where.rotation.T
+        pushed[rows] = rig.artefact.inward[target[rows]] @ pose.rotation.T
     rigid = arm.posture(phi, Conditions.at_rest(n, arm.n_joints))
     approach, rate = _motion(rigid, pushed, plan, rng)
     if sides is not None:
@@ -141,9 +141,9 @@ def take_readings(
     artefact_c = air_c  # its thin bars follow the air
     local = rig.artefact.positions(target, artefact_c, _down(placements, placement))
     goal = np.empty((n, 3))
-    for i, where in enumerate(placements):
+    for i, pose in enumerate(placements):
         rows = placement == i
-        goal[rows] = where.to_base(local[rows])
+        goal[rows] = pose.to_base(local[rows])
     if rig.touched is not None and rig.touched.session == plan.name:
         first = np.flatnonzero(placement == 0)
         after = first[int(rig.touched.share * len(first)) :]

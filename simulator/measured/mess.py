@@ -51,9 +51,11 @@ def in_the_workshop(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
     match kind:
         case "gross":
 
-            def spoil(own: Rng, n: int) -> F64:
-                far = 1e-3 * GROSS_UM * own.uniform(0.7, 1.5, (n, 1)) * random_unit(own, n)
-                return np.where(own.uniform(size=(n, 1)) < GROSS_SHARE, far, 0.0)
+            def spoil(row_rng: Rng, n: int) -> F64:
+                offset_mm = (
+                    1e-3 * GROSS_UM * row_rng.uniform(0.7, 1.5, (n, 1)) * random_unit(row_rng, n)
+                )
+                return np.where(row_rng.uniform(size=(n, 1)) < GROSS_SHARE, offset_mm, 0.0)
 
             rig = replace(rig, spoil=spoil)
         case "t3":
@@ -71,9 +73,9 @@ def in_the_workshop(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
             rounds = bool(rng.uniform() < 0.5)
             rig = replace(rig, repeats=3, in_rounds=rounds, interpolation_rad=float(small))
         case "touched":
-            far = 1e-3 * float(np.exp(rng.uniform(np.log(100.0), np.log(600.0))))
+            distance_mm = 1e-3 * float(np.exp(rng.uniform(np.log(100.0), np.log(600.0))))
             turn = 1e-3 * rng.uniform(0.0, 1.0) * random_unit(rng, 1)[0]
-            shift = far * random_unit(rng, 1)[0]
+            shift = distance_mm * random_unit(rng, 1)[0]
             touched = Touched(str(rng.choice(names)), float(rng.uniform(0.25, 0.75)), turn, shift)
             rig = replace(rig, touched=touched)
     return replace(campaign, rig=rig)
@@ -106,7 +108,7 @@ def _dead(sessions: list[Texts], rng: Rng) -> list[Texts]:
     since = int(rng.integers(len(sessions) // 2)) if how in ("stuck", "empty") else 0
     fixed = str(rng.choice(["0", "85", "20"]))
     last = ""
-    found = []
+    changed = []
     for i, texts in enumerate(sessions):
 
         def change(rows: TableRows, i: int = i) -> TableRows:
@@ -122,8 +124,8 @@ def _dead(sessions: list[Texts], rng: Rng) -> list[Texts]:
                     row[name] = {"stuck": last, "constant": fixed, "empty": ""}[how]
             return rows
 
-        found.append(_table(texts, change))
-    return found
+        changed.append(_table(texts, change))
+    return changed
 
 
 def _clocks(sessions: list[Texts], rng: Rng) -> list[Texts]:
@@ -131,16 +133,16 @@ def _clocks(sessions: list[Texts], rng: Rng) -> list[Texts]:
     or a clock set back by an hour during a session."""
     how = str(rng.choice(["exchanged", "overlap", "back"]))
     a, b = sorted(int(i) for i in rng.choice(len(sessions), 2, replace=False))
-    found = list(sessions)
+    changed = list(sessions)
     if how == "back":
-        found[a] = _table(found[a], _set_back)
-        return found
+        changed[a] = _table(changed[a], _set_back)
+        return changed
     began = [_started(texts) for texts in sessions]
     if how == "exchanged":
-        found[a], found[b] = _begun(found[a], began[b]), _begun(found[b], began[a])
+        changed[a], changed[b] = _begun(changed[a], began[b]), _begun(changed[b], began[a])
     else:
-        found[b] = _begun(found[b], began[b - 1] + timedelta(minutes=5))
-    return found
+        changed[b] = _begun(changed[b], began[b - 1] + timedelta(minutes=5))
+    return changed
 
 
 def _set_back(rows: TableRows) -> TableRows:

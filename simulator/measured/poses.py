@@ -38,12 +38,12 @@ def settle_on(arm: Movable, phi: F64, goal_mm: F64, conditions: Conditions) -> F
     phi = phi.copy()
     for _ in range(12):
         rigid = arm.posture(phi, conditions)
-        way = goal_mm - (rigid.tip if arm.is_rigid else arm.tip(phi, conditions))
-        if np.abs(way).max() < CLOSE_MM:
+        way_mm = goal_mm - (rigid.tip if arm.is_rigid else arm.tip(phi, conditions))
+        if np.abs(way_mm).max() < CLOSE_MM:
             break
         jacobian = tip_jacobian(rigid)
         squared = jacobian @ jacobian.transpose(0, 2, 1) + 1e-6 * np.eye(3)
-        step = jacobian.transpose(0, 2, 1) @ np.linalg.solve(squared, way[:, :, None])
+        step = jacobian.transpose(0, 2, 1) @ np.linalg.solve(squared, way_mm[:, :, None])
         phi += np.clip(step[:, :, 0], -0.4, 0.4)
     return phi
 
@@ -75,8 +75,8 @@ class Reach:
         Raises `Unreachable` if a goal has too few.
         """
         tries = 4 * count + 12
-        near = np.asarray(self._tree.query(goals_mm, k=8 * tries)[1])
-        picked = np.array([self._rng.choice(row, tries, replace=False) for row in near])
+        near_rows = np.asarray(self._tree.query(goals_mm, k=8 * tries)[1])
+        picked = np.array([self._rng.choice(row, tries, replace=False) for row in near_rows])
         start = self._phi[picked.ravel()]
         goal = np.repeat(goals_mm, tries, axis=0)
         still = Conditions.at_rest(len(start), start.shape[1])

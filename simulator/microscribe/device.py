@@ -174,11 +174,11 @@ class MicroScribeDevice:
 
     def _change_faults(self) -> None:
         ended, begun = self._schedule.advance(round(self._now_s() * SCHEDULE_HZ))
-        for what, faults in (("end", ended), ("begin", begun)):
+        for change, faults in (("end", ended), ("begin", begun)):
             for fault in faults:
                 now = {"at_s": self._now_s(), "monotonic_ns": time.monotonic_ns()}
-                self._log.write(what, fault=fault.name, **now)
-                self._line.fault(fault, what == "begin")
+                self._log.write(change, fault=fault.name, **now)
+                self._line.fault(fault, change == "begin")
         if any(fault.name == "reboot" for fault in ended):
             self._timer = self._timer.restarted(self._now_s())
             self._wake()

@@ -57,7 +57,7 @@ class MotionReport:
 
     def read(self, reading: wire.StandardReply) -> None:
         """At the begin of a tick."""
-        if self._wanted(reading):
+        if self._must_send(reading):
             self._sent = reading
             self.packet = wire.encode_standard(self._command, reading)
             self.due_s += self._line_s
@@ -76,7 +76,7 @@ class MotionReport:
         self._tick += self._every
         self.due_s = self._timer.begin_s(self._tick)
 
-    def _wanted(self, reading: wire.StandardReply) -> bool:
+    def _must_send(self, reading: wire.StandardReply) -> bool:
         if not self._buttons and not self._changes.any():
             return True
         if self._sent is None:
@@ -107,12 +107,12 @@ class SpoiltPort:
         for fault in [*self._on]:
             if not data:
                 return
-            at, amount = int(self._rng.integers(len(data))), round(fault.size)
+            position, amount = int(self._rng.integers(len(data))), round(fault.size)
             if fault.name == "lost_byte":
-                self._to_lose = max(0, amount - (len(data) - at))
-                data = data[:at] + data[at + amount :]
+                self._to_lose = max(0, amount - (len(data) - position))
+                data = data[:position] + data[position + amount :]
             else:
-                data = data[:at] + self._rng.bytes(amount) + data[at:]
+                data = data[:position] + self._rng.bytes(amount) + data[position:]
             if not fault.seconds:
                 self._on.remove(fault)
         if data:

@@ -41,10 +41,10 @@ def instant(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> float
     if "instant_s" in plant.detail:
         return float(plant.detail["instant_s"])
     spans = campaign.span_s()
-    shown = [
+    fitted_spans = [
         span for span, (plan, _) in zip(spans, campaign.sessions, strict=True) if not plan.held_out
     ]
-    start, end = shown[int(rng.integers(len(shown)))]
+    start, end = fitted_spans[int(rng.integers(len(fitted_spans)))]
     return float(rng.uniform(0.7 * start + 0.3 * end, 0.3 * start + 0.7 * end))
 
 
@@ -112,8 +112,8 @@ def mount(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     turn = plant.size * (4.0 if step else 3.0) * random_unit(rng, 1)[0]
     shift = plant.size * 5.0 * random_unit(rng, 1)[0]
     since = campaign.span_s()[0][0]
-    at = instant(plant, rng, campaign) if step else None
-    return MovingMount(tuple(turn), tuple(shift), since, at)
+    instant_s = instant(plant, rng, campaign) if step else None
+    return MovingMount(tuple(turn), tuple(shift), since, instant_s)
 
 
 def tip(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
@@ -128,10 +128,10 @@ def mesh(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     """`other`: the joint that drives it (a neighbour), `waves` a turn of it, `ratio` of its own."""
     neighbours = [k for k in (plant.number - 1, plant.number + 1) if k >= 1]
     neighbours = [k for k in neighbours if k <= campaign.rig.arm.n_joints]
-    other = int(plant.detail.get("other", rng.choice(neighbours)))
+    other_joint = int(plant.detail.get("other", rng.choice(neighbours)))
     waves = int(plant.detail.get("waves", rng.integers(1, 13)))
     ratio = float(plant.detail.get("ratio", rng.choice([-1.0, 0.0, 0.0, 1.0])))
-    return MeshingGears(plant.number, other, waves, plant.size, angle(plant, rng), ratio)
+    return MeshingGears(plant.number, other_joint, waves, plant.size, angle(plant, rng), ratio)
 
 
 def work(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
@@ -147,12 +147,12 @@ def work(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
 def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     """What is in no catalogue, by its `kind`; `joint` and `other` are its places."""
     joint = int(plant.detail.get("joint", 2))
-    other = int(plant.detail.get("other", 3))
+    other_joint = int(plant.detail.get("other", 3))
     match str(plant.detail.get("kind", "cable")):
         case "cable":
-            return CablePull(joint, other, plant.size)
+            return CablePull(joint, other_joint, plant.size)
         case "hysteresis":
-            return CoupledHysteresis(joint, other, plant.size)
+            return CoupledHysteresis(joint, other_joint, plant.size)
         case "wear":
             return CreepingPlay(joint, plant.size, campaign.span_s()[0][0])
         case "bristles":
@@ -162,9 +162,9 @@ def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effec
         case "wide hysteresis":
             return WideHysteresis(joint, plant.size, float(rng.uniform(0.8, 2.0)))
         case "two wheels":
-            waves, others = (int(n) for n in rng.integers(2, 6, 2))
-            return TwoWheels(joint, other, waves, others, plant.size, angle(plant, rng))
+            waves, other_waves = (int(n) for n in rng.integers(2, 6, 2))
+            return TwoWheels(joint, other_joint, waves, other_waves, plant.size, angle(plant, rng))
         case "warm neighbour":
-            return WarmNeighbour(joint, other, plant.size, float(rng.uniform(300.0, 1200.0)))
+            return WarmNeighbour(joint, other_joint, plant.size, float(rng.uniform(300.0, 1200.0)))
         case _:
             return DrivenByRate(joint, plant.size)

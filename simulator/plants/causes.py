@@ -53,12 +53,12 @@ class Planting:
 def imperfection(make: MakeEffect) -> How:
     """Planting an imperfection of the arm itself."""
 
-    def plant(campaign: Campaign, wanted: Plant, rng: np.random.Generator) -> Campaign:
+    def plant(campaign: Campaign, planned: Plant, rng: np.random.Generator) -> Campaign:
         imperfect = campaign.rig.arm
-        effect = make(wanted, rng, campaign)
-        if share := float(wanted.detail.get("distortion", 0.0)):
-            joint = wanted.number if wanted.location[-1].isdigit() else imperfect.n_joints - 1
-            effect = Distorted(effect, share, joint, arm.angle(wanted, rng, "distortion phase"))
+        effect = make(planned, rng, campaign)
+        if share := float(planned.detail.get("distortion", 0.0)):
+            joint = planned.number if planned.location[-1].isdigit() else imperfect.n_joints - 1
+            effect = Distorted(effect, share, joint, arm.angle(planned, rng, "distortion phase"))
         imperfect = imperfect.with_effects(*imperfect.effects, effect)
         return replace(campaign, rig=replace(campaign.rig, arm=imperfect))
 

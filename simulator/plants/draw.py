@@ -88,6 +88,6 @@ def _place(rng: np.random.Generator, cause: str) -> str:
 
 def _foreign(rng: np.random.Generator, size: float) -> Plant:
     kind = str(rng.choice(FOREIGN))
-    joint, other = (int(j) for j in rng.choice([1, 2, 3, 4], 2, replace=False))
-    detail: dict[str, float | str] = {"kind": kind, "joint": joint, "other": other}
+    joint, other_joint = (int(j) for j in rng.choice([1, 2, 3, 4], 2, replace=False))
+    detail: dict[str, float | str] = {"kind": kind, "joint": joint, "other": other_joint}
     return Plant("unknown", "-", size * FOREIGN_SIZE[kind], detail)

@@ -37,7 +37,9 @@ def drifting(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effe
     """The effect of a plant with a course."""
     along = _course(str(plant.detail["course"]), plant, rng, campaign)
     if plant.cause == "mount_drift":
-        turn, shift = (tuple(plant.size * most * random_unit(rng, 1)[0]) for most in (4.0, 5.0))
+        turn, shift = (
+            tuple(plant.size * amplitude * random_unit(rng, 1)[0]) for amplitude in (4.0, 5.0)
+        )
         return DriftingMount(turn, shift, along)
     match plant.detail["parameter"]:
         case "theta":

@@ -32,9 +32,9 @@ def planted(arm: TrueArm, texts: Sequence[str], seed: int) -> TrueArm:
         before = campaign.rig
         campaign = plant_all(campaign, [parse_plant(text)], rng)
         rig = campaign.rig
-        beside = ("artefact", "noise", "core_lag_s", "read_sensors", "spoil")
+        surroundings = ("artefact", "noise", "core_lag_s", "read_sensors", "spoil")
         if rig.arm is before.arm or any(
-            getattr(rig, name) is not getattr(before, name) for name in beside
+            getattr(rig, name) is not getattr(before, name) for name in surroundings
         ):
             expected = "a cause of the arm itself; others are for --session"
             raise BadInput("--plant", text, "something beside the arm", expected)

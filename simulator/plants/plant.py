@@ -31,10 +31,10 @@ class Plant:
 
 def parse_plant(text: str) -> Plant:
     """`cause@location=size`, such as ``encoder_eccentricity@joint 3=0.8``."""
-    cause, at, rest = text.partition("@")
+    cause, at_sign, rest = text.partition("@")
     location, equals, size = rest.rpartition("=")
     try:
-        if not (at and equals):
+        if not (at_sign and equals):
             raise ValueError
         return Plant(cause, location, float(size))
     except ValueError:
@@ -45,16 +45,16 @@ def depends_on(plant: Plant) -> list[str]:
     """The columns of a session that a planted cause acts through."""
     place = plant.location.split()[-1]
     if plant.cause == "unknown":
-        joint, other = (plant.detail.get(k, v) for k, v in (("joint", 2), ("other", 3)))
+        joint, other_joint = (plant.detail.get(k, v) for k, v in (("joint", 2), ("other", 3)))
         return {
-            "cable": [f"q{joint}", f"q{other}"],
-            "hysteresis": [f"w{joint}", f"q{other}"],
+            "cable": [f"q{joint}", f"q{other_joint}"],
+            "hysteresis": [f"w{joint}", f"q{other_joint}"],
             "wear": [f"w{joint}", "time_s"],
             "bristles": [f"w{joint}", f"q{joint}", "time_s"],
             "drag": [f"w{joint}"],
             "letting go": [f"w{joint}"],
             "wide hysteresis": [f"w{joint}", f"q{joint}", "time_s"],
-            "two wheels": [f"q{joint}", f"q{other}"],
+            "two wheels": [f"q{joint}", f"q{other_joint}"],
             "warm neighbour": [f"w{joint}", "time_s"],
         }[str(plant.detail.get("kind", "cable"))]
     match plant.cause:

@@ -22,9 +22,9 @@ def lag(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
     return replace(campaign, rig=replace(rig, core_lag_s=lag))
 
 
-def _sensors(campaign: Campaign, told: Callable[[F64], F64]) -> Campaign:
+def _sensors(campaign: Campaign, distort: Callable[[F64], F64]) -> Campaign:
     before = campaign.rig.read_sensors
-    rig = replace(campaign.rig, read_sensors=lambda felt: told(before(felt)))
+    rig = replace(campaign.rig, read_sensors=lambda felt: distort(before(felt)))
     return replace(campaign, rig=rig)
 
 
@@ -87,7 +87,7 @@ def outliers(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campai
     fraction = float(plant.detail.get("fraction", 0.015))
 
     def spoil(rng: np.random.Generator, n: int) -> F64:
-        far = 1e-3 * plant.size * rng.uniform(0.7, 1.5, (n, 1)) * random_unit(rng, n)
-        return np.where(rng.uniform(size=(n, 1)) < fraction, far, 0.0)
+        offset_mm = 1e-3 * plant.size * rng.uniform(0.7, 1.5, (n, 1)) * random_unit(rng, n)
+        return np.where(rng.uniform(size=(n, 1)) < fraction, offset_mm, 0.0)
 
     return replace(campaign, rig=replace(campaign.rig, spoil=spoil))

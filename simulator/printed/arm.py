@@ -108,8 +108,8 @@ class PrintedArm:
         """The same, of the angles (5,) at which the links themselves stand."""
         frames = self._frames(angles, link_c)
         growth = 1 + PLA_PER_K * (link_c[4] - REFERENCE_C)
-        found: F64 = frames[-1][:3, 3] + frames[-1][:3, :3] @ self.tip_mm * growth
-        return found
+        tip: F64 = frames[-1][:3, 3] + frames[-1][:3, :3] @ self.tip_mm * growth
+        return tip
 
     def counts(self, angles: F64, rng: np.random.Generator) -> I64:
         """What the servos say (5,): whole counts from the middle."""
@@ -127,7 +127,7 @@ class PrintedArm:
 
     def _frames(self, angles: F64, link_c: F64) -> list[F64]:
         """Each joint's child frame (4, 4)."""
-        frame, found = np.eye(4), []
+        frame, frames = np.eye(4), []
         for k in range(5):
             # The part that carries joint k is the link before it.
             growth = 1 + PLA_PER_K * (link_c[max(k - 1, 0)] - REFERENCE_C)
@@ -137,8 +137,8 @@ class PrintedArm:
             turn = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
             step[:3, :3] = turn @ about(self.tilt_rad[k]) @ _about(2, angles[k])
             frame = frame @ step
-            found.append(frame)
-        return found
+            frames.append(frame)
+        return frames
 
     def _torques(self, angles: F64) -> F64:
         """Of gravity about each joint's axis (5,) Nm, positive with the angle."""

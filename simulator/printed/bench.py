@@ -50,7 +50,7 @@ def measure(
     readings."""
     rng = np.random.default_rng([seed, 0x50101])
     arm = PrintedArm.draw(rng)
-    true = {name: np.array(at) + rng.normal(0.0, 0.1, 3) for name, at in SEATS_MM.items()}
+    true = {name: np.array(seat_mm) + rng.normal(0.0, 0.1, 3) for name, seat_mm in SEATS_MM.items()}
     files: dict[str, str] = {}
     total = 0
     sessions = {
@@ -85,15 +85,19 @@ def _plate_visits(
         middle = np.mean(list(true.values()), axis=0)
         corner = np.array([radius * np.cos(angle), radius * np.sin(angle), height]) - turn @ middle
         visits += [
-            Touch(f"P{i + 1}", name, corner + turn @ at)
-            for name, at in true.items()
+            Touch(f"P{i + 1}", name, corner + turn @ seat_mm)
+            for name, seat_mm in true.items()
             for _ in range(postures)
         ]
     return visits
 
 
 def _seat_visits() -> list[Touch]:
-    return [Touch("V1", name, np.array(at)) for name, at in CONES_MM.items() for _ in range(10)]
+    return [
+        Touch("V1", name, np.array(cone_mm))
+        for name, cone_mm in CONES_MM.items()
+        for _ in range(10)
+    ]
 
 
 def _measured(rng: np.random.Generator, true: dict[str, F64]) -> dict[tuple[str, str], float]:

@@ -58,7 +58,7 @@ class SerialDevice:
         self._electronics = electronics
         self._clock = DeviceClock(scenario.rate_hz, scenario.clock_ppm)
         self._early_ns = EARLY_NS if scenario.rate_hz <= SPIN_HZ else 0
-        self._most = max(1, round(AT_ONCE_S * scenario.rate_hz))
+        self._max_batch = max(1, round(AT_ONCE_S * scenario.rate_hz))
         self._commands = wire.CobsSplitter()
         self._line = SpoiltLine(self._schedule, self._rng, electronics.parts.counts_per_turn)
         self._mute = ""  # the fault that keeps the arm silent
@@ -83,7 +83,7 @@ class SerialDevice:
             while self._k < due_k:
                 if self._k >= self._schedule.next_change:
                     self._change_faults()
-                most_k = self._k + self._most
+                most_k = self._k + self._max_batch
                 self._latch_until(
                     min(due_k, most_k, self._buffer.end_k, self._schedule.next_change)
                 )
@@ -272,7 +272,7 @@ class SerialDevice:
         if data[0] == wire.Type.IDENTIFY:
             self._send_hello()
         elif data[0] == wire.Type.PING and (nonce := wire.decode_ping(data)) is not None:
-            self._port.write(self._line.whole(wire.encode_pong(nonce, t_us)))
+            self._port.write(self._line.pass_intact(wire.encode_pong(nonce, t_us)))
 
     def _send_hello(self) -> None:
         hello = wire.Hello(
@@ -284,4 +284,4 @@ class SerialDevice:
             serial_number=self._scenario.serial_number,
             bits=self._electronics.parts.bits,
         )
-        self._port.write(self._line.whole(wire.encode_hello(hello)))
+        self._port.write(self._line.pass_intact(wire.encode_hello(hello)))

@@ -34,11 +34,11 @@ class SpoiltLine:
         row = row.copy()
         for fault in self._schedule.active:
             at_latch(fault, row, self._turns)
-        whole = packet = wire.pack(row.tobytes())
+        intact_packet = packet = wire.pack(row.tobytes())
         lost_by = "truncated_packet" if self.torn else ""
         for fault in self._schedule.active:
             packet = on_wire(fault, packet, self._rng)
-            if not packet.startswith(whole):
+            if not packet.startswith(intact_packet):
                 lost_by = fault.name
         if packet:
             self.torn = not packet.endswith(b"\0")
@@ -50,9 +50,9 @@ class SpoiltLine:
             in_sensors(fault, celsius)
         if self._schedule.is_on("sensor_silent"):
             return b""
-        return self.whole(wire.encode_temperature(t_us, celsius))
+        return self.pass_intact(wire.encode_temperature(t_us, celsius))
 
-    def whole(self, packet: bytes) -> bytes:
+    def pass_intact(self, packet: bytes) -> bytes:
         """A packet that no fault spoils."""
         self.torn = False
         return packet

@@ -111,7 +111,7 @@ class ServoHeat:
         self._start = np.linalg.solve(self._modes, -self._rise)
         self._ambient_c = ambient_c
 
-    def at(self, time_s: F64) -> F64:
+    def celsius_at(self, time_s: F64) -> F64:
         """(n, N + 1) °C at *time_s* (n,) since power-up."""
         fading = (np.exp(np.outer(time_s, self._decay)) * self._start) @ self._modes.T
         celsius: F64 = self._ambient_c + self._rise + fading
@@ -148,10 +148,10 @@ class ServoArm:
             return GRIPPER_PRESSED if self.motion.pressed(time_s) else GRIPPER_OPEN
         phi = np.zeros((1, n))
         phi[0, servo - 1] = angle = self.motion.angle(servo, time_s)
-        error = self._discs[servo].shown(servo, phi, self._nowhere)
+        error = self._discs[servo].encoder_error_rad(servo, phi, self._nowhere)
         assert error is not None
-        shown = float(self._direction[servo - 1]) * (angle + float(error[0]))
-        return round(shown / (2 * math.pi) * COUNTS_PER_TURN) + COUNTS_PER_TURN // 2
+        shown_rad = float(self._direction[servo - 1]) * (angle + float(error[0]))
+        return round(shown_rad / (2 * math.pi) * COUNTS_PER_TURN) + COUNTS_PER_TURN // 2
 
     def tips_mm(self, time_s: F64) -> F64:
         """The true tip (n, 3) at instants (n,)."""
@@ -169,7 +169,7 @@ class ServoArm:
 
     def _link_c(self, time_s: F64) -> F64:
         """(n, N): the body of servo k+1 sits in link k."""
-        return self.warmth.at(time_s)[:, 1:]
+        return self.warmth.celsius_at(time_s)[:, 1:]
 
     def _wandering(self, seed: int) -> ServoMotion:
         low, high = np.radians(LIMITS_DEG[self._parts]).T * 0.6

@@ -62,7 +62,7 @@ class ServoBus:
         }
         self._splitter = self._codec.splitter()
         self._once: list[Fault] = []  # faults of one cycle that have not been yet
-        self._kept = b""  # an answer that comes a cycle late
+        self._late_status = b""  # an answer that comes a cycle late
         self._byte_ns = 0.0
         self._transit_ns = transit_ns()  # a wire has none
         self._began_ns = time.monotonic_ns()
@@ -104,7 +104,7 @@ class ServoBus:
                 instants = self._began_ns + np.round(part * 1e9).astype(np.uint64)
                 self._truth.append(instants.astype(np.uint64), self._arm.tips_mm(part))
         self._told_s = until_s
-        self._log.write("stop", **self._when())
+        self._log.write("stop", **self._read_clocks())
 
     # --- answers ------------------------------------------------------------------------------
 
@@ -114,10 +114,10 @@ class ServoBus:
         request = codec.read_request(packet)
         if request is not None:
             self._read(request.ids, request.address, request.length, request.fast, heard_ns,
-                       alone=packet.id in self._servos)  # fmt: skip
+                       to_one_servo=packet.id in self._servos)  # fmt: skip
         elif packet.code == codec.PING:
-            asked = self._arm.ids if packet.id == BROADCAST else (packet.id,)
-            for n in asked:
+            pinged_ids = self._arm.ids if packet.id == BROADCAST else (packet.id,)
+            for n in pinged_ids:
                 if n in self._servos:
                     heard_ns = self._say(self._pong(n), heard_ns, n)
         elif packet.code == codec.WRITE and packet.id in self._servos:
@@ -136,13 +136,13 @@ class ServoBus:
 
     def _read(
         self, ids: tuple[int, ...], address: int, length: int, fast: bool, heard_ns: float,
-        alone: bool,
+        to_one_servo: bool,
     ) -> None:  # fmt: skip
-        is_cycle = address == self._servos[self._arm.ids[0]].where.position
-        is_cycle &= not alone or self._codec is dynamixel1  # which has no sync read
+        is_cycle = address == self._servos[self._arm.ids[0]].registers.position
+        is_cycle &= not to_one_servo or self._codec is dynamixel1  # which has no sync read
         once = []
         if is_cycle:
-            once = [f for f in self._once if not alone or f.joint in ids]
+            once = [f for f in self._once if not to_one_servo or f.joint in ids]
             self._once = [f for f in self._once if f not in once]
         faults = [*self._schedule.active, *once]
         if any(fault.name == "stale_bytes" for fault in faults):
@@ -159,14 +159,14 @@ class ServoBus:
             self._feel(servo, begin_ns, faults)
             status = self._codec.status(n, servo.error, servo.read(address, length))
             if is_cycle and any(f.name == "late_answer" and f.joint == n for f in once):
-                self._kept = status
+                self._late_status = status
                 continue
             if _flips(n, faults):
                 status = self._flip(status, -3)
             end_ns = self._say(status, end_ns, n, last=n == ids[-1])
-            if self._kept and is_cycle and not once:
-                self._port.write(self._kept)
-                self._kept = b""
+            if self._late_status and is_cycle and not once:
+                self._port.write(self._late_status)
+                self._late_status = b""
 
     def _answer_fast(
         self, ids: tuple[int, ...], address: int, length: int, heard_ns: float, faults: list[Fault]
@@ -182,22 +182,24 @@ class ServoBus:
             self._feel(servo, at_ns, faults)
             answers.append(Status(n, servo.error, servo.read(address, length)))
             at_ns += (4 + length) * self._byte_ns
-        there = answers[: answers.index(None)] if None in answers else answers
-        whole = [a or Status(n, 0, bytes(length)) for a, n in zip(answers, ids, strict=True)]
+        answers_before_gap = answers[: answers.index(None)] if None in answers else answers
+        padded_answers = [
+            a or Status(n, 0, bytes(length)) for a, n in zip(answers, ids, strict=True)
+        ]
         blocks = dynamixel.fast_status_blocks(
-            whole, lambda n, block: self._flip(block, -1) if _flips(n, faults) else block
-        )[: len(there)]
+            padded_answers, lambda n, block: self._flip(block, -1) if _flips(n, faults) else block
+        )[: len(answers_before_gap)]
         if blocks:
             data = b"".join(blocks)
             self._say(data, heard_ns, ids[0], last=True)
 
-    def _flip(self, data: bytes, at: int) -> bytes:
+    def _flip(self, data: bytes, position: int) -> bytes:
         spoilt = bytearray(data)
-        spoilt[at] ^= 1 << int(self._rng.integers(8))
+        spoilt[position] ^= 1 << int(self._rng.integers(8))
         return bytes(spoilt)
 
     def _gap_ns(self, servo: SimulatedServo) -> float:
-        return max(self._turn_round_ns, 2000 * servo.table[servo.where.return_delay])
+        return max(self._turn_round_ns, 2000 * servo.table[servo.registers.return_delay])
 
     def _say(self, status: bytes, free_ns: float, n: int, last: bool = False) -> float:
         """A status once the line is free, its last bit at its true instant; when that is."""
@@ -228,7 +230,7 @@ class ServoBus:
         step = int(time_s * 10)
         if step != self._warm_step:
             self._warm_step = step
-            self._warm = self._arm.warmth.at(np.array([time_s]))[0]
+            self._warm = self._arm.warmth.celsius_at(np.array([time_s]))[0]
         return self._warm
 
     # --- faults -------------------------------------------------------------------------------
@@ -237,12 +239,12 @@ class ServoBus:
         ended, begun = self._schedule.advance(round(self._now_s() * SCHEDULE_HZ))
         for fault in ended:
             self._lasting(fault, False)
-            self._log.write("end", fault=fault.name, **self._when())
+            self._log.write("end", fault=fault.name, **self._read_clocks())
         for fault in begun:
             self._lasting(fault, True)
             if fault.seconds == 0.0:
                 self._once.append(fault)
-            self._log.begin(fault, **self._when())
+            self._log.begin(fault, **self._read_clocks())
         self._schedule.active = [fault for fault in self._schedule.active if fault.seconds > 0.0]
 
     def _lasting(self, fault: Fault, on: bool) -> None:
@@ -256,15 +258,15 @@ class ServoBus:
                 if self._port.path != before:
                     print(self._port.path, flush=True)
             case "torque_on":
-                servo.table[servo.where.torque] = int(on)
+                servo.table[servo.registers.torque] = int(on)
             case "mixed_firmware":
                 step = round(fault.size) if on else -round(fault.size)
-                servo.table[servo.where.firmware] += step
+                servo.table[servo.registers.firmware] += step
             case "servo_silent" if on:
                 servo.start_anew()
             case "reboot" if on:
-                for each in self._servos.values():
-                    each.start_anew()
+                for rebooted_servo in self._servos.values():
+                    rebooted_servo.start_anew()
             case "servo_alert":
                 servo.alert(on)
             case "homing_changed":
@@ -273,7 +275,7 @@ class ServoBus:
     def _now_s(self) -> float:
         return (time.monotonic_ns() - self._began_ns) * 1e-9
 
-    def _when(self) -> dict[str, int | float]:
+    def _read_clocks(self) -> dict[str, int | float]:
         return {"at_s": self._now_s(), "monotonic_ns": time.monotonic_ns()}
 
 

@@ -22,16 +22,16 @@ class ServoMotion:
 
     def angle(self, joint: int, time_s: float) -> float:
         """Of the axis of *joint* (from 1), rad, as the drawing counts it."""
-        now = self._at(time_s)
+        now = self._stretch_at(time_s)
         u = min((time_s - now.start_s) / now.move_s, 1.0)
         profile = u**3 * (10.0 + u * (-15.0 + 6.0 * u))
         return float(now.begin[joint - 1] + now.change[joint - 1] * profile)
 
     def pressed(self, time_s: float) -> bool:
-        now = self._at(time_s)
+        now = self._stretch_at(time_s)
         return 0.0 <= time_s - now.start_s - now.move_s - now.press_after_s < PRESS_S
 
-    def _at(self, time_s: float) -> Stretch:
+    def _stretch_at(self, time_s: float) -> Stretch:
         while self._stretches[-1].end_s <= time_s:
             following = self._following(self._stretches[-1])
             self._stretches.append(following)

@@ -46,8 +46,8 @@ class SimulatedServo:
 
     def __post_init__(self) -> None:
         self.feetech = self.kind == "feetech"
-        self.where = REGISTERS[self.kind]
-        self.table = table = bytearray(self.where.size)
+        self.registers = REGISTERS[self.kind]
+        self.table = table = bytearray(self.registers.size)
         if self.feetech:
             table[0:2] = bytes([3, self.firmware])
             table[3:9] = bytes([0x09, 0x03, self.id, 0, 0, 1])
@@ -64,40 +64,40 @@ class SimulatedServo:
             table[11], table[12], table[13], table[31] = 3, 255, 2, 72
             table[48:52] = (4095).to_bytes(4, "little")
             table[68], table[144] = 2, 121
-        self._kept = bytes(table[: self.where.eeprom_end])
+        self._eeprom = bytes(table[: self.registers.eeprom_end])
 
     def feel(self, raw: int, celsius: float, time_s: float, runs_on: bool) -> None:
         """Where the shaft stands and how warm it is. *runs_on*: over the turns, unfolded."""
-        table, where = self.table, self.where
-        shown = raw - self.offset if self.feetech else raw + self.offset
-        position = shown if runs_on else shown % 4096
+        table, registers = self.table, self.registers
+        homed_counts = raw - self.offset if self.feetech else raw + self.offset
+        position = homed_counts if runs_on else homed_counts % 4096
         if self.feetech:
             word = (SIGN | -position) if position < 0 else position
             table[56:58] = word.to_bytes(2, "little")
         elif self.kind == "dynamixel1":
             if self.model == AX_12:  # 300° of a turn, and its ends beyond
-                position = min(max((shown - 2048) * 3 // 10 + 512, 0), 1023)
+                position = min(max((homed_counts - 2048) * 3 // 10 + 512, 0), 1023)
             table[36:38] = position.to_bytes(2, "little", signed=True)
         else:
             table[132:136] = position.to_bytes(4, "little", signed=True)
             table[120:122] = (int(time_s * 1000) & 0x7FFF).to_bytes(2, "little")
-        table[where.temperature] = max(0, min(255, round(celsius)))
+        table[registers.temperature] = max(0, min(255, round(celsius)))
 
     def set_homing(self, counts: int) -> None:
         """As another tool would: the register, and from then on every position."""
-        at = self.where.homing
+        address = self.registers.homing
         if self.feetech:
             word = abs(counts) | (0x800 if counts < 0 else 0)
-            self.table[at : at + 2] = word.to_bytes(2, "little")
+            self.table[address : address + 2] = word.to_bytes(2, "little")
         elif self.kind == "dynamixel1":
             if self.model == AX_12:
                 return  # it has none
             self._set_limits(MANY_TURNS if counts else ONE_TURN)
-            self.table[at : at + 2] = counts.to_bytes(2, "little", signed=True)
+            self.table[address : address + 2] = counts.to_bytes(2, "little", signed=True)
         else:
-            self.table[at : at + 4] = counts.to_bytes(4, "little", signed=True)
+            self.table[address : address + 4] = counts.to_bytes(4, "little", signed=True)
         self.offset = counts
-        self._kept = bytes(self.table[: self.where.eeprom_end])
+        self._eeprom = bytes(self.table[: self.registers.eeprom_end])
 
     def _set_limits(self, limits: tuple[int, int]) -> None:
         self.table[6:10] = b"".join(limit.to_bytes(2, "little") for limit in limits)
@@ -116,15 +116,15 @@ class SimulatedServo:
     def write(self, address: int, data: bytes) -> int:
         """The status's error: 0 done. A Dynamixel refuses its EEPROM while the torque is on; a
         locked Feetech obeys, and has forgotten it when it starts anew."""
-        where, lasting = self.where, address < self.where.eeprom_end
-        if lasting and self.kind == "dynamixel" and self.table[where.torque]:
+        registers, lasting = self.registers, address < self.registers.eeprom_end
+        if lasting and self.kind == "dynamixel" and self.table[registers.torque]:
             return 7  # access error
         self.table[address : address + len(data)] = data
-        if lasting and not (where.lock is not None and self.table[where.lock]):
-            self._kept = bytes(self.table[: where.eeprom_end])
+        if lasting and not (registers.lock is not None and self.table[registers.lock]):
+            self._eeprom = bytes(self.table[: registers.eeprom_end])
         return 0
 
     def start_anew(self) -> None:
         """Power lost, or restarted."""
-        self.table[: self.where.eeprom_end] = self._kept
-        self.table[self.where.torque] = 0
+        self.table[: self.registers.eeprom_end] = self._eeprom
+        self.table[self.registers.torque] = 0

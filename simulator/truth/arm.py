@@ -134,7 +134,7 @@ class TrueArm:
         angles = phi.copy()
         for joint in range(1, self.n_joints + 1):
             for effect in self.effects:
-                error = effect.shown(joint, phi, conditions)
+                error = effect.encoder_error_rad(joint, phi, conditions)
                 if error is not None:
                     angles[:, joint - 1] += error
         return angles

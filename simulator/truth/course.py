@@ -33,24 +33,26 @@ def swelling(since_s: float, diffusion_s: float) -> CourseInTime:
     """A wall takes up water from both sides: the mean content by Fick's law (Crank, plane sheet),
     as the square root of time at first; *diffusion_s* is thickness² / (π² D)."""
 
-    def at(time_s: F64) -> F64:
+    def water_content(time_s: F64) -> F64:
         passed = np.maximum(time_s - since_s, 0.0)[:, None] / diffusion_s
-        odd = 2.0 * np.arange(DIFFUSION_TERMS) + 1.0
-        left: F64 = (8.0 / (np.pi * odd) ** 2 * np.exp(-(odd**2) * passed)).sum(axis=1)
-        return 1.0 - left
+        odd_numbers = 2.0 * np.arange(DIFFUSION_TERMS) + 1.0
+        remaining_share: F64 = (
+            8.0 / (np.pi * odd_numbers) ** 2 * np.exp(-(odd_numbers**2) * passed)
+        ).sum(axis=1)
+        return 1.0 - remaining_share
 
-    return at
+    return water_content
 
 
 def daily(noon_s: float, sharpness: float = 0.3) -> CourseInTime:
     """The sun on a wall, day after day: a wave with a second harmonic, as days have."""
 
-    def at(time_s: F64) -> F64:
+    def sun_wave(time_s: F64) -> F64:
         turn = 2.0 * np.pi * (time_s - noon_s) / DAY_S
         wave: F64 = 0.5 * (np.cos(turn) + sharpness * np.cos(2.0 * turn))
         return wave
 
-    return at
+    return sun_wave
 
 
 def wandering(rng: np.random.Generator, since_s: float, until_s: float) -> CourseInTime:

@@ -41,7 +41,7 @@ class LiveMeans:
         mean = sum(w * float(self._celsius[self._sensors.index(s)]) for s, w in weights.items())
         if lag_s:
             lag = self._lags.setdefault(f"{sorted(weights.items())} {lag_s}", FirstOrderLag(lag_s))
-            mean = lag.at(self._unix_s, mean)
+            mean = lag.delay(self._unix_s, mean)
         return np.array([mean])
 
 
@@ -53,7 +53,7 @@ class BaseDrift:
         self._rng = np.random.default_rng([seed, 0xD21F])
         self._knots = np.zeros((1, 3))
 
-    def at(self, time_s: F64) -> F64:
+    def shift_mm_at(self, time_s: F64) -> F64:
         """(n, 3) mm at times (n,) s."""
         if not self._step_mm:
             return np.zeros((len(time_s), 3))
@@ -113,7 +113,7 @@ class TwinArm:
     def tip(self, phi: F64, conditions: Conditions) -> F64:
         rate = np.where(conditions.rate == 0, NO_RATE_RAD_S * np.sign(self._rate), conditions.rate)
         approach = np.broadcast_to(self._approach, (len(phi), 3))
-        return self._stand(phi, rate, approach).tip + self._drift.at(conditions.time_s)
+        return self._stand(phi, rate, approach).tip + self._drift.shift_mm_at(conditions.time_s)
 
     def posture(self, phi: F64, conditions: Conditions) -> Posture:
         frames = self._stand(phi, np.zeros_like(phi), np.full((len(phi), 3), np.nan))
@@ -134,7 +134,7 @@ class TwinArm:
             if np.isfinite(moving[i, 0]):
                 self._approach = moving[i]
             approach[i] = self._approach
-        return self._stand(phi, sided, approach).tip + self._drift.at(time_s)
+        return self._stand(phi, sided, approach).tip + self._drift.shift_mm_at(time_s)
 
     def _stand(self, phi: F64, rate: F64, approach: F64) -> Frames:
         return self.model.stand(phi, rate, approach, self._amounts)
@@ -148,9 +148,9 @@ class TwinHeat(Heat):
         self._twin = twin
         self._began_unix_s = time.time()
 
-    def at(self, time_s: float) -> tuple[F64, F64]:
+    def advance_to(self, time_s: float) -> tuple[F64, F64]:
         """What the sensors of links (N,) feel, and those of arm.toml (S,)."""
-        _, by_link = super().at(time_s)
+        _, by_link = super().advance_to(time_s)
         sensor_c = by_link[list(self._twin.model.arm.joint_of_sensor)]
         self._twin.feel(self._began_unix_s + time_s, sensor_c)
         return by_link, sensor_c
@@ -173,10 +173,12 @@ def parts_of(arm: ArmData, noise: FoundNoise, wire: str) -> ArmParts:
     """Its encoders on a *wire*, "serial" or "can"; raises `BadInput` for what that cannot carry."""
     turns = []
     for k, turn in enumerate(arm.counts_per_turn, 1):
-        where = f"joint[{k}].counts_per_turn"
+        location = f"joint[{k}].counts_per_turn"
         if turn is None:
-            raise BadInput("arm.toml", where, "nothing", "counts per turn: a wire carries counts")
+            raise BadInput(
+                "arm.toml", location, "nothing", "counts per turn: a wire carries counts"
+            )
         if wire == "serial" and turn & (turn - 1):
-            raise BadInput("arm.toml", where, str(turn), "a power of two: counts wrap at 2^bits")
+            raise BadInput("arm.toml", location, str(turn), "a power of two: counts wrap at 2^bits")
         turns.append(turn)
     return ArmParts(tuple(turns), arm.direction, noise.encoder_rad, 0.0)

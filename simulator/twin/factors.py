@@ -72,73 +72,79 @@ class PoseState:
         return down
 
 
-def _temperature(of: FactorData, slow: Slow) -> F64:
-    mean_c = slow.means.mean_c(of["weights"], of.get("lag_s", 0.0))
-    order = int(of.get("order", 1))
-    zone = of.get("zone_c")
+def _temperature(factor: FactorData, slow: Slow) -> F64:
+    mean_c = slow.means.mean_c(factor["weights"], factor.get("lag_s", 0.0))
+    order = int(factor.get("order", 1))
+    zone = factor.get("zone_c")
     if zone is not None:
         power: F64 = (np.clip(mean_c, *zone) - zone[0]) ** order
         return power
-    reference_c = of.get("reference_c")
+    reference_c = factor.get("reference_c")
     rise: F64 = mean_c - (slow.reference_c if reference_c is None else reference_c)
     return rise**order
 
 
-def _temperature_rate(of: FactorData, slow: Slow) -> F64:
-    smoothing_s = of.get("smoothing_s", 60.0)
-    now = slow.means.mean_c(of["weights"], 0.0)
-    rate: F64 = (now - slow.means.mean_c(of["weights"], smoothing_s)) / smoothing_s
+def _temperature_rate(factor: FactorData, slow: Slow) -> F64:
+    smoothing_s = factor.get("smoothing_s", 60.0)
+    now = slow.means.mean_c(factor["weights"], 0.0)
+    rate: F64 = (now - slow.means.mean_c(factor["weights"], smoothing_s)) / smoothing_s
     return rate
 
 
-def _since_s(of: FactorData, slow: Slow) -> F64:
+def _since_s(factor: FactorData, slow: Slow) -> F64:
     """Seconds since a period began; outside it as at the nearer end."""
-    since, until = of["since_unix_s"], of.get("until_unix_s")
+    since, until = factor["since_unix_s"], factor.get("until_unix_s")
     until = max(slow.created_unix_s, since) if until is None else until
     within: F64 = np.clip(slow.unix_s, since, until) - since
     return within
 
 
-def _after(of: FactorData, slow: Slow) -> F64:
-    later = (slow.unix_s >= of["instant_unix_s"]).astype(float)
+def _after(factor: FactorData, slow: Slow) -> F64:
+    later = (slow.unix_s >= factor["instant_unix_s"]).astype(float)
     return np.where(np.isfinite(slow.unix_s), later, np.nan)
 
 
-def _curve(of: FactorData, pose: PoseState) -> F64:
+def _curve(factor: FactorData, pose: PoseState) -> F64:
     from scipy.interpolate import CubicSpline  # an arm on a controller's wire may do without
 
-    values = np.asarray(of["values"], dtype=float)
+    values = np.asarray(factor["values"], dtype=float)
     knots = np.linspace(0.0, math.tau, len(values) + 1)
     spline = CubicSpline(knots, np.append(values, values[0]), bc_type="periodic")
-    return np.asarray(spline(np.mod(pose.q[:, of["joint"] - 1], math.tau)), dtype=float)
+    return np.asarray(spline(np.mod(pose.q[:, factor["joint"] - 1], math.tau)), dtype=float)
 
 
-def _approach(of: FactorData, pose: PoseState) -> F64:
-    axis = AXES.index(of["axis"])
-    if of.get("frame", "base") == "base":
+def _approach(factor: FactorData, pose: PoseState) -> F64:
+    axis = AXES.index(factor["axis"])
+    if factor.get("frame", "base") == "base":
         return pose.approach[:, axis]
-    own: F64 = (pose.approach * pose.frames.rotation[-1, :, :, axis]).sum(axis=1)
-    return own
+    along_axis: F64 = (pose.approach * pose.frames.rotation[-1, :, :, axis]).sum(axis=1)
+    return along_axis
 
 
 SLOW: dict[str, Callable[[FactorData, Slow], F64]] = {
     "temperature": _temperature,
     "temperature_rate": _temperature_rate,
-    "time": lambda of, slow: (_since_s(of, slow) / 3600.0) ** int(of.get("power", 1)),
-    "relaxation": lambda of, slow: 1.0 - np.exp(-_since_s(of, slow) / of["time_constant_s"]),
-    "daily_sin": lambda of, slow: np.sin(math.tau * _since_s(of, slow) / DAY_S),
-    "daily_cos": lambda of, slow: np.cos(math.tau * _since_s(of, slow) / DAY_S),
+    "time": lambda factor, slow: (_since_s(factor, slow) / 3600.0) ** int(factor.get("power", 1)),
+    "relaxation": lambda factor, slow: (
+        1.0 - np.exp(-_since_s(factor, slow) / factor["time_constant_s"])
+    ),
+    "daily_sin": lambda factor, slow: np.sin(math.tau * _since_s(factor, slow) / DAY_S),
+    "daily_cos": lambda factor, slow: np.cos(math.tau * _since_s(factor, slow) / DAY_S),
     "after": _after,
 }
 POSE: dict[str, Callable[[FactorData, PoseState], F64]] = {
-    "sin": lambda of, pose: np.sin(of.get("order", 1) * pose.q[:, of["joint"] - 1]),
-    "cos": lambda of, pose: np.cos(of.get("order", 1) * pose.q[:, of["joint"] - 1]),
-    "angle": lambda of, pose: pose.q[:, of["joint"] - 1] ** int(of.get("power", 1)),
+    "sin": lambda factor, pose: np.sin(factor.get("order", 1) * pose.q[:, factor["joint"] - 1]),
+    "cos": lambda factor, pose: np.cos(factor.get("order", 1) * pose.q[:, factor["joint"] - 1]),
+    "angle": lambda factor, pose: pose.q[:, factor["joint"] - 1] ** int(factor.get("power", 1)),
     "curve": _curve,
-    "gravity_torque": lambda of, pose: pose.torque[of["joint"] - 1],
-    "gravity_direction": lambda of, pose: pose.down[of["link"] - 1, :, AXES.index(of["axis"])],
-    "gravity_moment": lambda of, pose: pose.moment[of["link"] - 1, :, AXES.index(of["axis"])],
-    "side": lambda of, pose: np.sign(pose.rate[:, of["joint"] - 1]),
-    "rate": lambda of, pose: pose.rate[:, of["joint"] - 1],
+    "gravity_torque": lambda factor, pose: pose.torque[factor["joint"] - 1],
+    "gravity_direction": lambda factor, pose: pose.down[
+        factor["link"] - 1, :, AXES.index(factor["axis"])
+    ],
+    "gravity_moment": lambda factor, pose: pose.moment[
+        factor["link"] - 1, :, AXES.index(factor["axis"])
+    ],
+    "side": lambda factor, pose: np.sign(pose.rate[:, factor["joint"] - 1]),
+    "rate": lambda factor, pose: pose.rate[:, factor["joint"] - 1],
     "approach": _approach,
 }

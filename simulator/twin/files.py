@@ -31,7 +31,7 @@ class CheckFailed(ArmdError):
 
     def __init__(self, faults: Sequence[str]) -> None:
         super().__init__(faults[0])
-        self.more = tuple(faults[1:])
+        self.further_faults = tuple(faults[1:])
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ class FirstOrderLag:
         self._lag_s = lag_s
         self._last: tuple[float, float, float] | None = None  # time, value, delayed value
 
-    def at(self, time_s: float, value: float) -> float:
+    def delay(self, time_s: float, value: float) -> float:
         """The delayed value at *time_s*; ask in order of time."""
         if math.isnan(value) or math.isnan(time_s):
             return math.nan
@@ -63,7 +63,7 @@ class RowMeans:
             return mean
         lag, delayed = FirstOrderLag(lag_s), np.empty_like(mean)
         for i in np.argsort(self.unix_s, kind="stable"):
-            delayed[i] = lag.at(float(self.unix_s[i]), float(mean[i]))
+            delayed[i] = lag.delay(float(self.unix_s[i]), float(mean[i]))
         return delayed
 
 
@@ -125,7 +125,7 @@ def whole_turns(q: F64, limits_rad: tuple[F64, F64]) -> I64:
             inside = (q[:, k] >= low) & (q[:, k] <= high)
             turns[inside, k] = 0
             continue
-        fewest, most = np.ceil((q[:, k] - high) / math.tau), np.floor((q[:, k] - low) / math.tau)
+        fewest, largest = np.ceil((q[:, k] - high) / math.tau), np.floor((q[:, k] - low) / math.tau)
         outside = (q[:, k] < low) | (q[:, k] > high)
-        turns[:, k] = np.where(outside & (fewest == most), fewest, 0)
+        turns[:, k] = np.where(outside & (fewest == largest), fewest, 0)
     return turns

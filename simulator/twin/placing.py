@@ -64,35 +64,37 @@ def goals(
 
 def rigid(local_mm: F64, base_mm: F64) -> tuple[F64, F64]:
     """Rotation (3, 3) and origin (3,) that bring points (n, 3) nearest to others (Kabsch)."""
-    middle, there = local_mm.mean(axis=0), base_mm.mean(axis=0)
-    u, _, vt = np.linalg.svd((base_mm - there).T @ (local_mm - middle))
+    middle, base_middle = local_mm.mean(axis=0), base_mm.mean(axis=0)
+    u, _, vt = np.linalg.svd((base_mm - base_middle).T @ (local_mm - middle))
     mirrored = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     rotation: F64 = u @ mirrored @ vt
-    return rotation, there - rotation @ middle
+    return rotation, base_middle - rotation @ middle
 
 
 def _begin(touched: TouchedRows, target_mm: F64, tip_mm: F64, used: Mask) -> tuple[F64, F64, F64]:
     """First poses, those with most known points first; then the unknown points that they tell."""
     count = int(touched.placement.max()) + 1
     rotation, origin = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    left = set(np.unique(touched.placement[used]).tolist())
-    while left:
-        known = used & np.isfinite(touched.local_mm(target_mm)[:, 0])
-        rows = {p: np.flatnonzero(known & (touched.placement == p)) for p in left}
+    unplaced = set(np.unique(touched.placement[used]).tolist())
+    while unplaced:
+        has_target = used & np.isfinite(touched.local_mm(target_mm)[:, 0])
+        rows = {p: np.flatnonzero(has_target & (touched.placement == p)) for p in unplaced}
         distinct = {
-            p: len(np.unique(touched.local_mm(target_mm)[own].round(6), axis=0))
-            for p, own in rows.items()
+            p: len(np.unique(touched.local_mm(target_mm)[placement_rows].round(6), axis=0))
+            for p, placement_rows in rows.items()
         }
-        chosen = max(sorted(left), key=distinct.__getitem__)
-        own = rows[chosen]
-        if len(own):
-            local = touched.local_mm(target_mm)[own]
-            rotation[chosen], origin[chosen] = rigid(local, tip_mm[own])
-        left.remove(chosen)
+        chosen = max(sorted(unplaced), key=distinct.__getitem__)
+        placement_rows = rows[chosen]
+        if len(placement_rows):
+            local = touched.local_mm(target_mm)[placement_rows]
+            rotation[chosen], origin[chosen] = rigid(local, tip_mm[placement_rows])
+        unplaced.remove(chosen)
         for k in np.unique(touched.target[used & (touched.placement == chosen)]):
             if np.isnan(target_mm[k, 0]):
-                seen = used & (touched.placement == chosen) & (touched.target == k)
-                target_mm[k] = ((tip_mm[seen] - origin[chosen]) @ rotation[chosen]).mean(axis=0)
+                touching_rows = used & (touched.placement == chosen) & (touched.target == k)
+                target_mm[k] = ((tip_mm[touching_rows] - origin[chosen]) @ rotation[chosen]).mean(
+                    axis=0
+                )
     target_mm[np.isnan(target_mm)] = 0.0  # never touched
     return rotation, origin, target_mm
 
@@ -120,8 +122,8 @@ def _place_all(
     rotation, origin = poses
     local = touched.local_mm(target_mm)
     for p in np.unique(touched.placement[used]):
-        own = used & (touched.placement == p)
-        rotation[p], origin[p] = rigid(local[own], tip_mm[own])
+        placement_rows = used & (touched.placement == p)
+        rotation[p], origin[p] = rigid(local[placement_rows], tip_mm[placement_rows])
 
 
 def _keep_lengths(target_mm: F64, unknown: Mask, lengths: Sequence[CertifiedDistance]) -> None:

@@ -45,7 +45,9 @@ class Copied:
 
     table: bytes
     n: int
-    kept: int  # rows as measured, because they lack a temperature or time that the twin needs
+    n_unchanged: (
+        int  # rows as measured, because they lack a temperature or time that the twin needs
+    )
 
 
 class TwinRows:
@@ -55,20 +57,20 @@ class TwinRows:
         arm = twin.arm
         self._twin = twin
         self.rate = session.side_by_side(*(f"w{k}" for k in range(1, arm.n_joints + 1)))
-        given = session.side_by_side("approach_x", "approach_y", "approach_z")
-        self._approach = given / np.linalg.norm(given, axis=1, keepdims=True)
+        approach = session.side_by_side("approach_x", "approach_y", "approach_z")
+        self._approach = approach / np.linalg.norm(approach, axis=1, keepdims=True)
         self._moving = np.isfinite(self.rate).all(axis=1) & (self.rate != 0).any(axis=1)
         celsius = session.side_by_side(*arm.sensors) if arm.sensors else np.zeros((session.n, 0))
         self._amounts = twin.row_slow(celsius, session.unix_s())
 
     def stand(self, q: F64) -> Frames:
         """At angles (n, N) rad; where no approach is given, the tip came as its joints move it."""
-        own = self._approach
-        open_rows = self._moving & np.isnan(own[:, 0])
+        approach = self._approach
+        open_rows = self._moving & np.isnan(approach[:, 0])
         if open_rows.any():
             moved = self._twin.direction_of_motion(q, self.rate)
-            own = np.where(open_rows[:, None], moved, own)
-        return self._twin.stand(q, self.rate, own, self._amounts)
+            approach = np.where(open_rows[:, None], moved, approach)
+        return self._twin.stand(q, self.rate, approach, self._amounts)
 
 
 def copy_session(
@@ -130,7 +132,7 @@ def _drawn(
     noise: FoundNoise,
     freedom: float,
     session: SourceSession,
-    where: tuple[F64, TouchedRows],
+    q_and_touched: tuple[F64, TouchedRows],
     rng: np.random.Generator,
 ) -> tuple[F64, F64]:
     """Displacements of the tip (n, 3) mm and errors of the encoders (n, N) rad: one rest's are
@@ -139,7 +141,7 @@ def _drawn(
     Larger by the share that fitting placements takes up, so that what is left of them is what the
     diagnosis found.
     """
-    q, touched = where
+    q, touched = q_and_touched
     rest = rests_of(q, touched.placement, touched.target)
     count = int(rest[-1]) + 1
     scale = 1.0 / np.sqrt(freedom)
@@ -151,9 +153,9 @@ def _drawn(
 def _freedom(touched: TouchedRows, unknown: F64, n: int) -> float:
     """The share of 3 n coordinates that poses and unknown points leave, 0.2 at least."""
     rows = np.bincount(touched.placement)
-    taken = float(np.minimum(6, 3 * rows[rows > 0]).sum())
-    taken += 3.0 * float(unknown[np.unique(touched.target)].sum())
-    return max(1.0 - taken / (3.0 * n), 0.2)
+    fitted_coordinates = float(np.minimum(6, 3 * rows[rows > 0]).sum())
+    fitted_coordinates += 3.0 * float(unknown[np.unique(touched.target)].sum())
+    return max(1.0 - fitted_coordinates / (3.0 * n), 0.2)
 
 
 def write_copy(options: argparse.Namespace, seed: int) -> int:
@@ -176,7 +178,9 @@ def write_copy(options: argparse.Namespace, seed: int) -> int:
     for path, content in files.items():
         write_whole(path, content)
     print(f"{counted(copied.n, 'reading')} in {output}")
-    if copied.kept:
-        lack = f"{counted(copied.kept, 'reading')} without a temperature or time that is needed"
+    if copied.n_unchanged:
+        lack = (
+            f"{counted(copied.n_unchanged, 'reading')} without a temperature or time that is needed"
+        )
         print(f"{lack}: angles as measured", file=sys.stderr)
     return 0

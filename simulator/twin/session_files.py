@@ -87,10 +87,10 @@ class SourceSession:
         if self.file.get("angle_unit") == "count":
             values = np.rint(values)
         columns = dict(self.columns)
-        whole = self.file.get("angle_unit") == "count"
+        is_count = self.file.get("angle_unit") == "count"
         for k in range(arm.n_joints):
-            own = values[:, k].tolist()
-            columns[f"q{k + 1}"] = [int(value) for value in own] if whole else own
+            column = values[:, k].tolist()
+            columns[f"q{k + 1}"] = [int(value) for value in column] if is_count else column
         return _csv(columns) if self.table.endswith(".csv") else _parquet(columns)
 
 
@@ -119,8 +119,8 @@ def certified_exactly(_: str, __: float, count: int) -> F64:
 def draw_certificate_errors(seed: int) -> CertificateErrors:
     """Errors by each standard uncertainty: the same for one certificate in all sessions."""
 
-    def draw(what: str, uncertainty_mm: float, count: int) -> F64:
-        rng = np.random.default_rng([seed, zlib.crc32(what.encode())])
+    def draw(certified_item: str, uncertainty_mm: float, count: int) -> F64:
+        rng = np.random.default_rng([seed, zlib.crc32(certified_item.encode())])
         return uncertainty_mm * rng.normal(size=count)
 
     return draw
@@ -134,7 +134,7 @@ def touched_of(
     *correction*: a calibration's `artefact`, which holds where its name is among `artefacts`.
     """
     artefact = session.file["artefact"]
-    own, unsure = artefact["name"], "standard_uncertainty_mm"
+    artefact_name, unsure = artefact["name"], "standard_uncertainty_mm"
     named = correction.get("artefacts") or [artefact["name"]]
     if artefact["name"] not in named:
         correction = {}
@@ -146,18 +146,21 @@ def touched_of(
     nowhere = [math.nan] * 3
     position_mm = np.array([certified.get(name) or nowhere for name in names], dtype=float)
     for one_target in artefact.get("target", []):
-        error_mm = errors(f"{own}/{one_target['name']}", one_target.get(unsure, 0.0), 3)
+        error_mm = errors(f"{artefact_name}/{one_target['name']}", one_target.get(unsure, 0.0), 3)
         position_mm[names.index(one_target["name"])] += error_mm
     for name, offset in correction.get("target_offset_mm", {}).items():
         if name in every:
             position_mm[names.index(name)] += offset
     lengths = [
         CertifiedDistance(
-            (names.index(one), names.index(other)),
-            float(d["length_mm"] + errors(f"{own}/{one} to {other}", d.get(unsure, 0.0), 1)[0]),
+            (names.index(first_name), names.index(second_name)),
+            float(
+                d["length_mm"]
+                + errors(f"{artefact_name}/{first_name} to {second_name}", d.get(unsure, 0.0), 1)[0]
+            ),
         )
-        for d, (one, other) in zip(artefact.get("distance", []), ends, strict=True)
-        if one in touched_names and other in touched_names
+        for d, (first_name, second_name) in zip(artefact.get("distance", []), ends, strict=True)
+        if first_name in touched_names and second_name in touched_names
     ]
     touched = TouchedRows(
         placement=session.numbered("placement")[0],
@@ -174,11 +177,13 @@ def _stretch(
     """(n,) a row without the artefact's temperature has the last one before it, the first rows
     the first; without any it is at its reference."""
     celsius = session.numbers("artefact_c")
-    known = np.flatnonzero(np.isfinite(celsius))
+    rows_with_temperature = np.flatnonzero(np.isfinite(celsius))
     rise = np.zeros(session.n)
-    if len(known):
-        last = np.searchsorted(known, np.arange(session.n), side="right") - 1
-        rise = celsius[known[np.maximum(last, 0)]] - artefact.get("reference_temperature_c", 20.0)
+    if len(rows_with_temperature):
+        last = np.searchsorted(rows_with_temperature, np.arange(session.n), side="right") - 1
+        rise = celsius[rows_with_temperature[np.maximum(last, 0)]] - artefact.get(
+            "reference_temperature_c", 20.0
+        )
     expansion = correction.get("expansion_per_k")
     expansion = artefact.get("expansion_per_k", 0.0) if expansion is None else expansion
     stretch: F64 = correction.get("scale", 1.0) * (1.0 + expansion * rise)
@@ -217,5 +222,7 @@ def _parquet(columns: Mapping[str, list[Any]]) -> bytes:
     import pyarrow.parquet as parquet
 
     content = io.BytesIO()
-    parquet.write_table(pa.table({name: pa.array(own) for name, own in columns.items()}), content)
+    parquet.write_table(
+        pa.table({name: pa.array(values) for name, values in columns.items()}), content
+    )
     return content.getvalue()

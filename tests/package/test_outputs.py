@@ -27,7 +27,7 @@ from armd.files.outputs import (
     check_outputs,
     check_same,
 )
-from armd.files.writing import told
+from armd.files.writing import explain_os_errors
 
 #: what commands write, by kind
 WRITTEN: dict[str, tuple[OutputKind, bytes]] = {
@@ -128,10 +128,10 @@ def test_a_folder_can_be_made_or_written_in(tmp_path: Path) -> None:
 
 def test_an_arm_that_does_not_answer_is_no_fault_of_the_file(tmp_path: Path) -> None:
     """It is a time-out, which Python counts among the system's refusals."""
-    with pytest.raises(NoAnswer, match="no answer"), told(tmp_path / "points.csv"):
+    with pytest.raises(NoAnswer, match="no answer"), explain_os_errors(tmp_path / "points.csv"):
         raise NoAnswer("armd/T/info: no answer")
     with (
         pytest.raises(BadInput, match=r"points\.csv: the file: found"),
-        told(tmp_path / "points.csv"),
+        explain_os_errors(tmp_path / "points.csv"),
     ):
         raise TimeoutError("the disk is slow")

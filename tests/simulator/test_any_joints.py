@@ -52,7 +52,7 @@ def test_a_servo_arm_too(n: int, tmp_path: Path) -> None:
     assert worst_mm(arm, true, n) < 1e-9
     printed = servo_arm.ServoArm(1, 20.0, joints=n)
     assert printed.truth.n_joints == n and len(printed.ids) == n + 1
-    assert printed.warmth.at(np.array([0.0, 60.0])).shape == (2, n + 1)
+    assert printed.warmth.celsius_at(np.array([0.0, 60.0])).shape == (2, n + 1)
 
 
 @JOINTS

@@ -17,14 +17,16 @@ from armd.simulator.measured.artefact import Artefact, Sag
 )
 def test_a_uniform_beam_hangs_as_in_the_tables(supports: float, place: float, share: float) -> None:
     beam = Sag(0.03, 0, supports)
-    found = beam.at(np.array([place, -place])) - beam.at(np.array([supports, supports]))
+    found = beam.deflection_at(np.array([place, -place])) - beam.deflection_at(
+        np.array([supports, supports])
+    )
     assert found == pytest.approx([0.03 * share] * 2)
 
 
 def test_on_airys_points_the_ends_stay_parallel() -> None:
     """Airy 1922: supports at 1/√3 of the half length leave the ends' slope zero; others do not."""
     ends = np.array([0.9999, 1.0])
-    airy, wider = (np.diff(Sag(1.0, 0, s).at(ends))[0] for s in (3**-0.5, 0.62))
+    airy, wider = (np.diff(Sag(1.0, 0, s).deflection_at(ends))[0] for s in (3**-0.5, 0.62))
     assert abs(airy) < 1e-3 * abs(wider)
 
 

@@ -177,12 +177,12 @@ def test_a_base_drifts_by_what_was_found_from_knot_to_knot() -> None:
     steps = []
     for seed in range(40):
         drift = BaseDrift(0.004, seed)
-        path = drift.at(np.arange(0.0, 8 * KNOT_S, KNOT_S))
-        middle = drift.at(np.array([KNOT_S / 2]))[0]
+        path = drift.shift_mm_at(np.arange(0.0, 8 * KNOT_S, KNOT_S))
+        middle = drift.shift_mm_at(np.array([KNOT_S / 2]))[0]
         assert np.abs(middle - path[:2].mean(axis=0)).max() < 1e-12
         steps.append(np.diff(path, axis=0))
     assert np.std(steps) == pytest.approx(0.004, rel=0.1)
-    assert not BaseDrift(0.0, 1).at(np.arange(3.0)).any()
+    assert not BaseDrift(0.0, 1).shift_mm_at(np.arange(3.0)).any()
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from typing import Any
 
 from armd.compensation.interim.checks.chain import BEGINNING, HEAD, HISTORY
 from armd.files.inputs import read_input
-from armd.files.writing import sync_folder, told, write_changed, write_whole
+from armd.files.writing import explain_os_errors, sync_folder, write_changed, write_whole
 
 CHECKS = "checks"
 
@@ -37,7 +37,7 @@ def append_checks(
     """
     path = folder / HISTORY
     places = [folder / CHECKS / one.folder for one in new]
-    with told(folder), _taken_back_unless_told_of(places, path):
+    with explain_os_errors(folder), _taken_back_unless_told_of(places, path):
         for name in (CHECKS, *(str(file.parent) for file in common)):
             (folder / name).mkdir(exist_ok=True)
         for file, data in common.items():

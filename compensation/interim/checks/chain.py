@@ -14,7 +14,7 @@ from pydantic import Field
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.schema import Strict, json_data, validate
-from armd.files.writing import told
+from armd.files.writing import explain_os_errors
 
 HISTORY, HEAD = "history.jsonl", "head.json"
 #: The last result, for the daemon and for programs.
@@ -95,12 +95,12 @@ def read_lines(folder: Path, kind: type[Line]) -> HistoryChain[Line]:
     """The history's lines in the order of adding, none without a history; raises `BadInput` where
     the chain is broken or cut short."""
     path = folder / HISTORY
-    with told(folder):
+    with explain_os_errors(folder):
         if folder.exists() and not folder.is_dir():
             raise BadInput(folder, "the history", "a file", "a folder")
     # Before the lines: a check that is added in between makes them more than it says, never less.
     head = _head(folder)
-    with told(folder):
+    with explain_os_errors(folder):
         begun = path.exists()
     if not begun:
         # A head of no checks is what a power cut leaves before the first line.

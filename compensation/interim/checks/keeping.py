@@ -26,7 +26,7 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.locking import lock_file
-from armd.files.writing import check_folder, told
+from armd.files.writing import check_folder, explain_os_errors
 from armd.terminal.counted import counted
 
 ARMS, CALIBRATIONS, ARTEFACTS = "arms", "calibrations", "artefacts"
@@ -67,7 +67,7 @@ class CheckDate:
 def locked(folder: Path) -> Iterator[None]:
     """One writer at a time; the folder is made if it is not there. Raises `BadInput` unless a
     check can be kept in it."""
-    with told(folder):
+    with explain_os_errors(folder):
         if not folder.exists():
             folder.mkdir(parents=True, exist_ok=True)
         for place in (folder, *(folder / name for name in FOLDERS if (folder / name).exists())):

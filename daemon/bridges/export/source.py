@@ -138,7 +138,7 @@ def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
                 result.measurements.append(_measurement(path, f"line {number}", json_value(line)))
             except KeyTwice as error:
                 location = f"line {number}: {error.key}"
-                raise BadInput(path, location, error.found, "it once") from error
+                raise BadInput(path, location, error.description, "it once") from error
             except (ValueError, RecursionError) as error:
                 # The log ends a torn line before it goes on, so it may stand anywhere.
                 if not _is_torn(line):

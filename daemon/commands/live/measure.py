@@ -22,7 +22,7 @@ from armd.errors import BadInput
 from armd.files.inputs import check_input
 from armd.files.outputs import check_output_folder
 from armd.files.schema import load_toml
-from armd.terminal.arguments import add_arm, positive, seconds, whole
+from armd.terminal.arguments import add_arm, parse_integer, positive, seconds
 
 WAIT_S = 60.0  # for an arm to show up
 
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--repeats",
         metavar="N",
-        type=lambda text: whole(text, 1, MOST_STATIONS),
+        type=lambda text: parse_integer(text, 1, MOST_STATIONS),
         help="rounds over the targets in each placement (seats: 10, artefact: 3,"
         " repeatability: 30)",
     )

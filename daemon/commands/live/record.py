@@ -24,7 +24,7 @@ from armd.daemon.files.recorder import TOPICS, Recorder, default_path
 from armd.daemon.state import State
 from armd.errors import BadInput
 from armd.files.outputs import RECORDING, add_force, check_output_folder, check_outputs
-from armd.files.writing import told
+from armd.files.writing import explain_os_errors
 from armd.printable import printable
 from armd.stream import Stream
 from armd.terminal.arguments import add_arm, seconds
@@ -173,7 +173,7 @@ def _record_lake(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool
 def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
     with ExitStack() as opened:
         output = args.output or default_path(arm.serial)
-        opened.enter_context(told(output))
+        opened.enter_context(explain_os_errors(output))
         # Buffered: mcap would buffer a raw file itself, and not flush the last few bytes. What a
         # killed recorder loses is the chunk in progress either way.
         file = opened.enter_context(output.open("wb" if args.output else "xb"))

@@ -25,7 +25,7 @@ from armd.daemon.commands.service.comparison import (
     numbered_like,
 )
 from armd.daemon.commands.service.stage import CAN, SERIAL, Stage, servo_wire
-from armd.terminal.arguments import seconds, seed, whole
+from armd.terminal.arguments import parse_integer, seconds, seed
 from armd.terminal.plain import moving_console
 
 WARM_UP_K = 10.0
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--joints",
-        type=lambda text: whole(text, 3, 9),
+        type=lambda text: parse_integer(text, 3, 9),
         metavar="N",
         help="of the arm: 3 to 9 (6; --servo: 5); others are not calibrated first",
     )

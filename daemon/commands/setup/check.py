@@ -18,7 +18,7 @@ from armd.files.schema import json_data, load_toml, toml_data
 from armd.printable import printable
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
-from armd.terminal.suggest import did_you_mean, near
+from armd.terminal.suggest import did_you_mean, suggest_path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     for path in args.file:
         if not path.exists():
-            raise BadInput(path, "the file", "nothing", f"an existing file{near(path)}")
+            raise BadInput(path, "the file", "nothing", f"an existing file{suggest_path(path)}")
     arms = _arms(args.file)
     wrong = False
     session_faults, doubts = _sessions_beside_each_other(args.file, arms, aside(args))
@@ -168,7 +168,7 @@ def _daemon(path: Path, _: Arms) -> str:
     config = load_config(path)
     if isinstance(config.driver, ReplayConfig) and not Path(config.driver.file).exists():
         file = config.driver.file
-        raise BadInput(file, "the file", "nothing", f"an existing file{near(Path(file))}")
+        raise BadInput(file, "the file", "nothing", f"an existing file{suggest_path(Path(file))}")
     if config.calibration is not None:
         load_calibration(config.calibration, config.arm)
     return ""

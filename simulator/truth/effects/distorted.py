@@ -22,8 +22,8 @@ class Distorted(Effect):
     joint: int
     phase: float  # rad
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
-        error = self.effect.shown(joint, phi, conditions)
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+        error = self.effect.encoder_error_rad(joint, phi, conditions)
         return None if error is None else self._factor(phi) * error
 
     def base(self, conditions: Conditions) -> SmallMotion | None:

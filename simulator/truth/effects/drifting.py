@@ -20,7 +20,7 @@ class DriftingZero(Effect):
     arcsec: float
     course: CourseInTime
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         return self.arcsec * ARC_SECOND * self.course(conditions.time_s)

@@ -101,7 +101,7 @@ class Effect:
     A subclass overrides the hooks its physics act through. Joints and links count from 1.
     """
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         """What the encoder of *joint* adds to the true angles phi (n, N): (n,) rad."""
         return None
 

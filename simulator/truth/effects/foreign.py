@@ -17,13 +17,13 @@ class CablePull(Effect):
     """A cable bundle led over two joints twists the first by the product of both angles."""
 
     joint: int
-    other: int
+    other_joint: int
     arcsec_per_rad2: float
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
-        pull: F64 = phi[:, joint - 1] * phi[:, self.other - 1]
+        pull: F64 = phi[:, joint - 1] * phi[:, self.other_joint - 1]
         return self.arcsec_per_rad2 * ARC_SECOND * pull
 
 
@@ -32,7 +32,7 @@ class CoupledHysteresis(Effect):
     """Friction winds a joint up; how far depends on where another one stands."""
 
     joint: int
-    other: int
+    other_joint: int
     arcsec: float
 
     def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
@@ -40,7 +40,7 @@ class CoupledHysteresis(Effect):
             return None
         side = np.tanh(conditions.rate[:, joint - 1] / 2e-5)
         return SmallMotion.about_own_axis(
-            -self.arcsec * ARC_SECOND * side * np.sin(posture.phi[:, self.other - 1])
+            -self.arcsec * ARC_SECOND * side * np.sin(posture.phi[:, self.other_joint - 1])
         )
 
 
@@ -70,8 +70,8 @@ class LettingGo(Effect):
         if joint != self.joint:
             return None
         rate = conditions.rate[:, joint - 1]
-        held = np.tanh(rate / 2e-5) * np.exp(-np.abs(rate) / self.rate_rad_s)
-        return SmallMotion.about_own_axis(-self.arcsec * ARC_SECOND * held)
+        held_share = np.tanh(rate / 2e-5) * np.exp(-np.abs(rate) / self.rate_rad_s)
+        return SmallMotion.about_own_axis(-self.arcsec * ARC_SECOND * held_share)
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ class Bristles(Effect):
             return None
 
         def stretched(state: F64, way_rad: float) -> F64:
-            left = np.exp(-abs(way_rad) / self.within_rad)
-            return np.asarray(np.sign(way_rad) + (state - np.sign(way_rad)) * left)
+            remaining_share = np.exp(-abs(way_rad) / self.within_rad)
+            return np.asarray(np.sign(way_rad) + (state - np.sign(way_rad)) * remaining_share)
 
         wound = _wound(joint, posture, conditions, np.zeros(1), stretched)
         return SmallMotion.about_own_axis(-self.arcsec * ARC_SECOND * wound)
@@ -144,8 +144,8 @@ def _wound(
     phi, rate = posture.phi[:, joint - 1], conditions.rate[:, joint - 1]
     wound = np.zeros(len(phi))
     for i in range(len(phi)):
-        way = phi[i] - phi[i - 1] - rate[i] if i else 0.0
-        state = stretched(stretched(state, way), rate[i])
+        way_rad = phi[i] - phi[i - 1] - rate[i] if i else 0.0
+        state = stretched(stretched(state, way_rad), rate[i])
         wound[i] = state.mean()
     return wound
 
@@ -155,14 +155,14 @@ class TwoWheels(Effect):
     """A gear that both joints turn: the angle of one errs with whole numbers of both."""
 
     joint: int
-    other: int
+    other_joint: int
     waves: int
     other_waves: int
     arcsec: float
     phase: float
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
-        rolled = self.waves * phi[:, joint - 1] + self.other_waves * phi[:, self.other - 1]
+        rolled = self.waves * phi[:, joint - 1] + self.other_waves * phi[:, self.other_joint - 1]
         return self.arcsec * ARC_SECOND * np.asarray(np.sin(rolled + self.phase))

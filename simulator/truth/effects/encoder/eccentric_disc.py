@@ -19,7 +19,7 @@ class EccentricDisc(Effect):
     offset_um: float
     direction: float  # of the offset on the disc, rad
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         # The head stands at (R, 0); the centre at e·(cos, sin) of the turned direction. What is

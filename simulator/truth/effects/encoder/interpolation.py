@@ -20,7 +20,7 @@ class Interpolation(Effect):
     amplitude_arcsec: float
     phase: float  # rad
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         # An offset of 1 in signals of amplitude 1 errs by one radian of a period.

@@ -13,7 +13,7 @@ class LateLatch(Effect):
     joint: int
     delay_us: float
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         return 1e-6 * self.delay_us * conditions.rate[:, joint - 1]

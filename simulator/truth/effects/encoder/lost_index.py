@@ -17,7 +17,7 @@ class LostIndex(Effect):
     step_arcsec: float
     instant_s: float  # since the arm was mounted
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         return np.where(conditions.time_s >= self.instant_s, self.step_arcsec * ARC_SECOND, 0.0)

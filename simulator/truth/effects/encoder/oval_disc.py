@@ -19,7 +19,7 @@ class OvalDisc(Effect):
     amplitude_arcsec: float  # of the angle error, which goes round twice a turn
     direction: float  # of the long axis, rad
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         # Half the relative difference of the axes is the error's amplitude.

@@ -18,7 +18,7 @@ class SquareWave(Effect):
     amplitude_arcsec: float
     phase: float  # rad
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         side = np.sign(np.sin(self.periods * phi[:, joint - 1] + self.phase))

@@ -14,7 +14,7 @@ class StretchedTape(Effect):
     joint: int
     arcsec_per_rad: float
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         # The tape's own pitch: lines passed × nominal angle of a line.

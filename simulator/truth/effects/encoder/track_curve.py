@@ -20,7 +20,7 @@ class TrackCurve(Effect):
     centre: tuple[float, ...]  # rad
     width: float  # rad
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         error = np.zeros(len(phi))

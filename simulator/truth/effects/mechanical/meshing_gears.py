@@ -21,16 +21,16 @@ class MeshingGears(Effect):
     """
 
     joint: int
-    other: int
+    other_joint: int
     waves: int  # a turn of the other joint
     arcsec: float
     phase: float  # rad
     ratio: float = 0.0
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
-        rolled = phi[:, self.other - 1] + self.ratio * phi[:, joint - 1]
+        rolled = phi[:, self.other_joint - 1] + self.ratio * phi[:, joint - 1]
         phase_rad = self.waves * rolled + self.phase
         error: F64 = np.sin(phase_rad) + FLANKS * np.sin(2.0 * phase_rad + 1.0)
         return self.arcsec * ARC_SECOND * error

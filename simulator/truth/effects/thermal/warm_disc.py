@@ -19,7 +19,7 @@ class WarmDisc(Effect):
     um_per_k: float
     direction: float  # rad
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         offset_mm = 1e-3 * self.um_per_k * (conditions.link_c[:, joint - 1] - REFERENCE_C)

@@ -25,7 +25,7 @@ class WarmFromWork(Effect):
     ppm: float
     time_constant_s: float
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         return self.arcsec * ARC_SECOND * self._heat(conditions)
@@ -52,12 +52,12 @@ class WarmNeighbour(Effect):
     """The work of one joint warms another one's link: it lengthens, on its own time scale."""
 
     joint: int
-    other: int  # of the link
+    other_link: int  # of the link
     ppm: float
     time_constant_s: float
 
     def strain(self, link: int, conditions: Conditions) -> F64 | None:
-        if link != self.other:
+        if link != self.other_link:
             return None
         return WarmFromWork(self.joint, 0.0, self.ppm, self.time_constant_s).strain(
             self.joint, conditions

@@ -23,7 +23,7 @@ class WarmHousing(Effect):
     arcsec_per_k: float
     arcsec_per_k2: float = 0.0
 
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+    def encoder_error_rad(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
             return None
         delta = conditions.link_c[:, joint - 1] - REFERENCE_C
