@@ -248,10 +248,8 @@ def _exemplify(command: Parser, examples: Sequence[str]) -> None:
     """Give it, and those below it, the first of the examples that is one of theirs."""
     matching = [example for example in examples if example.startswith(f"{command.prog} ")]
     command.example = matching[0] if matching else ""
-    for action in command._actions:  # argparse shows them nowhere else
-        if isinstance(action, argparse._SubParsersAction):
-            for below in action.choices.values():
-                _exemplify(below, examples)
+    for below in command.subcommands.values():
+        _exemplify(below, examples)
 
 
 if __name__ == "__main__":
