@@ -13,7 +13,7 @@ from armd.compensation.design.conditions import POOL
 from armd.compensation.design.design import Experiment
 from armd.compensation.design.design import design as choose
 from armd.compensation.diagnose.diagnose import diagnose as diagnose_loaded
-from armd.compensation.diagnose.report.advice import next_experiment
+from armd.compensation.diagnose.report.advice import propose_experiment
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellShare
 from armd.errors import BadInput
@@ -163,7 +163,7 @@ def design(
     diagnosis = diagnose_loaded(read, model.content, content, progress=progress)
     progress("choosing poses", 1.0)
     experiment = choose(diagnosis, readings)
-    return DesignResult(experiment, next_experiment(diagnosis), read, model, loaded)
+    return DesignResult(experiment, propose_experiment(diagnosis), read, model, loaded)
 
 
 def check_readings(readings: int | None) -> None:

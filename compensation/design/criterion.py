@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.report.advice import Doubt, alike
+from armd.compensation.diagnose.report.advice import Doubt, is_alike
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import jacobian
@@ -147,7 +147,7 @@ def separate_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: Linear
     finding[blocks[0]] = last.amplitudes[doubt.index]
     leads = [i for i in range(len(blocks)) if i == 0 or share[i] >= LEADING * share.max()]
     signals = [finding, *(_passing(information, finding, blocks[i]) for i in leads[1:])]
-    separable = [[not alike(candidates[i], rival) for rival in candidates] for i in leads]
+    separable = [[not is_alike(candidates[i], rival) for rival in candidates] for i in leads]
     weight = np.sqrt(share[leads][:, None] * share) * separable
     criterion = Between(doubt.words, np.stack(signals, axis=1), blocks, weight)
     able = weight * (criterion.separations(richest)[0] >= APART)

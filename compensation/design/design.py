@@ -27,9 +27,9 @@ from armd.compensation.design.criterion import (
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.layout import IDENTIFIED, finding
-from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.report.advice import most_doubtful
+from armd.compensation.diagnose.problem.layout import IDENTIFIED, name_block
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
+from armd.compensation.diagnose.report.advice import find_most_doubtful
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
@@ -65,7 +65,7 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
     Raises `BadInput` when nothing is in doubt and the calibration tells no uncertainties.
     """
     last, arm = diagnosis.search.last, diagnosis.arm
-    doubt = most_doubtful(diagnosis)
+    doubt = find_most_doubtful(diagnosis)
     candidates = []
     if doubt is not None:
         candidates = [last.findings[doubt.index], *doubt.rivals]
@@ -107,7 +107,9 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
 
 def _make_prior(last: Fit, candidates: list[Candidate], arm: Arm) -> LinearModel:
     """What the sessions there are tell of the unknowns; of the placement to come, nothing."""
-    asked_columns = np.hstack(finding_columns(last.linear, candidates, arm)) if candidates else None
+    asked_columns = (
+        np.hstack(make_finding_columns(last.linear, candidates, arm)) if candidates else None
+    )
     problem = last.problem
     if asked_columns is not None:
         white = last.noise.whiten(asked_columns)
@@ -116,7 +118,7 @@ def _make_prior(last: Fit, candidates: list[Candidate], arm: Arm) -> LinearModel
     # A finding that is asked about is there as a candidate.
     places = [candidate.place for candidate in candidates]
     itself = [
-        finding(i)
+        name_block(i)
         for i, placed_finding in enumerate(last.findings)
         if placed_finding.place in places
     ]

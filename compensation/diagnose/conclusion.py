@@ -17,13 +17,13 @@ from armd.compensation.diagnose.diagnosis import (
     SearchResult,
     ValidatedFindings,
 )
-from armd.compensation.diagnose.extend import extended
+from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.fitting.growth_open import report_growth
 from armd.compensation.diagnose.fitting.under_test import has_reflectors
-from armd.compensation.diagnose.heldout.gain import gain, gains, groups_of
-from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
+from armd.compensation.diagnose.heldout.gain import compute_gain, compute_gains, group_readings
+from armd.compensation.diagnose.heldout.left_open import record_open_constants
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.search.work import WorkBudget
@@ -78,7 +78,7 @@ def conclude(
     sessions, rests, baseline = searched.sessions, searched.rests, searched.baseline
     result, touched, last = searched.result, searched.touched, searched.result.last
     squares, groups, written = heldout.squares, heldout.groups, heldout.written
-    remarks += off_orientations(heldout.outlying, rests, last)
+    remarks += describe_off_orientations(heldout.outlying, rests, last)
     outlying = np.unique(rests.point_of[heldout.outlying])
     outliers = name_outliers(outlying, rests, last)
     is_used = np.ones(len(groups), dtype=bool)
@@ -92,7 +92,7 @@ def conclude(
         for i, (finding, g) in enumerate(zip(result.findings, heldout.gains, strict=True))
     ]
     if not is_used.all():
-        without_outliers = gains(
+        without_outliers = compute_gains(
             [square[is_used] for square in squares], groups[is_used], is_used[is_used]
         )
         pairs = [(step.before_um, step.after_um) for step in without_outliers]
@@ -121,7 +121,7 @@ def conclude(
         tuple(measured),
         outliers,
         heldout.outlier_p,
-        gain(squares[-1], squares[-1], groups, is_used) if outliers else None,
+        compute_gain(squares[-1], squares[-1], groups, is_used) if outliers else None,
         written.numbers,
         _before_and_after_um(written, np.ones_like(is_used)),
         None if is_used.all() else _before_and_after_um(written, is_used),
@@ -143,7 +143,7 @@ def _gain_of_parting(
     """Of placements that were touched: as one pose, and as two, under the same model."""
     as_one, as_two = (evaluate(group, arm, calibration) for group in (original, parted))
     squares = [(evaluation.residual_mm**2).sum(axis=1) for evaluation in (as_one, as_two)]
-    return gain(squares[0], squares[1], groups_of(as_one.observations))
+    return compute_gain(squares[0], squares[1], group_readings(as_one.observations))
 
 
 def _before_and_after_um(written: ValidatedFindings, is_used: Mask) -> tuple[float, float]:
@@ -187,8 +187,8 @@ def _extension(
         )
     left_out = [c for i, c in enumerate(last.findings) if i not in numbers]
     model = follow_solution(model, arm)
-    calibration = extended(model, arm, sessions, command, left_out, written.growth)
-    return saying_what_is_open(calibration, last, numbers, arm, sessions)
+    calibration = extend_calibration(model, arm, sessions, command, left_out, written.growth)
+    return record_open_constants(calibration, last, numbers, arm, sessions)
 
 
 def lower_odds(findings: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
@@ -204,7 +204,7 @@ def _rms_um(evaluation: Evaluation) -> float:
     return float(np.sqrt((evaluation.distance_um**2).mean()))
 
 
-def off_orientations(rests: I64, all_rests: Rests, last: Fit) -> list[str]:
+def describe_off_orientations(rests: I64, all_rests: Rests, last: Fit) -> list[str]:
     """Say of which of these *rests* the orientation is off, and by how much."""
     observations = all_rests.observations
     turned = rests[observations.turned[rests]]

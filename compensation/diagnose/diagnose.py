@@ -26,18 +26,22 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis, Touched
 from armd.compensation.diagnose.fitting.outliers import find_outliers
-from armd.compensation.diagnose.fitting.taken_up import beside_what_it_took_up
-from armd.compensation.diagnose.fitting.under_test import model_under_test
+from armd.compensation.diagnose.fitting.taken_up import allow_absorbed_error
+from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.heldout.cross_validation import cross_validate
-from armd.compensation.diagnose.heldout.gain import gains, groups_of
+from armd.compensation.diagnose.heldout.gain import compute_gains, group_readings
 from armd.compensation.diagnose.heldout.refuted import (
+    describe_refuted,
     is_refuted,
     predicts_better,
-    refuted_findings,
-    refuted_in_words,
+    select_refuted,
 )
-from armd.compensation.diagnose.heldout.sets import better_by
-from armd.compensation.diagnose.heldout.validated import by_placement, by_session, on_sessions
+from armd.compensation.diagnose.heldout.sets import compare_heldout
+from armd.compensation.diagnose.heldout.validated import (
+    compute_squares_on_sessions,
+    validate_by_placement,
+    validate_by_session,
+)
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
 from armd.compensation.diagnose.search.again import (
@@ -99,7 +103,7 @@ def _diagnose(
     diagnosis = _concluded(searched, arm, holdout, remarks, progress, work, command)
     refuted: tuple[Candidate, ...] = ()
     for _ in range(MOST_REPEATED):
-        newly_refuted = refuted_findings(diagnosis)
+        newly_refuted = select_refuted(diagnosis)
         if not newly_refuted:
             break
         if not work.may_go_on:
@@ -112,7 +116,7 @@ def _diagnose(
         )
         if not is_likely_beside(without.result, diagnosis.search, arm):
             break
-        extended_remarks = [*remarks, refuted_in_words(refuted)]
+        extended_remarks = [*remarks, describe_refuted(refuted)]
         another = _concluded(without, arm, holdout, extended_remarks, progress, work, command)
         if not predicts_better(another, diagnosis):
             break
@@ -139,20 +143,21 @@ def _concluded(
     if holdout:
         progress("held out", HELD_OUT_BEGINS)
         readings = evaluate(holdout, arm, calibration).observations
-        groups = groups_of(readings)
-        written = by_session(result, arm, sessions, holdout, readings)
+        groups = group_readings(readings)
+        written = validate_by_session(result, arm, sessions, holdout, readings)
         squares = [
-            on_sessions(step, arm, sessions, holdout, written.growth) for step in result.steps()
+            compute_squares_on_sessions(step, arm, sessions, holdout, written.growth)
+            for step in result.steps()
         ]
-        measured = gains(squares, groups, np.ones(len(groups), dtype=bool))
+        measured = compute_gains(squares, groups, np.ones(len(groups), dtype=bool))
     else:
         checked = cross_validate(result, searched.parted, arm, progress, work)
         searched.parted = None
         squares, groups = checked.squares, checked.groups
-        measured = gains(squares, groups, np.ones(len(groups), dtype=bool))
+        measured = compute_gains(squares, groups, np.ones(len(groups), dtype=bool))
         give_back_freed()
         progress("held out", HELD_OUT_BEGINS)
-        written = by_placement(result, arm, measured)
+        written = validate_by_placement(result, arm, measured)
     heldout = HeldoutJudgement(squares, groups, measured, written, outlying, outlier_p)
     return conclude(searched, heldout, arm, holdout, remarks, work, command)
 
@@ -167,12 +172,12 @@ def _search_sessions(
     """Search the sessions that fit each other; and what is reported of the others."""
     remarks, strange = list[str](), list[Odd]()
     consistent = tuple(sessions)
-    of_all, inconsistent = model_under_test(consistent, arm, calibration)
+    of_all, inconsistent = make_model_under_test(consistent, arm, calibration)
     baseline = of_all
     while inconsistent is not None:
         strange.append(inconsistent)
         consistent = without_sessions(consistent, inconsistent)
-        baseline, inconsistent = model_under_test(consistent, arm, calibration)
+        baseline, inconsistent = make_model_under_test(consistent, arm, calibration)
     searched = _search(consistent, arm, calibration, progress, work, baseline)
     inexplicable = []
     for inconsistent in strange:
@@ -207,7 +212,7 @@ def _explains(
     parted = tuple(sessions)
     for _ in range(MOST_TOUCHED + 1):
         rests = gather_rests(parted, arm)
-        baseline = begin or model_under_test(parted, arm, calibration)[0]
+        baseline = begin or make_model_under_test(parted, arm, calibration)[0]
         begin = None
         progress(f"session {inconsistent.path.name}", 0.0)
         search = Search(rests, arm, baseline, progress, work=work)
@@ -237,16 +242,16 @@ def _search(
     while True:
         rests = gather_rests(sessions, arm)
         if begin is None or touched:
-            begin, _ = model_under_test(sessions, arm, calibration)
+            begin, _ = make_model_under_test(sessions, arm, calibration)
         baseline = begin
         give_back_freed()
         progress("search", 0.0)
-        held_out, barred = partial(better_by, arm=arm), partial(is_refuted, refuted=refuted)
+        held_out, barred = partial(compare_heldout, arm=arm), partial(is_refuted, refuted=refuted)
         search = Search(rests, arm, baseline, progress, held_out, work, barred)
         moved = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
         if moved is None:
             result = search.run()
-            older = beside_what_it_took_up(result.searched, arm)
+            older = allow_absorbed_error(result.searched, arm)
             if older is not None and not work.may_go_on:
                 work.skip("the search beside what the calibration may have absorbed")
             elif older is not None:

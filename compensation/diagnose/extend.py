@@ -13,8 +13,8 @@ from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.constants import NEGLIGIBLE
 from armd.compensation.diagnose.fitting.curves import as_curve
-from armd.compensation.diagnose.fitting.neighbourhood import moved_model
-from armd.compensation.diagnose.fitting.nuisance import mount_term
+from armd.compensation.diagnose.fitting.neighbourhood import move_model
+from armd.compensation.diagnose.fitting.nuisance import make_mount_term
 from armd.compensation.diagnose.problem.amplitudes import is_curve
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.effects.by_session import as_written, is_by_session
@@ -25,7 +25,7 @@ from armd.compensation.model.calibration import ArtefactCorrection, Calibration,
 from armd.compensation.model.terms import Term
 
 
-def extended(
+def extend_calibration(
     last: Fit,
     arm: Arm,
     sessions: Sequence[Session],
@@ -46,7 +46,7 @@ def extended(
             return calibration
         provenance = _provenance(last, sessions, command, left_out)
         return calibration.model_copy(update={"provenance": provenance, "content_sha256": ""})
-    model = moved_model(last)
+    model = move_model(last)
     constants = model.constants.copy()
     names = list(arm.layout.names)
     # Each row says how an identified quantity moves with the solution: for the covariance.
@@ -113,7 +113,7 @@ def extended(
 
 def _growth(last: Fit, arm: Arm) -> Term | None:
     """The first link's growth as a term."""
-    term = mount_term(last.model, arm)
+    term = make_mount_term(last.model, arm)
     if term is None:
         return None
     index = last.layout.mount.start

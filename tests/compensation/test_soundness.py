@@ -9,8 +9,8 @@ import pytest
 
 from armd.compensation.data.session import Session
 from armd.compensation.data.soundness import fit_to_identify, make_sound
-from armd.compensation.diagnose.fitting.noise import without_gross
-from armd.compensation.diagnose.heldout.gain import capped, gain
+from armd.compensation.diagnose.fitting.noise import clip_gross
+from armd.compensation.diagnose.heldout.gain import cap_squares, compute_gain
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.thermal.terms import length_terms
@@ -145,7 +145,7 @@ def test_gross_errors_neither_pull_the_fit_nor_count_as_noise() -> None:
 
     # As a first estimate makes of it: ten times too wide.
     noise = RestNoise(17.0, 0.0, 0.0, 0.0, 17.0, np.tile(np.eye(3) / 17.0, (n, 1, 1)), np.empty(0))
-    clipped = without_gross(residual, noise, fit)
+    clipped = clip_gross(residual, noise, fit)
     assert np.std(clipped - columns @ truth) < 1.1
     assert np.abs(fit(clipped, noise) - columns @ truth).max() < 1.0
 
@@ -157,8 +157,8 @@ def test_gross_errors_do_not_outvote_all_other_readings() -> None:
     after = before / 1.5
     after[::40] = before[::40] = 1e4 * rng.uniform(0.5, 1.5, 8)
     after[::40] *= 1.0 + 0.01 * rng.normal(size=8)
-    assert gain(*capped(before, after), groups).is_confirmed
-    assert not gain(*capped(before, before[::-1]), groups).is_confirmed
+    assert compute_gain(*cap_squares(before, after), groups).is_confirmed
+    assert not compute_gain(*cap_squares(before, before[::-1]), groups).is_confirmed
 
 
 def test_calibrate_takes_no_still_channel_for_a_temperature() -> None:

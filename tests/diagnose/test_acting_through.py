@@ -11,7 +11,7 @@ import pytest
 
 from armd.arrays import F64
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.extend import extended
+from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.fitting.through import fit_by_turns
@@ -21,10 +21,10 @@ from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
-from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
+from armd.compensation.diagnose.problem.signatures import compile_candidates, make_finding_columns
 from armd.compensation.diagnose.problem.through import find_acting, rebuild_candidate, with_acting
 from armd.compensation.diagnose.scoring import candidates
-from armd.compensation.diagnose.scoring.candidates import score_candidates, weakest
+from armd.compensation.diagnose.scoring.candidates import find_weakest, score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, SessionFacts
@@ -147,7 +147,7 @@ def test_an_offset_is_the_derivative_of_all_that_was_found(
     made = rebuild_candidate(offset, problem.facts, find_acting(found))
     assert made is not None
     linear = linearise(problem.rests, model, ARM)
-    own = finding_columns(linear, [made], ARM)[0][: 3 * problem.rests.n, 0]
+    own = make_finding_columns(linear, [made], ARM)[0][: 3 * problem.rests.n, 0]
     up, down = (tip(problem, found, sensor, step) for step in (1e-3, -1e-3))
     expected = ((up - down) / 2e-3).ravel()
     np.testing.assert_allclose(own, expected, atol=1e-6 * np.abs(expected).max())
@@ -174,10 +174,10 @@ def test_offset_and_gradient_come_back_and_are_written_as_fitted(problem: Proble
     apart = fitted(own, [gradient, offset], turns=False)  # of the lengths alone
     assert last.noise.scale_mm < 0.5 * apart.noise.scale_mm
     other = measured(true, "another")
-    calibration = extended(last, ARM, [])
+    calibration = extend_calibration(last, ARM, [])
     rms_mm = np.sqrt((evaluate([other], ARM, calibration).residual_mm ** 2).mean())
     assert rms_mm < 1.2 * NOISE_MM
-    plain = extended(apart, ARM, [])
+    plain = extend_calibration(apart, ARM, [])
     assert np.sqrt((evaluate([other], ARM, plain).residual_mm ** 2).mean()) > 3 * NOISE_MM
 
 
@@ -222,6 +222,6 @@ def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
         < itself
     )
     monkeypatch.setattr(candidates, "score_candidates", lambda *_: Asked())
-    weakest(about)
+    find_weakest(about)
     assert Asked.of == [(0, 1), (1,)]
     assert rebuild_candidate(last.findings[1], own.facts, find_acting(without)).is_like(offset)  # type: ignore[union-attr]

@@ -9,9 +9,9 @@ from armd.compensation.diagnose.scoring.cells import (
     ArtefactColumns,
     Cell,
     as_slice,
-    by_part,
-    cleared,
-    rows_of,
+    clear_columns,
+    list_rows,
+    split_by_part,
 )
 from armd.compensation.estimate.linear.blocks import in_blocks
 
@@ -40,7 +40,7 @@ def cells() -> list[Cell]:
         for placement in range(3):
             rests = np.flatnonzero((part == PART) & (placement == PLACEMENT))
             if len(rests):
-                rows = rows_of(rests)
+                rows = list_rows(rests)
                 own = np.linalg.qr(rng.normal(size=(len(rows), min(2, len(rows)))))[0]
                 found.append(Cell(part, rests, as_slice(rows), own))
     lengths = slice(3 * N, 3 * N + DISTANCES)
@@ -72,7 +72,7 @@ def test_products_within_each_candidate_add_up_over_the_cells() -> None:
 def test_clear_of_a_cells_own_columns_is_what_least_squares_leaves() -> None:
     white = np.random.default_rng(3).normal(size=(3 * N + DISTANCES, 4))
     before = white.copy()
-    found = cleared(white, cells())
+    found = clear_columns(white, cells())
     assert (white == before).all()
     for cell in cells():
         rows, own = white[cell.rows], cell.absorbing
@@ -84,7 +84,7 @@ def test_parts_of_a_placement_are_told_apart_and_together_are_all() -> None:
     columns = full()
     again = np.zeros((N, 3, len(WHERE)))
     seen = []
-    for part, piece in by_part(in_blocks([columns], PLACEMENT), PART):
+    for part, piece in split_by_part(in_blocks([columns], PLACEMENT), PART):
         assert (PART[piece.rests] == part).all() and len(set(PLACEMENT[piece.rests])) == 1
         assert piece.values.any(axis=(0, 1)).all()  # no column that is zero there
         again[np.ix_(piece.rests, np.arange(3), piece.columns)] = piece.values
@@ -94,7 +94,7 @@ def test_parts_of_a_placement_are_told_apart_and_together_are_all() -> None:
 
 
 def test_a_run_of_rows_is_a_slice_and_what_has_gaps_is_none() -> None:
-    assert rows_of(np.array([1, 3])).tolist() == [3, 4, 5, 9, 10, 11]
-    assert as_slice(rows_of(np.array([2, 3]))) == slice(6, 12)
-    for rows in (rows_of(np.array([1, 3])), np.array([5, 4, 3]), np.empty(0, np.int64)):
+    assert list_rows(np.array([1, 3])).tolist() == [3, 4, 5, 9, 10, 11]
+    assert as_slice(list_rows(np.array([2, 3]))) == slice(6, 12)
+    for rows in (list_rows(np.array([1, 3])), np.array([5, 4, 3]), np.empty(0, np.int64)):
         assert as_slice(rows) is rows

@@ -19,7 +19,9 @@ def likeness(angle_deg: float, monkeypatch: pytest.MonkeyPatch, shared: float = 
     own = 3.0 * first + shared * placement
     rival = 0.01 * (np.cos(turn) * first + np.sin(turn) * second) - shared * placement
     columns = {OWN: own[:, None], RIVAL: rival[:, None]}
-    monkeypatch.setattr(confusion, "finding_columns", lambda _, of, __: [columns[c] for c in of])
+    monkeypatch.setattr(
+        confusion, "make_finding_columns", lambda _, of, __: [columns[c] for c in of]
+    )
     residual = 10.0 * first + noise + 7.0 * placement
     fit = small_fit(residual, placement[:, None], {OWN: columns[OWN]})
     arm = None

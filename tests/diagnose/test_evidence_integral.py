@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.special import logsumexp
 from scipy.stats import chi2, norm
 
-from armd.compensation.diagnose.scoring.evidence import estimates, score, total
+from armd.compensation.diagnose.scoring.evidence import add_sums, estimate_amplitudes, score
 from armd.compensation.effects.effect import SCALES
 from support.small_sums import TYPICAL, N, problem, sums_of
 
@@ -20,7 +20,7 @@ def clear(b: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def test_scores_and_estimates_are_those_of_dense_least_squares() -> None:
     b, x, r = problem()
     sums = sums_of(b, x, r, np.full(4, np.inf))
-    scores, found = score(sums), estimates(sums)
+    scores, found = score(sums), estimate_amplitudes(sums)
     for i, own in enumerate((slice(0, 1), slice(1, 3), slice(3, 4))):
         columns, left = clear(b, x[:, own]), clear(b, r)
         amplitude = np.linalg.lstsq(columns, left, rcond=None)[0]
@@ -88,7 +88,7 @@ def test_sums_of_parts_are_the_sums_of_all() -> None:
     variance = np.array([np.inf, 1.0, 1.0, np.inf])
     parts = [sums_of(b[rows], x[rows], r[rows], variance) for rows in (slice(0, 30), slice(30, N))]
     np.testing.assert_allclose(
-        score(total(parts)).statistic, score(sums_of(b, x, r, variance)).statistic
+        score(add_sums(parts)).statistic, score(sums_of(b, x, r, variance)).statistic
     )
 
 

@@ -10,8 +10,8 @@ import pytest
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.fitting.expansions import expansion_columns
-from armd.compensation.diagnose.fitting.under_test import model_under_test
+from armd.compensation.diagnose.fitting.expansions import make_expansion_columns
+from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
@@ -92,9 +92,9 @@ def test_what_is_wrong_beside_it_is_found_alone() -> None:
 
 def test_they_are_free_by_what_materials_do_and_beside_no_other_model() -> None:
     sessions = measured(1, ONE_C)
-    baseline = model_under_test(sessions, ARM, None)[0]
+    baseline = make_model_under_test(sessions, ARM, None)[0]
     linear = linearise(gather_rests(sessions, ARM), baseline.model, ARM)
-    columns, variance = expansion_columns(linear, baseline, ARM)
+    columns, variance = make_expansion_columns(linear, baseline, ARM)
     lengths_mm = [
         baseline.model.constants[ARM.layout.index(t.parameter)] for t in length_terms(ARM, [1])
     ]
@@ -108,9 +108,9 @@ def test_they_are_free_by_what_materials_do_and_beside_no_other_model() -> None:
     assert abs(rise.mean()) < 1e-9 and 0.1 < rise.std() < 0.4
 
     held = from_calibration(baseline.calibration, ARM, is_given=True)
-    assert expansion_columns(linear, held, ARM)[0].shape[1] == 0
+    assert make_expansion_columns(linear, held, ARM)[0].shape[1] == 0
     warm = measured(1, (14.0, 20.0, 26.0))
-    thermal = model_under_test(warm, ARM, None)[0]
+    thermal = make_model_under_test(warm, ARM, None)[0]
     assert thermal.calibration.provenance["thermal_order"] == 1
     linear = linearise(gather_rests(warm, ARM), thermal.model, ARM)
-    assert expansion_columns(linear, thermal, ARM)[0].shape[1] == 0
+    assert make_expansion_columns(linear, thermal, ARM)[0].shape[1] == 0

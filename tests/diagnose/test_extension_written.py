@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.extend import extended
+from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting import scanned
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -93,7 +93,7 @@ def matrix(of: Calibration) -> np.ndarray:
 def test_amplitudes_become_terms_and_constants_with_the_covariance_of_all(held: bool) -> None:
     given = baseline(held)
     last = fitted(given, [DISC, SHIFT])
-    written = extended(last, ARM, [session()])
+    written = extend_calibration(last, ARM, [session()])
     (sine, cosine), (by,) = last.amplitudes
     assert [t.parameter for t in written.terms[1:]] == ["theta_2", "alpha_2"]
     assert [t.coefficient for t in written.terms[1:]] == pytest.approx([sine, 0.5 * cosine])
@@ -119,14 +119,14 @@ def test_amplitudes_become_terms_and_constants_with_the_covariance_of_all(held: 
 def test_the_artefacts_correction_adds_to_the_one_there_was() -> None:
     given = baseline(True)
     last = fitted(given, [BALL])
-    corrected = extended(last, ARM, [session()]).artefact
+    corrected = extend_calibration(last, ARM, [session()]).artefact
     (x, size, growth) = last.amplitudes[0]
     assert corrected is not None and corrected.artefacts == ["points"]
     assert corrected.target_offset_mm["B1"] == pytest.approx((x, 0.0, 0.0))
     assert corrected.scale == pytest.approx(1.0 + size)
     assert corrected.expansion_per_k == pytest.approx(1e-5 + growth)
-    again = from_calibration(extended(last, ARM, [session()]), ARM, is_given=True)
-    twice = extended(fitted(again, [BALL]), ARM, [session()]).artefact
+    again = from_calibration(extend_calibration(last, ARM, [session()]), ARM, is_given=True)
+    twice = extend_calibration(fitted(again, [BALL]), ARM, [session()]).artefact
     assert twice is not None
     assert twice.target_offset_mm["B1"] == pytest.approx((2 * x, 0.0, 0.0))
     assert twice.scale == pytest.approx((1.0 + size) ** 2)
@@ -136,8 +136,8 @@ def test_the_artefacts_correction_adds_to_the_one_there_was() -> None:
 def test_without_findings_the_calibration_stays_and_says_what_was_left_out() -> None:
     given = baseline(True)
     last = fitted(given, [])
-    assert extended(last, ARM, [session()]) is given.calibration
-    told = extended(last, ARM, [session()], left_out=[DISC])
+    assert extend_calibration(last, ARM, [session()]) is given.calibration
+    told = extend_calibration(last, ARM, [session()], left_out=[DISC])
     assert told.provenance["diagnosis"]["not_borne_out"] == ["encoder_eccentricity joint 2"]
     assert (told.constants, told.terms) == (given.calibration.constants, given.calibration.terms)
 
@@ -158,16 +158,16 @@ def test_a_scanned_value_is_as_uncertain_as_dense_least_squares_has_it(
     signature = lambda value: base + np.log(value / 600.0) * turned  # noqa: E731
     monkeypatch.setattr(
         scanned,
-        "finding_columns",
+        "make_finding_columns",
         lambda linear, some, arm: [signature(c.setting[0][1])[:, None] for c in some],
     )
     placements = rng.normal(size=(3 * N, 3))
     last = small_fit(5.0 * base + rng.normal(size=3 * N), placements, {lag: base[:, None]})
-    found = scanned.scanned_uncertainty(last, 0, ARM)
+    found = scanned.compute_scanned_uncertainty(last, 0, ARM)
     slope = last.amplitudes[0][0] * turned / 600.0
     dense = np.column_stack([placements, base, slope])
     ridge = np.diag([0.0, 0.0, 0.0, 1 / 100.0, 0.0])  # what is known a priori of the amplitude
     expected = np.sqrt(np.linalg.inv(dense.T @ dense + ridge)[-1, -1])
     assert found == pytest.approx(expected, rel=1e-3)
     still = replace(last, findings=(replace(lag, elsewhere=None),))
-    assert scanned.scanned_uncertainty(still, 0, ARM) == 0.0
+    assert scanned.compute_scanned_uncertainty(still, 0, ARM) == 0.0

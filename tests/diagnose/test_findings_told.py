@@ -9,12 +9,12 @@ import pytest
 
 from armd.compensation.diagnose.constants import CURVE_POINTS, SHAPE_OFF
 from armd.compensation.diagnose.diagnosis import Finding, Rival
-from armd.compensation.diagnose.fitting.curves import as_curve, orders_of
-from armd.compensation.diagnose.report.advice import alike, next_experiment
-from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
+from armd.compensation.diagnose.fitting.curves import as_curve, list_orders
+from armd.compensation.diagnose.report.advice import is_alike, propose_experiment
+from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape, make_shape
 from armd.compensation.diagnose.search.findings import _honest as honest
-from armd.compensation.diagnose.search.findings import likelier_rival
-from armd.compensation.diagnose.search.findings import nearest_step as nearest
+from armd.compensation.diagnose.search.findings import find_likelier_rival
+from armd.compensation.diagnose.search.findings import find_nearest_step as nearest
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, join_finding
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
@@ -40,7 +40,7 @@ def finding(of: Candidate, probability: float = 0.9, statistic: float = 50.0, ri
 def test_a_name_stays_where_nothing_is_likelier() -> None:
     found = finding(NAMED, 0.6, rivals=[(OTHER, 0.3), (unknown(3, "q3"), 0.1)])
     assert honest([found]) == (found,)
-    assert likelier_rival(found) is None
+    assert find_likelier_rival(found) is None
 
 
 def test_a_likelier_rival_takes_the_name_and_the_probability_is_of_either() -> None:
@@ -80,15 +80,15 @@ def test_a_finding_takes_the_place_of_those_it_contains() -> None:
 
 
 def test_what_an_experiment_need_not_part() -> None:
-    assert alike(NAMED, replace(NAMED, columns=()))
-    assert alike(unknown(1, "q1"), unknown(2, "q1"))
-    assert not alike(NAMED, OTHER) and not alike(unknown(1, "q1"), unknown(1, "q2"))
+    assert is_alike(NAMED, replace(NAMED, columns=()))
+    assert is_alike(unknown(1, "q1"), unknown(2, "q1"))
+    assert not is_alike(NAMED, OTHER) and not is_alike(unknown(1, "q1"), unknown(1, "q2"))
 
 
 def test_a_shape_is_the_signature_times_harmonics_of_the_joints_at_its_place() -> None:
     own = Candidate("encoder_eccentricity", location.joint(2), harmonic_columns(2, 1, 1.0), ("q2",))
-    shape = shape_candidate(own, np.array([3.0, 4.0]), 6)
-    assert shape is not None and is_shape(shape) and shape.location == shape_place(own)
+    shape = make_shape(own, np.array([3.0, 4.0]), 6)
+    assert shape is not None and is_shape(shape) and shape.location == locate_shape(own)
     assert len(shape.columns) == 4 and shape.depends_on == ("q2",)
     arm: Any = SimpleNamespace(sensors=[])
     q = np.random.default_rng(1).uniform(-3, 3, (50, 6))
@@ -102,18 +102,18 @@ def test_a_shape_is_the_signature_times_harmonics_of_the_joints_at_its_place() -
     expected = np.sqrt(2.0) * signature * np.sin(q[:, 1])
     np.testing.assert_allclose(moved(shape.columns[0]), expected)
     assert {column.prior_sd for column in shape.columns} == {SHAPE_OFF}
-    assert shape_candidate(shape, np.ones(4), 6) is None  # a shape has none of its own
+    assert make_shape(shape, np.ones(4), 6) is None  # a shape has none of its own
     shifted = Candidate("geometry_shift", location.joint(2), own.columns[:1], ())
-    assert shape_candidate(shifted, np.ones(1), 6) is None  # one number, whatever the angle
+    assert make_shape(shifted, np.ones(1), 6) is None  # one number, whatever the angle
     tip = Candidate("tip_offset", location.TIP, own.columns, ())
-    of_tip = shape_candidate(tip, np.ones(2), 6)
+    of_tip = make_shape(tip, np.ones(2), 6)
     assert of_tip is not None and of_tip.depends_on == ("q5", "q6")
 
 
 def test_a_curve_is_its_harmonics_where_the_joint_stood_and_their_mean_elsewhere() -> None:
     columns = tuple(c for order in (3, 4) for c in harmonic_columns(2, order, 1.0))
     curve = Candidate("encoder_periodic", location.joint(2), columns, ("q2",))
-    assert orders_of(curve) == [3, 4]
+    assert list_orders(curve) == [3, 4]
     values = np.array([1.0, -0.5, 0.3, 2.0])
     q = np.zeros((100, 6))
     q[:, 1] = np.linspace(0.5, 2.0, 100)
@@ -158,6 +158,6 @@ def test_where_something_is_left_the_next_experiment_does_not_say_that_nothing_i
     )
     usual = {"search": search, "findings": (), "outliers": ()}
     left: Any = SimpleNamespace(**usual, significant_rest=True)
-    assert next_experiment(left).startswith("What is left goes with q3, t3")
+    assert propose_experiment(left).startswith("What is left goes with q3, t3")
     nothing: Any = SimpleNamespace(**usual, significant_rest=False)
-    assert next_experiment(nothing).startswith("Nothing significant is left to find")
+    assert propose_experiment(nothing).startswith("Nothing significant is left to find")

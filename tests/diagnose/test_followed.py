@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.extend import extended
+from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.problem.baseline import from_calibration
@@ -71,8 +71,8 @@ def test_a_long_step_is_followed_where_the_model_bends() -> None:
     linear = fitted(baseline, [own], [DISC])
     bent = follow_solution(linear, ARM)
     noise_um = 1e3 * NOISE_MM * np.sqrt(3.0)
-    assert rms_um([other], extended(linear, ARM, [own])) > 5.0 * noise_um
-    assert rms_um([other], extended(bent, ARM, [own])) < 1.1 * noise_um
+    assert rms_um([other], extend_calibration(linear, ARM, [own])) > 5.0 * noise_um
+    assert rms_um([other], extend_calibration(bent, ARM, [own])) < 1.1 * noise_um
     assert abs(bent.amplitudes[0][0] - 1e-4) < 4.0 * np.sqrt(bent.covariances[0][0, 0])
 
 
@@ -84,7 +84,7 @@ def test_what_is_written_is_never_worse_than_what_was_given(twist: float) -> Non
     own, other = (measured(twist, rng, name) for name in ("own", "other"))
     baseline = from_calibration(given(), ARM, is_given=True)
     bent = follow_solution(fitted(baseline, [own], [DISC]), ARM)
-    written = extended(bent, ARM, [own])
+    written = extend_calibration(bent, ARM, [own])
     assert rms_um([own], written) < rms_um([own], baseline.calibration)
     assert rms_um([other], written) < 1.1 * 1e3 * NOISE_MM * np.sqrt(3.0)
 

@@ -15,7 +15,7 @@ from armd.compensation.diagnose.fitting.growth_open import (
     without_growth,
 )
 from armd.compensation.diagnose.problem.baseline import from_calibration
-from armd.compensation.diagnose.report.verdict import verdict
+from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.thermal.terms import length_terms
@@ -74,7 +74,7 @@ def test_what_links_grow_is_reported_and_written(kept: Calibration) -> None:
     warm = calibrate(measured(SEED, SHOP_C), ARM).calibration  # of the same readings
     before, after, possible = errors_um(kept, diagnosis.extended, warm)
     assert after < 1.05 * possible < 0.25 * before
-    assert "has no thermal model" in verdict(diagnosis)
+    assert "has no thermal model" in write_verdict(diagnosis)
 
 
 @pytest.mark.slow

@@ -48,7 +48,7 @@ class Case:
         }
         self.residual = rng.normal(size=3 * RESTS) + pieces[0][:, 0] + pieces[1].sum(axis=1)
         monkeypatch.setattr(
-            module, "finding_columns", lambda _, of, __: [self.columns[c] for c in of]
+            module, "make_finding_columns", lambda _, of, __: [self.columns[c] for c in of]
         )
         nothing_absorbs = SimpleNamespace(clear_of_all=lambda columns: (columns, columns))
         monkeypatch.setattr(module, "make_projection", lambda *_: nothing_absorbs)

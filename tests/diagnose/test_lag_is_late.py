@@ -7,7 +7,7 @@ import pytest
 from test_acting_through import ARM, Problem, problem_of
 
 from armd.arrays import F64
-from armd.compensation.diagnose.scoring.evidence import log_bayes_factors
+from armd.compensation.diagnose.scoring.evidence import compute_log_bayes_factors
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Column
 from support import synthetic
@@ -36,7 +36,7 @@ def evidence(column: Column, share: float) -> float:
     """Log odds against nothing of a share that the readings tell."""
     gram, prior_sd = np.array([[[CLEAR**2]]]), np.array([[column.prior_sd]])
     side: F64 = np.array([[CLEAR**2 * share]])
-    return float(log_bayes_factors(gram, side, prior_sd, np.array([[column.reach]]))[0])
+    return float(compute_log_bayes_factors(gram, side, prior_sd, np.array([[column.reach]]))[0])
 
 
 def test_on_a_ramp_a_short_time_constant_may_stand_for_an_hour(problem: Problem) -> None:

@@ -14,10 +14,10 @@ from armd.arrays import F64
 from armd.compensation.diagnose.fitting.refit import with_findings_unsolved
 from armd.compensation.diagnose.problem.baseline import with_findings
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
+from armd.compensation.diagnose.problem.signatures import compile_candidates, make_finding_columns
 from armd.compensation.diagnose.problem.through import (
-    acting_through,
     find_acting,
+    list_acting_through,
     rebuild_candidate,
     with_acting,
 )
@@ -87,7 +87,7 @@ def column(problem: Problem, found: Any, made: Candidate) -> F64:
     """(n, 3) of a candidate's first amplitude, about the arm with what was found."""
     model = with_findings(problem.baseline.model, found.findings, found.amplitudes)
     linear = linearise(problem.rests, model, ARM)
-    return finding_columns(linear, [made], ARM)[0][: 3 * problem.rests.n, 0].reshape(-1, 3)
+    return make_finding_columns(linear, [made], ARM)[0][: 3 * problem.rests.n, 0].reshape(-1, 3)
 
 
 @pytest.mark.parametrize("causes", SOME)
@@ -141,7 +141,7 @@ def test_beside_exchanged_sensors_what_goes_by_one_goes_by_the_other(
     # Of a difference of sensors, the first less the second by name.
     size = true.amplitudes[0] * (1.0 if list(made.depends_on) == sensors else -1.0)
     linear = linearise(problem.rests, problem.baseline.model, ARM)
-    own, others = finding_columns(linear, [exchanged, made], ARM)
+    own, others = make_finding_columns(linear, [exchanged, made], ARM)
     told = (own[:, 0] + others @ size)[: 3 * problem.rests.n].reshape(-1, 3)
     np.testing.assert_allclose(told, expected, atol=2e-3 * np.abs(expected).max())
 
@@ -193,7 +193,7 @@ def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
         plain = compile_candidates([shift, expansion, *lags], last.linear, ARM)
         signatures = with_acting(plain, last, own.facts, (), ARM)
         parted = PartedSurvey.from_fit(with_findings_unsolved(last, [], ARM), signatures, ARM)
-        through = partial(acting_through, facts=own.facts, refused=())
+        through = partial(list_acting_through, facts=own.facts, refused=())
         Revisit(parted.with_findings(last), parted, ARM, 100, choose, through).find_rival_sets()
     for causes in ((), ("geometry_shift",)):
         assert {c.location for c in offered[causes]} == {c.location for c in lags}

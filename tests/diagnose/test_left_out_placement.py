@@ -11,7 +11,7 @@ from armd.compensation.diagnose.fitting import refit
 from armd.compensation.diagnose.fitting.fit import find_determined_columns
 from armd.compensation.diagnose.fitting.refit import (
     Refits,
-    refits_without,
+    make_refits_without,
     solve_again,
     solve_shared_again,
 )
@@ -93,7 +93,7 @@ def test_what_placements_share_is_solved_as_beside_their_poses(
     gram = rows.T @ rows + np.diag(1.0 / known.nuisance.variance[columns])
     inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
     solution = inverse @ (rows.T @ known.residual[np.repeat(~out, 3)])
-    (refits,) = refits_without(known, [out])
+    (refits,) = make_refits_without(known, [out])
     found = refits.with_subset(some)
     last = len(shared)
     np.testing.assert_allclose(found.solution, solution[-last:], atol=1e-10)
@@ -111,7 +111,7 @@ def test_with_other_findings_it_is_the_same_solution(monkeypatch: pytest.MonkeyP
     known, rng = fit_of_three(), np.random.default_rng(4)
     others = [candidate("sag", 3, widths=2), candidate("wave", 2)]
     columns = [rng.normal(size=(len(known.residual), len(c.columns))) for c in others]
-    monkeypatch.setattr(refit, "finding_columns", lambda *_: columns)
+    monkeypatch.setattr(refit, "make_finding_columns", lambda *_: columns)
     whitener = known.noise.whitener.copy()
     whitener[:RESTS_OF_EACH] = 0.0
     known, arm = whitened_by(known, whitener), synthetic.arm()

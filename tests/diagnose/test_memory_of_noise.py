@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.problem.whitening import RestNoise
-from armd.compensation.diagnose.scoring.memory import Lasting, Sequence, variance_of_sums
+from armd.compensation.diagnose.scoring.memory import Lasting, Sequence, compute_variance_of_sums
 
 N = 400
 PLACEMENT = np.repeat(np.arange(8), 50)
@@ -51,7 +51,7 @@ def test_a_sum_varies_as_the_whole_covariance_says(tau_s: float, of_encoders: bo
     flat = weights.reshape(3 * N, 2)
     total = float(np.trace(flat.T @ covariance @ flat))
     sequence = Sequence.from_rests(PLACEMENT[mixed], time_s[mixed])
-    found = variance_of_sums(weights[mixed], sources[mixed], tau_s, sequence)
+    found = compute_variance_of_sums(weights[mixed], sources[mixed], tau_s, sequence)
     assert found == pytest.approx(total / (weights**2).sum(), rel=0.02)
 
 
@@ -120,8 +120,8 @@ def test_a_step_of_one_encoder_meets_all_of_its_memory() -> None:
     sequence = Sequence.from_rests(PLACEMENT, time_s)
     step = (sources[:, :, :1].transpose(0, 2, 1) * (np.arange(N) % 50 > 25)[:, None, None]).copy()
     weights = step.transpose(0, 2, 1)
-    whole = variance_of_sums(weights, sources, 45.0, sequence)
-    assert whole > 1.3 * variance_of_sums(weights, TIP, 45.0, sequence)
+    whole = compute_variance_of_sums(weights, sources, 45.0, sequence)
+    assert whole > 1.3 * compute_variance_of_sums(weights, TIP, 45.0, sequence)
 
 
 def test_independent_noise_has_no_memory_nor_have_readings_without_times() -> None:

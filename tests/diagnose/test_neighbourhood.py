@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting.neighbourhood import (
-    possible,
-    refused,
-    scale_kept,
-    size,
+    compute_arm_size,
+    compute_scale_factor,
+    find_refusal,
+    is_possible,
     stays_near,
 )
 from armd.compensation.diagnose.problem.linear import ModelState
@@ -38,13 +38,13 @@ def candidate(cause: str, *typical: float, reach: float = np.inf) -> Candidate:
 
 def test_a_named_cause_has_a_largest_size_and_a_blow_has_none() -> None:
     disc = candidate("encoder_eccentricity", 1.0, 2.0)
-    assert possible(disc, np.array([150.0, -300.0]))
-    assert not possible(disc, np.array([151.0, 0.0]))
-    assert not possible(disc, np.array([0.0, -301.0]))
+    assert is_possible(disc, np.array([150.0, -300.0]))
+    assert not is_possible(disc, np.array([151.0, 0.0]))
+    assert not is_possible(disc, np.array([0.0, -301.0]))
     bounded = candidate("sensor_offset", 0.5, reach=5.0)
-    assert possible(bounded, np.array([7.4])) and not possible(bounded, np.array([7.6]))
+    assert is_possible(bounded, np.array([7.4])) and not is_possible(bounded, np.array([7.6]))
     for cause in ("encoder_slip", "unknown"):
-        assert possible(candidate(cause, 1.0), np.array([1e9]))
+        assert is_possible(candidate(cause, 1.0), np.array([1e9]))
 
 
 def test_what_acts_alike_is_bounded_alike() -> None:
@@ -60,7 +60,7 @@ def test_what_acts_alike_is_bounded_alike() -> None:
         columns = (Column("sin", "rad", typical * arc_second),)
         wave = Candidate(cause, location.joint(2), columns, ())
         for far, is_one in ((340.0, True), (899.0, True), (-901.0, False)):
-            assert possible(wave, np.array([far * arc_second])) == is_one, (cause, far)
+            assert is_possible(wave, np.array([far * arc_second])) == is_one, (cause, far)
 
 
 def fitted(changes: dict[str, float], known: bool = False, encoder_rad: float = 0.0) -> Any:
@@ -95,14 +95,14 @@ def all_lengths(share: float) -> dict[str, float]:
 
 def test_the_size_of_an_arm_is_that_of_its_lengths() -> None:
     smaller = fitted(all_lengths(-0.01))
-    assert size(smaller, ARM) == pytest.approx(0.99)
-    assert size(fitted({"theta_2": 0.01, "base_x": 500.0}), ARM) == pytest.approx(1.0)
+    assert compute_arm_size(smaller, ARM) == pytest.approx(0.99)
+    assert compute_arm_size(fitted({"theta_2": 0.01, "base_x": 500.0}), ARM) == pytest.approx(1.0)
 
 
 def test_scatter_on_seats_is_stated_as_of_an_arm_that_kept_its_size() -> None:
     """Certified positions see a smaller arm err: there nothing is to be made up for."""
-    assert scale_kept(fitted(all_lengths(-0.01)), ARM) == pytest.approx(1 / 0.99)
-    assert scale_kept(fitted(all_lengths(-0.01), known=True), ARM) == 1.0
+    assert compute_scale_factor(fitted(all_lengths(-0.01)), ARM) == pytest.approx(1 / 0.99)
+    assert compute_scale_factor(fitted(all_lengths(-0.01), known=True), ARM) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_no_constant_leaves_what_an_arm_of_its_drawing_can_be(
     assert stays_near(fitted({name: near}), ARM)
     gone = fitted({name: far})
     assert not stays_near(gone, ARM)
-    assert refused(gone, gone, ARM) == f"it would move {told}"
+    assert find_refusal(gone, gone, ARM) == f"it would move {told}"
     assert stays_near(fitted({"base_x": 1e4, "base_rz": 2.0}), ARM), "it was carried there"
 
 
@@ -132,9 +132,9 @@ def test_the_last_joint_and_the_tips_offset_place_one_point() -> None:
     last = f"alpha_{ARM.n_joints}"
     assert stays_near(fitted({last: angle, **back}), ARM)
     far = fitted({"tip_x": 10.2})
-    assert refused(far, far, ARM) == "it would move the tip's x by 10 mm"
+    assert find_refusal(far, far, ARM) == "it would move the tip's x by 10 mm"
     turned = fitted({last: 11.0 / math.hypot(y, z)})
-    assert "the tip's" in refused(turned, turned, ARM)
+    assert "the tip's" in find_refusal(turned, turned, ARM)
 
 
 def test_a_certified_length_may_not_be_lost() -> None:
@@ -142,15 +142,17 @@ def test_a_certified_length_may_not_be_lost() -> None:
     right = fitted({"d_1": 0.0})
     length = right.linear.rests.observations.distances.length_mm[0]
     share = 2.0 * UNCERTAINTY_MM / length
-    assert refused(fitted(all_lengths(-share)), right, ARM) == "", "two uncertainties are allowed"
+    assert find_refusal(fitted(all_lengths(-share)), right, ARM) == "", (
+        "two uncertainties are allowed"
+    )
     lost = fitted(all_lengths(-5 * share))
-    assert "the certified length" in refused(lost, right, ARM)
-    assert "off by 10 of its uncertainties" in refused(lost, right, ARM)
+    assert "the certified length" in find_refusal(lost, right, ARM)
+    assert "off by 10 of its uncertainties" in find_refusal(lost, right, ARM)
     worse = fitted(all_lengths(-6 * share))
-    assert refused(lost, worse, ARM) == "", "it was lost before, and by more"
+    assert find_refusal(lost, worse, ARM) == "", "it was lost before, and by more"
     hardly = fitted(all_lengths(-4.8 * share))
-    assert refused(lost, hardly, ARM) == "", "and by less than one uncertainty less"
-    assert refused(lost, fitted(all_lengths(-4.4 * share)), ARM)
+    assert find_refusal(lost, hardly, ARM) == "", "and by less than one uncertainty less"
+    assert find_refusal(lost, fitted(all_lengths(-4.4 * share)), ARM)
 
 
 def test_seats_are_known_no_better_than_their_readings_scatter() -> None:
@@ -158,16 +160,16 @@ def test_seats_are_known_no_better_than_their_readings_scatter() -> None:
     however well it is certified: an arm ten of its uncertainties too small loses nothing."""
     right = fitted({"d_1": 0.0}, encoder_rad=1e-4)
     share = 10.0 * UNCERTAINTY_MM / right.linear.rests.observations.distances.length_mm[0]
-    assert refused(fitted(all_lengths(-share), encoder_rad=1e-4), right, ARM) == ""
+    assert find_refusal(fitted(all_lengths(-share), encoder_rad=1e-4), right, ARM) == ""
     lost = fitted(all_lengths(-20 * share), encoder_rad=1e-4)
-    assert "the certified length" in refused(lost, right, ARM)
+    assert "the certified length" in find_refusal(lost, right, ARM)
 
 
 def test_what_no_cause_can_be_is_refused_by_its_size() -> None:
     one = fitted({})
     one.findings = (candidate("encoder_eccentricity", 1e-6, 1e-6),)
     one.amplitudes = (np.array([1e-3, 0.0]),)
-    assert refused(one, one, ARM) == "no such cause is that large"
+    assert find_refusal(one, one, ARM) == "no such cause is that large"
 
 
 @pytest.mark.parametrize(

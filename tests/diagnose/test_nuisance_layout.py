@@ -3,8 +3,8 @@
 import numpy as np
 
 from armd.compensation.diagnose.fitting.nuisance import with_other_findings
-from armd.compensation.diagnose.problem.amplitudes import amplitude_variance, is_sized
-from armd.compensation.diagnose.problem.layout import with_some_findings
+from armd.compensation.diagnose.problem.amplitudes import compute_amplitude_variance, is_sized
+from armd.compensation.diagnose.problem.layout import select_findings
 from support.small_fit import candidate, small_fit
 
 A, B, C = (
@@ -23,7 +23,7 @@ def fit_of_three():
 
 def test_some_of_the_findings_keep_their_columns_and_are_numbered_anew() -> None:
     fit, findings = fit_of_three()
-    kept, layout = with_some_findings(fit.layout, [0, 2])
+    kept, layout = select_findings(fit.layout, [0, 2])
     columns = fit.nuisance.columns.dense(kept)
     assert [at.stop - at.start for at in layout.findings] == [1, 2]
     for at, own in zip(layout.findings, (A, C), strict=True):
@@ -42,12 +42,14 @@ def test_other_findings_take_the_place_of_those_there() -> None:
     np.testing.assert_array_equal(
         nuisance.columns.dense(slice(2)), fit.nuisance.columns.dense(slice(2))
     )
-    np.testing.assert_array_equal(nuisance.variance[at], amplitude_variance(other, 3.0))
+    np.testing.assert_array_equal(nuisance.variance[at], compute_amplitude_variance(other, 3.0))
 
 
 def test_a_named_cause_is_bounded_by_what_it_can_be_and_a_curve_by_one_size() -> None:
-    np.testing.assert_allclose(amplitude_variance(candidate("time_skew", 1, 2, 0.1), 3.0), 25.0)
-    assert np.isinf(amplitude_variance(candidate("unknown", 1, 2), 3.0)).all()
+    np.testing.assert_allclose(
+        compute_amplitude_variance(candidate("time_skew", 1, 2, 0.1), 3.0), 25.0
+    )
+    assert np.isinf(compute_amplitude_variance(candidate("unknown", 1, 2), 3.0)).all()
     curve = candidate("encoder_periodic", 1, 20, 0.1)
     assert is_sized(curve)
-    np.testing.assert_allclose(amplitude_variance(curve, 3.0), 0.09)
+    np.testing.assert_allclose(compute_amplitude_variance(curve, 3.0), 0.09)

@@ -14,7 +14,7 @@ import armd
 from armd.compensation.data.session import load_sessions
 from armd.compensation.diagnose.problem.linear import Linear, ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import gather_rests, spare_rows
+from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.observations import TURN_MM
 from armd.compensation.model.arm import load_arm
@@ -120,7 +120,7 @@ def test_a_moved_artefact_turns_the_orientations_with_its_points(tmp_path: Path)
     rests = linear.rests
     assert rests.n == 24 and rests.points.n == 12
     # The placement's pose and the body's rotation are unknown.
-    assert spare_rows(rests.observations) == 72 - 6 - 3
+    assert count_spare_rows(rests.observations) == 72 - 6 - 3
     moves = linear.artefact_columns(
         [ArtefactChange("moved", index=0, axis=axis, after=0) for axis in range(6)]
     ).dense(np.arange(6))

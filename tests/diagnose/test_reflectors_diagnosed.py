@@ -11,7 +11,7 @@ import pytest
 
 import armd
 from armd.compensation.data.session import load_sessions
-from armd.compensation.diagnose.problem.rests import gather_rests, spare_rows
+from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
 from armd.simulator.plants.live import planted
@@ -40,7 +40,7 @@ def test_a_bad_encoder_is_found_by_reflectors_of_unknown_place(tmp_path: Path) -
     assert finding.gain.heldout_rms_um_after < 1.2 * found.baseline.noise_floor_um
     content = load_arm(arm)
     rests = gather_rests(load_sessions([tmp_path / "now"], content), content)
-    assert spare_rows(rests.observations) == 3 * 30 * len(NEST) - 6 - 3 * len(NEST)
+    assert count_spare_rows(rests.observations) == 3 * 30 * len(NEST) - 6 - 3 * len(NEST)
 
 
 @pytest.mark.slow

@@ -14,9 +14,9 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.heldout.refuted import (
     is_refuted,
     predicts_better,
-    refuted_findings,
+    select_refuted,
 )
-from armd.compensation.diagnose.report.verdict import verdict
+from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.terms import Term
@@ -60,7 +60,7 @@ def test_a_drift_that_went_with_the_temperature_is_found_by_what_is_held_out() -
     (found,) = diagnosis.findings
     assert found.candidate.place == ("geometry_shift", "joint 3")
     assert found.candidate.depends_on == ("time_s",) and diagnosis.written == (0,)
-    assert "refuted joint_thermal (joint 3, by t3)" in verdict(diagnosis)
+    assert "refuted joint_thermal (joint 3, by t3)" in write_verdict(diagnosis)
     rms = [
         float(np.sqrt((evaluate(later, ARM, model).distance_um ** 2).mean()))
         for model in (calibration, alone.extended, diagnosis.extended)
@@ -95,7 +95,7 @@ def described(
 def test_a_finding_is_refuted_by_held_out_readings_beyond_doubt(
     diagnosis: Any, refuted: bool
 ) -> None:
-    assert bool(refuted_findings(diagnosis)) is refuted
+    assert bool(select_refuted(diagnosis)) is refuted
 
 
 def test_what_is_refuted_bars_its_place_and_what_has_no_name_by_the_same() -> None:

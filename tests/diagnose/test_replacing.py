@@ -7,7 +7,7 @@ import math
 import pytest
 
 from armd.compensation.diagnose.constants import BEYOND_CHANCE, CONTRADICTED, REPLACING_SIGMAS
-from armd.compensation.diagnose.search.replacing import required_of
+from armd.compensation.diagnose.search.replacing import make_required
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.slow_factors import After
@@ -36,7 +36,7 @@ CLEARLY = math.log(10.0)
 def test_what_says_more_needs_to_be_likelier_and_not_contradicted(
     findings: list[Candidate], instead_of: list[Candidate]
 ) -> None:
-    required = required_of(findings, instead_of)
+    required = make_required(findings, instead_of)
     assert required.held_out(CLEARLY + 0.1) == -CONTRADICTED
     assert required.held_out(CLEARLY - 0.1) is None
 
@@ -44,15 +44,15 @@ def test_what_says_more_needs_to_be_likelier_and_not_contradicted(
 @pytest.mark.parametrize("findings", [[DISC, NAMELESS], [SLIP], [GAIN, candidate("unknown", 3)]])
 def test_other_names_must_predict_beyond_doubt(findings: list[Candidate]) -> None:
     instead_of = [GAIN, NAMELESS] if len(findings) > 1 else [GAIN]
-    required = required_of(findings, instead_of)
+    required = make_required(findings, instead_of)
     assert required.held_out(100.0) == REPLACING_SIGMAS
     assert required.held_out(0.0) is None
 
 
 def test_causes_that_say_why_take_the_place_of_a_value_for_each_session() -> None:
     """Evidence within ten nats decides nothing there: readings held out do."""
-    required = required_of([SLIP, candidate("thermal", 2)], [BY_SESSION])
+    required = make_required([SLIP, candidate("thermal", 2)], [BY_SESSION])
     assert required.held_out(CLEARLY + 0.1) == -CONTRADICTED
     assert required.held_out(-9.0) == BEYOND_CHANCE > 0.0
     assert required.held_out(-11.0) is None
-    assert required_of([BY_SESSION], [SLIP]).held_out(-9.0) is None
+    assert make_required([BY_SESSION], [SLIP]).held_out(-9.0) is None

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm, ttest_1samp
 
 from armd.compensation.diagnose.diagnosis import Finding, Rival
-from armd.compensation.diagnose.heldout.sets import in_standard_errors
+from armd.compensation.diagnose.heldout.sets import count_standard_errors
 from armd.compensation.diagnose.scoring.confusion import Likeness
 from armd.compensation.diagnose.search import rival_sets
 from armd.compensation.diagnose.search.refusals import Refusals
@@ -68,8 +68,8 @@ def test_standard_errors_are_those_of_the_t_test_over_groups() -> None:
     groups = np.repeat(np.arange(20), 3)
     sums = (before - after).reshape(20, 3).sum(axis=1)
     expected = ttest_1samp(sums, 0.0).statistic
-    assert in_standard_errors(before, after, groups) == pytest.approx(expected)
-    assert in_standard_errors(before, before, groups) == 0.0
+    assert count_standard_errors(before, after, groups) == pytest.approx(expected)
+    assert count_standard_errors(before, before, groups) == 0.0
 
 
 def test_what_was_refused_is_asked_again_once_beside_other_findings() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.under_test import model_under_test
+from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.scoring.candidates import score_candidates
@@ -29,7 +29,7 @@ def told(size_rad: float, second: float) -> list[float]:
     q = session.states.q.copy()
     q[:, 2] += size_rad * (np.sin(q[:, 2]) + second * np.sin(2 * q[:, 2] + 1.0))
     session = replace(session, states=replace(session.states, q=q))
-    rests, baseline = gather_rests([session], ARM), model_under_test([session], ARM, None)[0]
+    rests, baseline = gather_rests([session], ARM), make_model_under_test([session], ARM, None)[0]
     catalogued = catalogue.candidates(gather_facts(rests, ARM, baseline))
     names = {(c.cause, str(c.location)): c for c in catalogued}
     both = [names[DISC], names[OVAL]]

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from armd.compensation.diagnose.problem.amplitudes import most_plausible
+from armd.compensation.diagnose.problem.amplitudes import compute_broadest_sd
 from armd.compensation.diagnose.scoring import robust_refit, scatter
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
@@ -54,7 +54,7 @@ def made(monkeypatch):
     size = np.repeat(np.linalg.norm(raw.reshape(-1, 3), axis=1), 3)
     clipped = raw * np.minimum(1.0, WINSOR_AT / size)
     for module in (robust_refit, scatter):
-        monkeypatch.setattr(module, "finding_columns", lambda *_: [own[:, None]])
+        monkeypatch.setattr(module, "make_finding_columns", lambda *_: [own[:, None]])
     return projection_of(clipped, raw, shared), shared, own, raw
 
 
@@ -62,7 +62,7 @@ def test_the_robust_solution_is_that_of_a_general_minimiser(made) -> None:
     projection, shared, own, raw = made
     found = robust_refit._absorbing(projection).joined(CAUSE).robust()
     columns = np.column_stack([shared, own])
-    ridge = np.array([1 / 50.0] * 3 + [most_plausible(CAUSE.columns[0]) ** -2])
+    ridge = np.array([1 / 50.0] * 3 + [compute_broadest_sd(CAUSE.columns[0]) ** -2])
 
     def cost(x: np.ndarray) -> float:
         return huber(raw - columns @ x) + 0.5 * float(x**2 @ ridge)
@@ -86,11 +86,11 @@ def test_least_squares_with_a_prior_is_half_the_least_sum(made) -> None:
 
 def test_what_was_clipped_stands_where_it_was_measured_beside_its_own_cause(made) -> None:
     projection, _, own, raw = made
-    about = robust_refit.clipped_about(CAUSE, projection).fit.residual
+    about = robust_refit.clip_about(CAUSE, projection).fit.residual
     shown = np.flatnonzero(own)
     kept = np.linalg.norm(projection.fit.residual[shown] - raw[shown])
     assert np.linalg.norm(about[shown] - raw[shown]) < 0.2 * kept
-    gain = robust_refit.unclipped([CAUSE, CAUSE], np.zeros(2), projection)
+    gain = robust_refit.compute_unclipped_gain([CAUSE, CAUSE], np.zeros(2), projection)
     assert (gain > 10.0).all()
 
 
@@ -99,9 +99,9 @@ def test_many_rests_of_even_noise_score_as_the_noise_says(monkeypatch) -> None:
     n = 3000
     own, residual = rng.normal(size=3 * n), rng.normal(size=3 * n)
     residual += 0.05 * own
-    monkeypatch.setattr(scatter, "finding_columns", lambda *_: [own[:, None]])
+    monkeypatch.setattr(scatter, "make_finding_columns", lambda *_: [own[:, None]])
     projection = projection_of(residual, residual, rng.normal(size=(3 * n, 2)))
-    log_p = scatter.log_p_by_scatter(CAUSE, projection)
+    log_p = scatter.compute_log_p_by_scatter(CAUSE, projection)
     score = float(own @ residual) ** 2 / float(own @ own)
     assert log_p == pytest.approx(chi2.logsf(score, 1), rel=0.1)
 
@@ -112,9 +112,9 @@ def test_a_handful_that_err_alike_by_chance_of_their_tails_prove_little(monkeypa
     own[:12:3] = 1.0
     residual = np.random.default_rng(3).normal(size=3 * N)
     residual[:12:3] = [9.0, 1.0, 8.0, -2.0]
-    monkeypatch.setattr(scatter, "finding_columns", lambda *_: [own[:, None]])
+    monkeypatch.setattr(scatter, "make_finding_columns", lambda *_: [own[:, None]])
     rest = np.zeros((3 * N, 1))
     rest[-1] = 1.0
-    log_p = scatter.log_p_by_scatter(CAUSE, projection_of(residual, residual, rest))
+    log_p = scatter.compute_log_p_by_scatter(CAUSE, projection_of(residual, residual, rest))
     assert chi2.logsf(16.0**2 / 4, 1) < -30.0
     assert log_p > np.log(0.01)

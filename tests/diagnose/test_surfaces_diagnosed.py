@@ -14,7 +14,7 @@ import armd
 from armd.compensation.data.session import load_sessions
 from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import gather_rests, spare_rows
+from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.robust import WINSOR_AT, edge_stretch, huber_loss
 from armd.compensation.model.arm import load_arm
@@ -114,7 +114,7 @@ def test_columns_of_surfaces_are_what_the_residuals_do(tmp_path: Path) -> None:
     arm = load_arm(tmp_path / "arm.toml")
     rests = gather_rests(load_sessions([tmp_path / "session"], arm), arm)
     # 6 placements: of each of the blocks 3 unknowns, of the balls 3; and the block's length
-    assert spare_rows(rests.observations) == 72 + 1 - 4 * 3 - 2
+    assert count_spare_rows(rests.observations) == 72 + 1 - 4 * 3 - 2
     linear, more = (
         linearise(rests, ModelState(arm.nominal(), (), 20.0, artefact), arm)
         for artefact in (ArtefactCorrection(), ArtefactCorrection(scale=1.0 + 1e-4))

@@ -13,7 +13,7 @@ from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.taken_up import _absorbed_by, beside_what_it_took_up
+from armd.compensation.diagnose.fitting.taken_up import _absorbed_by, allow_absorbed_error
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import gather_rests
@@ -104,7 +104,7 @@ def test_the_calibration_counts_as_wrong_by_what_another_with_the_disc_has_taken
 
     def counted(findings: list[Candidate]) -> F64 | None:
         start = [np.zeros(len(c.columns)) for c in findings]
-        older = beside_what_it_took_up(fit(rests, ARM, given, given.model, findings, start), ARM)
+        older = allow_absorbed_error(fit(rests, ARM, given, given.model, findings, start), ARM)
         return None if older is None else older.root
 
     names = [ARM.layout.names[i] for i in given.parameters]
@@ -135,7 +135,7 @@ def test_a_cause_lost_to_the_doubt_that_it_made_itself_is_not_given_up(years: Ye
     given = from_calibration(calibrate(years.calibrated, ARM).calibration, ARM, is_given=True)
     rests = gather_rests(planted(years.later, wave(4, 8.0), KNOCK), ARM)
     before = searched(rests, given, eccentric(4), SHIFT)
-    older = beside_what_it_took_up(before.last, ARM)
+    older = allow_absorbed_error(before.last, ARM)
     assert older is not None
     again = searched(rests, older, SHIFT)
     assert tells_less(again, before)
@@ -152,7 +152,7 @@ def test_a_knock_that_only_an_older_disc_made_is_given_up(years: Years) -> None:
     given = from_calibration(with_disc, ARM, is_given=True)
     rests = gather_rests(planted(years.later, wave(4, 60.0)), ARM)
     before = searched(rests, given, eccentric(4), SHIFT)
-    older = beside_what_it_took_up(before.last, ARM)
+    older = allow_absorbed_error(before.last, ARM)
     assert older is not None
     assert counts_instead(searched(rests, older, eccentric(4)), before, ARM)
 

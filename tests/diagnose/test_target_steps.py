@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import f as f_distribution
 
 from armd.compensation.diagnose.constants import LEAST_PART
-from armd.compensation.diagnose.fitting.target_steps import TargetStep, steps
+from armd.compensation.diagnose.fitting.target_steps import TargetStep, select_significant_steps
 from armd.compensation.diagnose.fitting.target_steps import _clearest_step as clearest_step
 
 
@@ -43,5 +43,5 @@ def test_too_few_rests_show_no_step_and_a_single_target_is_for_the_search() -> N
     assert clearest_step(np.zeros((2 * LEAST_PART - 1, 3))) == (0.0, 0, 1.0)
     clear = TargetStep("P1", "S1", 30, 5.0, 9.0, 12, 1e-9)
     other = TargetStep("P1", "S2", 30, 1.0, 0.1, 12, 0.4)
-    assert steps([clear]) == []
-    assert steps([clear, other]) == [clear]
+    assert select_significant_steps([clear]) == []
+    assert select_significant_steps([clear, other]) == [clear]

@@ -19,7 +19,7 @@ from armd.compensation.diagnose.constants import (
     MOST_MOUNT_STEP,
     TOUCHED_GRID,
 )
-from armd.compensation.diagnose.fitting.under_test import model_under_test
+from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
@@ -30,8 +30,8 @@ from armd.compensation.diagnose.search.touched import (
     _grid,
     _parted,
     _possible,
-    borne_by_enough,
     find_touched,
+    has_enough_support,
 )
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
@@ -79,10 +79,10 @@ def test_one_gross_error_among_four_rests_moves_no_artefact() -> None:
     for _ in range(20):
         noise = rng.normal(size=48)
         moved = noise + pose @ np.array([8.0, -5.0, 9.0, 0.3, 0.2, -0.4]) * (np.arange(48) < 12)
-        assert borne_by_enough(pose, moved, 4)
+        assert has_enough_support(pose, moved, 4)
         gross = noise.reshape(16, 3).copy()
         gross[rng.integers(4)] += 40.0 * rng.choice([-1, 1], 3)
-        assert not borne_by_enough(pose, gross.ravel(), 4)
+        assert not has_enough_support(pose, gross.ravel(), 4)
 
 
 def test_few_instants_are_tried_all_and_many_evenly() -> None:
@@ -200,7 +200,7 @@ def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:
 
 
 def looked_at(sessions: list[Session]) -> ScoredCandidates:
-    baseline = model_under_test(sessions, ARM, None)[0]
+    baseline = make_model_under_test(sessions, ARM, None)[0]
     return Search(gather_rests(sessions, ARM), ARM, baseline).first
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.constants import TURN_RATIOS
-from armd.compensation.diagnose.fitting.turn_noise import fitted_share, turn_ratio
-from armd.compensation.diagnose.problem.whitening import first_turn_ratio
+from armd.compensation.diagnose.fitting.turn_noise import compute_fitted_share, estimate_turn_ratio
+from armd.compensation.diagnose.problem.whitening import guess_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from support.small_fit import unit_noise
 
@@ -29,9 +29,9 @@ def test_the_first_ratio_is_that_of_the_middle_ones_whatever_a_few_are() -> None
     rng = np.random.default_rng(1)
     residual = residual_of(rng, RATIO)
     residual[: 3 * 20] *= 1e4
-    assert first_turn_ratio(residual, TURNED) == pytest.approx(RATIO, rel=0.1)
-    assert first_turn_ratio(residual, np.zeros(2 * N, dtype=bool)) == 1.0
-    assert first_turn_ratio(np.where(np.repeat(TURNED, 3), 1.0, 0.0), TURNED) == TURN_RATIOS[1]
+    assert guess_turn_ratio(residual, TURNED) == pytest.approx(RATIO, rel=0.1)
+    assert guess_turn_ratio(residual, np.zeros(2 * N, dtype=bool)) == 1.0
+    assert guess_turn_ratio(np.where(np.repeat(TURNED, 3), 1.0, 0.0), TURNED) == TURN_RATIOS[1]
 
 
 @pytest.mark.parametrize("assumed", [0.1, 1.0])
@@ -44,9 +44,9 @@ def test_the_ratio_is_found_from_any_that_was_assumed(assumed: float) -> None:
     )
     linear: Any = SimpleNamespace(joints=np.zeros((2 * N, 3, 1)))
     residual = residual_of(np.random.default_rng(2), RATIO)
-    assert turn_ratio(noise, linear, residual, 0.0) == pytest.approx(RATIO, rel=0.05)
+    assert estimate_turn_ratio(noise, linear, residual, 0.0) == pytest.approx(RATIO, rel=0.05)
     # Where a fit took half of the squares, what is left is of twice the variance.
-    half = turn_ratio(noise, linear, residual, 1.5 * N)
+    half = estimate_turn_ratio(noise, linear, residual, 1.5 * N)
     assert half == pytest.approx(np.sqrt(2.0) * RATIO, rel=0.05)
 
 
@@ -59,5 +59,5 @@ def test_a_fit_takes_of_orientations_as_much_as_columns_that_are_theirs_alone() 
     dense = values.reshape(-1, 5)
     blocks = Blocks(2 * N, 5, (Piece(rests, columns, values),), np.zeros((0, 5)))
     noise = replace(unit_noise(2 * N), turned=TURNED)
-    assert fitted_share(blocks, np.linalg.inv(dense.T @ dense), noise) == pytest.approx(2.0)
-    assert fitted_share(blocks, np.eye(5), unit_noise(2 * N)) == 0.0
+    assert compute_fitted_share(blocks, np.linalg.inv(dense.T @ dense), noise) == pytest.approx(2.0)
+    assert compute_fitted_share(blocks, np.eye(5), unit_noise(2 * N)) == 0.0

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.heldout.forward import parts_in_time
+from armd.compensation.diagnose.heldout.forward import split_in_time
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.diagnose.scoring import unevenness
-from armd.compensation.diagnose.scoring.evidence import log_bayes_factors
+from armd.compensation.diagnose.scoring.evidence import compute_log_bayes_factors
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.model.basis import basis_values
@@ -53,7 +53,7 @@ def test_a_bayes_factor_is_as_rare_under_no_effect_as_markov_says() -> None:
     gram = columns.T @ columns
     side = rng.normal(size=(4000, 60)) @ columns
     ones = np.ones((1, 15))
-    logs = log_bayes_factors(np.tile(gram, (4000, 1, 1)), side, 0.2 * ones, 10.0 * ones)
+    logs = compute_log_bayes_factors(np.tile(gram, (4000, 1, 1)), side, 0.2 * ones, 10.0 * ones)
     for factor in (3.0, 10.0, 30.0):
         assert np.mean(logs >= np.log(factor)) <= 1.0 / factor
 
@@ -62,13 +62,13 @@ def test_parts_of_the_time_are_whole_placements_in_their_order() -> None:
     placement = np.repeat([3, 0, 1, 2, 7], 6)
     states = SimpleNamespace(time_s=np.arange(30.0))
     observations: Any = SimpleNamespace(placement=placement, states=states)
-    parts = parts_in_time(observations)
+    parts = split_in_time(observations)
     assert [set(parts[placement == p]) for p in (3, 0, 1, 2, 7)] == [{0}, {0}, {1}, {2}, {3}]
     alone: Any = SimpleNamespace(
         placement=np.zeros(8, dtype=np.int64),
         states=SimpleNamespace(time_s=np.array([7.0, 6, 5, 4, 3, 2, 1, 0])),
     )
-    assert parts_in_time(alone).tolist() == [3, 3, 2, 2, 1, 1, 0, 0]
+    assert split_in_time(alone).tolist() == [3, 3, 2, 2, 1, 1, 0, 0]
 
 
 def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
@@ -104,7 +104,7 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
         signature=lambda at, values: np.kron(values, np.eye(3)[at % 3]),
     )
     exact = replace(NO_NOISE, whitener=np.tile(1e9 * np.eye(3), (n, 1, 1)))
-    columns = unevenness.uneven(linear, exact, lag, np.array([1.5]), arm)
+    columns = unevenness.make_uneven_columns(linear, exact, lag, np.array([1.5]), arm)
     assert columns.shape == (3 * n, 2 + 2 * 2)  # each length; two fadings in each session
     rise = temperature_c[:, 0] - 20.0
     behind = lagged(time_s, rise, lag_s) - rise
@@ -115,7 +115,7 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
         faded = np.exp(-time_s / lag_s) * (np.arange(n) < 25)
         most = 1.5 * mm * np.abs(behind).max()
         np.testing.assert_allclose(first, most * faded, atol=2e-4 * mm)
-    fading = unevenness.unsettled(linear, lag, np.array([1.5]), arm)
+    fading = unevenness.make_unsettled(linear, lag, np.array([1.5]), arm)
     for own, known in zip(fading.columns, columns.T[2:], strict=True):
         values = basis_values(own.terms, states, arm, model.reference_c, model.constants)
         moved = np.zeros(3 * n)
@@ -123,7 +123,10 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
             moved += linear.signature(arm.layout.index(term.parameter), term.coefficient * value)
         np.testing.assert_allclose(moved, known, atol=1e-12)
     coarse = replace(NO_NOISE, whitener=np.tile(1e-9 * np.eye(3), (n, 1, 1)))
-    assert unevenness.uneven(linear, coarse, lag, np.array([1.5]), arm).shape == (3 * n, 0)
+    assert unevenness.make_uneven_columns(linear, coarse, lag, np.array([1.5]), arm).shape == (
+        3 * n,
+        0,
+    )
 
 
 def lagged(time_s: np.ndarray, values: np.ndarray, lag_s: float) -> np.ndarray:

@@ -10,7 +10,7 @@ import pytest
 from armd.compensation.diagnose.constants import ENOUGH
 from armd.compensation.diagnose.diagnosis import Explained, Finding
 from armd.compensation.diagnose.report import verdict
-from armd.compensation.diagnose.scoring.shape import shape_place
+from armd.compensation.diagnose.scoring.shape import locate_shape
 from armd.compensation.diagnose.search import explains, findings
 from armd.compensation.diagnose.search.explains import explain
 from armd.compensation.effects import location
@@ -61,8 +61,8 @@ def test_the_share_is_of_all_that_its_variables_show(unparted: None) -> None:
 
 def test_a_form_of_its_own_is_not_explained_by_the_name(unparted: None) -> None:
     """χ² of 900 is the name's, 300 the shape's that it has instead of the catalogue's."""
-    shape = Candidate("unknown", shape_place(NAMED), (Column("s", "1", 1.0),), ("q3",))
-    another = Candidate("unknown", shape_place(ELSEWHERE), (Column("s", "1", 1.0),), ("q3",))
+    shape = Candidate("unknown", locate_shape(NAMED), (Column("s", "1", 1.0),), ("q3",))
+    another = Candidate("unknown", locate_shape(ELSEWHERE), (Column("s", "1", 1.0),), ("q3",))
     (own, *_) = explain(fit_of(NAMED, shape, another), [901.0, 301.0, 9001.0], scores_of(), 100)
     assert own.share == pytest.approx(0.75)
 
@@ -129,7 +129,7 @@ def test_a_guess_is_no_surer_than_its_share(share: float, monkeypatch: pytest.Mo
 
 def told_of(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> str:
     """The verdict on one finding, written, that explains all, of a known size."""
-    for name, value in (("_refused", []), ("_moved", []), ("size_known", True)):
+    for name, value in (("_refused", []), ("_moved", []), ("is_size_known", True)):
         monkeypatch.setattr(verdict, name, lambda *_, value=value: value)
     found = Finding(NAMED, 1e-9, 90.0, 0.99, (), (), Explained(1.0, ("q3",), ()))
     searched = SimpleNamespace(findings=(NAMED,))  # no growth joined what the search found
@@ -151,7 +151,7 @@ def told_of(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> str:
         "remarks": (),
     }
     diagnosis: Any = SimpleNamespace(**{**usual, **changes})
-    return verdict.verdict(diagnosis)
+    return verdict.write_verdict(diagnosis)
 
 
 def test_the_verdict_calls_a_guess_a_guess(monkeypatch: pytest.MonkeyPatch) -> None:

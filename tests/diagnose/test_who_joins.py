@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from armd.compensation.diagnose.scoring import candidates
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.evidence import Scores
-from armd.compensation.diagnose.scoring.threshold import family_wise
+from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
 from armd.compensation.diagnose.search import selection
 from armd.compensation.effects.effect import Candidate
 from support.small_fit import candidate
@@ -38,7 +38,9 @@ def scores_of(candidates: list[Candidate], log_p: list[float], posterior: list[f
 def scatter(monkeypatch: pytest.MonkeyPatch) -> dict[int, float]:
     """Log p by the scatter of the rests, by candidate; significant where nothing is said."""
     told: dict[int, float] = {}
-    monkeypatch.setattr(selection, "log_p_by_scatter", lambda own, about: told.get(id(own), -30.0))
+    monkeypatch.setattr(
+        selection, "compute_log_p_by_scatter", lambda own, about: told.get(id(own), -30.0)
+    )
     return told
 
 
@@ -85,13 +87,13 @@ def test_what_few_rests_bear_is_not_left_over(scatter: dict[int, float]) -> None
     scored: Any = SimpleNamespace(
         scores=scores_of([FIRST, OTHER], [-30.0, -25.0], [0.9, 0.1]), projection=NOTHING
     )
-    assert selection.strongest_left(scored, TESTS) == (FIRST, -30.0)
+    assert selection.find_strongest_left(scored, TESTS) == (FIRST, -30.0)
     scatter[id(FIRST)] = -2.0
-    assert selection.strongest_left(scored, TESTS) == (OTHER, -25.0)
+    assert selection.find_strongest_left(scored, TESTS) == (OTHER, -25.0)
     scatter[id(OTHER)] = -3.0
-    left, log_p = selection.strongest_left(scored, TESTS)
+    left, log_p = selection.find_strongest_left(scored, TESTS)
     assert (left, log_p) == (OTHER, -3.0)
-    assert float(family_wise(log_p, TESTS)) > 0.9
+    assert float(compute_family_wise_p(log_p, TESTS)) > 0.9
 
 
 def test_a_finding_taken_out_is_a_candidate_again_as_in_dense_least_squares() -> None:
@@ -130,4 +132,4 @@ def test_the_weakest_finding_is_the_one_that_is_missed_least(
     freed = SimpleNamespace(score_without_finding=lambda i: SimpleNamespace(log_p=by_one_out[i]))
     monkeypatch.setattr(candidates, "score_candidates", lambda projection, findings: freed)
     projection: Any = SimpleNamespace(fit=SimpleNamespace(findings=[FIRST, SECOND, OTHER]))
-    assert candidates.weakest(projection) == (1, -4.0)
+    assert candidates.find_weakest(projection) == (1, -4.0)

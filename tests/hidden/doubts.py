@@ -19,7 +19,7 @@ from armd.compensation.design.design import Experiment, design
 from armd.compensation.diagnose.constants import SURE
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.report.advice import Doubt, most_doubtful
+from armd.compensation.diagnose.report.advice import Doubt, find_most_doubtful
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
@@ -112,7 +112,7 @@ def settle(folder: Path, seed: int, case: Doubtful) -> tuple[Diagnosis, Settled 
     if hidden.before:
         calibration = calibrate([load_session(p, arm) for p in hidden.before], arm).calibration
     before = diagnose(sessions, arm, calibration)
-    doubt = most_doubtful(before)
+    doubt = find_most_doubtful(before)
     if doubt is None:
         return before, None
     proposed = design(before)
@@ -129,4 +129,4 @@ def resolved(diagnosis: Diagnosis, plant: Plant) -> bool:
     """The cause is found at its place, surely, and nothing is in doubt any more."""
     truth = (plant.cause, plant.location)
     sure = [f.candidate.place for f in diagnosis.findings if f.probability > SURE]
-    return truth in sure and most_doubtful(diagnosis) is None
+    return truth in sure and find_most_doubtful(diagnosis) is None

@@ -16,7 +16,7 @@ from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.refit import Refits, solve_again
-from armd.compensation.diagnose.heldout.gain import gain
+from armd.compensation.diagnose.heldout.gain import compute_gain
 from armd.compensation.diagnose.heldout.judge import Look
 from armd.compensation.diagnose.heldout.validated import (
     choose,
@@ -24,7 +24,7 @@ from armd.compensation.diagnose.heldout.validated import (
     stands_alone,
 )
 from armd.compensation.diagnose.report.result import as_json
-from armd.compensation.diagnose.report.verdict import um, verdict
+from armd.compensation.diagnose.report.verdict import format_um, write_verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.arm import load_arm
@@ -251,7 +251,7 @@ def test_a_shape_is_not_written_without_its_cause() -> None:
 
 def test_rounding_is_no_gain() -> None:
     before = np.full(len(GROUPS), 1e-2)
-    assert not gain(before, before * (1.0 - 1e-13), GROUPS).is_confirmed
+    assert not compute_gain(before, before * (1.0 - 1e-13), GROUPS).is_confirmed
 
 
 @pytest.fixture(scope="module")
@@ -281,7 +281,7 @@ def test_every_held_out_reading_counts(disturbed: Any) -> None:
     assert found.written_rms_um[1] == pytest.approx(rms_um(holdout, arm, found.extended))
     assert found.heldout_rms_um == pytest.approx(rms_um(holdout, arm, found.baseline.calibration))
     assert told.before_um == told.after_um
-    assert f"{um(found.written_rms_um[1])} µm instead" in verdict(found)
+    assert f"{format_um(found.written_rms_um[1])} µm instead" in write_verdict(found)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from cases import NOISES, run_case
 
-from armd.compensation.diagnose.report.sizes import tip_rms_um
+from armd.compensation.diagnose.report.sizes import compute_tip_rms_um
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.simulator.campaigns.hidden import DESIGNS, Design
@@ -148,7 +148,7 @@ def test_a_wrong_certificate_is_like_no_other_cause_and_as_large_as_it_is() -> N
     assert found.rivals == ()
     sessions = judged.diagnosis.sessions
     share = np.mean([s.artefact.target_names[i] == "B7" for s in sessions for i in s.target])
-    assert tip_rms_um(judged.diagnosis, 0) == pytest.approx(30.0 * np.sqrt(share), rel=0.2)
+    assert compute_tip_rms_um(judged.diagnosis, 0) == pytest.approx(30.0 * np.sqrt(share), rel=0.2)
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.report.verdict import verdict
+from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
@@ -70,7 +70,7 @@ def test_what_no_calibration_can_hold_is_told_and_not_written(
     assert [f.candidate.place for f in found.findings] == [(plant.cause, plant.location)]
     assert found.written == ()
     assert found.gains[0].is_confirmed
-    assert "No calibration can contain 1: reported, and not written." in verdict(found)
+    assert "No calibration can contain 1: reported, and not written." in write_verdict(found)
     given, written = found.baseline.calibration, found.extended
     assert (written.constants, written.terms) == (given.constants, given.terms)
     (value,) = found.search.last.amplitudes[0]

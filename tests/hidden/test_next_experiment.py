@@ -12,7 +12,7 @@ import pytest
 from doubts import Doubtful, settle
 
 from armd.compensation.design.criterion import ASKED, Between
-from armd.compensation.diagnose.report.advice import next_experiment
+from armd.compensation.diagnose.report.advice import propose_experiment
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
@@ -134,7 +134,7 @@ def test_the_proposed_poses_resolve_what_a_short_range_confounds(n_seeds: int, t
             before, settled = settle(tmp_path / f"{plant.cause}-{seed}", seed, case)
             if settled is None:
                 continue
-            assert settled.doubt.words in next_experiment(before)
+            assert settled.doubt.words in propose_experiment(before)
             assert settled.proposed.criterion.words == settled.doubt.words
             # A dozen or two poses say more of it than all the readings before.
             assert settled.proposed.after**2 > 2.0 * settled.proposed.before**2

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting.refit import (
-    refits_without,
+    make_refits_without,
     solve_again,
     with_findings_unsolved,
 )
-from armd.compensation.diagnose.problem.rests import folds_of
-from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
+from armd.compensation.diagnose.problem.rests import assign_folds
+from armd.compensation.diagnose.problem.signatures import compile_candidates, make_finding_columns
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
-from armd.compensation.diagnose.scoring.evidence import score, total
+from armd.compensation.diagnose.scoring.evidence import add_sums, score
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.simulator.plants.plant import Plant
 from support.first_fit import clear_of_absorbing, first_fit, whitened
@@ -28,7 +28,7 @@ def problem(tmp_path_factory):
 
 def statistic(current, candidate, arm) -> float:
     """χ² of a candidate by one dense least-squares problem with all that absorbs."""
-    x = current.noise.whiten(finding_columns(current.linear, [candidate], arm)[0])
+    x = current.noise.whiten(make_finding_columns(current.linear, [candidate], arm)[0])
     x = clear_of_absorbing(current, x / np.linalg.norm(x, axis=0))
     left = clear_of_absorbing(current, current.noise.whiten(current.residual))
     return float(left @ x @ np.linalg.pinv(x.T @ x, rcond=1e-9, hermitian=True) @ x.T @ left)
@@ -65,7 +65,7 @@ def test_a_part_left_out_of_the_sums_is_left_out_of_the_problem(problem) -> None
     whitener = np.where((part_of == 1)[:, None, None], 0.0, current.noise.whitener)
     without = solve_again(whitened_by(current, whitener), [], arm)
     anew = score(make_projection(without, arm).sums(signatures))
-    from_parts = score(total([first, distances]))
+    from_parts = score(add_sums([first, distances]))
     np.testing.assert_allclose(from_parts.statistic, anew.statistic, rtol=1e-5, atol=1e-6)
     np.testing.assert_array_equal(from_parts.freedom, anew.freedom)
     assert second.xr.any()
@@ -114,9 +114,9 @@ def test_a_survey_by_parts_is_the_one_of_all_rows_and_of_all_but_a_part(problem)
     found = solve_again(current, [finding], arm)
     parted = PartedSurvey.from_fit(with_findings_unsolved(found, [], arm), signatures, arm)
     surveys = [(parted.with_findings(found), found), (parted.without_findings(current), current)]
-    folds = folds_of(current.linear.rests)
+    folds = assign_folds(current.linear.rests)
     outs = [folds == 0, folds == 1]
-    for part, refits in enumerate(refits_without(current, outs)):
+    for part, refits in enumerate(make_refits_without(current, outs)):
         whitener = np.where(outs[part][:, None, None], 0.0, current.noise.whitener)
         anew = solve_again(whitened_by(current, whitener), [], arm)
         surveys.append((parted.without(part, refits.with_subset([])), anew))

@@ -17,10 +17,10 @@ import pytest
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.extend import extended
+from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.refit import Refits
-from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
+from armd.compensation.diagnose.heldout.left_open import record_open_constants
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
@@ -119,8 +119,8 @@ def test_an_effect_that_was_not_written_is_no_other_cause_later(history: History
     assert [f.candidate.place for f in first.findings] == [("encoder_eccentricity", "joint 2")]
     last, sessions = first.search.last, first.sessions
     without = Refits(last).with_subset(())
-    plain = extended(without, arm, sessions, left_out=last.findings)
-    written = saying_what_is_open(plain, last, (), arm, sessions)
+    plain = extend_calibration(without, arm, sessions, left_out=last.findings)
+    written = record_open_constants(plain, last, (), arm, sessions)
     assert rms_um(history.holdout, arm, written) == rms_um(history.holdout, arm, plain)
     found = diagnose(planted(history.second, since), arm, written)
     assert [f.candidate.place for f in found.findings] == [("encoder_eccentricity", "joint 2")]

@@ -7,7 +7,7 @@ import pytest
 from cases import at_rests, projected_snr
 from told_apart import told_apart
 
-from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.simulator.plants.plant import Plant
 from support.first_fit import clear_of_absorbing, first_fit
 
@@ -42,7 +42,7 @@ def dense(diagnosis, error: np.ndarray, others: list[np.ndarray]) -> float:
 
 def columns_of(diagnosis, place) -> np.ndarray:
     own = [c for c in diagnosis.search.signatures.candidates if c.place == place]
-    (only,) = finding_columns(diagnosis.search.first.linear, own, diagnosis.arm)
+    (only,) = make_finding_columns(diagnosis.search.first.linear, own, diagnosis.arm)
     return only
 
 

@@ -14,9 +14,9 @@ from armd.compensation.design.conditions import draw_poses
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.report.result import as_json
-from armd.compensation.diagnose.report.sizes import size_known
-from armd.compensation.diagnose.report.verdict import verdict
-from armd.compensation.diagnose.search.findings import as_told
+from armd.compensation.diagnose.report.sizes import is_size_known
+from armd.compensation.diagnose.report.verdict import write_verdict
+from armd.compensation.diagnose.search.findings import as_reported
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.calibrate import calibrate
@@ -81,7 +81,7 @@ def test_many_copies_of_one_reading_are_one(measured: Measured) -> None:
 def test_silence_of_few_readings_is_no_comfort(measured: Measured) -> None:
     few = diagnose([first(measured.sessions[0], 5)], measured.arm, measured.calibration)
     assert not few.findings
-    assert "hardly any cause could have shown" in verdict(few)
+    assert "hardly any cause could have shown" in write_verdict(few)
 
 
 @pytest.mark.slow
@@ -93,7 +93,7 @@ def test_silence_says_what_would_have_shown(measured: Measured) -> None:
     assert shown["encoder_slip"] > 10.0
     hidden = [cause for cause, snr in shown.items() if snr < 5.0]
     assert hidden
-    assert all(cause in verdict(clean) for cause in hidden)
+    assert all(cause in write_verdict(clean) for cause in hidden)
 
 
 @pytest.mark.slow
@@ -103,20 +103,20 @@ def test_no_p_value_is_nothing(found: Diagnosis) -> None:
 
 @pytest.mark.slow
 def test_a_size_within_its_own_uncertainty_is_told_as_such(found: Diagnosis) -> None:
-    assert size_known(found, 0)
+    assert is_size_known(found, 0)
     last = found.search.last
     wide = tuple(1e4 * c for c in last.covariances)
     unsure = replace(found, search=replace(found.search, last=replace(last, covariances=wide)))
-    assert not size_known(unsure, 0)
+    assert not is_size_known(unsure, 0)
     assert "within its own uncertainty" in as_json(unsure, None)["findings"][0]["reading"]
-    assert "The size of 1 is within its own uncertainty." in verdict(unsure)
+    assert "The size of 1 is within its own uncertainty." in write_verdict(unsure)
 
 
 @pytest.mark.slow
 def test_what_has_no_name_has_no_causes_parameters(found: Diagnosis) -> None:
     (one,) = found.findings
     nameless = replace(one, candidate=replace(one.candidate, cause="unknown"))
-    last = as_told(found.search.last, [nameless])
+    last = as_reported(found.search.last, [nameless])
     (candidate,) = last.findings
     assert candidate.cause == "unknown"
     columns = {column.name for column in candidate.columns}

@@ -14,7 +14,7 @@ import numpy as np
 from cases import at_rests, clear_of
 
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
 
 
 def told_apart(
@@ -32,7 +32,7 @@ def told_apart(
     able = []
     for error, place in zip(exact, places, strict=True):
         own = [c for c in catalogue if c.place == place]
-        some = [noise.whiten(c) for c in finding_columns(first.linear, own, diagnosis.arm)]
+        some = [noise.whiten(c) for c in make_finding_columns(first.linear, own, diagnosis.arm)]
         lost = [_left(error, columns) + 2 * columns.shape[1] for columns in some]
         nearest = [some[int(np.argmin(lost))]] if some else []
         able.append(np.column_stack([error, *nearest]))

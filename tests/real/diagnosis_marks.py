@@ -23,8 +23,8 @@ from armd.arrays import F64, Mask
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.report.result import needs_of, place_of
-from armd.compensation.diagnose.report.verdict import verdict
+from armd.compensation.diagnose.report.result import describe_needs, describe_place
+from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.evaluation.evaluate import evaluate
@@ -84,7 +84,7 @@ def _findings(title: str, diagnosis: Diagnosis, console: Console) -> None:
         low, high = (value / 1e3 for value in gain.interval_um)
         table.add_row(
             found.candidate.cause,
-            place_of(found.candidate),
+            describe_place(found.candidate),
             f"{found.probability:.2f}",
             f"{gain.before_um / 1e3:.4f} → {gain.after_um / 1e3:.4f}",
             f"{low:+.4f} to {high:+.4f}",
@@ -197,11 +197,13 @@ def kinova(folder: Path, console: Console) -> list[str]:
     started = time.monotonic()
     diagnosis = diagnose([session], arm)
     seconds = time.monotonic() - started
-    console.print(f"Kinova, {diagnosis.rms_um / 1e3:.2f} mm, {seconds:.0f} s. {verdict(diagnosis)}")
+    console.print(
+        f"Kinova, {diagnosis.rms_um / 1e3:.2f} mm, {seconds:.0f} s. {write_verdict(diagnosis)}"
+    )
     _findings("Kinova", diagnosis, console)
     for cause in sorted(UNTIMED):
         if cause in diagnosis.search.untold:
-            console.print(f"Kinova: {cause} cannot be told; it needs {needs_of(cause)}")
+            console.print(f"Kinova: {cause} cannot be told; it needs {describe_needs(cause)}")
     named = {f.candidate.cause for f in diagnosis.findings}
     told = UNTIMED - set(diagnosis.search.untold) | (UNTIMED & named)
     return [f"Kinova: {cause} without its evidence" for cause in sorted(told)]

@@ -17,14 +17,14 @@ from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.constants import LEAST_MM
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.neighbourhood import possible
-from armd.compensation.diagnose.fitting.under_test import model_under_test
+from armd.compensation.diagnose.fitting.neighbourhood import is_possible
+from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import ModelState, Rests
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
-from armd.compensation.diagnose.report.verdict import verdict
+from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.catalogue import candidates
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column
@@ -79,13 +79,13 @@ def test_a_step_is_judged_by_its_own_scatter(folder: Path, place: str) -> None:
     for row in later:
         q[row] += np.linalg.pinv(turns[row]) @ [4.0, 0.0, 0.0]
     moved = replace(session, states=replace(session.states, q=q))
-    told = verdict(diagnose([moved], arm))
+    told = write_verdict(diagnose([moved], arm))
     assert f"{place}, seats/hole_0, the first 11 rests" in told.replace(f"seats/{place}", place)
 
 
 def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session, Rests]) -> None:
     arm, session, rests = seats
-    facts = gather_facts(rests, arm, model_under_test([session], arm, None)[0])
+    facts = gather_facts(rests, arm, make_model_under_test([session], arm, None)[0])
     assert not facts.timed
     for candidate in candidates(facts):
         assert "time_s" not in candidate.depends_on
@@ -95,7 +95,7 @@ def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session,
 def test_the_only_length_is_not_doubted(seats: tuple[Arm, Session, Rests]) -> None:
     """An arm shrunk to nothing has no residual: what alone says its size cannot be a finding."""
     arm, session, rests = seats
-    free = model_under_test([session], arm, None)[0]
+    free = make_model_under_test([session], arm, None)[0]
     assert gather_facts(rests, arm, free).distances == ()
     held = from_calibration(free.calibration, arm, is_given=True)
     assert len(gather_facts(rests, arm, held).distances) == 1
@@ -107,7 +107,7 @@ def test_noise_stays_finite_where_everything_is_absorbed(
     arm, session, rests = seats
     column = Column("distance", "mm", 0.05, artefact=ArtefactChange("distance", index=0))
     shrinks = Candidate("artefact_length", location.ARTEFACT, (column,), ("target",))
-    baseline = model_under_test([session], arm, None)[0]
+    baseline = make_model_under_test([session], arm, None)[0]
     found = fit(rests, arm, baseline, baseline.model, [shrinks], [np.zeros(1)])
     assert found.noise.scale_mm >= LEAST_MM
     assert np.isfinite(found.solution).all()
@@ -128,7 +128,7 @@ def test_a_cause_may_be_as_large_as_the_arm_is_coarse(seats: tuple[Arm, Session,
     """3 mm at half a metre are 20 minutes of arc: a disc that errs by a degree is possible there,
     and not on an arm that its calibration left seconds off."""
     arm, session, rests = seats
-    coarse = model_under_test([session], arm, None)[0]
+    coarse = make_model_under_test([session], arm, None)[0]
     noise = coarse.calibration.noise.model_copy(update={"encoder_rad": [5e-6], "reading_mm": 2e-3})
     calibration = coarse.calibration.model_copy(update={"noise": noise})
     fine = replace(coarse, calibration=calibration)
@@ -136,4 +136,4 @@ def test_a_cause_may_be_as_large_as_the_arm_is_coarse(seats: tuple[Arm, Session,
     for baseline, able in ((coarse, True), (fine, False)):
         known = candidates(gather_facts(rests, arm, baseline))
         disc = next(c for c in known if c.cause == "encoder_ellipticity")
-        assert possible(disc, degree) == able
+        assert is_possible(disc, degree) == able

@@ -13,9 +13,9 @@ from convert import ROBOTS, convert
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.fitting.neighbourhood import possible
+from armd.compensation.diagnose.fitting.neighbourhood import is_possible
 from armd.compensation.diagnose.report.result import as_json
-from armd.compensation.diagnose.report.verdict import verdict
+from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.gauge import PLAUSIBLE
@@ -55,7 +55,7 @@ def judge(folder: Path, robot: str, seed: int) -> None:
     if diagnosis.gains:  # placements left out are harder than a random half: not promised too much
         assert diagnosis.gains[-1].after_um > 0.8 * now
     for refused in diagnosis.search.refused:
-        assert refused.reason in verdict(diagnosis)
+        assert refused.reason in write_verdict(diagnosis)
 
 
 def test_an_arm_is_not_folded_away(folder: Path) -> None:
@@ -72,10 +72,10 @@ def test_halves_agree(folder: Path, robot: str, seed: int) -> None:
 
 def test_a_cause_has_sizes_that_it_can_have() -> None:
     twist = Candidate("joint_compliance", location.joint(3), (Column("compliance", "", 6e-6),), ())
-    assert possible(twist, np.array([3e-4]))
-    assert not possible(twist, np.array([2.3e-3]))
+    assert is_possible(twist, np.array([3e-4]))
+    assert not is_possible(twist, np.array([2.3e-3]))
     blow = Candidate("encoder_slip", location.joint(3), (Column("step", "rad", 7e-5),), ())
-    assert possible(blow, np.array([0.5]))
+    assert is_possible(blow, np.array([0.5]))
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from armd.compensation.diagnose.problem.layout import (
     PLACEMENTS,
     TARGETS,
     FitLayout,
-    finding,
+    name_block,
 )
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects import location
@@ -53,7 +53,7 @@ def small_fit(
         PLACEMENTS: placements,
         IDENTIFIED: nothing_identified if identified is None else identified,
     }
-    blocks |= {finding(i): columns for i, columns in enumerate(findings.values())}
+    blocks |= {name_block(i): columns for i, columns in enumerate(findings.values())}
     blocks |= {name: np.zeros((3 * n, 0)) for name in (MOUNT, EXPANSIONS, TARGETS, DRIFT)}
     columns = np.hstack(list(blocks.values()))
     layout = linear_model.Layout(tuple((k, v.shape[1]) for k, v in blocks.items()))

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from armd.compensation.diagnose.problem.signatures import kind
+from armd.compensation.diagnose.problem.signatures import identify_kind
 from armd.compensation.diagnose.scoring.evidence import Sums
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from support.small_fit import candidate
@@ -34,7 +34,7 @@ def sums_of(b: np.ndarray, x: np.ndarray, r: np.ndarray, variance: np.ndarray) -
         candidates=tuple(CANDIDATES),
         first=first,
         count=np.array(counts),
-        kinds=tuple(map(kind, CANDIDATES)),
+        kinds=tuple(map(identify_kind, CANDIDATES)),
         prior_sd=TYPICAL,
         reach=REACH,
         columns_of=lambda i: range(first[i], first[i] + counts[i]),

@@ -57,7 +57,7 @@ def as_written(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
         yield span, rows, linear.jacobian[index, rows][:, None] * means
 
 
-def orders_of(candidate: Candidate) -> list[int]:
+def list_orders(candidate: Candidate) -> list[int]:
     """The orders of a curve's harmonics, ascending."""
     return sorted({factor.order for factor in candidate.factors if isinstance(factor, Harmonic)})
 

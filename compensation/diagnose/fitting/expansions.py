@@ -17,7 +17,7 @@ from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 
 
-def expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64, F64]:
+def make_expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64, F64]:
     """How every length grows per kelvin (N, m), and the variance of that (m,) in mm²/K²; none under
     a calibration that is held, or beside a thermal model.
 
@@ -37,7 +37,7 @@ def expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64
     rise = np.where(finite, rise - mean, 0.0)
     places = arm.layout.indices(term.parameter for term in terms)
     columns = [linear.signature(p, values) for p, values in zip(places, rise.T, strict=True)]
-    return np.array(columns).T, growth_mm_per_k(model.constants, places) ** 2
+    return np.array(columns).T, compute_growth_mm_per_k(model.constants, places) ** 2
 
 
 def goes_with_temperature(terms: Iterable[Term]) -> bool:
@@ -45,7 +45,7 @@ def goes_with_temperature(terms: Iterable[Term]) -> bool:
     return any(isinstance(factor, Temperature) for term in terms for factor in term.basis)
 
 
-def growth_mm_per_k(constants: F64, places: Sequence[int]) -> F64:
+def compute_growth_mm_per_k(constants: F64, places: Sequence[int]) -> F64:
     """(m,) by how much the lengths at *places* of the *constants* may grow, a priori."""
     growth_mm: F64 = EXPANSION_PER_K * np.maximum(np.abs(constants[places]), LEAST_LENGTH_MM)
     return growth_mm

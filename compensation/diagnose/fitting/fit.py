@@ -21,15 +21,15 @@ from armd.compensation.diagnose.constants import (
     TURN_SETTLED,
 )
 from armd.compensation.diagnose.fitting import noise as noise_model
-from armd.compensation.diagnose.fitting.nuisance import for_noise, gather_nuisance
-from armd.compensation.diagnose.fitting.turn_noise import fitted_share, turn_ratio
-from armd.compensation.diagnose.problem.amplitudes import amplitude_variance, is_sized
-from armd.compensation.diagnose.problem.baseline import moved, with_findings
+from armd.compensation.diagnose.fitting.nuisance import gather_nuisance, make_noise_variances
+from armd.compensation.diagnose.fitting.turn_noise import compute_fitted_share, estimate_turn_ratio
+from armd.compensation.diagnose.problem.amplitudes import compute_amplitude_variance, is_sized
+from armd.compensation.diagnose.problem.baseline import apply_step, with_findings
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.layout import FitLayout, finding
+from armd.compensation.diagnose.problem.layout import FitLayout, name_block
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState, Rests
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.blocks import Blocks, in_blocks
@@ -58,18 +58,20 @@ def fit(
     while True:
         step_number += 1
         linear = linearise(rests, with_findings(model, findings, amplitudes), arm)
-        columns = finding_columns(linear, findings, arm)
+        columns = make_finding_columns(linear, findings, arm)
         # Without the findings' own part, so that the solution is the whole amplitude.
-        residual = linear.residual - kinematic_part(findings, columns, amplitudes)
+        residual = linear.residual - compute_kinematic_part(findings, columns, amplitudes)
         nuisance, layout = gather_nuisance(linear, arm, baseline, findings, columns, sizes)
-        extra = finding_columns(linear, noise_extra, arm)
-        variance = for_noise(nuisance, layout, extra)
+        extra = make_finding_columns(linear, noise_extra, arm)
+        variance = make_noise_variances(nuisance, layout, extra)
         blocks = in_blocks([nuisance.columns, *extra], rests.observations.placement)
         if noise is None:
             noise = noise_model.estimate(linear, residual, blocks, variance)
         clipped, noise = _clipped(linear, residual, blocks, variance, nuisance, layout, noise)
-        problem, side = normal_equations(blocks, nuisance.ridged(noise), layout, noise, clipped)
-        problem, sizes = sized(problem, side, layout, findings, sizes)
+        problem, side = make_normal_equations(
+            blocks, nuisance.ridged(noise), layout, noise, clipped
+        )
+        problem, sizes = fit_sizes(problem, side, layout, findings, sizes)
         nuisance = Nuisance(nuisance.columns, problem.variance)
         solution = problem.amplitudes(side)
         fitted = nuisance.columns.times(solution)
@@ -87,7 +89,7 @@ def fit(
             break  # a step longer than the last one leads away: the linear answer stands
         before_this = largest
         if not baseline.is_given:
-            model = moved(model, baseline, step)
+            model = apply_step(model, baseline, step)
     return Fit(
         baseline,
         linear,
@@ -121,7 +123,7 @@ def _clipped(
     def fitted_to(values: F64, rest_noise: RestNoise) -> F64:
         return nuisance.columns.times(_solve(blocks, nuisance, layout, rest_noise, values))
 
-    clipped = noise_model.without_gross(residual, noise, fitted_to)
+    clipped = noise_model.clip_gross(residual, noise, fitted_to)
     for _ in range(MOST_CLIPPINGS):
         larger, shared, ratio = noise.scale_mm, noise.shared_part, noise.turn_ratio
         noise = noise_model.estimate(linear, clipped, blocks, variance, noise)
@@ -130,11 +132,11 @@ def _clipped(
         noise = noise_model.with_shared_part(noise, linear, clipped - fitted)
         alike = abs(noise.shared_part - shared) < SHARED_ALIKE
         if noise.turned is not None:
-            problem, _ = normal_equations(
+            problem, _ = make_normal_equations(
                 blocks, nuisance.ridged(noise), layout, noise, clipped - fitted
             )
-            absorbed_share = fitted_share(nuisance.columns, problem.covariance, noise)
-            ratio = turn_ratio(noise, linear, clipped - fitted, absorbed_share)
+            absorbed_share = compute_fitted_share(nuisance.columns, problem.covariance, noise)
+            ratio = estimate_turn_ratio(noise, linear, clipped - fitted, absorbed_share)
             alike &= abs(np.log(ratio / noise.turn_ratio)) < TURN_SETTLED
         if noise.scale_mm > NOISE_SETTLED * larger and alike:
             break
@@ -142,7 +144,7 @@ def _clipped(
     return clipped, noise
 
 
-def kinematic_part(
+def compute_kinematic_part(
     findings: Sequence[Candidate], columns: Sequence[F64], amplitudes: Sequence[F64]
 ) -> F64 | float:
     """What the findings' terms add to the linearised residual; what the artefact or a joint's use
@@ -156,7 +158,7 @@ def kinematic_part(
     return total
 
 
-def sized(
+def fit_sizes(
     problem: LinearModel,
     side: F64,
     layout: FitLayout,
@@ -173,8 +175,8 @@ def sized(
     for _ in range(SIZING_STEPS):
         solution = reduced.amplitudes(side[determined])
         for i in curves:
-            span = reduced.layout[finding(i)]
-            unit = amplitude_variance(findings[i], 1.0)
+            span = reduced.layout[name_block(i)]
+            unit = compute_amplitude_variance(findings[i], 1.0)
             squares = (solution[span] ** 2 + np.diag(reduced.covariance_of(span))) / unit
             sizes[i] = float(np.clip(np.sqrt(squares.mean()), *CURVE_SCALES))
             variance[layout.findings[i]] = sizes[i] ** 2 * unit
@@ -196,11 +198,11 @@ def _solve(
     blocks: Blocks, nuisance: Nuisance, layout: FitLayout, noise: RestNoise, residual: F64
 ) -> F64:
     """Generalised least squares: solution (b,) with B x ≈ residual."""
-    problem, side = normal_equations(blocks, nuisance.ridged(noise), layout, noise, residual)
+    problem, side = make_normal_equations(blocks, nuisance.ridged(noise), layout, noise, residual)
     return problem.amplitudes(side)
 
 
-def normal_equations(
+def make_normal_equations(
     blocks: Blocks, nuisance: Nuisance, layout: FitLayout, noise: RestNoise, residual: F64
 ) -> tuple[LinearModel, F64]:
     """The linear problem of the nuisance columns, the first of *blocks*, and its right side."""

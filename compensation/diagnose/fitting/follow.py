@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from armd.compensation.diagnose.constants import MOST_FOLLOW_ROUNDS, STAYS
-from armd.compensation.diagnose.fitting.fit import kinematic_part, normal_equations
+from armd.compensation.diagnose.fitting.fit import compute_kinematic_part, make_normal_equations
 from armd.compensation.diagnose.fitting.nuisance import gather_nuisance
-from armd.compensation.diagnose.fitting.refit import solved
-from armd.compensation.diagnose.problem.baseline import moved, with_findings
+from armd.compensation.diagnose.fitting.refit import solve_with_columns
+from armd.compensation.diagnose.problem.baseline import apply_step, with_findings
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
 from armd.compensation.model.arm import Arm
@@ -83,17 +83,17 @@ def _about_its_solution(last: Fit, arm: Arm) -> Fit:
     baseline, identified = last.baseline, last.layout.identified
     step = -last.solution[identified]
     model = with_findings(
-        moved(baseline.model, baseline, baseline.root @ step), last.findings, last.amplitudes
+        apply_step(baseline.model, baseline, baseline.root @ step), last.findings, last.amplitudes
     )
     linear = linearise(last.linear.rests, model, arm)
-    columns = finding_columns(linear, last.findings, arm)
+    columns = make_finding_columns(linear, last.findings, arm)
     sizes = [1.0] * len(columns)  # of no account: the variances stay
     nuisance, layout = gather_nuisance(linear, arm, baseline, last.findings, columns, sizes)
     nuisance = Nuisance(nuisance.columns, last.nuisance.variance)
     # Without what the step did, so that the solution is the whole step.
-    raw = linear.residual - kinematic_part(last.findings, columns, last.amplitudes)
+    raw = linear.residual - compute_kinematic_part(last.findings, columns, last.amplitudes)
     raw = raw - nuisance.columns.dense(identified) @ step
     clipped = raw - (last.raw_residual - last.residual)
-    problem, side = normal_equations(nuisance.columns, nuisance, layout, last.noise, clipped)
+    problem, side = make_normal_equations(nuisance.columns, nuisance, layout, last.noise, clipped)
     moved_to = replace(last, linear=linear, residual=clipped, raw_residual=raw)
-    return solved(moved_to, last.findings, nuisance.columns, layout, problem, side)
+    return solve_with_columns(moved_to, last.findings, nuisance.columns, layout, problem, side)

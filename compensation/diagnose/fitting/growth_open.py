@@ -18,8 +18,8 @@ from scipy.linalg import block_diag
 
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import EVENLY, STANDS_OUT
-from armd.compensation.diagnose.fitting.expansions import growth_mm_per_k
-from armd.compensation.diagnose.problem.baseline import root_of
+from armd.compensation.diagnose.fitting.expansions import compute_growth_mm_per_k
+from armd.compensation.diagnose.problem.baseline import compute_root
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.identify.thermal.temperatures import MOST_SPAN_K
 from armd.compensation.identify.thermal.terms import length_terms
@@ -40,7 +40,7 @@ def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
         return baseline
     model = baseline.model
     places = arm.layout.indices(term.parameter for term in terms)
-    may_grow = growth_mm_per_k(model.constants, places)
+    may_grow = compute_growth_mm_per_k(model.constants, places)
     if not _could_not_know(baseline, terms, may_grow):
         return baseline
     terms = [_from_where_it_was_made(baseline, term) for term in terms]
@@ -73,7 +73,7 @@ def without_growth(baseline: Baseline, parameters: Collection[str] | None = None
         baseline,
         model=replace(baseline.model, terms=tuple(terms[i] for i in remaining_terms)),
         terms=tuple(remaining_terms.index(i) for i in baseline.terms if i not in still),
-        root=root_of(remaining_root @ remaining_root.T),
+        root=compute_root(remaining_root @ remaining_root.T),
         growth=tuple(remaining_terms.index(i) for i in baseline.growth if i not in still),
     )
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from armd.arrays import F64, Mask
 from armd.compensation.diagnose.constants import CLEARLY_MORE, LEAST_SIZE_MM, MOST_SIGMAS
-from armd.compensation.diagnose.problem.amplitudes import is_sized, most_plausible
-from armd.compensation.diagnose.problem.baseline import moved, with_findings
+from armd.compensation.diagnose.problem.amplitudes import compute_broadest_sd, is_sized
+from armd.compensation.diagnose.problem.baseline import apply_step, with_findings
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
@@ -31,18 +31,18 @@ from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.wording import plain
 
 
-def refused(fit: Fit, before: Fit, arm: Arm) -> str:
+def find_refusal(fit: Fit, before: Fit, arm: Arm) -> str:
     """Why a fit is not to be believed, in words; empty if it may be.
 
     *before*: a fit without the finding that is asked about.
     """
     for candidate, amplitudes in zip(fit.findings, fit.amplitudes, strict=True):
-        if not possible(candidate, amplitudes):
+        if not is_possible(candidate, amplitudes):
             return "no such cause is that large"
     return _too_far(fit, arm) or _length_lost(fit, before, arm)
 
 
-def possible(candidate: Candidate, amplitudes: F64) -> bool:
+def is_possible(candidate: Candidate, amplitudes: F64) -> bool:
     """Whether a named cause can be as large as that; a blow, or what has no name, has any size."""
     named = candidate.cause != "unknown" and not CATALOGUE[candidate.cause].accident
     if not named or is_sized(candidate):
@@ -54,7 +54,7 @@ def possible(candidate: Candidate, amplitudes: F64) -> bool:
 def _largest_amplitude(column: Column) -> float:
     """The largest amplitude of a named cause: of what several causes do, the same for all."""
     shared = largest(column)
-    return shared if np.isfinite(shared) else MOST_SIGMAS * most_plausible(column)
+    return shared if np.isfinite(shared) else MOST_SIGMAS * compute_broadest_sd(column)
 
 
 def stays_near(fit: Fit, arm: Arm) -> bool:
@@ -62,14 +62,14 @@ def stays_near(fit: Fit, arm: Arm) -> bool:
     return not _too_far(fit, arm)
 
 
-def size(fit: Fit, arm: Arm) -> float:
+def compute_arm_size(fit: Fit, arm: Arm) -> float:
     """The arm's size under a fit, as a share of its size under the model under test."""
     constants = parameter_rows(fit.baseline.model.constants, (), np.zeros((1, 0)))[0]
     lengths = constants * _is_length(arm)
     return float(_rows(fit, _solved(fit), arm).mean(axis=0) @ lengths / (lengths @ lengths))
 
 
-def scale_kept(fit: Fit, arm: Arm) -> float:
+def compute_scale_factor(fit: Fit, arm: Arm) -> float:
     """What a scatter is multiplied by to be stated with the scale kept.
 
     One where positions are certified, or truth is measured: there a smaller arm errs.
@@ -77,7 +77,7 @@ def scale_kept(fit: Fit, arm: Arm) -> float:
     observations = fit.linear.rests.observations
     if observations.has_truth.any() or observations.says_size.any():
         return 1.0
-    return 1.0 / max(size(fit, arm), LEAST_SIZE_MM)
+    return 1.0 / max(compute_arm_size(fit, arm), LEAST_SIZE_MM)
 
 
 def _too_far(fit: Fit, arm: Arm) -> str:
@@ -145,16 +145,16 @@ def _lengths(fit: Fit, arm: Arm) -> list[Length]:
     return certified_lengths(linear.rests.observations, linear.poses, residual)
 
 
-def moved_model(fit: Fit) -> ModelState:
+def move_model(fit: Fit) -> ModelState:
     """The model at a fit's solution, findings not included."""
     step = -fit.solution[fit.layout.identified]
     directions = fit.baseline.root @ step if fit.baseline.is_given else step
-    return moved(fit.model, fit.baseline, directions)
+    return apply_step(fit.model, fit.baseline, directions)
 
 
 def _solved(fit: Fit) -> ModelState:
     """The same, findings included."""
-    return with_findings(moved_model(fit), fit.findings, fit.amplitudes)
+    return with_findings(move_model(fit), fit.findings, fit.amplitudes)
 
 
 def _rows(fit: Fit, model: ModelState, arm: Arm) -> F64:
@@ -168,7 +168,7 @@ def _rows(fit: Fit, model: ModelState, arm: Arm) -> F64:
 def _without_causes_turns(fit: Fit) -> ModelState:
     """The model at a fit's solution without what named causes add to angles: no arm becomes smaller
     by that, and how large each can be is asked apart."""
-    model = moved_model(fit)
+    model = move_model(fit)
     terms = [
         term
         for candidate, amplitudes in zip(fit.findings, fit.amplitudes, strict=True)

@@ -44,7 +44,7 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.fitting.likelihood import Absorbing, Restricted
 from armd.compensation.diagnose.problem.linear import Linear
-from armd.compensation.diagnose.problem.whitening import RestNoise, first_turn_ratio
+from armd.compensation.diagnose.problem.whitening import RestNoise, guess_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.estimate.postures import counts_as, shared_part
@@ -54,7 +54,7 @@ from armd.compensation.estimate.surfaces import project_on_normals
 MIDDLE_TO_MEAN = AXES / MEDIAN_CHI2
 
 
-def target_nuisance(linear: Linear) -> tuple[F64, F64]:
+def make_target_nuisance(linear: Linear) -> tuple[F64, F64]:
     """What certified positions do not know: three columns (N, …) per target, shared by its rests,
     and the variances of their amplitudes."""
     observations = linear.rests.observations
@@ -81,7 +81,7 @@ def target_nuisance(linear: Linear) -> tuple[F64, F64]:
     return stacked, np.array(variance)
 
 
-def drift_columns(linear: Linear) -> tuple[Blocks, F64]:
+def make_drift_columns(linear: Linear) -> tuple[Blocks, F64]:
     """A wandering base: a random walk in each session, three directions each; its variances are
     NaN, for the noise estimate to fill in.
 
@@ -161,7 +161,7 @@ def _estimate(
     relative = distance / scale_mm
     absorbing = Absorbing.from_meeting(nuisance.meeting, variance)
     turned = linear.rests.observations.turned
-    turn_ratio = before.turn_ratio if before else first_turn_ratio(residual, turned)
+    turn_ratio = before.turn_ratio if before else guess_turn_ratio(residual, turned)
     # Copies share all of their error, until they have shown how much: they count as one.
     shared = before.shared_part if before else 1.0
     counts = counts_as(linear.rests.posture, shared)
@@ -262,7 +262,7 @@ def _best_scale(restricted: Restricted) -> tuple[float, float, float, bool]:
     return float(minimum.fun), *values(minimum.x), bool(minimum.success)
 
 
-def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], F64]) -> F64:
+def clip_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], F64]) -> F64:
     """Residual (N,), clipped about *fit* of it as `winsorise` does.
 
     One reading 100 times off pulls a fit so far that all others stand off it, and makes a noise

@@ -9,8 +9,8 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import GAUGE, PER_KELVIN
 from armd.compensation.diagnose.fitting import noise as noise_model
-from armd.compensation.diagnose.fitting.expansions import expansion_columns
-from armd.compensation.diagnose.problem.amplitudes import amplitude_variance
+from armd.compensation.diagnose.fitting.expansions import make_expansion_columns
+from armd.compensation.diagnose.problem.amplitudes import compute_amplitude_variance
 from armd.compensation.diagnose.problem.layout import (
     DRIFT,
     EXPANSIONS,
@@ -19,7 +19,7 @@ from armd.compensation.diagnose.problem.layout import (
     PLACEMENTS,
     TARGETS,
     FitLayout,
-    finding,
+    name_block,
 )
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
 from armd.compensation.diagnose.problem.whitening import Nuisance
@@ -52,11 +52,11 @@ def gather_nuisance(
         ),
     }
     for i, (candidate, block, size) in enumerate(zip(findings, columns, sizes, strict=True)):
-        blocks[finding(i)] = block, amplitude_variance(candidate, size)
+        blocks[name_block(i)] = block, compute_amplitude_variance(candidate, size)
     blocks[MOUNT] = _column_of_the_mount(linear, baseline, arm)
-    blocks[EXPANSIONS] = expansion_columns(linear, baseline, arm)
-    blocks[TARGETS] = noise_model.target_nuisance(linear)
-    blocks[DRIFT] = noise_model.drift_columns(linear)
+    blocks[EXPANSIONS] = make_expansion_columns(linear, baseline, arm)
+    blocks[TARGETS] = noise_model.make_target_nuisance(linear)
+    blocks[DRIFT] = noise_model.make_drift_columns(linear)
     joined = Nuisance(
         in_blocks([matrix for matrix, _ in blocks.values()], linear.rests.observations.placement),
         np.concatenate([variance for _, variance in blocks.values()]),
@@ -78,7 +78,7 @@ def with_other_findings(
 ) -> tuple[Nuisance, FitLayout]:
     """The same with other findings in the place of those that it has."""
     first, stop = layout.identified.stop, layout.mount.start
-    variances = map(amplitude_variance, findings, sizes)
+    variances = map(compute_amplitude_variance, findings, sizes)
     changed = Nuisance(
         nuisance.columns.replaced(slice(first, stop), columns),
         np.concatenate([nuisance.variance[:first], *variances, nuisance.variance[stop:]]),
@@ -86,7 +86,7 @@ def with_other_findings(
     return changed, layout.with_findings([block.shape[1] for block in columns])
 
 
-def mount_term(model: ModelState, arm: Arm) -> Term | None:
+def make_mount_term(model: ModelState, arm: Arm) -> Term | None:
     """How the first link grows per kelvin (1 mm/K), where the model under test is silent on it.
 
     Within one temperature that is the placement's, so a calibration leaves it out; a ramp during
@@ -98,7 +98,7 @@ def mount_term(model: ModelState, arm: Arm) -> Term | None:
 
 
 def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64, F64]:
-    term = mount_term(baseline.model, arm)  # a finding's d_1 of another basis does not count
+    term = make_mount_term(baseline.model, arm)  # a finding's d_1 of another basis does not count
     if term is None:
         return np.zeros((len(linear.residual), 0)), np.zeros(0)
     states = linear.rests.observations.states
@@ -109,7 +109,7 @@ def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[
     return column[:, None], np.array([np.inf])
 
 
-def for_noise(nuisance: Nuisance, layout: FitLayout, extra: Sequence[F64]) -> F64:
+def make_noise_variances(nuisance: Nuisance, layout: FitLayout, extra: Sequence[F64]) -> F64:
     """Variances while the noise is estimated, of what absorbs and then of *extra* columns: findings
     absorb freely, curves too."""
     variance = nuisance.variance.copy()

@@ -9,17 +9,21 @@ import numpy as np
 
 from armd.arrays import F64, Mask
 from armd.compensation.diagnose.constants import CURVE_SCALE
-from armd.compensation.diagnose.fitting.fit import find_determined_columns, normal_equations, sized
+from armd.compensation.diagnose.fitting.fit import (
+    find_determined_columns,
+    fit_sizes,
+    make_normal_equations,
+)
 from armd.compensation.diagnose.fitting.nuisance import with_other_findings
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import (
     DRIFT,
     PLACEMENTS,
     FitLayout,
-    finding,
-    with_some_findings,
+    name_block,
+    select_findings,
 )
-from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.blocks import Blocks
@@ -36,7 +40,7 @@ def solve_again(fit: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
 def with_findings_unsolved(fit: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
     """The columns of a fit with other findings, to which no solution is known yet: amplitudes are
     zero, what else was solved is of no account."""
-    columns = finding_columns(fit.linear, findings, arm)
+    columns = make_finding_columns(fit.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
     nuisance, layout = with_other_findings(fit.nuisance, fit.layout, findings, columns, sizes)
     return replace(
@@ -58,23 +62,25 @@ class Refits:
     def with_subset(self, numbers: Sequence[int]) -> Fit:
         """The fit with the findings of these *numbers*."""
         fit = self._fit
-        indices, layout = with_some_findings(fit.layout, numbers)
+        indices, layout = select_findings(fit.layout, numbers)
         findings = tuple(fit.findings[i] for i in numbers)
         problem, side = (
             replace(self._problem.only(indices), layout=layout.blocks),
             self._side[indices],
         )
-        problem, _ = sized(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
+        problem, _ = fit_sizes(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
         columns = fit.nuisance.columns.only(indices)
-        return solved(fit, findings, columns, layout, problem, side)
+        return solve_with_columns(fit, findings, columns, layout, problem, side)
 
 
 def _equations(fit: Fit) -> tuple[LinearModel, F64]:
     """The linear problem of all of a fit's columns, and its right side."""
-    return normal_equations(fit.nuisance.columns, fit.nuisance, fit.layout, fit.noise, fit.residual)
+    return make_normal_equations(
+        fit.nuisance.columns, fit.nuisance, fit.layout, fit.noise, fit.residual
+    )
 
 
-def refits_without(fit: Fit, left_out: Sequence[Mask]) -> list[Refits]:
+def make_refits_without(fit: Fit, left_out: Sequence[Mask]) -> list[Refits]:
     """The fit's linear problem without the rests *left out* (n,), for each of these; no two of them
     overlap.
 
@@ -96,7 +102,7 @@ def refits_without(fit: Fit, left_out: Sequence[Mask]) -> list[Refits]:
 
 
 def solve_shared_again(fit: Fit, findings: Sequence[Candidate], arm: Arm, eliminated: Mask) -> Fit:
-    """As `solve_again`, with columns for what placements share only, as `refits_without` has them.
+    """As `solve_again`, with columns for what placements share only, like `make_refits_without`.
 
     *eliminated*: which columns are fitted along, of those that there are without findings.
     """
@@ -148,11 +154,11 @@ def _shared_equations(
 def _sized_and_solved(unsolved: Fit, problem: LinearModel, side: F64) -> Fit:
     """A fit with all columns and findings, solved, the curves among these as large as they are."""
     findings, layout = unsolved.findings, unsolved.layout
-    problem, _ = sized(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
-    return solved(unsolved, findings, unsolved.nuisance.columns, layout, problem, side)
+    problem, _ = fit_sizes(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
+    return solve_with_columns(unsolved, findings, unsolved.nuisance.columns, layout, problem, side)
 
 
-def solved(
+def solve_with_columns(
     fit: Fit,
     findings: Sequence[Candidate],
     columns: Blocks,
@@ -164,7 +170,7 @@ def solved(
     determined = find_determined_columns(problem)
     reduced, solution = problem.only(determined), np.zeros(len(side))
     solution[determined] = reduced.amplitudes(side[determined])
-    names = [finding(i) for i in range(len(layout.findings))]
+    names = [name_block(i) for i in range(len(layout.findings))]
     return replace(
         fit,
         findings=tuple(findings),

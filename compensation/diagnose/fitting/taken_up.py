@@ -25,7 +25,7 @@ from armd.compensation.diagnose.constants import (
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import PLACEMENTS
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
-from armd.compensation.diagnose.problem.rests import folds_of
+from armd.compensation.diagnose.problem.rests import assign_folds
 from armd.compensation.effects.by_session import is_by_session
 from armd.compensation.effects.courses import is_drift
 from armd.compensation.effects.effect import Candidate
@@ -35,7 +35,7 @@ from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 
 
-def beside_what_it_took_up(last: Fit, arm: Arm) -> Baseline | None:
+def allow_absorbed_error(last: Fit, arm: Arm) -> Baseline | None:
     """The model under test, wrong also by what it took up of the findings of *last*; None where
     they tell nothing that this could explain."""
     if not last.baseline.is_given or len(last.findings) < 2:
@@ -46,7 +46,7 @@ def beside_what_it_took_up(last: Fit, arm: Arm) -> Baseline | None:
     return shares.taken_up_by(last.baseline)
 
 
-def wrong_only_by(baseline: Baseline, last: Fit, arm: Arm) -> Baseline:
+def allow_only_absorbed_error(baseline: Baseline, last: Fit, arm: Arm) -> Baseline:
     """The calibration as it was given (*baseline*), wrong also by what it would have taken up of
     the findings of *last*, under whose own baseline it may be wrong by more."""
     shares = _Shares.from_fit(last, arm)
@@ -86,7 +86,7 @@ class _Shares:
         directions = [plausible[:, None] * _absorbed_by(columns, white)]
         # It was made of other readings, at other temperatures and in other poses. How much that
         # changes, these readings in parts tell: placements, and rests of all of them.
-        for folds in (folds_of(self.rests), self.rests.posture % LEFT_OUT_PARTS):
+        for folds in (assign_folds(self.rests), self.rests.posture % LEFT_OUT_PARTS):
             directions += [
                 plausible[:, None] * direction for direction in _differs(columns, white, folds)
             ]

@@ -29,7 +29,7 @@ class TargetStep:
     step_p: float  # chance that the scatter about the two means makes a step as clear anywhere
 
 
-def target_steps(last: Fit) -> list[TargetStep]:
+def measure_target_steps(last: Fit) -> list[TargetStep]:
     """One entry per placement and target."""
     observations = last.linear.rests.points
     residual_um, normal = 1e3 * last.points_left_mm, last.linear.normal
@@ -57,7 +57,7 @@ def target_steps(last: Fit) -> list[TargetStep]:
     return entries
 
 
-def steps(entries: list[TargetStep]) -> list[TargetStep]:
+def select_significant_steps(entries: list[TargetStep]) -> list[TargetStep]:
     """Those with a step that their own scatter does not explain; a single target's is the arm's or
     the base's, and for the search to find."""
     return [entry for entry in entries if len(entries) > 1 and len(entries) * entry.step_p < STEP_P]

@@ -11,7 +11,7 @@ from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.estimate.linear.blocks import Blocks
 
 
-def fitted_share(columns: Blocks, covariance: F64, noise: RestNoise) -> float:
+def compute_fitted_share(columns: Blocks, covariance: F64, noise: RestNoise) -> float:
     """Of the orientations' squares, how many a fit by *columns* takes, by the covariance (b, b) of
     its solution."""
     turned, total = noise.turned, 0.0
@@ -25,7 +25,7 @@ def fitted_share(columns: Blocks, covariance: F64, noise: RestNoise) -> float:
     return total
 
 
-def turn_ratio(noise: RestNoise, linear: Linear, residual: F64, fitted: float) -> float:
+def estimate_turn_ratio(noise: RestNoise, linear: Linear, residual: F64, fitted: float) -> float:
     """The ratio by the *residual* (N,), *fitted* of the squares being taken by the fit.
 
     What exceeds the part of the encoders is the orientations' own.

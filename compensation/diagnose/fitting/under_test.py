@@ -16,7 +16,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
 
-def model_under_test(
+def make_model_under_test(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
 ) -> tuple[Baseline, Odd | None]:
     """Return the calibration given, held; otherwise what `armd calibrate` makes of the sessions;

@@ -10,17 +10,17 @@ from armd.arrays import F64, I64
 from armd.compensation.data.in_order import in_order
 from armd.compensation.diagnose.constants import GAIN_BEGINS, GAIN_TAKES, REPEATED_WORK
 from armd.compensation.diagnose.diagnosis import SearchResult
-from armd.compensation.diagnose.fitting.neighbourhood import possible, stays_near
+from armd.compensation.diagnose.fitting.neighbourhood import is_possible, stays_near
 from armd.compensation.diagnose.fitting.refit import (
-    refits_without,
+    make_refits_without,
     solve_shared_again,
     with_findings_unsolved,
 )
-from armd.compensation.diagnose.heldout.gain import groups_of, left_out
+from armd.compensation.diagnose.heldout.gain import compute_left_out_squares, group_readings
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.rests import folds_of
+from armd.compensation.diagnose.problem.rests import assign_folds
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey, ScoredCandidates
-from armd.compensation.diagnose.search.selection import next_finding
+from armd.compensation.diagnose.search.selection import choose_finding
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects.effect import join_finding
 from armd.compensation.freed import give_back_freed
@@ -54,11 +54,11 @@ def cross_validate(
     the point about which the model is linear. Where it finds less, nothing is gained there.
     """
     last = result.last
-    folds = folds_of(last.linear.rests)
+    folds = assign_folds(last.linear.rests)
     points = last.linear.rests.points
     squares = [np.zeros(points.n) for _ in range(len(result.findings) + 1)]
     parts = [int(part) for part in np.unique(folds)]
-    refits = refits_without(with_findings_unsolved(last, [], arm), [folds == p for p in parts])
+    refits = make_refits_without(with_findings_unsolved(last, [], arm), [folds == p for p in parts])
     work = work or WorkBudget()
     shares = [work.of_one_in(len(parts)) for _ in parts]  # they go on beside each other
     starts = [
@@ -74,7 +74,7 @@ def cross_validate(
             square[folds[: points.n] == part] = part_squares
     for share in shares:
         work.take(share)
-    return CrossValidated(squares, groups_of(points))
+    return CrossValidated(squares, group_readings(points))
 
 
 def _without(
@@ -89,7 +89,7 @@ def _without(
     """Squared residuals mm² of one part's rests, without findings, as in the *current* fit, and
     after each that the search on the others makes."""
     last, out = replace(result.last, noise=current.noise), folds == part
-    squares = [left_out(current, out, arm)]
+    squares = [compute_left_out_squares(current, out, arm)]
     if parted is None:  # nothing was found
         return squares
     first = scored = parted.without(part, current)
@@ -99,18 +99,18 @@ def _without(
             squares += [squares[-1]] * (len(result.findings) + 1 - len(squares))
             break
         work.add(scored.n_products, REPEATED_WORK)
-        candidate = next_finding(scored, result.tests)
+        candidate = choose_finding(scored, result.tests)
         if candidate is None:  # nothing is gained by what the search on all readings found further
             squares += [squares[-1]] * (len(result.findings) + 1 - len(squares))
             break
         tried = solve_shared_again(
             last, join_finding(current.findings, candidate), arm, parted.is_eliminated
         )
-        if not (stays_near(tried, arm) and all(map(possible, tried.findings, tried.amplitudes))):
+        if not (stays_near(tried, arm) and all(map(is_possible, tried.findings, tried.amplitudes))):
             squares += [squares[-1]] * (len(result.findings) + 1 - len(squares))
             break
         current = tried
-        squares.append(left_out(current, out, arm))
+        squares.append(compute_left_out_squares(current, out, arm))
         give_back_freed()
         if len(squares) <= len(result.findings):
             projection = first.projection.with_findings_of(current)

@@ -13,10 +13,10 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import KNOWN_PARTS, TIME_PARTS
-from armd.compensation.diagnose.fitting.refit import refits_without
-from armd.compensation.diagnose.heldout.gain import left_out
+from armd.compensation.diagnose.fitting.refit import make_refits_without
+from armd.compensation.diagnose.heldout.gain import compute_left_out_squares
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.effects.courses import is_drift
 from armd.compensation.estimate.folds import blocks_of_time
@@ -24,13 +24,13 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
 
 
-def later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F64]:
+def make_later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F64]:
     """Squared residuals mm² of later rests by models of the earlier ones, by the findings in them
     and whether the first link grows.
 
     As in an extended calibration, a drift holds the value that it had at the last reading.
     """
-    part = parts_in_time(last.linear.rests.observations)
+    part = split_in_time(last.linear.rests.observations)
     time_s = last.linear.rests.observations.states.time_s
     refits = []
     for n_parts in KNOWN_PARTS:
@@ -38,18 +38,18 @@ def later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F64]:
         if not 0 < out.sum() < len(out):
             continue
         frozen = _held_from(last, float(time_s[~out].max()), arm)
-        refits += [(out, refit) for refit in refits_without(frozen, [out])]
+        refits += [(out, refit) for refit in make_refits_without(frozen, [out])]
 
     def squares(numbers: Sequence[int], growth: bool) -> F64:
         squared = [np.zeros(0)]
         for out, refit in refits:
-            squared.append(left_out(refit.with_subset(numbers), out, arm, growth))
+            squared.append(compute_left_out_squares(refit.with_subset(numbers), out, arm, growth))
         return np.concatenate(squared)
 
     return squares
 
 
-def parts_in_time(observations: Observations) -> I64:
+def split_in_time(observations: Observations) -> I64:
     """(n,) which part of the time each rest belongs to: whole placements one after the other, or
     blocks where there are fewer placements than parts."""
     placement = observations.placement
@@ -73,6 +73,6 @@ def _held_from(last: Fit, until_s: float, arm: Arm) -> Fit:
     columns = last.nuisance.columns
     for candidate, span in zip(last.findings, last.layout.findings, strict=True):
         if is_drift(candidate):
-            stood = finding_columns(replace(linear, rests=rests), [candidate], arm)
+            stood = make_finding_columns(replace(linear, rests=rests), [candidate], arm)
             columns = columns.replaced(span, stood)
     return replace(last, nuisance=Nuisance(columns, last.nuisance.variance))

@@ -24,14 +24,14 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.curves import as_written
-from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
+from armd.compensation.diagnose.fitting.neighbourhood import compute_scale_factor
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.estimate.folds import blocks_of_postures
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
 
 
-def gains(squares: Sequence[F64], groups: I64, is_used: Mask) -> list[Gain]:
+def compute_gains(squares: Sequence[F64], groups: I64, is_used: Mask) -> list[Gain]:
     """Gains from step to step of squared residuals (n,) mm², resampled by *groups* (n,).
 
     *is_used* (n,): rows of the last figure; the others are what an outlier finding names.
@@ -39,12 +39,14 @@ def gains(squares: Sequence[F64], groups: I64, is_used: Mask) -> list[Gain]:
     last = len(squares) - 1
     every = np.ones(len(groups), dtype=bool)
     return [
-        gain(squares[j - 1], squares[j], groups, is_used if j == last else every)
+        compute_gain(squares[j - 1], squares[j], groups, is_used if j == last else every)
         for j in range(1, len(squares))
     ]
 
 
-def gain(before: F64, after: F64, groups: I64, use: Mask | None = None, seed: int = 1) -> Gain:
+def compute_gain(
+    before: F64, after: F64, groups: I64, use: Mask | None = None, seed: int = 1
+) -> Gain:
     """From squared residuals *before* to those *after* (n,) mm², of *use* (n,) only."""
     use = np.ones(len(groups), dtype=bool) if use is None else use
     names, index = np.unique(groups, return_inverse=True)
@@ -62,7 +64,7 @@ def gain(before: F64, after: F64, groups: I64, use: Mask | None = None, seed: in
     return Gain(*rms, (float(low), float(high)), bool(is_confirmed))
 
 
-def capped(before: F64, after: F64) -> tuple[F64, F64]:
+def cap_squares(before: F64, after: F64) -> tuple[F64, F64]:
     """Squared residuals with single readings counting at most `MOST_SQUARES` of the usual one's:
     a decision that gross errors cannot outvote."""
     cap = MOST_SQUARES * min(float(np.median(before)), float(np.median(after)))
@@ -94,7 +96,7 @@ def _rms(squares: F64) -> float:
     return 1e3 * float(np.sqrt(squares.mean())) if squares.size else 0.0
 
 
-def groups_of(observations: Observations) -> I64:
+def group_readings(observations: Observations) -> I64:
     """(n,) what readings are resampled by: placement and target, or blocks of time; all copies of a
     posture together."""
     groups = observations.placement * len(observations.target_names) + observations.target
@@ -105,7 +107,7 @@ def groups_of(observations: Observations) -> I64:
     return groups
 
 
-def left_out(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
+def compute_left_out_squares(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
     """Return squared residuals mm² of the points left *out* (n,), under the model of the others.
 
     Where a calibration is held and nothing was found, the model is that calibration as given, not
@@ -137,7 +139,9 @@ def left_out(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
         residual[rows] -= (
             pose_columns @ np.linalg.lstsq(pose_columns, clipped[rows], rcond=RANK_SHARE)[0]
         )
-    square: F64 = (residual.reshape(-1, 3)[points] ** 2).sum(axis=1) * scale_kept(current, arm) ** 2
+    square: F64 = (residual.reshape(-1, 3)[points] ** 2).sum(axis=1) * compute_scale_factor(
+        current, arm
+    ) ** 2
     return square
 
 

@@ -20,15 +20,15 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.constants import MOVE_DIGITS
-from armd.compensation.diagnose.extend import extended
+from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.refit import Refits
-from armd.compensation.diagnose.problem.baseline import LEFT_OPEN, identified
+from armd.compensation.diagnose.problem.baseline import LEFT_OPEN, gather_identified
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
 
-def saying_what_is_open(
+def record_open_constants(
     written: Calibration, last: Fit, numbers: Sequence[int], arm: Arm, sessions: Sequence[Session]
 ) -> Calibration:
     """The *written* calibration, with *numbers* of the findings, and what the others leave open."""
@@ -39,13 +39,13 @@ def saying_what_is_open(
     names = [
         name for name in written.covariance_of if name in last.baseline.calibration.covariance_of
     ]
-    now = identified(written, names)
+    now = gather_identified(written, names)
     openings: list[dict[str, Any]] = []
     if not numbers:  # nothing new is known of what was open before
         openings += written.provenance["diagnosis"].get("earlier", {}).get(LEFT_OPEN, [])
     for i in unwritten:
-        with_it = extended(refits.with_subset([*numbers, i]), arm, sessions)
-        moves: F64 = identified(with_it, names) - now
+        with_it = extend_calibration(refits.with_subset([*numbers, i]), arm, sessions)
+        moves: F64 = gather_identified(with_it, names) - now
         finding = last.findings[i]
         openings.append(
             {

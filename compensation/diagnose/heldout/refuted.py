@@ -14,7 +14,7 @@ from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.slow_factors import Dated
 
 
-def refuted_findings(diagnosis: Diagnosis) -> tuple[Candidate, ...]:
+def select_refuted(diagnosis: Diagnosis) -> tuple[Candidate, ...]:
     """The named findings that are not written since held-out readings are predicted worse with
     them beyond doubt, or later readings worse."""
     return tuple(
@@ -42,7 +42,7 @@ def predicts_better(another: Diagnosis, diagnosis: Diagnosis) -> bool:
     return bool(another.written) and another.written_rms_um[1] < diagnosis.written_rms_um[1]
 
 
-def refuted_in_words(refuted: Sequence[Candidate]) -> str:
+def describe_refuted(refuted: Sequence[Candidate]) -> str:
     """What is said of findings that another diagnosis has replaced."""
     names = (
         f"{candidate.cause} ({candidate.location}{', by ' if candidate.depends_on else ''}"

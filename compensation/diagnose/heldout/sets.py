@@ -8,41 +8,47 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.diagnose.fitting.refit import refits_without, solve_again
-from armd.compensation.diagnose.heldout.gain import capped, groups_of, left_out
+from armd.compensation.diagnose.fitting.refit import make_refits_without, solve_again
+from armd.compensation.diagnose.heldout.gain import (
+    cap_squares,
+    compute_left_out_squares,
+    group_readings,
+)
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.rests import folds_of
+from armd.compensation.diagnose.problem.rests import assign_folds
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
 
-def left_out_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int], bool], F64]:
+def make_squares_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int], bool], F64]:
     """Squared residuals mm² of the points in each of the *folds* (n,), under a model of the others,
     by the findings in it and whether the first link grows."""
     outs = [folds == part for part in np.unique(folds)]
-    refits = refits_without(last, outs)
+    refits = make_refits_without(last, outs)
     points = last.linear.rests.points.n  # which stand first
 
     def squares(numbers: Sequence[int], growth: bool) -> F64:
         squared = np.zeros(points)
         for out, refit in zip(outs, refits, strict=True):
-            squared[out[:points]] = left_out(refit.with_subset(numbers), out, arm, growth)
+            squared[out[:points]] = compute_left_out_squares(
+                refit.with_subset(numbers), out, arm, growth
+            )
         return squared
 
     return squares
 
 
-def better_by(
+def compare_heldout(
     about: Fit, before: Sequence[Candidate], after: Sequence[Candidate], arm: Arm
 ) -> float:
     """By how many standard errors readings of placements left out in turn are predicted better
     with the findings *after* than with those *before*, all amplitudes estimated without them."""
     old, new = (_squares(about, findings, arm) for findings in (before, after))
-    groups = groups_of(about.linear.rests.points)
-    return in_standard_errors(*capped(old, new), groups)
+    groups = group_readings(about.linear.rests.points)
+    return count_standard_errors(*cap_squares(old, new), groups)
 
 
-def in_standard_errors(before: F64, after: F64, groups: I64) -> float:
+def count_standard_errors(before: F64, after: F64, groups: I64) -> float:
     """The fall from squared residuals *before* to *after* (n,), in standard errors of its sum over
     *groups* (n,), each a draw; zero where nothing changes."""
     by_group = np.bincount(np.unique(groups, return_inverse=True)[1], before - after)
@@ -54,5 +60,5 @@ def in_standard_errors(before: F64, after: F64, groups: I64) -> float:
 def _squares(about: Fit, findings: Sequence[Candidate], arm: Arm) -> F64:
     """Squared residuals (n,) mm² of rests, the amplitudes of placements other than theirs."""
     solved = solve_again(about, findings, arm)
-    squares = left_out_in_turn(solved, arm, folds_of(about.linear.rests))
+    squares = make_squares_in_turn(solved, arm, assign_folds(about.linear.rests))
     return squares(range(len(findings)), False)

@@ -27,17 +27,17 @@ from armd.compensation.diagnose.diagnosis import (
     SearchResult,
     ValidatedFindings,
 )
-from armd.compensation.diagnose.extend import extended, knows_growth
+from armd.compensation.diagnose.extend import extend_calibration, knows_growth
 from armd.compensation.diagnose.fitting.follow import follow_solution
-from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
+from armd.compensation.diagnose.fitting.neighbourhood import compute_scale_factor
 from armd.compensation.diagnose.fitting.refit import Refits
-from armd.compensation.diagnose.heldout.forward import later_squares
-from armd.compensation.diagnose.heldout.gain import groups_of
+from armd.compensation.diagnose.heldout.forward import make_later_squares
+from armd.compensation.diagnose.heldout.gain import group_readings
 from armd.compensation.diagnose.heldout.judge import IsUninformative, Judge, Look
-from armd.compensation.diagnose.heldout.sets import left_out_in_turn
+from armd.compensation.diagnose.heldout.sets import make_squares_in_turn
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.rests import folds_of
-from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
+from armd.compensation.diagnose.problem.rests import assign_folds
+from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
 from armd.compensation.effects.by_session import is_by_session
 from armd.compensation.effects.courses import is_drift, is_slow
 from armd.compensation.effects.effect import Candidate
@@ -146,21 +146,23 @@ def _without_harm(last: Fit, judge: Judge, every: tuple[int, ...], growth: bool)
     return remaining
 
 
-def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> ValidatedFindings:
+def validate_by_placement(
+    result: SearchResult, arm: Arm, stepwise: Sequence[Gain]
+) -> ValidatedFindings:
     """By whole placements left out in turn, then by targets within them; *stepwise*: gains of a
     search repeated without the placements."""
     last = result.last
     rests, points = last.linear.rests, last.linear.rests.points
-    groups = groups_of(points)
+    groups = group_readings(points)
     looks = [
-        Look(left_out_in_turn(last, arm, folds), groups, float(points.freedom.mean()))
-        for folds in (folds_of(rests), _by_target(points)[rests.point_of])
+        Look(make_squares_in_turn(last, arm, folds), groups, float(points.freedom.mean()))
+        for folds in (assign_folds(rests), _by_target(points)[rests.point_of])
     ]
     able = [
         not finding.candidate.told_only and stands_alone(finding, step)
         for finding, step in zip(result.findings, stepwise, strict=True)
     ]
-    later = later_squares(last, arm) if any(map(may_go_on_otherwise, last.findings)) else None
+    later = make_later_squares(last, arm) if any(map(may_go_on_otherwise, last.findings)) else None
     growth = knows_growth(last, arm)
     cannot_see_growth = growth and _in_one_fold(last, last.net_growth())
     repeated_tells = not stepwise or stepwise[-1].after_um <= stepwise[0].before_um
@@ -205,7 +207,7 @@ def _uninformative_by_placement(last: Fit) -> IsUninformative:
 def _in_one_fold(last: Fit, moves: F64) -> bool:
     """Whether nearly all of what *moves* (n, 3) the tip does so in placements left out together."""
     white = last.noise.whiten_rests(moves)
-    by_fold = np.bincount(folds_of(last.linear.rests), (white**2).sum(axis=1))
+    by_fold = np.bincount(assign_folds(last.linear.rests), (white**2).sum(axis=1))
     return bool(by_fold.max() > IN_ONE * max(float(by_fold.sum()), LEAST_POSITIVE))
 
 
@@ -217,7 +219,7 @@ def _by_target(observations: Observations) -> I64:
     return folds
 
 
-def by_session(
+def validate_by_session(
     result: SearchResult,
     arm: Arm,
     sessions: Sequence[Session],
@@ -229,14 +231,16 @@ def by_session(
     refit = Refits(last)
 
     def squares(numbers: Sequence[int], growth: bool) -> F64:
-        return on_sessions(refit.with_subset(numbers), arm, sessions, holdout, growth)
+        return compute_squares_on_sessions(
+            refit.with_subset(numbers), arm, sessions, holdout, growth
+        )
 
-    look = Look(squares, groups_of(readings), float(readings.freedom.mean()))
+    look = Look(squares, group_readings(readings), float(readings.freedom.mean()))
     able = [not finding.candidate.told_only for finding in result.findings]
     return choose(result, [look], able, growth=knows_growth(last, arm))
 
 
-def on_sessions(
+def compute_squares_on_sessions(
     step: Fit,
     arm: Arm,
     sessions: Sequence[Session],
@@ -246,9 +250,9 @@ def on_sessions(
     """Squared residuals (n,) mm² of the *holdout*'s readings under the model written of *step*."""
     model = step.baseline.calibration
     if step.findings:
-        model = extended(follow_solution(step, arm), arm, sessions, growth=growth)
+        model = extend_calibration(follow_solution(step, arm), arm, sessions, growth=growth)
     residual = evaluate(holdout, arm, model).residual_mm
-    squares: F64 = (residual**2).sum(axis=1) * scale_kept(step, arm) ** 2
+    squares: F64 = (residual**2).sum(axis=1) * compute_scale_factor(step, arm) ** 2
     return squares
 
 
@@ -257,4 +261,4 @@ def _has_its_cause(last: Fit, index: int, chosen: Sequence[int]) -> bool:
     finding = last.findings[index]
     if not is_shape(finding):
         return True
-    return any(shape_place(last.findings[i]) == finding.location for i in chosen)
+    return any(locate_shape(last.findings[i]) == finding.location for i in chosen)

@@ -23,7 +23,7 @@ from armd.compensation.diagnose.constants import (
     MOST_DRAWN_RESTS,
     MOST_DRAWS,
 )
-from armd.compensation.diagnose.fitting.fit import normal_equations
+from armd.compensation.diagnose.fitting.fit import make_normal_equations
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 
@@ -83,7 +83,9 @@ def refit(fit: Fit, noise: RestNoise) -> Refitted:
     variance[fit.layout.drift] = max(noise.drift_mm**2, LEAST_VARIANCE_MM2)
     nuisance = Nuisance(fit.nuisance.columns, variance)
     # Winsorised as it was: one gross error would bend the whole curve.
-    problem, side = normal_equations(nuisance.columns, nuisance, fit.layout, noise, fit.residual)
+    problem, side = make_normal_equations(
+        nuisance.columns, nuisance, fit.layout, noise, fit.residual
+    )
     solution = problem.amplitudes(side)
     fitted = nuisance.columns.times(solution)
     again = replace(

@@ -21,12 +21,12 @@ def is_curve(candidate: Candidate) -> bool:
     return CATALOGUE[candidate.cause].describe_curve is not None and is_sized(candidate)
 
 
-def most_plausible(column: Column) -> float:
+def compute_broadest_sd(column: Column) -> float:
     """Standard deviation of an amplitude under the broadest prior that the catalogue has for it."""
     return min(max(SCALES), column.reach) * column.prior_sd
 
 
-def amplitude_variance(candidate: Candidate, size: float) -> F64:
+def compute_amplitude_variance(candidate: Candidate, size: float) -> F64:
     """A named cause's amplitudes are as large as they can be, those without a name free; a nearly
     free function's are of a size in units of the catalogue's.
 
@@ -36,5 +36,5 @@ def amplitude_variance(candidate: Candidate, size: float) -> F64:
     if not is_sized(candidate):
         if candidate.cause == "unknown":
             return np.full(len(candidate.columns), np.inf)
-        return np.square([most_plausible(column) for column in candidate.columns])
+        return np.square([compute_broadest_sd(column) for column in candidate.columns])
     return np.array([(size * column.prior_sd) ** 2 for column in candidate.columns])

@@ -52,7 +52,7 @@ def from_calibration(
         is_given,
         tuple(constants),
         tuple(terms),
-        root_of(covariance),
+        compute_root(covariance),
     )
 
 
@@ -70,7 +70,7 @@ def with_size_kept(baseline: Baseline, arm: Arm) -> Baseline:
     )
 
 
-def identified(calibration: Calibration, names: Sequence[str]) -> F64:
+def gather_identified(calibration: Calibration, names: Sequence[str]) -> F64:
     """(n,) constants and coefficients by the *names* that a covariance has for them."""
     terms = {f"term {i}": term.coefficient for i, term in enumerate(calibration.terms)}
     values = {**calibration.constants, **terms}
@@ -86,7 +86,7 @@ def _left_open(calibration: Calibration) -> list[F64]:
     ]
 
 
-def root_of(covariance: F64) -> F64:
+def compute_root(covariance: F64) -> F64:
     """R (n, r) with R Rᵀ the covariance; tiny negative eigenvalues of rounding are dropped."""
     if covariance.size == 0:
         return np.zeros((len(covariance), 0))
@@ -97,7 +97,7 @@ def root_of(covariance: F64) -> F64:
     return root
 
 
-def moved(model: ModelState, baseline: Baseline, step: F64) -> ModelState:
+def apply_step(model: ModelState, baseline: Baseline, step: F64) -> ModelState:
     """The model with the identified constants and terms moved by *step* (identified,)."""
     constants = model.constants.copy()
     constants[list(baseline.parameters)] += step[: len(baseline.parameters)]

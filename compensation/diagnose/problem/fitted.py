@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.diagnose.problem.layout import MOUNT, PLACEMENTS, FitLayout, finding
+from armd.compensation.diagnose.problem.layout import MOUNT, PLACEMENTS, FitLayout, name_block
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
@@ -87,7 +87,7 @@ class Fit:
         it could take up is still the finding's.
         """
         moves = -self.nuisance.columns.dense(self.layout.findings[index]) @ self.amplitudes[index]
-        return self._net(finding(index), moves)
+        return self._net(name_block(index), moves)
 
     def net_growth(self) -> F64:
         """Motion (n, 3) in mm of the tip by the first link's growth, clear of all else."""

@@ -38,11 +38,11 @@ class FitLayout:
     @property
     def findings(self) -> tuple[slice, ...]:
         """Of each finding."""
-        return tuple(self.blocks[finding(i)] for i in range(self._n_findings))
+        return tuple(self.blocks[name_block(i)] for i in range(self._n_findings))
 
     @property
     def mount(self) -> slice:
-        """One column or none: the first link's growth, see `mount_term`."""
+        """One column or none: the first link's growth, see `make_mount_term`."""
         return self.blocks[MOUNT]
 
     @property
@@ -67,22 +67,22 @@ class FitLayout:
             [self.nominal_variance[:first], free_variance, self.nominal_variance[stop:]]
         )
         sizes = self.blocks.sizes
-        finding_sizes = tuple((finding(i), int(count)) for i, count in enumerate(counts))
+        finding_sizes = tuple((name_block(i), int(count)) for i, count in enumerate(counts))
         return FitLayout(
             linear_model.Layout((*sizes[:BLOCKS_BEFORE], *finding_sizes, *sizes[-BLOCKS_AFTER:])),
             nominal_variance,
         )
 
 
-def finding(index: int) -> str:
+def name_block(index: int) -> str:
     """The name of a finding's block."""
     return f"finding {index + 1}"
 
 
-def with_some_findings(layout: FitLayout, numbers: Sequence[int]) -> tuple[I64, FitLayout]:
+def select_findings(layout: FitLayout, numbers: Sequence[int]) -> tuple[I64, FitLayout]:
     """Which nuisance columns stay with the findings of these *numbers*, and their layout."""
     names = [name for name, _ in layout.blocks.sizes]
-    finding_names = [finding(i) for i in numbers]
+    finding_names = [name_block(i) for i in numbers]
     columns = layout.blocks.of([*names[:BLOCKS_BEFORE], *finding_names, *names[-BLOCKS_AFTER:]])
     sizes = dict(layout.blocks.sizes)
     return columns, layout.with_findings([sizes[name] for name in finding_names])

@@ -95,7 +95,7 @@ def _mean_turns(mean: F64) -> F64:
     return turns
 
 
-def spare_rows(observations: Observations) -> int:
+def count_spare_rows(observations: Observations) -> int:
     """Numbers measured beyond those that placements and unknown seats take up."""
     seats = np.unique(observations.target[~observations.has_truth])
     seats = seats[observations.unknown[seats]]
@@ -109,7 +109,7 @@ def spare_rows(observations: Observations) -> int:
 
 def require_spare(observations: Observations, files: str) -> None:
     """Raises `BadInput` where placements and unknown seats explain any reading whatever."""
-    if spare_rows(observations) <= 0:
+    if count_spare_rows(observations) <= 0:
         placements = len(np.unique(observations.placement))
         raise BadInput(
             files,
@@ -144,7 +144,7 @@ def _rests(raw: Observations) -> I64:
     return np.cumsum(begins) - 1
 
 
-def folds_of(rests: Rests) -> I64:
+def assign_folds(rests: Rests) -> I64:
     """(n,) fold of each rest: whole placements, dealt in turn; of a single one blocks of time, each
     posture in that in which it came first."""
     observations = rests.observations

@@ -41,8 +41,8 @@ class Signatures:
 
     @cached_property
     def kinds(self) -> tuple[tuple[str, ...], ...]:
-        """`kind` of each candidate."""
-        return tuple(map(kind, self.candidates))
+        """`identify_kind` of each candidate."""
+        return tuple(map(identify_kind, self.candidates))
 
     def columns_of(self, candidate: int) -> range:
         """Column numbers of a candidate."""
@@ -176,7 +176,7 @@ class Signatures:
         return named, np.append(first, len(pairs)), bases_of, weights
 
 
-def kind(candidate: Candidate) -> tuple[str, ...]:
+def identify_kind(candidate: Candidate) -> tuple[str, ...]:
     """What candidates share that differ in the value of a setting only."""
     columns = (column.name for column in candidate.columns)
     return (*candidate.place, *columns, *(name for name, *_ in candidate.setting))
@@ -249,7 +249,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
     )
 
 
-def finding_columns(linear: Linear, findings: Sequence[Candidate], arm: Arm) -> list[F64]:
+def make_finding_columns(linear: Linear, findings: Sequence[Candidate], arm: Arm) -> list[F64]:
     """Columns (N, m) of each finding, in mm."""
     signatures = compile_candidates(findings, linear, arm)
     return [

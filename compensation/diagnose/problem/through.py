@@ -65,7 +65,7 @@ def with_acting(
     arm: Arm,
 ) -> Signatures:
     """The signatures with those candidates that act through what a fit has found."""
-    candidates = acting_through(fit, facts, refused)
+    candidates = list_acting_through(fit, facts, refused)
     return (
         signatures.with_more(compile_candidates(candidates, fit.linear, arm))
         if candidates
@@ -73,7 +73,7 @@ def with_acting(
     )
 
 
-def acting_through(
+def list_acting_through(
     fit: Fit, facts: SessionFacts, refused: Collection[tuple[str, str]]
 ) -> list[Candidate]:
     """The candidates, none of a *refused* place, that act through what a fit has found, or beside

@@ -25,11 +25,11 @@ class Doubt:
         return f"tell {_named(self.finding.candidate)} from {_named(self.rivals[0])}"
 
 
-def most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
+def find_most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
     """The finding an experiment should settle first; None when none is in doubt."""
     doubts = []
     for i, finding in enumerate(diagnosis.findings):
-        rivals = [r for r in finding.rivals if not alike(r.candidate, finding.candidate)]
+        rivals = [r for r in finding.rivals if not is_alike(r.candidate, finding.candidate)]
         if rivals and finding.probability < SURE:
             doubts.append(_doubt(i, finding, rivals[0]))
     return min(doubts, key=lambda doubt: doubt.finding.probability, default=None)
@@ -42,19 +42,19 @@ def _doubt(index: int, finding: Finding, first: Rival) -> Doubt:
     return Doubt(index, finding, rivals, (first.probability, *(share for _, share in variants)))
 
 
-def alike(first: Candidate, second: Candidate) -> bool:
+def is_alike(first: Candidate, second: Candidate) -> bool:
     """One cause at one place, or two structures without a name in the same variables: an
     experiment need not part them."""
     unnamed = first.cause == second.cause == "unknown" and first.depends_on == second.depends_on
     return unnamed or first.place == second.place
 
 
-def next_experiment(diagnosis: Diagnosis) -> str:
+def propose_experiment(diagnosis: Diagnosis) -> str:
     """What to measure next: to settle the most doubtful finding, or to confirm the mended model."""
     unrecorded = _unrecorded(diagnosis)
     if unrecorded and diagnosis.significant_rest:
         return unrecorded
-    doubt = most_doubtful(diagnosis)
+    doubt = find_most_doubtful(diagnosis)
     if doubt is not None:
         cause = doubt.finding.candidate.cause
         return f"To {doubt.words}: {CATALOGUE[cause].experiment}; `armd design` picks the poses."

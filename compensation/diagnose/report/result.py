@@ -9,17 +9,17 @@ import numpy as np
 
 from armd.compensation.diagnose.constants import MOST_PARTS
 from armd.compensation.diagnose.diagnosis import Diagnosis, Explained, Finding, Gain, Touched
-from armd.compensation.diagnose.fitting.target_steps import TargetStep, target_steps
+from armd.compensation.diagnose.fitting.target_steps import TargetStep, measure_target_steps
 from armd.compensation.diagnose.problem.amplitudes import is_curve
-from armd.compensation.diagnose.report.advice import next_experiment
+from armd.compensation.diagnose.report.advice import propose_experiment
 from armd.compensation.diagnose.report.sizes import (
-    curve_size,
-    parameters_of,
-    row,
-    size_known,
-    tip_rms_um,
+    compute_tip_rms_um,
+    is_size_known,
+    list_parameters,
+    make_row,
+    measure_curve,
 )
-from armd.compensation.diagnose.report.verdict import touched_in_words, verdict
+from armd.compensation.diagnose.report.verdict import describe_moved, write_verdict
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.location import ROWS
@@ -52,7 +52,9 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "depends_on": list(diagnosis.search.remaining_depends_on)
             if diagnosis.significant_rest
             else [],
-            "by_target": [asdict(step) for step in _few(target_steps(diagnosis.search.last))],
+            "by_target": [
+                asdict(step) for step in _few(measure_target_steps(diagnosis.search.last))
+            ],
         },
         "noise": {
             name: float(getattr(diagnosis.search.last.noise, name))
@@ -60,9 +62,13 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
         },
         "readings": {"told": list(diagnosis.remarks)},
         "skipped": list(diagnosis.skipped),
-        "verdict": verdict(diagnosis),
+        "verdict": write_verdict(diagnosis),
         "cannot_tell": [
-            {"cause": cause, "needs": needs_of(cause), "experiment": CATALOGUE[cause].experiment}
+            {
+                "cause": cause,
+                "needs": describe_needs(cause),
+                "experiment": CATALOGUE[cause].experiment,
+            }
             for cause in diagnosis.search.untold
         ],
         "would_show": [
@@ -70,7 +76,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             for cause, snr in sorted(diagnosis.search.would_show.items())
         ],
         "extended_calibration": extended_path,
-        "next_experiment": next_experiment(diagnosis),
+        "next_experiment": propose_experiment(diagnosis),
     }
 
 
@@ -79,7 +85,7 @@ def _few(target_steps: list[TargetStep]) -> list[TargetStep]:
     return target_steps if len(target_steps) <= MOST_PARTS else []
 
 
-def needs_of(cause: str) -> str:
+def describe_needs(cause: str) -> str:
     """What sessions must hold for a cause to show at all."""
     return (
         CATALOGUE[cause].needs or "poses or conditions that set it apart from placements and seats"
@@ -91,25 +97,25 @@ def _finding(diagnosis: Diagnosis, index: int, finding: Finding, gain: Gain) -> 
     effect = CATALOGUE[candidate.cause]
     return {
         "cause": candidate.cause,
-        "location": place_of(candidate),
-        "parameters": parameters_of(diagnosis, index),
+        "location": describe_place(candidate),
+        "parameters": list_parameters(diagnosis, index),
         "probability": finding.probability,
         "p_value": finding.p_value,
         "alternatives": [
             {
                 "cause": rival.candidate.cause,
-                "location": place_of(rival.candidate),
+                "location": describe_place(rival.candidate),
                 "probability": rival.probability,
                 "angle_deg": rival.angle_deg,
             }
             for rival in finding.rivals
         ],
         "gain": _gain(gain),
-        "size_known": size_known(diagnosis, index),
+        "size_known": is_size_known(diagnosis, index),
         "in_extended_calibration": index in diagnosis.written,
         "depends_on": list(candidate.depends_on),
         "signal_to_noise": float(np.sqrt(finding.statistic)),
-        "tip_rms_um": tip_rms_um(diagnosis, index),
+        "tip_rms_um": compute_tip_rms_um(diagnosis, index),
         "explains": _explains(finding.explained),
         "reading": describe_finding(diagnosis, index),
         "reason": effect.reason,
@@ -139,7 +145,7 @@ def _explains(explained: Explained | None) -> dict[str, Any] | None:
     }
 
 
-def place_of(candidate: Candidate) -> str:
+def describe_place(candidate: Candidate) -> str:
     """The location as the contract has it: nothing is claimed of what is unknown."""
     return "-" if candidate.cause == "unknown" else str(candidate.location)
 
@@ -149,7 +155,7 @@ def describe_finding(diagnosis: Diagnosis, index: int) -> str:
     candidate = diagnosis.search.last.findings[index]
     of_curve = CATALOGUE[candidate.cause].describe_curve
     if of_curve is not None and is_curve(candidate):
-        rms, _, order = curve_size(diagnosis, index)
+        rms, _, order = measure_curve(diagnosis, index)
         return of_curve(candidate, rms, order)
     effect = CATALOGUE[diagnosis.findings[index].candidate.cause]
     text = effect.describe(candidate, diagnosis.search.last.amplitudes[index])
@@ -160,7 +166,7 @@ def describe_finding(diagnosis: Diagnosis, index: int) -> str:
         on = " and ".join(explained.variables) or "the readings"
         share = f"{100 * explained.share:.0f} %"
         text += f"; it explains {share} of what depends on {on}: the name is a guess"
-    if not size_known(diagnosis, index):
+    if not is_size_known(diagnosis, index):
         text += "; this size is within its own uncertainty, and not to be relied on"
     return text
 
@@ -180,7 +186,7 @@ def _touched(diagnosis: Diagnosis, touched: Touched) -> dict[str, Any]:
     effect = CATALOGUE["artefact_moved"]
     assert diagnosis.touched_gain is not None
     rows = [
-        row(column.name, float(value), column.unit, float(sigma))
+        make_row(column.name, float(value), column.unit, float(sigma))
         for column, value, sigma in zip(
             touched.candidate.columns, touched.amplitudes, touched.uncertainties, strict=True
         )
@@ -188,7 +194,7 @@ def _touched(diagnosis: Diagnosis, touched: Touched) -> dict[str, Any]:
     return {
         "cause": "artefact_moved",
         "location": "artefact",
-        "parameters": [*rows, row("instant", touched.instant_unix_s, "s (Unix)", 0.0)],
+        "parameters": [*rows, make_row("instant", touched.instant_unix_s, "s (Unix)", 0.0)],
         "session": touched.session,
         "placement": touched.placement,
         "row": touched.row,
@@ -202,7 +208,7 @@ def _touched(diagnosis: Diagnosis, touched: Touched) -> dict[str, Any]:
         "gain": _gain(diagnosis.touched_gain),
         "in_extended_calibration": False,
         "depends_on": list(touched.candidate.depends_on),
-        "reading": touched_in_words(touched),
+        "reading": describe_moved(touched),
         "reason": effect.reason,
         "confounded_with": effect.confounded_with,
     }  # fmt: skip
@@ -214,7 +220,7 @@ def _outliers(diagnosis: Diagnosis, gain: Gain) -> dict[str, Any]:
     return {
         "cause": "outliers",
         "location": "rows",
-        "parameters": [row("count", float(len(rows)), "1", 0.0)],
+        "parameters": [make_row("count", float(len(rows)), "1", 0.0)],
         "rows": [{"session": o.session, "row": o.row, "error_um": o.error_um} for o in rows],
         "probability": 1.0 - diagnosis.outlier_p,
         "p_value": diagnosis.outlier_p,

@@ -6,12 +6,12 @@ import numpy as np
 
 from armd.compensation.diagnose.constants import LEAST_POSITIVE, SIZE_SIGMAS
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.fitting.curves import orders_of
-from armd.compensation.diagnose.fitting.scanned import scanned_uncertainty
+from armd.compensation.diagnose.fitting.curves import list_orders
+from armd.compensation.diagnose.fitting.scanned import compute_scanned_uncertainty
 from armd.compensation.diagnose.problem.amplitudes import is_curve
 
 
-def size_known(diagnosis: Diagnosis, index: int) -> bool:
+def is_size_known(diagnosis: Diagnosis, index: int) -> bool:
     """Whether a finding's amplitudes are larger than what is uncertain of them.
 
     Something is significant; where several amplitudes do the same, none of them need be known.
@@ -24,28 +24,28 @@ def size_known(diagnosis: Diagnosis, index: int) -> bool:
     return square**2 > SIZE_SIGMAS**2 * float(size @ covariance @ size)
 
 
-def parameters_of(diagnosis: Diagnosis, index: int) -> list[dict[str, str | float]]:
+def list_parameters(diagnosis: Diagnosis, index: int) -> list[dict[str, str | float]]:
     """Amplitudes with standard uncertainties, then what was scanned (order, instant, …)."""
     last = diagnosis.search.last
     candidate = last.findings[index]
     rows: list[dict[str, str | float]] = []
     if is_curve(candidate):
-        rms, sigma, order = curve_size(diagnosis, index)
-        rows += [row("rms", rms, "rad", sigma), row("order", float(order), "1/turn", 0.0)]
+        rms, sigma, order = measure_curve(diagnosis, index)
+        rows += [make_row("rms", rms, "rad", sigma), make_row("order", float(order), "1/turn", 0.0)]
     else:
         spread = np.sqrt(np.maximum(np.diag(last.covariances[index]), 0.0))
         rows += [
-            row(column.name, float(value), column.unit, float(s))
+            make_row(column.name, float(value), column.unit, float(s))
             for column, value, s in zip(
                 candidate.columns, last.amplitudes[index], spread, strict=True
             )
         ]
-    sigma = scanned_uncertainty(last, index, diagnosis.arm)
-    rows += [row(name, value, unit, sigma) for name, value, unit in candidate.setting]
+    sigma = compute_scanned_uncertainty(last, index, diagnosis.arm)
+    rows += [make_row(name, value, unit, sigma) for name, value, unit in candidate.setting]
     return rows
 
 
-def curve_size(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
+def measure_curve(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
     """Root mean square in rad of a curve about its mean, its standard uncertainty, and the
     curve's strongest order.
 
@@ -58,7 +58,7 @@ def curve_size(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
     assert joint is not None  # a curve is over the turn of one
     q = last.linear.rests.observations.states.q[:, joint - 1]
     angles = np.unique(np.round(np.degrees(q))) * np.pi / 180.0
-    orders = orders_of(candidate)
+    orders = list_orders(candidate)
     waves = np.array([wave(order * angles) for order in orders for wave in (np.sin, np.cos)])
     level = waves - waves.mean(axis=1, keepdims=True)
     curve = last.amplitudes[index] @ level
@@ -73,11 +73,11 @@ def curve_size(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
     return rms, sigma, orders[int(np.argmin(squared_errors))]
 
 
-def row(name: str, value: float, unit: str, sigma: float) -> dict[str, str | float]:
+def make_row(name: str, value: float, unit: str, sigma: float) -> dict[str, str | float]:
     return {"name": name, "value": value, "unit": unit, "standard_uncertainty": sigma}
 
 
-def tip_rms_um(diagnosis: Diagnosis, index: int) -> float:
+def compute_tip_rms_um(diagnosis: Diagnosis, index: int) -> float:
     """How far the effect moves the tip in these readings, 3-D RMS in µm: what placements,
     constants and the other findings cannot take up."""
     last = diagnosis.search.last

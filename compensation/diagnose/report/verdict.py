@@ -18,17 +18,20 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis, Touched
 from armd.compensation.diagnose.fitting.growth_open import explain_missing_growth
-from armd.compensation.diagnose.fitting.target_steps import steps, target_steps
+from armd.compensation.diagnose.fitting.target_steps import (
+    measure_target_steps,
+    select_significant_steps,
+)
 from armd.compensation.diagnose.problem.layout import EXPANSIONS
-from armd.compensation.diagnose.problem.rests import spare_rows
-from armd.compensation.diagnose.report.sizes import size_known
+from armd.compensation.diagnose.problem.rests import count_spare_rows
+from armd.compensation.diagnose.report.sizes import is_size_known
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.wording import clock, plain
 from armd.terminal.counted import counted
 
 
-def verdict(diagnosis: Diagnosis) -> str:
+def write_verdict(diagnosis: Diagnosis) -> str:
     """What came of it, in a sentence or two."""
     sentences = []
     refused, moved = _refused(diagnosis), _moved(diagnosis)
@@ -48,13 +51,15 @@ def verdict(diagnosis: Diagnosis) -> str:
             before, after = diagnosis.written_clear_um or diagnosis.written_rms_um
             how = f", {diagnosis.written_by}" if diagnosis.written_by else ""
             if diagnosis.written_clear_um:
-                all_rows = " instead of ".join(um(rms) for rms in diagnosis.written_rms_um[::-1])
+                all_rows = " instead of ".join(
+                    format_um(rms) for rms in diagnosis.written_rms_um[::-1]
+                )
                 how += f", outliers left out of both; {all_rows} µm with them"
             missing = len(diagnosis.written) < len(gains)
             which = f", {numbered(diagnosis.written)} in it," if missing else ""
             sentences.append(
                 f"{count}; with the extended model{which} held-out readings err by "
-                f"{um(after)} µm instead of {um(before)} µm (3-D RMS{how})."
+                f"{format_um(after)} µm instead of {format_um(before)} µm (3-D RMS{how})."
             )
             sentences += _of_growth(diagnosis)
         if doubtful:
@@ -79,14 +84,14 @@ def verdict(diagnosis: Diagnosis) -> str:
                 f"The name of {guesses} is a guess: it explains little of what varies with its "
                 "variables."
             )
-        unsized = numbered(i for i in range(len(gains)) if not size_known(diagnosis, i))
+        unsized = numbered(i for i in range(len(gains)) if not is_size_known(diagnosis, i))
         if unsized:
             sentences.append(f"The size of {unsized} is within its own uncertainty.")
         if not diagnosis.written:
             sentences.append(
                 f"{count}, none of them {'confirmed' if doubtful else 'written'}: the extended "
                 "calibration predicts what the model under test does, "
-                f"{um(diagnosis.heldout_rms_um)} µm held out."
+                f"{format_um(diagnosis.heldout_rms_um)} µm held out."
             )
     if diagnosis.significant_rest:
         on = ", ".join(diagnosis.search.remaining_depends_on) or "nothing that was recorded"
@@ -113,7 +118,7 @@ def verdict(diagnosis: Diagnosis) -> str:
             *sentences,
             *refused,
             *moved,
-            *map(touched_in_words, diagnosis.touched),
+            *map(describe_moved, diagnosis.touched),
             *diagnosis.remarks,
         ]
         if text
@@ -133,7 +138,7 @@ def _of_growth(diagnosis: Diagnosis) -> list[str]:
     which = f"{'finding' if len(grown) == 1 else 'findings'} {_numbers(diagnosis, grown)}"
     return [
         f"{explain_missing_growth(diagnosis.baseline)} With the growth of {which}, "
-        f"held-out readings err by {um(after)} µm instead of {um(before)} µm."
+        f"held-out readings err by {format_um(after)} µm instead of {format_um(before)} µm."
     ]
 
 
@@ -153,8 +158,9 @@ def _what_stays(diagnosis: Diagnosis) -> str:
     if rms <= BEYOND_NOISE * floor:
         return ""
     return (
-        f"Yet {um(rms)} µm remain under the extended calibration; the noise alone would leave "
-        f"{um(floor)} µm."
+        f"Yet {format_um(rms)} µm remain under the extended calibration; "
+        "the noise alone would leave "
+        f"{format_um(floor)} µm."
     )
 
 
@@ -165,15 +171,17 @@ def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
     remain = 1e3 * float(np.sqrt((diagnosis.search.last.points_left_mm**2).sum(axis=1).mean()))
     if absorbing and rms > BEYOND_NOISE * floor >= remain:
         return (
-            f"The residuals, {um(rms)} µm, are more than noise of {um(floor)} µm makes: they are "
-            f"explained by {absorbing}; {um(remain)} µm remain beside that."
+            f"The residuals, {format_um(rms)} µm, are more than noise of {format_um(floor)} µm "
+            "makes: they are "
+            f"explained by {absorbing}; {format_um(remain)} µm remain beside that."
         )
     if rms > BEYOND_NOISE * floor:
         partly = bool(absorbing) and rms > BEYOND_NOISE * remain
         explained = f"a part is explained by {absorbing}; " if partly else ""
-        unexplained = f"the {um(remain)} µm that remain" if partly else "them"
+        unexplained = f"the {format_um(remain)} µm that remain" if partly else "them"
         return (
-            f"Yet the residuals, {um(rms)} µm, are not what noise of {um(floor)} µm makes: "
+            f"Yet the residuals, {format_um(rms)} µm, are not what noise of {format_um(floor)} µm "
+            "makes: "
             f"{explained}nothing in the catalogue, nor any smooth structure, explains "
             f"{unexplained}.{_few(diagnosis)}"
         )
@@ -207,7 +215,8 @@ def _few(diagnosis: Diagnosis) -> str:
         for i in np.argsort(-off_mm)[: min(n_far, MOST_TOLD)]
     )
     return (
-        f" Half of all readings lie within {um(1e3 * usual_mm)} µm, {n_far} more than {FAR_TIMES:g}"
+        f" Half of all readings lie within {format_um(1e3 * usual_mm)} µm, "
+        f"{n_far} more than {FAR_TIMES:g}"
         f" times as far off, most of all {farthest}: look at these first."
     )
 
@@ -215,7 +224,7 @@ def _few(diagnosis: Diagnosis) -> str:
 def _could_show(diagnosis: Diagnosis) -> str:
     """What silence is worth: whether causes of ordinary size would have been found."""
     rests = diagnosis.search.last.linear.rests
-    spare = spare_rows(rests.observations)
+    spare = count_spare_rows(rests.observations)
     if spare < LEAST_SPARE:
         return (
             f"But {counted(rests.points.n, 'reading')} at rest leave only "
@@ -240,9 +249,9 @@ def _refused(diagnosis: Diagnosis) -> list[str]:
 def _moved(diagnosis: Diagnosis) -> list[str]:
     return [
         f"At {step.placement}, {step.target}, the first {step.after} rests stand "
-        f"{um(step.step_um)} µm from the other {step.rests - step.after}: "
+        f"{format_um(step.step_um)} µm from the other {step.rests - step.after}: "
         "seat, artefact or arm moved between."
-        for step in steps(target_steps(diagnosis.search.last))
+        for step in select_significant_steps(measure_target_steps(diagnosis.search.last))
     ]
 
 
@@ -253,12 +262,12 @@ def _named(candidate: Candidate) -> str:
     return f"{candidate.cause} ({candidate.location})"
 
 
-def um(value: float) -> str:
+def format_um(value: float) -> str:
     """Micrometres as a person writes them: three digits, no exponent."""
     return plain(value, UM_DIGITS)
 
 
-def touched_in_words(touched: Touched) -> str:
+def describe_moved(touched: Touched) -> str:
     """What was moved, where and when."""
     move = CATALOGUE["artefact_moved"].describe(touched.candidate, touched.amplitudes)
     instant = "" if np.isnan(touched.instant_unix_s) else f", {clock(touched.instant_unix_s)}"

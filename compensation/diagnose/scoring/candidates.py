@@ -12,12 +12,18 @@ from scipy.special import logsumexp
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.constants import ROWS_A_COLUMN, SHAPE_PRIOR, SLOWER_LAGS
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.rests import folds_of
+from armd.compensation.diagnose.problem.rests import assign_folds
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
-from armd.compensation.diagnose.scoring.evidence import Scores, Sums, estimates, score, total
+from armd.compensation.diagnose.scoring.evidence import (
+    Scores,
+    Sums,
+    add_sums,
+    estimate_amplitudes,
+    score,
+)
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
-from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
-from armd.compensation.diagnose.scoring.unevenness import may_have_begun_anyhow, unsettled
+from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape, make_shape
+from armd.compensation.diagnose.scoring.unevenness import make_unsettled, may_have_begun_anyhow
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
@@ -65,7 +71,7 @@ class ScoredCandidates:
         """The same, what acts through that finding taken out, too: with that in the model, and how
         a lag's sessions began open, little of what it acts through would seem to be there."""
         return self._of_findings.score_without_finding(
-            index, *numbers_acting_through(self.fit.findings, index)
+            index, *find_acting_through(self.fit.findings, index)
         )
 
     def score_without_finding(self, index: int, *acting: int) -> Scores:
@@ -129,7 +135,7 @@ class ScoredCandidates:
         log_weight = float(logsumexp(scores.log_posterior()[of_place]))
         best = float(scores.log_evidence[of_place].max())
         evidence_own = float(self.score_findings(index).log_evidence[index])
-        shape = next((c for c in self.fit.findings if c.location == shape_place(candidate)), None)
+        shape = next((c for c in self.fit.findings if c.location == locate_shape(candidate)), None)
         shape = shape or self.projection.shapes.candidates[index]
         if shape is not None:  # in the model or not, it belongs to it
             with_shape = _with_shape(candidate, shape)
@@ -153,11 +159,11 @@ def with_own_shapes(
 
     The shape of a lag is how its sessions began. With that open, it may be a slower one.
     """
-    slower = [(i, s) for i, c in enumerate(candidates) for s in slower_than(c)]
+    slower = [(i, s) for i, c in enumerate(candidates) for s in make_slower(c)]
     candidate_of = np.array([*range(len(candidates)), *(i for i, _ in slower)])
     every = [*candidates, *(s for _, s in slower)]
     straight = score_candidates(projection, every).sums
-    amplitudes = estimates(straight, without)
+    amplitudes = estimate_amplitudes(straight, without)
     with_shapes = [
         _with_shape(c, _own_shape(c, values, projection))
         for c, values in zip(every, amplitudes, strict=True)
@@ -175,7 +181,7 @@ def with_own_shapes(
     )
 
 
-def slower_than(candidate: Candidate) -> list[Candidate]:
+def make_slower(candidate: Candidate) -> list[Candidate]:
     """The same with longer time constants, of what may have begun anyhow."""
     if not may_have_begun_anyhow(candidate) or candidate.elsewhere is None:
         return []
@@ -184,8 +190,8 @@ def slower_than(candidate: Candidate) -> list[Candidate]:
 
 def _own_shape(candidate: Candidate, amplitudes: F64, projection: Projection) -> Candidate | None:
     if may_have_begun_anyhow(candidate):
-        return unsettled(projection.fit.linear, candidate, amplitudes, projection.arm)
-    return shape_candidate(candidate, amplitudes, projection.arm.n_joints)
+        return make_unsettled(projection.fit.linear, candidate, amplitudes, projection.arm)
+    return make_shape(candidate, amplitudes, projection.arm.n_joints)
 
 
 def _with_shape(candidate: Candidate, shape: Candidate | None) -> Candidate:
@@ -224,7 +230,7 @@ class PartedSurvey:
     @classmethod
     def from_fit(cls, fit: Fit, signatures: Signatures, arm: Arm) -> PartedSurvey:
         """Of a *fit* without findings, by one pass over the rows."""
-        projection = make_projection(fit, arm, folds_of(fit.linear.rests))
+        projection = make_projection(fit, arm, assign_folds(fit.linear.rests))
         return cls(projection, projection.sums_by_part(signatures))
 
     @property
@@ -234,22 +240,22 @@ class PartedSurvey:
 
     def without_findings(self, fit: Fit) -> ScoredCandidates:
         """All parts, under a *fit* without findings about the same point."""
-        return ScoredCandidates(replace(self.projection, fit=fit), total(self.sums))
+        return ScoredCandidates(replace(self.projection, fit=fit), add_sums(self.sums))
 
     def with_findings(self, fit: Fit) -> ScoredCandidates:
         """All parts, with the findings of the *fit*, which is about the same point, in the
         model."""
         projection = self.projection.with_findings_of(fit)
-        return ScoredCandidates(projection, projection.sums_with(total(self.sums)))
+        return ScoredCandidates(projection, projection.sums_with(add_sums(self.sums)))
 
     def without(self, part: int, fit: Fit) -> ScoredCandidates:
         """All parts but one, for a *fit* without findings of what placements share, whose whitener
         is zero there."""
         remaining = [sums for i, sums in enumerate(self.sums) if i != part]
-        return ScoredCandidates(self.projection.without(part, fit), total(remaining))
+        return ScoredCandidates(self.projection.without(part, fit), add_sums(remaining))
 
 
-def weakest(projection: Projection) -> tuple[int, float]:
+def find_weakest(projection: Projection) -> tuple[int, float]:
     """The least significant of the findings, each beside all others but those that act through it:
     its number, and the log of its p value. An exchange is as significant as what goes by the
     exchanged sensors, and would not be there without."""
@@ -257,9 +263,9 @@ def weakest(projection: Projection) -> tuple[int, float]:
     scored = score_candidates(projection, findings)
     log_p = []
     for i in range(len(findings)):
-        acting = numbers_acting_through(findings, i)
+        acting = find_acting_through(findings, i)
         falling = [j for j in acting if CATALOGUE[findings[j].cause].by_temperature]
-        freed = [(i, *acting), *((j, *numbers_acting_through(findings, j)) for j in falling)]
+        freed = [(i, *acting), *((j, *find_acting_through(findings, j)) for j in falling)]
         log_p.append(
             min(
                 float(scored.score_without_finding(*numbers).log_p[numbers[0]]) for numbers in freed
@@ -269,7 +275,7 @@ def weakest(projection: Projection) -> tuple[int, float]:
     return weakest_index, log_p[weakest_index]
 
 
-def numbers_acting_through(findings: Sequence[Candidate], index: int) -> list[int]:
+def find_acting_through(findings: Sequence[Candidate], index: int) -> list[int]:
     """Numbers of the findings that act through another."""
     place = findings[index].place
     return [

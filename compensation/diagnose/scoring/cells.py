@@ -50,18 +50,18 @@ class ArtefactColumns:
     def _indices_in(self, cell: Cell) -> tuple[I64, F64]:
         if len(cell.rests):
             piece = self.white.at(cell.rests)
-            return piece.columns, flat(piece.values)
+            return piece.columns, flatten(piece.values)
         indices = np.flatnonzero(self.white.distances.any(axis=0))
         return indices, self.white.distances[:, indices]
 
 
-def flat(values: F64) -> F64:
+def flatten(values: F64) -> F64:
     """(k, 3, c) as rows (3 k, c)."""
     k, axes, c = values.shape
     return values.reshape(k * axes, c)
 
 
-def by_part(white: Blocks, part_of: I64) -> Iterator[tuple[int, Piece]]:
+def split_by_part(white: Blocks, part_of: I64) -> Iterator[tuple[int, Piece]]:
     """Each placement's rests by the part (n,) of the data that they belong to."""
     for piece in white.pieces:
         for part in np.unique(part_of[piece.rests]):
@@ -71,7 +71,7 @@ def by_part(white: Blocks, part_of: I64) -> Iterator[tuple[int, Piece]]:
             yield int(part), Piece(piece.rests[is_in_part], piece.columns[nonzero], values)
 
 
-def cleared(white: F64, cells: Sequence[Cell]) -> F64:
+def clear_columns(white: F64, cells: Sequence[Cell]) -> F64:
     """Whitened columns (N, m) clear of what the cells' own columns absorb."""
     remaining = white.copy()
     for cell in cells:
@@ -79,7 +79,9 @@ def cleared(white: F64, cells: Sequence[Cell]) -> F64:
     return remaining
 
 
-def products_of_parts(white: F64, clear: F64, cells: Sequence[Cell], parts: int) -> tuple[F64, F64]:
+def compute_products_of_parts(
+    white: F64, clear: F64, cells: Sequence[Cell], parts: int
+) -> tuple[F64, F64]:
     """Products (parts, m, u) of whitened columns (N, m) with *clear* ones (N, u), and the squared
     lengths (parts, m) of the former."""
     products = np.zeros((parts, white.shape[1], clear.shape[1]))
@@ -91,7 +93,7 @@ def products_of_parts(white: F64, clear: F64, cells: Sequence[Cell], parts: int)
     return products, squared_lengths
 
 
-def rows_of(rests: I64) -> I64:
+def list_rows(rests: I64) -> I64:
     """The three rows (3 k,) of each of rests (k,)."""
     return (3 * rests[:, None] + np.arange(3)).ravel()
 

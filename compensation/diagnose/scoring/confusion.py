@@ -12,8 +12,8 @@ from scipy.special import chdtrc
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import ABSORBED, RIGHT_ANGLE_DEG
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.layout import finding
-from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.layout import name_block
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
@@ -30,8 +30,8 @@ def compare(
     candidate: Candidate, rivals: Sequence[Candidate], current: Fit, arm: Arm
 ) -> list[Likeness]:
     """How alike *candidate*, one of the fit's findings, and each of *rivals* are."""
-    block_name = finding(current.findings.index(candidate))
-    blocks = finding_columns(current.linear, [candidate, *rivals], arm)
+    block_name = name_block(current.findings.index(candidate))
+    blocks = make_finding_columns(current.linear, [candidate, *rivals], arm)
     products = _products(np.hstack([current.residual[:, None], *blocks]), current, block_name)
     edges = np.cumsum([1, *(block.shape[1] for block in blocks)])
     mine, *of_rivals = (slice(low, high) for low, high in itertools.pairwise(edges))

@@ -62,7 +62,7 @@ class Sums:
         )
 
 
-def total(parts: Sequence[Sums]) -> Sums:
+def add_sums(parts: Sequence[Sums]) -> Sums:
     """The sums over several parts of the rows: one after another, for they are large."""
     first = parts[0]
     return Sums(
@@ -181,14 +181,14 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
         typical_snr[members] = np.where(
             is_independent.any(axis=1), np.sqrt(np.maximum(mean_squares, 0.0)), 0.0
         )
-        evidence[members] = log_bayes_factors(gram, u[numbers] / size, prior_sd, reach)
-    log_p = np.where(freedom > 0, log_tail(statistic, np.maximum(freedom, 1)), 0.0)
+        evidence[members] = compute_log_bayes_factors(gram, u[numbers] / size, prior_sd, reach)
+    log_p = np.where(freedom > 0, compute_log_tail(statistic, np.maximum(freedom, 1)), 0.0)
     evidence[freedom == 0] = -np.inf
     log_p = np.where(sums.signatures.count > MOST_COUNTED, np.minimum(log_p, -evidence), log_p)
     return Scores(sums.signatures, statistic, freedom, log_p, evidence, typical_snr)
 
 
-def estimates(sums: Sums, without: Iterable[int] = ()) -> list[F64]:
+def estimate_amplitudes(sums: Sums, without: Iterable[int] = ()) -> list[F64]:
     """Amplitudes of each candidate, alone beside what absorbs, the shared columns *without* left
     out of the model."""
     columns = np.setdiff1d(np.arange(sums.shared.layout.n), list(without))
@@ -209,13 +209,13 @@ def _project_out(sums: Sums, model: LinearModel, columns: I64) -> tuple[F64, F64
     return t, sums.xr - t @ model.project(sums.br[columns])
 
 
-def log_tail(statistic: F64, freedom: I64) -> F64:
+def compute_log_tail(statistic: F64, freedom: I64) -> F64:
     """Log of the probability that χ² of so many degrees of freedom is larger."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(chdtrc(freedom, statistic)), dtype=np.float64)
 
 
-def log_bayes_factors(gram: F64, side: F64, prior_sd: F64, reach: F64) -> F64:
+def compute_log_bayes_factors(gram: F64, side: F64, prior_sd: F64, reach: F64) -> F64:
     """(c,) of candidates against nothing, from products (c, m, m) of their columns and (c, m) with
     the residual; amplitudes a priori normal about zero with the catalogue's size."""
     logs = []

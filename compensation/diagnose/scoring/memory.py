@@ -187,7 +187,7 @@ class Lasting:
         return (correlation - product / self._alike) / share, share
 
 
-def variance_of_sums(weights: F64, sources: F64, tau_s: float, sequence: Sequence) -> float:
+def compute_variance_of_sums(weights: F64, sources: F64, tau_s: float, sequence: Sequence) -> float:
     """Σ over the columns of the variance of weighted sums of a noise of unit variance, by *weights*
     (n, 3, m) and its *sources* (n, 3, s), over the same of independent rests."""
     of_sources = np.einsum("nis,nim->nsm", sources, weights)

@@ -23,11 +23,11 @@ from armd.compensation.diagnose.scoring.cells import (
     ArtefactColumns,
     Cell,
     as_slice,
-    by_part,
-    cleared,
-    flat,
-    products_of_parts,
-    rows_of,
+    clear_columns,
+    compute_products_of_parts,
+    flatten,
+    list_rows,
+    split_by_part,
 )
 from armd.compensation.diagnose.scoring.evidence import Sums
 from armd.compensation.diagnose.scoring.memory import Lasting
@@ -73,13 +73,13 @@ class Projection:
     def clear_of_all(self, columns: F64) -> tuple[F64, F64]:
         """Columns (N, m), whitened, and the same clear of all that absorbs, the shapes included."""
         white = self.fit.noise.whiten(columns)
-        clear = cleared(white, self.cells)
+        clear = clear_columns(white, self.cells)
         shared = self.clear[:, :-1]
         return white, clear - shared @ self.shared.explain(shared.T @ white)
 
     def clear_of_cells(self, columns: F64) -> F64:
         """Columns (N, m), whitened and clear of what the cells' own absorb."""
-        return cleared(self.fit.noise.whiten(columns), self.cells)
+        return clear_columns(self.fit.noise.whiten(columns), self.cells)
 
     @property
     def is_eliminated(self) -> Mask:
@@ -113,10 +113,12 @@ class Projection:
         added = np.hstack([fit.nuisance.columns.dense(slice(start, stop)), shapes.matrix])
         variance = np.concatenate([fit.nuisance.variance[start:stop], shapes.variance])
         white = fit.noise.whiten(added)
-        cleared_added = cleared(white, self.cells)
+        cleared_added = clear_columns(white, self.cells)
         b, m = self.shared.layout.n, added.shape[1]
         all_clear = np.hstack([self.clear[:, :-1], cleared_added, self.clear[:, -1:]])
-        products, squared_lengths = products_of_parts(white, all_clear, self.cells, len(self.parts))
+        products, squared_lengths = compute_products_of_parts(
+            white, all_clear, self.cells, len(self.parts)
+        )
         numbers = b + np.arange(m)
         findings, of_shapes = numbers[: stop - start], numbers[stop - start :]
         return replace(
@@ -270,7 +272,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     none = np.empty(0, dtype=np.int64)
     at_lengths = np.flatnonzero(white.distances.any(axis=0))
     of_lengths = Piece(none, at_lengths, white.distances[:, None, at_lengths])
-    places = [*by_part(white, part_of), (parts, of_lengths)]
+    places = [*split_by_part(white, part_of), (parts, of_lengths)]
     touched = np.zeros(len(variance), dtype=np.int64)
     for _, piece in places:
         touched[piece.columns] += 1
@@ -281,17 +283,19 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     cells = []
     for part, piece in places:
         is_local = local[piece.columns]
-        rows_of_cell = flat(piece.values[:, :, is_local])
+        rows_of_cell = flatten(piece.values[:, :, is_local])
         local_model = LinearModel.of_rows(
             [("own", rows_of_cell, variance[piece.columns[is_local]])]
         )
-        rows = slice(3 * n, size) if piece is of_lengths else as_slice(rows_of(piece.rests))
+        rows = slice(3 * n, size) if piece is of_lengths else as_slice(list_rows(piece.rests))
         cells.append(Cell(part, piece.rests, rows, rows_of_cell @ local_model.factor))
     common = white.dense(np.flatnonzero(~local[: white.size]))
     always_shared = fit.noise.whiten(np.hstack([shapes.matrix, fit.residual[:, None]]))
     shared = np.hstack([common, always_shared])
-    cleared_shared = cleared(shared, cells)
-    products, squared_lengths = products_of_parts(shared[:, :-1], cleared_shared, cells, parts + 1)
+    cleared_shared = clear_columns(shared, cells)
+    products, squared_lengths = compute_products_of_parts(
+        shared[:, :-1], cleared_shared, cells, parts + 1
+    )
     layout = Layout((*fit.layout.blocks.sizes, ("shapes", shapes.matrix.shape[1])))
     layout = layout.only(np.flatnonzero(~local))
     return Projection(

@@ -15,15 +15,17 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import LEAST_GAINED, MOST_GAINED, REWEIGHTINGS
-from armd.compensation.diagnose.problem.amplitudes import most_plausible
-from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.amplitudes import compute_broadest_sd
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.estimate.robust import WINSOR_AT, huber_loss, huber_weights
 
 
-def unclipped(candidates: Sequence[Candidate], weight: F64, projection: Projection) -> F64:
+def compute_unclipped_gain(
+    candidates: Sequence[Candidate], weight: F64, projection: Projection
+) -> F64:
     """(C,) by how much each one's gain in log likelihood is larger than on the clipped residual.
 
     Zero where it could not matter: for those of a log *weight* (C,) too far below the best.
@@ -45,7 +47,7 @@ def unclipped(candidates: Sequence[Candidate], weight: F64, projection: Projecti
     return gains
 
 
-def clipped_about(candidate: Candidate, projection: Projection) -> Projection:
+def clip_about(candidate: Candidate, projection: Projection) -> Projection:
     """The projection, its residual clipped about the fit with a candidate in the model."""
     fit = projection.fit
     whitened_residual = _absorbing(projection).joined(candidate).robust().residual
@@ -97,9 +99,9 @@ class _Problem:
     def joined(self, candidate: Candidate) -> _Problem:
         """With a candidate's columns, amplitudes of up to the largest plausible size."""
         projection = self.projection
-        columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
+        columns = make_finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
         candidate_columns = projection.clear_of_cells(columns)
-        largest_amplitudes = np.array([most_plausible(column) for column in candidate.columns])
+        largest_amplitudes = np.array([compute_broadest_sd(column) for column in candidate.columns])
         return replace(
             self,
             candidate_columns=candidate_columns,

@@ -21,15 +21,15 @@ from armd.compensation.diagnose.constants import (
     MOST_COUNTED,
     MOST_LEVERAGE,
 )
-from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.scoring.evidence import log_bayes_factors
-from armd.compensation.diagnose.scoring.memory import variance_of_sums
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
+from armd.compensation.diagnose.scoring.evidence import compute_log_bayes_factors
+from armd.compensation.diagnose.scoring.memory import compute_variance_of_sums
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.bordered import root_along_known
 
 
-def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
+def compute_log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     """Log of the p value of a candidate's score, its variance from the rests' own residuals."""
     white, cleared, residual, size = _cleared(candidate, projection)
     gram = white.T @ cleared
@@ -43,13 +43,13 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     residual_rests = (residual - weights @ score)[:n].reshape(-1, 3)
     posture = projection.fit.linear.rests.posture  # copies of one speak with one voice
     leverage = np.bincount(posture, (rests**2).sum(axis=(1, 2)))
-    pulls = by_posture(np.einsum("nia,ni->na", rests, residual_rests), posture)
+    pulls = sum_by_posture(np.einsum("nia,ni->na", rests, residual_rests), posture)
     pulls /= 1.0 - np.minimum(leverage, MOST_LEVERAGE)[:, None]
     # What rests share (a certified target, drift) has the variance that is stated.
     scatter = float((pulls**2).sum() + m - leverage.sum()) / m  # 1: as the noise says
     lasting = projection.lasting
     if memory := lasting.memory(residual_rests):
-        larger = variance_of_sums(rests, lasting.sources, memory.tau_s, lasting.sequence)
+        larger = compute_variance_of_sums(rests, lasting.sources, memory.tau_s, lasting.sequence)
         scatter *= max(memory.variance * larger, 1.0)
     # How many rests speak, effectively
     speaking = leverage.sum() ** 2 / max(float((leverage**2).sum()), LEAST_POSITIVE)
@@ -60,7 +60,9 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     if m > MOST_COUNTED:  # with noise as large as these rests scatter
         side = white.T @ residual / np.sqrt(max(scatter, 1.0))
         prior_sd, reach = np.array([(c.prior_sd, c.reach) for c in candidate.columns]).T
-        evidence = log_bayes_factors(gram[None], side[None], (prior_sd * size)[None], reach[None])
+        evidence = compute_log_bayes_factors(
+            gram[None], side[None], (prior_sd * size)[None], reach[None]
+        )
         log_p = min(log_p, -float(evidence[0]))
     return log_p
 
@@ -74,7 +76,7 @@ def _axes(rests: F64, projection: Projection) -> float:
     return float(decides @ noise.freedom) / max(float(decides.sum()), LEAST_POSITIVE)
 
 
-def by_posture(values: F64, posture: I64) -> F64:
+def sum_by_posture(values: F64, posture: I64) -> F64:
     """(p, m) sums of values (n, m) over the copies of each posture."""
     sums: F64 = np.stack([np.bincount(posture, column) for column in values.T], axis=1)
     return sums
@@ -83,7 +85,7 @@ def by_posture(values: F64, posture: I64) -> F64:
 def _cleared(candidate: Candidate, projection: Projection) -> tuple[F64, F64, F64, F64]:
     """A candidate's whitened columns (N, m) of unit length, the same clear of what absorbs (the
     findings' shapes included), the residual (N,) clear, and the lengths (m,) that they had."""
-    columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
+    columns = make_finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
     white, cleared = projection.clear_of_all(np.hstack([columns, projection.fit.residual[:, None]]))
     size = np.sqrt((white[:, :-1] ** 2).sum(axis=0))
     size = np.where(size > 0.0, size, 1.0)

@@ -18,8 +18,8 @@ from armd.arrays import F64
 from armd.compensation.diagnose.constants import SHAPE_OFF, SHAPE_ORDERS
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.scoring.unevenness import may_be_uneven, uneven
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
+from armd.compensation.diagnose.scoring.unevenness import make_uneven_columns, may_be_uneven
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import TIP, Location, shape_of
 from armd.compensation.model.arm import Arm
@@ -34,7 +34,7 @@ def is_shape(candidate: Candidate) -> bool:
     return candidate.location.kind == "shape"
 
 
-def shape_place(candidate: Candidate) -> Location:
+def locate_shape(candidate: Candidate) -> Location:
     """The location of a candidate's shape."""
     return shape_of(candidate.cause, candidate.location)
 
@@ -56,7 +56,7 @@ class Shapes:
             *(
                 column
                 for finding, span in zip(current.findings, current.layout.findings, strict=True)
-                if finding is shaped or finding.location == shape_place(shaped)
+                if finding is shaped or finding.location == locate_shape(shaped)
                 for column in range(span.start, span.stop)
             ),
         ]
@@ -66,14 +66,14 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
     """The shapes of all findings that have none in the model yet."""
     locations = {c.location for c in current.findings}
     candidates = tuple(
-        None if shape_place(c) in locations else shape_candidate(c, values, arm.n_joints)
+        None if locate_shape(c) in locations else make_shape(c, values, arm.n_joints)
         for c, values in zip(current.findings, current.amplitudes, strict=True)
     )
     shape_columns = iter(
-        finding_columns(current.linear, [c for c in candidates if c is not None], arm)
+        make_finding_columns(current.linear, [c for c in candidates if c is not None], arm)
     )
     blocks = [
-        uneven(current.linear, current.noise, c, values, arm) / SHAPE_OFF
+        make_uneven_columns(current.linear, current.noise, c, values, arm) / SHAPE_OFF
         if shape is None
         else next(shape_columns)
         for shape, c, values in zip(candidates, current.findings, current.amplitudes, strict=True)
@@ -87,7 +87,7 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
     return Shapes(joined, np.full(joined.shape[1], SHAPE_OFF**2), candidates, tuple(columns))
 
 
-def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:
+def make_shape(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:
     """A finding's own signature times harmonics of the joints at its place."""
     joints = _joints(candidate, n_joints)
     if not joints or is_sized(candidate) or may_be_uneven(candidate):  # has any shape
@@ -113,7 +113,7 @@ def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Can
         for wave in waves
     )
     return Candidate(
-        "unknown", shape_place(candidate), columns, tuple(f"q{joint}" for joint in joints)
+        "unknown", locate_shape(candidate), columns, tuple(f"q{joint}" for joint in joints)
     )
 
 

@@ -9,7 +9,7 @@ from armd.arrays import F64, Mask
 from armd.compensation.diagnose.constants import ALPHA, BELOW_ONE
 
 
-def family_wise(log_p: F64 | float, tests: int) -> F64:
+def compute_family_wise_p(log_p: F64 | float, tests: int) -> F64:
     """Probability that the smallest of *tests* p values falls below exp(log_p) by chance.
 
     Bonferroni's count (in Šidák's form), although signatures are alike. Simulated with 3000 data
@@ -20,6 +20,6 @@ def family_wise(log_p: F64 | float, tests: int) -> F64:
     return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(np.exp(log_p), 1.0 - BELOW_ONE))))
 
 
-def significant(log_p: F64 | float, tests: int) -> Mask:
+def is_significant(log_p: F64 | float, tests: int) -> Mask:
     """Whether noise reaches a p value only once in a hundred data sets."""
-    return family_wise(log_p, tests) < ALPHA
+    return compute_family_wise_p(log_p, tests) < ALPHA

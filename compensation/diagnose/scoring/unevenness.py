@@ -40,7 +40,9 @@ from armd.compensation.model.slow_factors import After, Period, Relaxation, Temp
 from armd.compensation.model.terms import Factor, Term
 
 
-def uneven(linear: Linear, noise: RestNoise, finding: Candidate, amplitudes: F64, arm: Arm) -> F64:
+def make_uneven_columns(
+    linear: Linear, noise: RestNoise, finding: Candidate, amplitudes: F64, arm: Arm
+) -> F64:
     """Columns (N, m) in mm, for amplitudes of unit variance; none for what is neither."""
     if not may_be_uneven(finding):
         return np.zeros((len(linear.residual), 0))
@@ -84,7 +86,7 @@ def may_have_begun_anyhow(finding: Candidate) -> bool:
     return begins_unsettled(finding) and not any(_turns(term.parameter) for term in terms)
 
 
-def unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> Candidate:
+def make_unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> Candidate:
     """What fades in each session, as a candidate of its own: amplitudes of unit variance."""
     observations = linear.rests.observations
     largest_mm = [(name, mm) for name, (_, mm) in _behind(linear, lag, amplitudes, arm).items()]

@@ -11,12 +11,12 @@ import numpy as np
 from armd.compensation.diagnose.constants import AS_QUIET_AGAIN, AS_WELL
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.taken_up import wrong_only_by
+from armd.compensation.diagnose.fitting.taken_up import allow_only_absorbed_error
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.scoring.threshold import significant
-from armd.compensation.diagnose.search.revisit import log_weight
+from armd.compensation.diagnose.scoring.threshold import is_significant
+from armd.compensation.diagnose.search.revisit import compute_log_weight
 from armd.compensation.model.arm import Arm
 
 
@@ -48,13 +48,13 @@ def loses_a_cause(repeated: SearchResult, before: SearchResult, arm: Arm) -> boo
     gone = [candidate for candidate in named if candidate.place not in places]
     if not gone:
         return False
-    baseline = wrong_only_by(before.searched.baseline, last, arm)
+    baseline = allow_only_absorbed_error(before.searched.baseline, last, arm)
     refitted = fit(
         last.linear.rests, arm, baseline, last.model, last.findings, last.amplitudes,
         noise=last.noise,
     )  # fmt: skip
     log_p = score_candidates(make_projection(refitted, arm), gone).scores.log_p
-    return bool(significant(log_p, before.tests).any())
+    return bool(is_significant(log_p, before.tests).any())
 
 
 def is_likely_beside(repeated: SearchResult, before: SearchResult, arm: Arm) -> bool:
@@ -71,7 +71,7 @@ def is_likely_beside(repeated: SearchResult, before: SearchResult, arm: Arm) -> 
     if not np.array_equal(placements[0], placements[1]):
         return True
     weights = [
-        log_weight(about, findings, arm, before.scores)
+        compute_log_weight(about, findings, arm, before.scores)
         for findings in (repeated_fit.findings, about.findings)
     ]
     return weights[0] >= weights[1] - AS_WELL

@@ -16,9 +16,9 @@ from armd.compensation.diagnose.diagnosis import Finding
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
-from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
-from armd.compensation.diagnose.scoring.shape import shape_place
-from armd.compensation.diagnose.scoring.threshold import family_wise
+from armd.compensation.diagnose.scoring.scatter import compute_log_p_by_scatter
+from armd.compensation.diagnose.scoring.shape import locate_shape
+from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
 
 
 def limit_by_lasting_noise(
@@ -33,15 +33,15 @@ def limit_by_lasting_noise(
     for finding, candidate in zip(findings, scored.fit.findings, strict=True):
         fit = scored.fit
         remaining = [
-            c for c in fit.findings if c is not candidate and c.location != shape_place(candidate)
+            c for c in fit.findings if c is not candidate and c.location != locate_shape(candidate)
         ]
         without = make_projection(solve_again(fit, remaining, projection.arm), projection.arm)
-        p = float(family_wise(log_p_by_scatter(candidate, without), tests))
-        limited.append(replace(finding, probability=finding.probability * highest_probability(p)))
+        p = float(compute_family_wise_p(compute_log_p_by_scatter(candidate, without), tests))
+        limited.append(replace(finding, probability=finding.probability * bound_probability(p)))
     return tuple(limited)
 
 
-def highest_probability(p_value: float) -> float:
+def bound_probability(p_value: float) -> float:
     """The highest probability that something is there which a p value allows, as likely as not
     before: the Bayes factor of nothing is at least −e p ln p (Sellke, Bayarri and Berger, American
     Statistician 55, 2001)."""

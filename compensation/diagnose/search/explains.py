@@ -20,8 +20,8 @@ from armd.compensation.diagnose.constants import ALPHA, LEAST_PART_SHOWN, MOST_P
 from armd.compensation.diagnose.diagnosis import Explained, PartCheck
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.evidence import Scores
-from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
-from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
+from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.effects.effect import Candidate
 
 
@@ -67,7 +67,7 @@ def _explained_beside(
         if rival.cause == "unknown"
         and variables & set(rival.depends_on)
         and _moves_the_same(candidate, rival)
-        and significant(scores.log_p[i], tests)
+        and is_significant(scores.log_p[i], tests)
     ]
     if unnamed:
         excess, rival = max(unnamed, key=lambda pair: pair[0])
@@ -84,9 +84,9 @@ def _is_of_the_rest(candidate: Candidate, finding: Candidate) -> bool:
     """
     variables, finding_variables = set(candidate.depends_on), set(finding.depends_on)
     if is_shape(finding):
-        return finding.location == shape_place(candidate)
+        return finding.location == locate_shape(candidate)
     if finding.cause == "unknown":
-        return bool(variables_of(finding) & variables) and _moves_the_same(candidate, finding)
+        return bool(list_variables(finding) & variables) and _moves_the_same(candidate, finding)
     return (
         finding.place == candidate.place
         and bool(finding_variables & variables)
@@ -101,7 +101,7 @@ def _moves_the_same(candidate: Candidate, unknown: Candidate) -> bool:
     return not unknown.looks_back or unknown.location.joint == candidate.location.joint
 
 
-def variables_of(unknown: Candidate) -> set[str]:
+def list_variables(unknown: Candidate) -> set[str]:
     """What an unknown structure depends on, the angle of the joint that it moves included."""
     location = unknown.location
     return {*unknown.depends_on, *([f"q{location.joint}"] if location.kind == "parameter" else [])}

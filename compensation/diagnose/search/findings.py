@@ -20,13 +20,13 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.diagnosis import Explained, Finding, Rival
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.signatures import kind
+from armd.compensation.diagnose.problem.signatures import identify_kind
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
 from armd.compensation.diagnose.scoring.confusion import compare
 from armd.compensation.diagnose.scoring.evidence import Scores
-from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
-from armd.compensation.diagnose.scoring.threshold import family_wise
-from armd.compensation.diagnose.search.explains import explain, variables_of
+from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
+from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
+from armd.compensation.diagnose.search.explains import explain, list_variables
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.unknown import remove_name
 
@@ -63,7 +63,7 @@ def _weigh_finding(scored: ScoredCandidates, index: int, tests: int) -> Finding:
     probability = {place: math.exp(weight - total) for place, weight in logs.items()}
     return Finding(
         candidate,
-        max(float(family_wise(of_findings.log_p[index], tests)), LEAST_P),
+        max(float(compute_family_wise_p(of_findings.log_p[index], tests)), LEAST_P),
         float(of_findings.statistic[index]),
         probability[candidate.place],
         _rivals(candidate, probability, scores, scored),
@@ -107,8 +107,8 @@ def _steps_at_its_instant(
     grid: dict[tuple[str, ...], list[Candidate]] = {}
     for step in scores.signatures.candidates:
         if _is_grid_step(step) and step.place != candidate.place:
-            grid.setdefault(kind(step), []).append(step)
-    steps = [nearest_step(instant_unix_s, of_kind) for of_kind in grid.values()]
+            grid.setdefault(identify_kind(step), []).append(step)
+    steps = [find_nearest_step(instant_unix_s, of_kind) for of_kind in grid.values()]
     if not steps:
         return {}
     evidence = score_candidates(scored.projection, steps).score_without_finding(index).log_evidence
@@ -130,7 +130,7 @@ def _is_grid_step(candidate: Candidate) -> bool:
     return candidate.refine is not None and candidate.instant_unix_s is not None
 
 
-def nearest_step(instant_unix_s: float, steps: Sequence[Candidate]) -> Candidate:
+def find_nearest_step(instant_unix_s: float, steps: Sequence[Candidate]) -> Candidate:
     """Of steps on the grid, the one nearest to an instant, refined to be nearer."""
 
     def distance_s(step: Candidate) -> float:
@@ -175,8 +175,11 @@ def _variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidate, fl
         variant, share = scores.signatures.candidates[i], float(np.exp(posterior[i]))
         if share < LEAST_WORTH_EXCLUDING or len(variants) == MOST_COMPARED:
             break
-        variant_key = (*kind(variant), *(() if variant.refine else variant.setting))
-        if variant_key != (*kind(candidate), *(() if candidate.refine else candidate.setting)):
+        variant_key = (*identify_kind(variant), *(() if variant.refine else variant.setting))
+        if variant_key != (
+            *identify_kind(candidate),
+            *(() if candidate.refine else candidate.setting),
+        ):
             variants.setdefault(variant_key, (variant, share))
     return tuple(variants.values())
 
@@ -193,10 +196,12 @@ def _at_the_instant_of(
         for c, is_of_place in zip(scores.signatures.candidates, of_place, strict=True)
         if is_of_place
     ]
-    return nearest_step(instant_unix_s, [c for c in steps if kind(c) == kind(best)])
+    return find_nearest_step(
+        instant_unix_s, [c for c in steps if identify_kind(c) == identify_kind(best)]
+    )
 
 
-def likelier_rival(finding: Finding) -> Candidate | None:
+def find_likelier_rival(finding: Finding) -> Candidate | None:
     """The most probable alternative, where it is likelier than what is told."""
     best = max(finding.rivals, key=lambda rival: rival.probability, default=None)
     if best is None or is_shape(finding.candidate):
@@ -219,7 +224,7 @@ def _honest(findings: Sequence[Finding]) -> tuple[Finding, ...]:
         candidate = finding.candidate
         likelier_rivals = [r for r in finding.rivals if r.probability > finding.probability]
         if candidate.cause == "unknown":
-            replaceable = likelier_rival(finding) is not None
+            replaceable = find_likelier_rival(finding) is not None
             return (
                 _without_a_name(finding, likelier_rivals, candidate.depends_on)
                 if replaceable
@@ -228,11 +233,11 @@ def _honest(findings: Sequence[Finding]) -> tuple[Finding, ...]:
         likelier = [r for r in finding.rivals if r.candidate.cause == "unknown"]
         if sum(r.probability for r in likelier) > CLEARLY * finding.probability:
             return _without_a_name(finding, likelier[:1], likelier[0].candidate.depends_on)
-        if likelier_rival(finding) is not None:
+        if find_likelier_rival(finding) is not None:
             return _without_a_name(finding, likelier_rivals, candidate.depends_on)
         part = any(
             u.statistic > finding.statistic
-            and variables_of(u.candidate) & set(candidate.depends_on)
+            and list_variables(u.candidate) & set(candidate.depends_on)
             for u in unknown
         )
         return _without_a_name(finding, (), candidate.depends_on) if part else finding
@@ -251,7 +256,7 @@ def _without_a_name(
     return replace(finding, candidate=candidate, probability=min(together, 1.0))
 
 
-def as_told(fit: Fit, reported: Sequence[Finding]) -> Fit:
+def as_reported(fit: Fit, reported: Sequence[Finding]) -> Fit:
     """The fit with what is told without a name nameless: no parameter of it, and no term of an
     extended calibration, is called by a cause's name."""
     named = tuple(
@@ -260,6 +265,6 @@ def as_told(fit: Fit, reported: Sequence[Finding]) -> Fit:
         else candidate
         for candidate, finding in zip(fit.findings, reported, strict=True)
     )
-    shapes = {shape_place(a): shape_place(b) for a, b in zip(fit.findings, named, strict=True)}
+    shapes = {locate_shape(a): locate_shape(b) for a, b in zip(fit.findings, named, strict=True)}
     findings = tuple(replace(c, location=shapes.get(c.location, c.location)) for c in named)
     return replace(fit, findings=findings)

@@ -17,14 +17,14 @@ from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import AS_QUIET_GROWN, EXPECTED_PRIOR, MOST_GROWTH_ROUNDS
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.growth_open import without_growth
-from armd.compensation.diagnose.fitting.neighbourhood import refused
+from armd.compensation.diagnose.fitting.neighbourhood import find_refusal
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
-from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.scoring.candidates import weakest
-from armd.compensation.diagnose.scoring.evidence import log_bayes_factors, log_tail
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
+from armd.compensation.diagnose.scoring.candidates import find_weakest
+from armd.compensation.diagnose.scoring.evidence import compute_log_bayes_factors, compute_log_tail
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.older import OLDER, since_the_calibration
 from armd.compensation.model.arm import Arm
@@ -51,7 +51,7 @@ def with_growth(
     named = {t.parameter for c in grown for column in c.columns for t in column.terms}
     remaining_baseline = without_growth(current.baseline, named)
     last = _fitted(current, remaining_baseline, findings, weighed.amplitudes, arm)
-    return None if refused(last, about, arm) else (weighed, last)
+    return None if find_refusal(last, about, arm) else (weighed, last)
 
 
 def _or_newer(weighed: Fit, grown: int, arm: Arm, tests: int) -> Fit:
@@ -64,8 +64,8 @@ def _or_newer(weighed: Fit, grown: int, arm: Arm, tests: int) -> Fit:
     findings, start = [*newer, *weighed.findings[grown:]], list(weighed.amplitudes)
     fitted = _fitted(weighed, weighed.baseline, findings, start, arm)
     while len(fitted.findings) > grown:
-        weakest_index, log_p = weakest(make_projection(fitted, arm))
-        if weakest_index < grown or significant(log_p, tests):
+        weakest_index, log_p = find_weakest(make_projection(fitted, arm))
+        if weakest_index < grown or is_significant(log_p, tests):
             break
         remaining = [i for i in range(len(fitted.findings)) if i != weakest_index]
         findings, start = (
@@ -100,7 +100,7 @@ class _Growth:
     def __init__(self, about: Fit, links: Sequence[Sequence[Candidate]], arm: Arm) -> None:
         self.links = [list(options) for options in links]
         every = [candidate for options in self.links for candidate in options]
-        blocks = finding_columns(about.linear, every, arm)
+        blocks = make_finding_columns(about.linear, every, arm)
         projection = make_projection(about, arm)
         white, cleared = projection.clear_of_all(np.hstack(blocks))
         residual = about.noise.whiten(about.residual[:, None])
@@ -122,7 +122,7 @@ class _Growth:
         columns = self._columns_of(chosen)
         if not columns.size:
             return float(prior)
-        evidence = log_bayes_factors(
+        evidence = compute_log_bayes_factors(
             self._gram[np.ix_(columns, columns)][None],
             self._side[columns][None],
             self._prior_sd[columns][None],
@@ -158,7 +158,7 @@ class _Growth:
         )
         side = self._side[columns] - across @ self._side[other_columns]
         statistic = float(side @ np.linalg.pinv(gram, hermitian=True) @ side)
-        return float(log_tail(np.array([statistic]), np.array([len(columns)]))[0])
+        return float(compute_log_tail(np.array([statistic]), np.array([len(columns)]))[0])
 
     def _columns_of(self, chosen: Sequence[int | None]) -> I64:
         blocks = [
@@ -179,7 +179,7 @@ def _grown(about: Fit, links: Sequence[Sequence[Candidate]], arm: Arm) -> list[C
             if option is not None
         }
         weakest = max(log_p, key=lambda link: log_p[link], default=None)
-        if weakest is None or significant(log_p[weakest], len(links)):
+        if weakest is None or is_significant(log_p[weakest], len(links)):
             break
         chosen[weakest] = None
     return [links[link][option] for link, option in enumerate(chosen) if option is not None]

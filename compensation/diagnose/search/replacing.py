@@ -35,7 +35,7 @@ class Required:
         return self.as_likely if likelier >= -AS_WELL else None
 
 
-def required_of(findings: Sequence[Candidate], instead_of: Sequence[Candidate]) -> Required:
+def make_required(findings: Sequence[Candidate], instead_of: Sequence[Candidate]) -> Required:
     """What *findings* must show to be told *instead_of* others."""
     tells_why = _count(follows_anything, findings) < _count(follows_anything, instead_of)
     names = _count(_is_nameless, findings) < _count(_is_nameless, instead_of)

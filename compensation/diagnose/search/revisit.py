@@ -29,18 +29,18 @@ from armd.compensation.diagnose.constants import (
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.signatures import compile_candidates, kind
+from armd.compensation.diagnose.problem.signatures import compile_candidates, identify_kind
 from armd.compensation.diagnose.scoring.candidates import (
     PartedSurvey,
     ScoredCandidates,
-    numbers_acting_through,
-    slower_than,
-    weakest,
+    find_acting_through,
+    find_weakest,
+    make_slower,
 )
 from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
-from armd.compensation.diagnose.scoring.shape import is_shape, shape_place, with_shapes
-from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape, with_shapes
+from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects.by_session import follows_anything, is_by_session
 from armd.compensation.effects.effect import SCALES, Candidate, join_finding
@@ -101,8 +101,8 @@ class Revisit:
             if is_shape(finding):
                 continue
             for out, barred in self._taken_out(i):
-                away = {j for k in out for j in (k, *numbers_acting_through(findings, k))}
-                shapes = {shape_place(findings[k]) for k in out}
+                away = {j for k in out for j in (k, *find_acting_through(findings, k))}
+                shapes = {locate_shape(findings[k]) for k in out}
                 remaining = [
                     c for j, c in enumerate(findings) if j not in away and c.location not in shapes
                 ]
@@ -147,7 +147,7 @@ class Revisit:
         posterior = scores.log_posterior()
         kinds: dict[tuple[str, ...], list[Candidate]] = {}
         for i in sorted(np.flatnonzero(is_able), key=lambda i: -posterior[i]):
-            kinds.setdefault(kind(candidates[i]), [candidates[i]])
+            kinds.setdefault(identify_kind(candidates[i]), [candidates[i]])
         return [[], *list(kinds.values())[:MOST_FIRST]]
 
     def _filled(self, findings: list[Candidate], barred: Which) -> list[Candidate]:
@@ -166,8 +166,8 @@ class Revisit:
                 break
             findings = join_finding(findings, candidate)
         while findings:
-            weakest_index, log_p = weakest(self._projection(findings))
-            if significant(log_p, self._tests):
+            weakest_index, log_p = find_weakest(self._projection(findings))
+            if is_significant(log_p, self._tests):
                 break
             findings = findings[:weakest_index] + findings[weakest_index + 1 :]
         return findings
@@ -226,7 +226,9 @@ def _amplitudes(findings: Sequence[Candidate]) -> int:
     return sum(len(c.columns) for c in findings)
 
 
-def log_weight(about: Fit, findings: Sequence[Candidate], arm: Arm, scores: Scores) -> float:
+def compute_log_weight(
+    about: Fit, findings: Sequence[Candidate], arm: Arm, scores: Scores
+) -> float:
     """Log of evidence × prior of all findings together, about a fit's point, in its noise; *scores*
     of the catalogue have the priors.
 
@@ -243,7 +245,7 @@ def _log_weight(
     """The same about a fit of no findings, by its projection."""
     straight, shaped = _with_shapes(nothing, findings, projection)
     for i, finding in enumerate(findings):
-        for slower in slower_than(finding):
+        for slower in make_slower(finding):
             slower_set = [*findings[:i], slower, *findings[i + 1 :]]
             shaped = max(shaped, _with_shapes(nothing, slower_set, projection)[1])
     prior = sum(_log_prior(c, scores) for c in findings)
@@ -310,5 +312,7 @@ def _log_prior(candidate: Candidate, scores: Scores) -> float:
     for i in np.flatnonzero(scores.freedom > 0):
         rival = scores.signatures.candidates[i]
         if rival.cause == candidate.cause:
-            alike[kind(rival) == kind(candidate)].append(float(scores.log_prior[i]))
+            alike[identify_kind(rival) == identify_kind(candidate)].append(
+                float(scores.log_prior[i])
+            )
     return max(alike[True]) if alike[True] else min(alike[False], default=math.log(UNKNOWN_PRIOR))

@@ -22,45 +22,45 @@ from armd.compensation.diagnose.constants import (
     STEP_WORK,
 )
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
-from armd.compensation.diagnose.fitting.neighbourhood import refused
+from armd.compensation.diagnose.fitting.neighbourhood import find_refusal
 from armd.compensation.diagnose.fitting.refit import solve_again, with_findings_unsolved
 from armd.compensation.diagnose.fitting.through import fit_by_turns
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
-from armd.compensation.diagnose.problem.through import acting_through, with_acting
+from armd.compensation.diagnose.problem.through import list_acting_through, with_acting
 from armd.compensation.diagnose.scoring.candidates import (
     PartedSurvey,
     ScoredCandidates,
+    find_weakest,
     score_candidates,
-    weakest,
 )
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.scoring.threshold import family_wise, significant
+from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p, is_significant
 from armd.compensation.diagnose.search.chance import limit_by_lasting_noise
 from armd.compensation.diagnose.search.findings import (
-    as_told,
+    as_reported,
+    find_likelier_rival,
     judge,
-    likelier_rival,
     weigh_findings,
 )
 from armd.compensation.diagnose.search.growth import with_growth
 from armd.compensation.diagnose.search.refusals import Refusals
-from armd.compensation.diagnose.search.replacing import required_of
+from armd.compensation.diagnose.search.replacing import make_required
 from armd.compensation.diagnose.search.revisit import (
     Revisit,
     RivalSet,
-    log_weight,
+    compute_log_weight,
     may_be_others,
 )
 from armd.compensation.diagnose.search.rival_sets import limit_by_rival_sets
 from armd.compensation.diagnose.search.selection import (
     choose,
-    key_of,
-    next_finding,
-    next_set,
-    strongest_left,
+    choose_finding,
+    choose_next_set,
+    find_strongest_left,
+    make_key,
     with_their_causes,
 )
 from armd.compensation.diagnose.search.work import WorkBudget
@@ -131,10 +131,12 @@ class Search:
             if not self._work.may_go_on:
                 self._work.skip(f"more than {counted(len(current.findings), 'cause')}")
                 break
-            best = next_finding(scored, self._tests)
-            findings = None if best is None else next_set(best, scored, tried_keys, self._tests)
+            best = choose_finding(scored, self._tests)
+            findings = (
+                None if best is None else choose_next_set(best, scored, tried_keys, self._tests)
+            )
             if best is None or findings is None:  # nothing is wanted, or a circle
-                if self._refusals.ask_again(key_of(current.findings)):
+                if self._refusals.ask_again(make_key(current.findings)):
                     scored = self._survey(current)
                     continue
                 another = self._revisited(current, scored, tried_keys)
@@ -142,10 +144,10 @@ class Search:
                     break
                 current, scored = another, self._survey(another)
                 continue
-            tried_keys.add(key_of(findings))
+            tried_keys.add(make_key(findings))
             fitted = self._fit(findings, current)
-            if reason := refused(fitted, current, self.arm):
-                self._refusals.add(best, reason, key_of(current.findings))
+            if reason := find_refusal(fitted, current, self.arm):
+                self._refusals.add(best, reason, make_key(current.findings))
                 scored = self._survey(current)
                 continue
             current = self._pruned(fitted)
@@ -156,12 +158,12 @@ class Search:
                 if current is before:
                     break
         current, scored, findings_weighed = self._as_likely(current, scored, tried_keys)
-        strongest, log_p = strongest_left(scored, self._tests)
+        strongest, log_p = find_strongest_left(scored, self._tests)
         limited = limit_by_lasting_noise(
             judge(scored, findings_weighed, self._tests), scored, self._tests
         )
         reported = self._limit_by_rival_sets(limited, current, scored)
-        searched = as_told(current, reported)
+        searched = as_reported(current, reported)
         last = searched
         if grown := with_growth(searched, self._refusals.candidates, self.arm, self._tests):
             growth, last = grown
@@ -183,7 +185,7 @@ class Search:
             reported,
             scored.scores,
             self._tests,
-            float(family_wise(log_p, self._tests)),
+            float(compute_family_wise_p(log_p, self._tests)),
             strongest.depends_on,
             untold,
             would_show,
@@ -199,8 +201,8 @@ class Search:
             if best is None:
                 break
             fitted = self._fit(join_finding(current.findings, best), current)
-            if reason := refused(fitted, current, self.arm):
-                self._refusals.add(best, reason, key_of(current.findings))
+            if reason := find_refusal(fitted, current, self.arm):
+                self._refusals.add(best, reason, make_key(current.findings))
             else:
                 current = fitted
             if step + 1 < most_findings:
@@ -231,20 +233,20 @@ class Search:
         weighed_findings = weigh_findings(scored, self._tests)
         for _ in range(MOST_FINDINGS):
             for finding in weighed_findings:
-                rival = likelier_rival(finding)
+                rival = find_likelier_rival(finding)
                 if rival is None or rival.cause == "unknown":
                     continue
                 remaining = [c for c in current.findings if c is not finding.candidate]
                 findings = with_their_causes(join_finding(remaining, rival))
-                if key_of(findings) in tried_keys:
+                if make_key(findings) in tried_keys:
                     continue
-                tried_keys.add(key_of(findings))
+                tried_keys.add(make_key(findings))
                 if finding.candidate.cause == "unknown":
                     better = self._held_out(current, current.findings, findings)
                     if better < -CONTRADICTED:
                         continue
                 renamed = self._fit(findings, current)
-                if refused(renamed, current, self.arm):
+                if find_refusal(renamed, current, self.arm):
                     continue
                 renamed = self._pruned(renamed)
                 if any(map(rival.is_like, renamed.findings)):
@@ -260,8 +262,8 @@ class Search:
         too, and predicts readings held out as well as it must."""
         for rival_set in self._rival_sets(current, scored):
             key, required = (
-                key_of(rival_set.findings),
-                required_of(rival_set.findings, current.findings),
+                make_key(rival_set.findings),
+                make_required(rival_set.findings, current.findings),
             )
             enough = required.held_out(rival_set.likelier)
             if key in tried_keys or enough is None:
@@ -270,11 +272,11 @@ class Search:
                 continue
             tried_keys.add(key)
             another = self._fit(rival_set.findings, current)
-            if refused(another, current, self.arm):
+            if find_refusal(another, current, self.arm):
                 continue
             another = self._pruned(another)
             weights = [
-                log_weight(another, fitted.findings, self.arm, scored.scores)
+                compute_log_weight(another, fitted.findings, self.arm, scored.scores)
                 for fitted in (current, another)
             ]
             if required.held_out(weights[1] - weights[0]) is not None:
@@ -285,9 +287,9 @@ class Search:
         """Other sets that may be there instead of several findings; worked out once."""
         if self.parted is None or not may_be_others(current.findings):
             return []
-        key = key_of(current.findings)
+        key = make_key(current.findings)
         if self._rivals is None or self._rivals[0] != key:
-            through = partial(acting_through, facts=self.facts, refused=self._refusals.places)
+            through = partial(list_acting_through, facts=self.facts, refused=self._refusals.places)
             tests, work = self._tests, self._work
             revisit = Revisit(scored, self.parted, self.arm, tests, choose, through, work)
             self._rivals = key, revisit.find_rival_sets()
@@ -319,8 +321,8 @@ class Search:
     def _pruned(self, current: Fit) -> Fit:
         """Without findings that are not significant any more, the weakest first."""
         while current.findings:
-            weakest_index, log_p = weakest(make_projection(current, self.arm))
-            if significant(log_p, self._tests):
+            weakest_index, log_p = find_weakest(make_projection(current, self.arm))
+            if is_significant(log_p, self._tests):
                 break
             remaining = [c for i, c in enumerate(current.findings) if i != weakest_index]
             current = self._fit(remaining, current)
@@ -341,8 +343,8 @@ class Search:
                 if rival is None or rival.place == candidate.place:
                     continue
                 fitted = self._fit(join_finding(findings, rival), without)
-                if reason := refused(fitted, without, self.arm):
-                    self._refusals.add(rival, reason, key_of(without.findings))
+                if reason := find_refusal(fitted, without, self.arm):
+                    self._refusals.add(rival, reason, make_key(without.findings))
                     return current, self._survey(current)
                 current = self._pruned(fitted)
                 return current, self._survey(current)

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.constants import (
     STRONG,
 )
 from armd.compensation.diagnose.fitting.refit import solve_again
-from armd.compensation.diagnose.problem.signatures import kind
+from armd.compensation.diagnose.problem.signatures import identify_kind
 from armd.compensation.diagnose.scoring.candidates import (
     ScoredCandidates,
     score_candidates,
@@ -28,27 +28,27 @@ from armd.compensation.diagnose.scoring.candidates import (
 )
 from armd.compensation.diagnose.scoring.evidence import Scores, score
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
-from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
-from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
-from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
-from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.diagnose.scoring.robust_refit import clip_about, compute_unclipped_gain
+from armd.compensation.diagnose.scoring.scatter import compute_log_p_by_scatter
+from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
+from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.effects.effect import Candidate, join_finding
 
 
-def next_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
+def choose_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
     """What joins the findings: a cause, or, where none does, the shape of one that is in."""
     cause = choose(scored.projection, scored.scores, tests)
     return cause or choose_shape(scored, tests)
 
 
-def key_of(findings: Sequence[Candidate]) -> str:
+def make_key(findings: Sequence[Candidate]) -> str:
     """What a set of findings is known by."""
     return "".join(sorted(repr((c.place, c.setting)) for c in findings))
 
 
 def with_their_causes(findings: Sequence[Candidate]) -> list[Candidate]:
     """No shape without the finding whose shape it is."""
-    named = {shape_place(c) for c in findings}
+    named = {locate_shape(c) for c in findings}
     return [c for c in findings if not is_shape(c) or c.location in named]
 
 
@@ -57,7 +57,7 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
 
     What is named must be significant itself, also by the scatter of the rests that speak for it.
     """
-    if not significant(scores.log_p, tests).any():
+    if not is_significant(scores.log_p, tests).any():
         return None
     candidates, weight, log_p = _refined(scores, projection)
     alike = np.flatnonzero(scores.explain_as_well(scores.statistic.max()))
@@ -68,7 +68,7 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
     total: dict[tuple[str, str], float] = {}
     for place, share in zip(places, np.exp(weight - weight.max()), strict=True):
         total[place] = total.get(place, 0.0) + float(share)
-    significant_indices = {int(i) for i in np.flatnonzero(significant(log_p, tests))}
+    significant_indices = {int(i) for i in np.flatnonzero(is_significant(log_p, tests))}
     refused: list[Candidate] = []
     while significant_indices:
         likeliest_place = max(
@@ -83,24 +83,24 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
             best = _if_bent(
                 best, significant_indices.intersection(alike), candidates, clipped, projection
             )
-            about = clipped_about(candidates[best], projection)
-        if significant(log_p_by_scatter(candidates[best], about), tests):
+            about = clip_about(candidates[best], projection)
+        if is_significant(compute_log_p_by_scatter(candidates[best], about), tests):
             return _likelier(candidates[best], refused, projection, tests)
         refused.append(candidates[best])
         significant_indices.remove(best)
     return None
 
 
-def strongest_left(scored: ScoredCandidates, tests: int) -> tuple[Candidate, float]:
+def find_strongest_left(scored: ScoredCandidates, tests: int) -> tuple[Candidate, float]:
     """The candidate that is most wanted of those not in the model, and its log p value: the larger
     of the two that `choose` asks for, so that what is not named for want of the second does not
     count as left over."""
     candidates, log_p = scored.scores.signatures.candidates, scored.scores.log_p.copy()
     for i in np.argsort(log_p, kind="stable"):
-        if not significant(log_p[i], tests):
+        if not is_significant(log_p[i], tests):
             break
-        log_p[i] = max(log_p[i], log_p_by_scatter(candidates[i], scored.projection))
-        if significant(log_p[i], tests):
+        log_p[i] = max(log_p[i], compute_log_p_by_scatter(candidates[i], scored.projection))
+        if is_significant(log_p[i], tests):
             return candidates[i], float(log_p[i])
     best = int(np.argmin(log_p))
     return candidates[best], float(log_p[best])
@@ -157,10 +157,12 @@ def _with_own_tails(
     """The weights (C,), the likeliest kinds' with the tails clipped about their own fits."""
     likeliest: dict[tuple[str, ...], int] = {}
     for i in alike[np.argsort(-weight[alike])]:
-        likeliest.setdefault(kind(candidates[i]), int(i))
+        likeliest.setdefault(identify_kind(candidates[i]), int(i))
     indices = list(likeliest.values())[:MOST_ALIKE]
     weight = weight.copy()
-    weight[indices] += unclipped([candidates[i] for i in indices], weight[indices], projection)
+    weight[indices] += compute_unclipped_gain(
+        [candidates[i] for i in indices], weight[indices], projection
+    )
     return weight
 
 
@@ -173,10 +175,10 @@ def _likelier(
     of the admitted one is left with it in the model.
     """
     for likelier in refused:
-        about = clipped_about(likelier, projection).fit
+        about = clip_about(likelier, projection).fit
         findings = join_finding(about.findings, likelier)
         with_it = make_projection(solve_again(about, findings, projection.arm), projection.arm)
-        if not significant(score_candidates(with_it, [admitted]).scores.log_p[0], tests):
+        if not is_significant(score_candidates(with_it, [admitted]).scores.log_p[0], tests):
             return likelier
     return admitted
 
@@ -204,7 +206,7 @@ def _if_bent(
     numbers = [best, *named.values(), *named.values()]
     likely = weight[numbers]
     likely[-len(shaped) :] += gained
-    likely += unclipped([candidates[best], *causes, *shaped], likely, projection)
+    likely += compute_unclipped_gain([candidates[best], *causes, *shaped], likely, projection)
     return numbers[int(np.argmax(likely))]
 
 
@@ -234,15 +236,15 @@ def _value(candidate: Candidate) -> float:
     return candidate.setting[0][1] if candidate.setting else 0.0
 
 
-def next_set(
+def choose_next_set(
     best: Candidate, scored: ScoredCandidates, tried_keys: Collection[str], tests: int
 ) -> list[Candidate] | None:
     """The findings with one more, or with a shape where the look back undoes what that does; None
     where it does either: both sets were tried."""
     findings = join_finding(scored.fit.findings, best)
-    if key_of(findings) in tried_keys and (shape := choose_shape(scored, tests)):
+    if make_key(findings) in tried_keys and (shape := choose_shape(scored, tests)):
         findings = join_finding(scored.fit.findings, shape)
-    return None if key_of(findings) in tried_keys else findings
+    return None if make_key(findings) in tried_keys else findings
 
 
 def choose_shape(scored: ScoredCandidates, tests: int) -> Candidate | None:
@@ -257,4 +259,4 @@ def choose_shape(scored: ScoredCandidates, tests: int) -> Candidate | None:
         for j, i in enumerate(shapes_by_finding)
     }
     best = min(log_p, key=lambda i: log_p[i])
-    return shapes_by_finding[best] if significant(log_p[best], tests) else None
+    return shapes_by_finding[best] if is_significant(log_p[best], tests) else None

@@ -33,14 +33,18 @@ from armd.compensation.diagnose.diagnosis import Touched
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
-from armd.compensation.diagnose.problem.signatures import Signatures, finding_columns, kind
+from armd.compensation.diagnose.problem.signatures import (
+    Signatures,
+    identify_kind,
+    make_finding_columns,
+)
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
-from armd.compensation.diagnose.scoring.evidence import estimates
+from armd.compensation.diagnose.scoring.evidence import estimate_amplitudes
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
-from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
-from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
-from armd.compensation.diagnose.scoring.threshold import family_wise, significant
-from armd.compensation.diagnose.search.findings import nearest_step
+from armd.compensation.diagnose.scoring.robust_refit import clip_about, compute_unclipped_gain
+from armd.compensation.diagnose.scoring.scatter import compute_log_p_by_scatter
+from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p, is_significant
+from armd.compensation.diagnose.search.findings import find_nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
 from armd.compensation.estimate.robust import DOWNWEIGHT_CHI2, huber_loss, huber_weights
@@ -70,17 +74,17 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
     coarse_scores = score_candidates(projection, coarse).scores
     best = int(np.argmax(coarse_scores.log_evidence))
     tests = len(scored.scores.freedom) + len(coarse)
-    if not significant(coarse_scores.log_p[best], tests):
+    if not is_significant(coarse_scores.log_p[best], tests):
         return None
     candidate = _refined(coarse[best], projection)
     _, pose, residual = _as_measured(candidate, projection)
-    if not borne_by_enough(pose, residual, _change(candidate).after):
+    if not has_enough_support(pose, residual, _change(candidate).after):
         return None
     if not _best_of_all(candidate, scored):
         return None
     about = _clipped_about(candidate, projection)
     # Where one session scatters more than the others (a floor that shakes), so do its steps.
-    if not significant(log_p_by_scatter(candidate, about), tests):
+    if not is_significant(compute_log_p_by_scatter(candidate, about), tests):
         return None
     rivals = _at_the_instant(candidate, scored, rests)
     compared = score_candidates(about, [candidate, *rivals])
@@ -89,8 +93,8 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
         return None
     share = softmax(evidence)
     reported = sorted(zip(rivals, share[1:], strict=True), key=lambda pair: -pair[1])
-    amplitudes = estimates(compared.sums)[0]
-    columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
+    amplitudes = estimate_amplitudes(compared.sums)[0]
+    columns = make_finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
     white, cleared = about.clear_of_all(columns)
     variance = np.diag(np.linalg.pinv(white.T @ cleared, rcond=ABSORBED, hermitian=True))
     change = _change(candidate)
@@ -104,7 +108,7 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
         candidate,
         amplitudes,
         np.sqrt(np.maximum(variance, 0.0)),
-        max(float(family_wise(compared.scores.log_p[0], tests)), LEAST_P),
+        max(float(compute_family_wise_p(compared.scores.log_p[0], tests)), LEAST_P),
         float(share[0]),
         tuple((rival, float(p)) for rival, p in reported if p >= LEAST_PROBABILITY),
         parted,
@@ -113,7 +117,7 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
 
 def _clipped_about(candidate: Candidate, projection: Projection) -> Projection:
     """The projection of the residual clipped about the fit with the candidate in the model."""
-    return make_projection(clipped_about(candidate, projection).fit, projection.arm)
+    return make_projection(clip_about(candidate, projection).fit, projection.arm)
 
 
 def _possible(rests: Rests, in_time: I64) -> I64:
@@ -178,7 +182,7 @@ def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64
     in_time = fit.linear.rests.in_order[number]
     rows = (3 * in_time[:, None] + np.arange(3)).ravel()
     whitener = fit.noise.whitener[in_time]
-    pose = finding_columns(fit.linear, [moved(number, 0)], projection.arm)[0][rows]
+    pose = make_finding_columns(fit.linear, [moved(number, 0)], projection.arm)[0][rows]
     pose = (whitener @ pose.reshape(-1, 3, 6)).reshape(-1, 6)
     # As measured: of what the fit explains, a wandering base has taken a part of the step.
     columns_of_findings = [
@@ -190,7 +194,7 @@ def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64
     return in_time, pose, (whitener @ raw.reshape(-1, 3, 1)).ravel()
 
 
-def borne_by_enough(pose: F64, residual: F64, after: int) -> bool:
+def has_enough_support(pose: F64, residual: F64, after: int) -> bool:
     """Whether as many rests as tell where an artefact stood are where the poses before and after
     put them: one gross error among four buys a pose of its own.
 
@@ -234,7 +238,7 @@ def _best_of_all(candidate: Candidate, scored: ScoredCandidates) -> bool:
     causes = [catalogue.signatures.candidates[i] for i in likely]
     step_evidence = score_candidates(scored.projection, [candidate]).scores.log_evidence
     weight = np.append(step_evidence, catalogue.log_evidence[likely])
-    weight += unclipped([candidate, *causes], weight, scored.projection)
+    weight += compute_unclipped_gain([candidate, *causes], weight, scored.projection)
     return bool(weight[0] >= weight[1:].max(initial=-np.inf))
 
 
@@ -252,8 +256,8 @@ def _at_the_instant(
 
     grid: dict[tuple[str, ...], list[Candidate]] = {}
     for step in filter(_steps, scored.scores.signatures.candidates):
-        grid.setdefault(kind(step), []).append(step)
-    return [_as_large_as_it_steps(nearest_step(instant, of_kind)) for of_kind in grid.values()]
+        grid.setdefault(identify_kind(step), []).append(step)
+    return [_as_large_as_it_steps(find_nearest_step(instant, of_kind)) for of_kind in grid.values()]
 
 
 def _as_large_as_it_steps(step: Candidate) -> Candidate:

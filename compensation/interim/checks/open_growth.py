@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.diagnose.fitting.expansions import goes_with_temperature, growth_mm_per_k
+from armd.compensation.diagnose.fitting.expansions import (
+    compute_growth_mm_per_k,
+    goes_with_temperature,
+)
 from armd.compensation.identify.thermal.temperatures import MOST_SPAN_K
 from armd.compensation.identify.thermal.terms import growth_terms, length_terms
 from armd.compensation.model.arm import Arm
@@ -48,7 +51,7 @@ def open_growth(arm: Arm, calibration: Calibration) -> tuple[OpenGrowth, ...]:
     terms = [t.model_copy(update={"coefficient": 0.0})
              for t in (*growth_terms(arm), *length_terms(arm, [1]))]  # fmt: skip
     places = arm.layout.indices(term.parameter for term in terms)
-    sizes = growth_mm_per_k(calibration.vector(arm.n_joints), places)
+    sizes = compute_growth_mm_per_k(calibration.vector(arm.n_joints), places)
     return tuple(
         OpenGrowth(term, _made_k(term, calibration), float(size))
         for term, size in zip(terms, sizes, strict=True)
