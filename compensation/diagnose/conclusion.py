@@ -20,14 +20,14 @@ from armd.compensation.diagnose.diagnosis import (
 from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.follow import follow_solution
-from armd.compensation.diagnose.fitting.growth_open import report_growth
+from armd.compensation.diagnose.fitting.free_expansion import report_growth
 from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.heldout.gain import compute_gain, compute_gains, group_readings
-from armd.compensation.diagnose.heldout.left_open import record_open_constants
+from armd.compensation.diagnose.heldout.open_constants import record_open_constants
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.search.work import WorkBudget
-from armd.compensation.diagnose.searched import Searched
+from armd.compensation.diagnose.search_outcome import SearchOutcome
 from armd.compensation.estimate.observations import TURN_MM, gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import told_of_misnamed
@@ -48,7 +48,7 @@ class HeldoutJudgement:
     outlier_p: float
 
 
-def describe_readings(searched: Searched, arm: Arm) -> list[str]:
+def describe_readings(searched: SearchOutcome, arm: Arm) -> list[str]:
     """What there is to say of a search's readings and of the model that they were searched by."""
     result, baseline, remarks = searched.result, searched.baseline, list[str]()
     if len(result.last.findings) == len(result.searched.findings):
@@ -64,7 +64,7 @@ def describe_readings(searched: Searched, arm: Arm) -> list[str]:
 
 
 def conclude(
-    searched: Searched,
+    searched: SearchOutcome,
     heldout: HeldoutJudgement,
     arm: Arm,
     holdout: Sequence[Session],
@@ -93,7 +93,9 @@ def conclude(
     ]
     if not is_used.all():
         without_outliers = compute_gains(
-            [square[is_used] for square in squares], groups[is_used], is_used[is_used]
+            [heldout_squares[is_used] for heldout_squares in squares],
+            groups[is_used],
+            is_used[is_used],
         )
         pairs = [(step.before_um, step.after_um) for step in without_outliers]
         measured = [
@@ -104,7 +106,7 @@ def conclude(
     remarks += work.in_words()
     if not last.noise.settled:
         remarks.append("The estimate of the noise did not settle: all probabilities are in doubt.")
-    extension = _extension(written, result, rests, arm, sessions, command)
+    extension = _write_extension(written, result, rests, arm, sessions, command)
     repeated = holdout or not written.growth  # the search repeated without readings has no growth
     if len(written.numbers) == len(result.findings) and not written.gains and repeated:
         written = replace(written, after=squares[-1])  # of a search repeated, where there is one
@@ -114,30 +116,30 @@ def conclude(
         tuple(holdout),
         baseline,
         result,
-        _rms_um(evaluate(sessions, arm, baseline.calibration)),
+        _compute_rms_um(evaluate(sessions, arm, baseline.calibration)),
         1e3 * float(np.sqrt(squares[0].mean())),
         last.noise_floor_um,
-        _rms_um(evaluate(sessions, arm, extension)),
+        _compute_rms_um(evaluate(sessions, arm, extension)),
         tuple(measured),
         outliers,
         heldout.outlier_p,
         compute_gain(squares[-1], squares[-1], groups, is_used) if outliers else None,
         written.numbers,
-        _before_and_after_um(written, np.ones_like(is_used)),
-        None if is_used.all() else _before_and_after_um(written, is_used),
+        _compute_rms_um_pair(written, np.ones_like(is_used)),
+        None if is_used.all() else _compute_rms_um_pair(written, is_used),
         written.contradicted_later,
         written.by,
         extension,
         tuple(remarks),
         touched,
-        _gain_of_parting(searched.original_sessions, sessions, arm, baseline.calibration)
+        _compute_parting_gain(searched.original_sessions, sessions, arm, baseline.calibration)
         if touched
         else None,
         tuple(work.skipped),
     )
 
 
-def _gain_of_parting(
+def _compute_parting_gain(
     original: Sequence[Session], parted: Sequence[Session], arm: Arm, calibration: Calibration
 ) -> Gain:
     """Of placements that were touched: as one pose, and as two, under the same model."""
@@ -146,14 +148,14 @@ def _gain_of_parting(
     return compute_gain(squares[0], squares[1], group_readings(as_one.observations))
 
 
-def _before_and_after_um(written: ValidatedFindings, is_used: Mask) -> tuple[float, float]:
+def _compute_rms_um_pair(written: ValidatedFindings, is_used: Mask) -> tuple[float, float]:
     before, after = (
         1e3 * float(np.sqrt(s[is_used].mean())) for s in (written.before, written.after)
     )
     return before, after
 
 
-def _extension(
+def _write_extension(
     written: ValidatedFindings,
     result: SearchResult,
     rests: Rests,
@@ -200,7 +202,7 @@ def lower_odds(findings: Sequence[Finding], doubts: Mapping[int, float]) -> tupl
     return tuple(lowered)
 
 
-def _rms_um(evaluation: Evaluation) -> float:
+def _compute_rms_um(evaluation: Evaluation) -> float:
     return float(np.sqrt((evaluation.distance_um**2).mean()))
 
 

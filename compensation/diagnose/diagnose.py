@@ -24,36 +24,43 @@ from armd.compensation.diagnose.constants import (
     MOST_REPEATED,
     MOST_TOUCHED,
 )
-from armd.compensation.diagnose.diagnosis import Diagnosis, Touched
+from armd.compensation.diagnose.diagnosis import Diagnosis, MovedArtefact
+from armd.compensation.diagnose.fitting.absorbed_error import allow_absorbed_error
 from armd.compensation.diagnose.fitting.outliers import find_outliers
-from armd.compensation.diagnose.fitting.taken_up import allow_absorbed_error
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.heldout.cross_validation import cross_validate
 from armd.compensation.diagnose.heldout.gain import compute_gains, group_readings
-from armd.compensation.diagnose.heldout.refuted import (
+from armd.compensation.diagnose.heldout.refutation import (
     describe_refuted,
     is_refuted,
     predicts_better,
     select_refuted,
 )
 from armd.compensation.diagnose.heldout.sets import compare_heldout
-from armd.compensation.diagnose.heldout.validated import (
+from armd.compensation.diagnose.heldout.validation import (
     compute_squares_on_sessions,
     validate_by_placement,
     validate_by_session,
 )
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
-from armd.compensation.diagnose.search.again import (
+from armd.compensation.diagnose.search.moved_artefact import (
+    find_moved_artefact,
+    score_without_base_steps,
+)
+from armd.compensation.diagnose.search.repeated_search import (
     counts_instead,
     has_clearly_lower_noise,
     is_likely_beside,
     limit_to_repeated,
 )
 from armd.compensation.diagnose.search.search import Search
-from armd.compensation.diagnose.search.touched import find_touched, score_without_base_steps
 from armd.compensation.diagnose.search.work import WorkBudget
-from armd.compensation.diagnose.searched import Searched, is_farther_off, without_sessions
+from armd.compensation.diagnose.search_outcome import (
+    SearchOutcome,
+    is_farther_off,
+    without_sessions,
+)
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.freed import give_back_freed
 from armd.compensation.identify.admission.odd_session import Odd
@@ -100,7 +107,7 @@ def _diagnose(
     work = WorkBudget.of_readings(sum(session.n for session in sessions))
     searched, of_sessions = _search_sessions(sessions, arm, calibration, progress, work)
     remarks += of_sessions
-    diagnosis = _concluded(searched, arm, holdout, remarks, progress, work, command)
+    diagnosis = _conclude_search(searched, arm, holdout, remarks, progress, work, command)
     refuted: tuple[Candidate, ...] = ()
     for _ in range(MOST_REPEATED):
         newly_refuted = select_refuted(diagnosis)
@@ -117,15 +124,15 @@ def _diagnose(
         if not is_likely_beside(without.result, diagnosis.search, arm):
             break
         extended_remarks = [*remarks, describe_refuted(refuted)]
-        another = _concluded(without, arm, holdout, extended_remarks, progress, work, command)
+        another = _conclude_search(without, arm, holdout, extended_remarks, progress, work, command)
         if not predicts_better(another, diagnosis):
             break
         diagnosis = another
     return diagnosis
 
 
-def _concluded(
-    searched: Searched,
+def _conclude_search(
+    searched: SearchOutcome,
     arm: Arm,
     holdout: Sequence[Session],
     remarks: Sequence[str],
@@ -168,7 +175,7 @@ def _search_sessions(
     calibration: Calibration | None,
     progress: TellShare,
     work: WorkBudget,
-) -> tuple[Searched, list[str]]:
+) -> tuple[SearchOutcome, list[str]]:
     """Search the sessions that fit each other; and what is reported of the others."""
     remarks, strange = list[str](), list[Odd]()
     consistent = tuple(sessions)
@@ -187,7 +194,9 @@ def _search_sessions(
             without_sessions(sessions, *other_strange),
             None if other_strange else of_all,
         )
-        if not _explains(rejoined, inconsistent, searched, arm, calibration, progress, work, begin):
+        if not _is_explained(
+            rejoined, inconsistent, searched, arm, calibration, progress, work, begin
+        ):
             inexplicable.append(inconsistent)
             remarks.append(
                 f"no cause explains session {inconsistent.path.name}: the diagnosis is without it"
@@ -198,10 +207,10 @@ def _search_sessions(
     return searched, remarks
 
 
-def _explains(
+def _is_explained(
     sessions: Sequence[Session],
     inconsistent: Odd,
-    without: Searched,
+    without: SearchOutcome,
     arm: Arm,
     calibration: Calibration | None,
     progress: TellShare,
@@ -216,7 +225,7 @@ def _explains(
         begin = None
         progress(f"session {inconsistent.path.name}", 0.0)
         search = Search(rests, arm, baseline, progress, work=work)
-        touched = find_touched(search.first)
+        touched = find_moved_artefact(search.first)
         if touched is None:
             break
         parted = touched.sessions
@@ -235,10 +244,10 @@ def _search(
     work: WorkBudget,
     begin: Baseline | None = None,
     refuted: Sequence[Candidate] = (),
-) -> Searched:
+) -> SearchOutcome:
     """The last of the searches that follow each other until no artefact was moved, without what is
     *refuted*."""
-    sessions, touched = tuple(original_sessions), list[Touched]()
+    sessions, touched = tuple(original_sessions), list[MovedArtefact]()
     while True:
         rests = gather_rests(sessions, arm)
         if begin is None or touched:
@@ -248,7 +257,7 @@ def _search(
         progress("search", 0.0)
         held_out, barred = partial(compare_heldout, arm=arm), partial(is_refuted, refuted=refuted)
         search = Search(rests, arm, baseline, progress, held_out, work, barred)
-        moved = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
+        moved = find_moved_artefact(search.first) if len(touched) < MOST_TOUCHED else None
         if moved is None:
             result = search.run()
             older = allow_absorbed_error(result.searched, arm)
@@ -263,9 +272,9 @@ def _search(
                     result = replace(result, findings=limit_to_repeated(result.findings, repeated))
             stepped = score_without_base_steps(result.searched, result.signatures, arm)
             if stepped is not None and len(touched) < MOST_TOUCHED:
-                moved = find_touched(stepped)
+                moved = find_moved_artefact(stepped)
         if moved is None:
-            return Searched(
+            return SearchOutcome(
                 tuple(original_sessions),
                 sessions,
                 rests,

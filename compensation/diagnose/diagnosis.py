@@ -133,7 +133,7 @@ class ValidatedFindings:
 
 
 @dataclass(frozen=True)
-class Touched:
+class MovedArtefact:
     """A placement that became two."""
 
     session: str
@@ -184,7 +184,7 @@ class Diagnosis:
     written_by: JudgedBy  # these two
     extended: Calibration
     remarks: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
-    touched: tuple[Touched, ...]  # placements parted in two
+    touched: tuple[MovedArtefact, ...]  # placements parted in two
     touched_gain: Gain | None
     skipped: tuple[str, ...] = ()  # what the bound on the search's work did not allow
 

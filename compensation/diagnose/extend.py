@@ -44,13 +44,13 @@ def extend_calibration(
     if not last.findings:
         if not left_out:
             return calibration
-        provenance = _provenance(last, sessions, command, left_out)
+        provenance = _make_provenance(last, sessions, command, left_out)
         return calibration.model_copy(update={"provenance": provenance, "content_sha256": ""})
     model = move_model(last)
     constants = model.constants.copy()
     names = list(arm.layout.names)
     # Each row says how an identified quantity moves with the solution: for the covariance.
-    rows: list[tuple[str, F64]] = _own_rows(last, names)
+    rows: list[tuple[str, F64]] = _make_identified_rows(last, names)
     terms = list(model.terms)
     for candidate, values, span in zip(
         last.findings, last.amplitudes, last.layout.findings, strict=True
@@ -63,7 +63,7 @@ def extend_calibration(
             for written in as_written(candidate, values, label):
                 constants[names.index(written.parameter)] += float(written.constant @ values)
                 for j, share in enumerate(written.constant):
-                    _also_moves(rows, written.parameter, span.start + j, float(share), last)
+                    _add_move(rows, written.parameter, span.start + j, float(share), last)
                 terms += written.terms
             continue
         for j, column in enumerate(candidate.columns):
@@ -75,7 +75,7 @@ def extend_calibration(
                 amplitude = term.coefficient * float(values[j])
                 if not term.basis:
                     constants[names.index(term.parameter)] += amplitude
-                    _also_moves(rows, term.parameter, span.start + j, term.coefficient, last)
+                    _add_move(rows, term.parameter, span.start + j, term.coefficient, last)
                     continue
                 row = np.zeros(len(last.solution))
                 row[span.start + j] = term.coefficient
@@ -89,7 +89,7 @@ def extend_calibration(
                         effect=label,
                     )
                 )
-    grown = _growth(last, arm) if growth else None
+    grown = _make_growth_term(last, arm) if growth else None
     if grown is not None:
         row = np.zeros(len(last.solution))
         row[last.layout.mount] = 1.0
@@ -104,14 +104,14 @@ def extend_calibration(
             "terms": terms,
             "covariance_of": [name for name, _ in rows],
             "covariance": ((covariance + covariance.T) / 2).tolist(),
-            "artefact": _artefact(last, sessions),
-            "provenance": _provenance(last, sessions, command, left_out),
+            "artefact": _correct_artefact(last, sessions),
+            "provenance": _make_provenance(last, sessions, command, left_out),
             "content_sha256": "",
         }
     )
 
 
-def _growth(last: Fit, arm: Arm) -> Term | None:
+def _make_growth_term(last: Fit, arm: Arm) -> Term | None:
     """The first link's growth as a term."""
     term = make_mount_term(last.model, arm)
     if term is None:
@@ -126,13 +126,13 @@ def _growth(last: Fit, arm: Arm) -> Term | None:
 
 def knows_growth(last: Fit, arm: Arm) -> bool:
     """Whether a ramp showed how the first link grows."""
-    term = _growth(last, arm)
+    term = _make_growth_term(last, arm)
     return term is not None and (
         0.0 < GROWTH_KNOWN * (term.standard_uncertainty or 0.0) < abs(term.coefficient)
     )
 
 
-def _own_rows(last: Fit, names: list[str]) -> list[tuple[str, F64]]:
+def _make_identified_rows(last: Fit, names: list[str]) -> list[tuple[str, F64]]:
     baseline = last.baseline
     identified = [names[i] for i in baseline.parameters] + [f"term {i}" for i in baseline.terms]
     span = last.layout.identified
@@ -144,7 +144,7 @@ def _own_rows(last: Fit, names: list[str]) -> list[tuple[str, F64]]:
     return rows
 
 
-def _also_moves(
+def _add_move(
     rows: list[tuple[str, F64]], parameter: str, index: int, coefficient: float, last: Fit
 ) -> None:
     """A constant that a finding shifts is known only as well as the shift is too."""
@@ -157,7 +157,7 @@ def _also_moves(
     rows.append((parameter, row))
 
 
-def _artefact(last: Fit, sessions: Sequence[Session]) -> ArtefactCorrection | None:
+def _correct_artefact(last: Fit, sessions: Sequence[Session]) -> ArtefactCorrection | None:
     """The correction of the artefact: the one given, and what was found."""
     before = last.baseline.model.artefact
     expansion, scale = before.expansion_per_k, before.scale
@@ -193,7 +193,7 @@ def _artefact(last: Fit, sessions: Sequence[Session]) -> ArtefactCorrection | No
     )
 
 
-def _provenance(
+def _make_provenance(
     last: Fit, sessions: Sequence[Session], command: str, left_out: Sequence[Candidate]
 ) -> dict[str, Any]:
     before = last.baseline.calibration.provenance

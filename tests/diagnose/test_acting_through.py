@@ -12,9 +12,14 @@ import pytest
 from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.extend import extend_calibration
+from armd.compensation.diagnose.fitting.alternating_fit import fit_by_turns
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.refit import solve_again
-from armd.compensation.diagnose.fitting.through import fit_by_turns
+from armd.compensation.diagnose.problem.acting_causes import (
+    find_acting,
+    rebuild_candidate,
+    with_acting,
+)
 from armd.compensation.diagnose.problem.baseline import from_calibration, with_findings
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
@@ -22,7 +27,6 @@ from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import compile_candidates, make_finding_columns
-from armd.compensation.diagnose.problem.through import find_acting, rebuild_candidate, with_acting
 from armd.compensation.diagnose.scoring import candidates
 from armd.compensation.diagnose.scoring.candidates import find_weakest, score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection

@@ -15,8 +15,8 @@ from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.search import again as module
-from armd.compensation.diagnose.search.again import (
+from armd.compensation.diagnose.search import repeated_search as module
+from armd.compensation.diagnose.search.repeated_search import (
     has_clearly_lower_noise,
     is_likely_beside,
     limit_to_repeated,

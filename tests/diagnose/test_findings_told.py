@@ -12,7 +12,7 @@ from armd.compensation.diagnose.diagnosis import Finding, Rival
 from armd.compensation.diagnose.fitting.curves import as_curve, list_orders
 from armd.compensation.diagnose.report.advice import is_alike, propose_experiment
 from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape, make_shape
-from armd.compensation.diagnose.search.findings import _honest as honest
+from armd.compensation.diagnose.search.findings import _withdraw_names as withdraw_names
 from armd.compensation.diagnose.search.findings import find_likelier_rival
 from armd.compensation.diagnose.search.findings import find_nearest_step as nearest
 from armd.compensation.effects import location
@@ -39,13 +39,13 @@ def finding(of: Candidate, probability: float = 0.9, statistic: float = 50.0, ri
 
 def test_a_name_stays_where_nothing_is_likelier() -> None:
     found = finding(NAMED, 0.6, rivals=[(OTHER, 0.3), (unknown(3, "q3"), 0.1)])
-    assert honest([found]) == (found,)
+    assert withdraw_names([found]) == (found,)
     assert find_likelier_rival(found) is None
 
 
 def test_a_likelier_rival_takes_the_name_and_the_probability_is_of_either() -> None:
     found = finding(NAMED, 0.3, rivals=[(replace(OTHER, depends_on=("q3", "t1")), 0.6)])
-    (told,) = honest([found])
+    (told,) = withdraw_names([found])
     assert told.candidate.cause == "unknown"
     assert told.candidate.depends_on == ("q3", "t1")
     assert told.probability == pytest.approx(0.9)
@@ -53,7 +53,7 @@ def test_a_likelier_rival_takes_the_name_and_the_probability_is_of_either() -> N
 
 def test_an_unknown_structure_clearly_likelier_takes_it_too_a_little_likelier_not() -> None:
     strange = unknown(2, "q2", "q3")
-    (told,) = honest([finding(NAMED, 0.05, rivals=[(strange, 0.9)])])
+    (told,) = withdraw_names([finding(NAMED, 0.05, rivals=[(strange, 0.9)])])
     assert told.candidate.cause == "unknown"
     assert set(told.candidate.depends_on) == {"q2", "q3"}
 
@@ -62,10 +62,10 @@ def test_no_name_for_a_part_of_a_stronger_unknown_at_the_same_joint() -> None:
     """The joint that the unknown moves counts among its variables."""
     structure = finding(unknown(3, "t1"), statistic=500.0)
     part, elsewhere = finding(NAMED), finding(candidate("encoder_scale", 5))
-    _, told, kept = honest([structure, part, elsewhere])
+    _, told, kept = withdraw_names([structure, part, elsewhere])
     assert told.candidate.cause == "unknown" and kept == elsewhere
     weaker = finding(unknown(3, "t1"), statistic=5.0)
-    assert honest([weaker, part])[1] == part
+    assert withdraw_names([weaker, part])[1] == part
 
 
 def test_a_finding_takes_the_place_of_those_it_contains() -> None:

@@ -9,7 +9,7 @@ from test_expansions_left_free import ARM, ECCENTRIC, MATERIALS, ONE_C, measured
 from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis, Finding
-from armd.compensation.diagnose.fitting.growth_open import (
+from armd.compensation.diagnose.fitting.free_expansion import (
     report_growth,
     with_growth_open,
     without_growth,

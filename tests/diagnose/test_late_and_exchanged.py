@@ -12,15 +12,15 @@ from test_acting_through import ARM, GRADIENT, Problem, fitted, measured, proble
 
 from armd.arrays import F64
 from armd.compensation.diagnose.fitting.refit import with_findings_unsolved
-from armd.compensation.diagnose.problem.baseline import with_findings
-from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.signatures import compile_candidates, make_finding_columns
-from armd.compensation.diagnose.problem.through import (
+from armd.compensation.diagnose.problem.acting_causes import (
     find_acting,
     list_acting_through,
     rebuild_candidate,
     with_acting,
 )
+from armd.compensation.diagnose.problem.baseline import with_findings
+from armd.compensation.diagnose.problem.linearise import linearise
+from armd.compensation.diagnose.problem.signatures import compile_candidates, make_finding_columns
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey, score_candidates
 from armd.compensation.diagnose.scoring.evidence import Scores, score
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection

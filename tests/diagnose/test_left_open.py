@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.heldout import left_open
-from armd.compensation.diagnose.heldout.left_open import record_open_constants
+from armd.compensation.diagnose.heldout import open_constants
+from armd.compensation.diagnose.heldout.open_constants import record_open_constants
 from armd.compensation.diagnose.problem.baseline import (
     LEFT_OPEN,
     from_calibration,
@@ -46,9 +46,9 @@ def calibration(*some: int, provenance: dict[str, Any] | None = None) -> Calibra
 def last(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A fit of the three findings whose refits are the numbers of those in it."""
     monkeypatch.setattr(
-        left_open, "Refits", lambda *_: SimpleNamespace(with_subset=lambda some: tuple(some))
+        open_constants, "Refits", lambda *_: SimpleNamespace(with_subset=lambda some: tuple(some))
     )
-    monkeypatch.setattr(left_open, "extend_calibration", lambda some, *_: calibration(*some))
+    monkeypatch.setattr(open_constants, "extend_calibration", lambda some, *_: calibration(*some))
     return SimpleNamespace(
         findings=FINDINGS, noise=None, baseline=SimpleNamespace(calibration=calibration())
     )

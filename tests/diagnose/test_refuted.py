@@ -11,7 +11,7 @@ import pytest
 
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.heldout.refuted import (
+from armd.compensation.diagnose.heldout.refutation import (
     is_refuted,
     predicts_better,
     select_refuted,

@@ -33,7 +33,7 @@ def projection_of(residual: np.ndarray, raw: np.ndarray, columns: np.ndarray) ->
         jacobian=nothing,
         place=np.arange(columns.shape[1]),
         parts=(model,),
-        clear=np.column_stack([columns, residual]),
+        cleared=np.column_stack([columns, residual]),
         side=(columns.T @ residual)[None],
     )
 

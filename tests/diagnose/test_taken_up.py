@@ -12,12 +12,16 @@ import pytest
 from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.fitting.absorbed_error import _absorbed_by, allow_absorbed_error
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.taken_up import _absorbed_by, allow_absorbed_error
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.diagnose.search.again import counts_instead, loses_a_cause, tells_less
+from armd.compensation.diagnose.search.repeated_search import (
+    counts_instead,
+    loses_a_cause,
+    tells_less,
+)
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.identify.calibrate import calibrate

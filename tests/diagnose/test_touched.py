@@ -23,16 +23,16 @@ from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
-from armd.compensation.diagnose.search.search import Search
-from armd.compensation.diagnose.search.touched import (
+from armd.compensation.diagnose.search.moved_artefact import (
     _at_the_instant,
     _distance,
     _grid,
     _parted,
     _possible,
-    find_touched,
+    find_moved_artefact,
     has_enough_support,
 )
+from armd.compensation.diagnose.search.search import Search
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
 from armd.compensation.estimate.robust import WINSOR_AT, huber_loss
@@ -207,11 +207,11 @@ def looked_at(sessions: list[Session]) -> ScoredCandidates:
 @pytest.mark.slow
 @parametrize_default("seed", range(4))
 def test_a_session_that_scatters_more_moves_no_artefact(seed: int) -> None:
-    assert find_touched(looked_at(shaken(seed))) is None
+    assert find_moved_artefact(looked_at(shaken(seed))) is None
 
 
 @pytest.mark.slow
 def test_what_was_moved_is_found_beside_a_session_that_scatters_more() -> None:
-    found = find_touched(looked_at(shaken(1, moved_mm=0.15)))
+    found = find_moved_artefact(looked_at(shaken(1, moved_mm=0.15)))
     assert found is not None
     assert (found.session, found.placement) == ("session-5", "P0")

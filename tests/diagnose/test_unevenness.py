@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.heldout.forward import split_in_time
+from armd.compensation.diagnose.heldout.later_readings import split_in_time
 from armd.compensation.diagnose.problem.whitening import RestNoise
-from armd.compensation.diagnose.scoring import unevenness
+from armd.compensation.diagnose.scoring import time_discrepancy
 from armd.compensation.diagnose.scoring.evidence import compute_log_bayes_factors
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
@@ -25,12 +25,12 @@ NO_NOISE = RestNoise(0.0, 0.5, 0.0, 0.0, 0.0, np.zeros((0, 3, 3)), np.zeros(0))
 def test_the_principal_functions_make_a_random_walk() -> None:
     """Covariance min(s, t), but for the 1/(π² m) that the functions left out would add."""
     time_s = np.sort(np.random.default_rng(1).uniform(5e3, 9e3, 900))
-    functions = unevenness._principal(time_s)
+    functions = time_discrepancy._principal(time_s)
     since = (time_s - time_s[0]) / np.ptp(time_s)
     walk = np.minimum(since[:, None], since[None, :])
     missing = walk - functions @ functions.T
     assert np.diag(missing).mean() == pytest.approx(
-        1.0 / (np.pi**2 * unevenness.MOST_FUNCTIONS), rel=0.15
+        1.0 / (np.pi**2 * time_discrepancy.MOST_FUNCTIONS), rel=0.15
     )
     assert np.abs(missing).max() < 0.05
 
@@ -38,7 +38,7 @@ def test_the_principal_functions_make_a_random_walk() -> None:
 def test_a_walks_own_wandering_is_taken_up_and_a_step_at_once_is_not() -> None:
     rng = np.random.default_rng(2)
     time_s = np.arange(800.0)
-    functions = unevenness._principal(time_s)
+    functions = time_discrepancy._principal(time_s)
     walks = np.cumsum(rng.normal(size=(800, 100)), axis=0) / np.sqrt(800.0)
     left = walks - functions @ np.linalg.lstsq(functions, walks, rcond=None)[0]
     assert np.mean(left**2) < 0.012 < 0.4 < np.mean(walks**2)
@@ -104,18 +104,20 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
         signature=lambda at, values: np.kron(values, np.eye(3)[at % 3]),
     )
     exact = replace(NO_NOISE, whitener=np.tile(1e9 * np.eye(3), (n, 1, 1)))
-    columns = unevenness.make_uneven_columns(linear, exact, lag, np.array([1.5]), arm)
+    columns = time_discrepancy.make_uneven_columns(linear, exact, lag, np.array([1.5]), arm)
     assert columns.shape == (3 * n, 2 + 2 * 2)  # each length; two fadings in each session
     rise = temperature_c[:, 0] - 20.0
     behind = lagged(time_s, rise, lag_s) - rise
     for column, name, mm in zip(columns.T, ("d_2", "a_2"), (0.002, 0.004), strict=False):
         own = column.reshape(n, 3)[:, arm.layout.index(name) % 3]
-        np.testing.assert_allclose(own, unevenness.OF_A_LENGTH * 1.5 * mm * behind, atol=2e-4 * mm)
+        np.testing.assert_allclose(
+            own, time_discrepancy.OF_A_LENGTH * 1.5 * mm * behind, atol=2e-4 * mm
+        )
         first = columns[:, 2].reshape(n, 3)[:, arm.layout.index(name) % 3]
         faded = np.exp(-time_s / lag_s) * (np.arange(n) < 25)
         most = 1.5 * mm * np.abs(behind).max()
         np.testing.assert_allclose(first, most * faded, atol=2e-4 * mm)
-    fading = unevenness.make_unsettled(linear, lag, np.array([1.5]), arm)
+    fading = time_discrepancy.make_unsettled(linear, lag, np.array([1.5]), arm)
     for own, known in zip(fading.columns, columns.T[2:], strict=True):
         values = basis_values(own.terms, states, arm, model.reference_c, model.constants)
         moved = np.zeros(3 * n)
@@ -123,7 +125,9 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
             moved += linear.signature(arm.layout.index(term.parameter), term.coefficient * value)
         np.testing.assert_allclose(moved, known, atol=1e-12)
     coarse = replace(NO_NOISE, whitener=np.tile(1e-9 * np.eye(3), (n, 1, 1)))
-    assert unevenness.make_uneven_columns(linear, coarse, lag, np.array([1.5]), arm).shape == (
+    assert time_discrepancy.make_uneven_columns(
+        linear, coarse, lag, np.array([1.5]), arm
+    ).shape == (
         3 * n,
         0,
     )

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.search import search
 from armd.compensation.diagnose.search.work import WorkBudget
-from armd.compensation.diagnose.searched import is_farther_off
+from armd.compensation.diagnose.search_outcome import is_farther_off
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns

@@ -18,7 +18,7 @@ from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.refit import Refits, solve_again
 from armd.compensation.diagnose.heldout.gain import compute_gain
 from armd.compensation.diagnose.heldout.judge import Look
-from armd.compensation.diagnose.heldout.validated import (
+from armd.compensation.diagnose.heldout.validation import (
     choose,
     may_go_on_otherwise,
     stands_alone,

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.refit import Refits
-from armd.compensation.diagnose.heldout.left_open import record_open_constants
+from armd.compensation.diagnose.heldout.open_constants import record_open_constants
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor

@@ -12,7 +12,7 @@ ROOMS = ("armd", "drivers", "compensation", "daemon", "simulator")
 
 #: The same thing seen by the simulator, which makes it, and by what finds it out; neither may
 #: import the other.
-BOTH_SIDES = {"Artefact", "Climate", "Effect", "Length", "Noise", "Timer", "Touched"}
+BOTH_SIDES = {"Artefact", "Climate", "Effect", "Length", "Noise", "Timer"}
 #: `armd.Arm` is what a subscriber connects to, the other one what arm.toml says. The others are
 #: what `armd` gives by that name, around the same thing within.
 PUBLIC = {"Arm", "Calibration", "Corrector", "Diagnosis", "Model", "Session"}

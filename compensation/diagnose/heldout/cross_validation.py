@@ -66,18 +66,20 @@ def cross_validate(
         for part, refit, share in zip(parts, refits, shares, strict=True)
     ]
     give_back_freed()
-    squares_of_parts = in_order(lambda start: _without(*start, folds, result, parted, arm), starts)
+    squares_of_parts = in_order(
+        lambda start: _repeat_search_without(*start, folds, result, parted, arm), starts
+    )
     for done, (part, of_steps) in enumerate(zip(parts, squares_of_parts, strict=True), 1):
         give_back_freed()
         progress("gain", GAIN_BEGINS + GAIN_TAKES * done / len(parts))
-        for square, part_squares in zip(squares, of_steps, strict=True):
-            square[folds[: points.n] == part] = part_squares
+        for step_squares, part_squares in zip(squares, of_steps, strict=True):
+            step_squares[folds[: points.n] == part] = part_squares
     for share in shares:
         work.take(share)
     return CrossValidated(squares, group_readings(points))
 
 
-def _without(
+def _repeat_search_without(
     part: int,
     current: Fit,
     work: WorkBudget,

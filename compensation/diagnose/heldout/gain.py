@@ -57,10 +57,10 @@ def compute_gain(
     ]
     drawn = [total[draws].sum(axis=1) for total in sums]
     change = np.sqrt(drawn[0] / drawn[1]) - np.sqrt(drawn[2] / np.maximum(drawn[3], 1.0))
-    low, high = np.quantile(1e3 * change, _tails(len(names)))
-    rms = _rms(before), _rms(after[use])
+    low, high = np.quantile(1e3 * change, _compute_tails(len(names)))
+    rms = _compute_rms_um(before), _compute_rms_um(after[use])
     better = rms[1] < (1.0 - LEAST_GAIN_SHARE) * rms[0]
-    is_confirmed = better and (low > 0 or _most_improve(index, before, after))
+    is_confirmed = better and (low > 0 or _do_most_improve(index, before, after))
     return Gain(*rms, (float(low), float(high)), bool(is_confirmed))
 
 
@@ -71,7 +71,7 @@ def cap_squares(before: F64, after: F64) -> tuple[F64, F64]:
     return np.minimum(before, cap), np.minimum(after, cap)
 
 
-def _most_improve(index: I64, before: F64, after: F64) -> bool:
+def _do_most_improve(index: I64, before: F64, after: F64) -> bool:
     """Whether most groups improve, by the sign test: a few readings that the model was never
     shown anything like may spoil a mean that is right for all the others."""
     change = np.bincount(index, before) - np.bincount(index, after)
@@ -79,7 +79,7 @@ def _most_improve(index: I64, before: F64, after: F64) -> bool:
     return bool(bdtrc(better - 1, better + worse, EVEN_CHANCE) < SIGN_P) if better else False
 
 
-def _tails(n: int) -> tuple[float, float]:
+def _compute_tails(n: int) -> tuple[float, float]:
     """Shares of resamplings of *n* groups below and above a 95 % interval.
 
     Few groups drawn from themselves scatter too little: less than Student's t by the quotient of
@@ -92,7 +92,7 @@ def _tails(n: int) -> tuple[float, float]:
     return low, 1.0 - low
 
 
-def _rms(squares: F64) -> float:
+def _compute_rms_um(squares: F64) -> float:
     return 1e3 * float(np.sqrt(squares.mean())) if squares.size else 0.0
 
 
@@ -119,7 +119,7 @@ def compute_left_out_squares(current: Fit, out: Mask, arm: Arm, growth: bool = F
     error. An arm that a fit makes larger or smaller is held to its own scale.
     """
     n = 3 * len(out)
-    columns_used = _of_the_arm(current, growth)
+    columns_used = _list_arm_columns(current, growth)
     if current.baseline.is_given and not current.findings:
         columns_used = columns_used[columns_used >= current.layout.identified.stop]
     amplitudes = np.zeros(len(current.solution))
@@ -139,13 +139,13 @@ def compute_left_out_squares(current: Fit, out: Mask, arm: Arm, growth: bool = F
         residual[rows] -= (
             pose_columns @ np.linalg.lstsq(pose_columns, clipped[rows], rcond=RANK_SHARE)[0]
         )
-    square: F64 = (residual.reshape(-1, 3)[points] ** 2).sum(axis=1) * compute_scale_factor(
+    squared_mm2: F64 = (residual.reshape(-1, 3)[points] ** 2).sum(axis=1) * compute_scale_factor(
         current, arm
     ) ** 2
-    return square
+    return squared_mm2
 
 
-def _of_the_arm(last: Fit, growth: bool) -> I64:
+def _list_arm_columns(last: Fit, growth: bool) -> I64:
     """Columns whose solution carries over to other placements: the arm's, and the findings'."""
     layout = last.layout
     return np.concatenate(

@@ -43,7 +43,7 @@ def compare_heldout(
 ) -> float:
     """By how many standard errors readings of placements left out in turn are predicted better
     with the findings *after* than with those *before*, all amplitudes estimated without them."""
-    old, new = (_squares(about, findings, arm) for findings in (before, after))
+    old, new = (_compute_squares(about, findings, arm) for findings in (before, after))
     groups = group_readings(about.linear.rests.points)
     return count_standard_errors(*cap_squares(old, new), groups)
 
@@ -57,7 +57,7 @@ def count_standard_errors(before: F64, after: F64, groups: I64) -> float:
     return float(by_group.sum()) / error if error > 0.0 else 0.0
 
 
-def _squares(about: Fit, findings: Sequence[Candidate], arm: Arm) -> F64:
+def _compute_squares(about: Fit, findings: Sequence[Candidate], arm: Arm) -> F64:
     """Squared residuals (n,) mm² of rests, the amplitudes of placements other than theirs."""
     solved = solve_again(about, findings, arm)
     squares = make_squares_in_turn(solved, arm, assign_folds(about.linear.rests))

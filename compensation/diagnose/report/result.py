@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.diagnose.constants import MOST_PARTS
-from armd.compensation.diagnose.diagnosis import Diagnosis, Explained, Finding, Gain, Touched
+from armd.compensation.diagnose.diagnosis import Diagnosis, Explained, Finding, Gain, MovedArtefact
 from armd.compensation.diagnose.fitting.target_steps import TargetStep, measure_target_steps
 from armd.compensation.diagnose.problem.amplitudes import is_curve
 from armd.compensation.diagnose.report.advice import propose_experiment
@@ -172,9 +172,9 @@ def describe_finding(diagnosis: Diagnosis, index: int) -> str:
 
 
 def _gain(gain: Gain) -> dict[str, Any]:
-    clear = gain.without_outliers_um
+    without_outliers = gain.without_outliers_um
     return {
-        **({"heldout_rms_um_without_outliers": list(clear)} if clear else {}),
+        **({"heldout_rms_um_without_outliers": list(without_outliers)} if without_outliers else {}),
         "heldout_rms_um_before": gain.before_um,
         "heldout_rms_um_after": gain.after_um,
         "interval_um": list(gain.interval_um),
@@ -182,7 +182,7 @@ def _gain(gain: Gain) -> dict[str, Any]:
     }
 
 
-def _touched(diagnosis: Diagnosis, touched: Touched) -> dict[str, Any]:
+def _touched(diagnosis: Diagnosis, touched: MovedArtefact) -> dict[str, Any]:
     effect = CATALOGUE["artefact_moved"]
     assert diagnosis.touched_gain is not None
     rows = [

@@ -20,8 +20,8 @@ def is_size_known(diagnosis: Diagnosis, index: int) -> bool:
     prior_sd = np.array([column.prior_sd for column in last.findings[index].columns])
     size = last.amplitudes[index] / prior_sd
     covariance = last.covariances[index] / np.outer(prior_sd, prior_sd)
-    square = float(size @ size)
-    return square**2 > SIZE_SIGMAS**2 * float(size @ covariance @ size)
+    squared_norm = float(size @ size)
+    return squared_norm**2 > SIZE_SIGMAS**2 * float(size @ covariance @ size)
 
 
 def list_parameters(diagnosis: Diagnosis, index: int) -> list[dict[str, str | float]]:

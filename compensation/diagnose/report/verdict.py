@@ -16,8 +16,8 @@ from armd.compensation.diagnose.constants import (
     UM_DIGITS,
     WOULD_SHOW,
 )
-from armd.compensation.diagnose.diagnosis import Diagnosis, Touched
-from armd.compensation.diagnose.fitting.growth_open import explain_missing_growth
+from armd.compensation.diagnose.diagnosis import Diagnosis, MovedArtefact
+from armd.compensation.diagnose.fitting.free_expansion import explain_missing_growth
 from armd.compensation.diagnose.fitting.target_steps import (
     measure_target_steps,
     select_significant_steps,
@@ -267,7 +267,7 @@ def format_um(value: float) -> str:
     return plain(value, UM_DIGITS)
 
 
-def describe_moved(touched: Touched) -> str:
+def describe_moved(touched: MovedArtefact) -> str:
     """What was moved, where and when."""
     move = CATALOGUE["artefact_moved"].describe(touched.candidate, touched.amplitudes)
     instant = "" if np.isnan(touched.instant_unix_s) else f", {clock(touched.instant_unix_s)}"

@@ -23,7 +23,10 @@ from armd.compensation.diagnose.scoring.evidence import (
 )
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape, make_shape
-from armd.compensation.diagnose.scoring.unevenness import make_unsettled, may_have_begun_anyhow
+from armd.compensation.diagnose.scoring.time_discrepancy import (
+    make_unsettled,
+    may_have_begun_anyhow,
+)
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm

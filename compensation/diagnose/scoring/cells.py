@@ -80,15 +80,15 @@ def clear_columns(white: F64, cells: Sequence[Cell]) -> F64:
 
 
 def compute_products_of_parts(
-    white: F64, clear: F64, cells: Sequence[Cell], parts: int
+    white: F64, cleared: F64, cells: Sequence[Cell], parts: int
 ) -> tuple[F64, F64]:
-    """Products (parts, m, u) of whitened columns (N, m) with *clear* ones (N, u), and the squared
+    """Products (parts, m, u) of whitened columns (N, m) with *cleared* ones (N, u), and the squared
     lengths (parts, m) of the former."""
-    products = np.zeros((parts, white.shape[1], clear.shape[1]))
+    products = np.zeros((parts, white.shape[1], cleared.shape[1]))
     squared_lengths = np.zeros((parts, white.shape[1]))
     for cell in cells:
         rows = white[cell.rows]
-        products[cell.part] += rows.T @ clear[cell.rows]
+        products[cell.part] += rows.T @ cleared[cell.rows]
         squared_lengths[cell.part] += (rows**2).sum(axis=0)
     return products, squared_lengths
 

@@ -51,7 +51,7 @@ class Projection:
     jacobian: F64  # (P, N) whitened
     place: I64  # (nuisance and shapes,) number among the shared columns; −1: eliminated
     parts: tuple[LinearModel, ...]  # the shared columns' problem, on each part's rows
-    clear: F64  # (N, b + 1) shared columns, then the residual, clear of the cells' own
+    cleared: F64  # (N, b + 1) shared columns, then the residual, clear of the cells' own
     side: F64  # (parts, b) products of the shared columns with the residual, clear
 
     @cached_property
@@ -62,7 +62,7 @@ class Projection:
     @cached_property
     def within(self) -> F64:
         """(b, b) products of the shared columns, clear of the cells' own, among each other."""
-        return self.clear[:, :-1].T @ self.clear[:, :-1]
+        return self.cleared[:, :-1].T @ self.cleared[:, :-1]
 
     @cached_property
     def lasting(self) -> Lasting:
@@ -73,9 +73,9 @@ class Projection:
     def clear_of_all(self, columns: F64) -> tuple[F64, F64]:
         """Columns (N, m), whitened, and the same clear of all that absorbs, the shapes included."""
         white = self.fit.noise.whiten(columns)
-        clear = clear_columns(white, self.cells)
-        shared = self.clear[:, :-1]
-        return white, clear - shared @ self.shared.explain(shared.T @ white)
+        cleared = clear_columns(white, self.cells)
+        shared = self.cleared[:, :-1]
+        return white, cleared - shared @ self.shared.explain(shared.T @ white)
 
     def clear_of_cells(self, columns: F64) -> F64:
         """Columns (N, m), whitened and clear of what the cells' own absorb."""
@@ -91,7 +91,7 @@ class Projection:
         """Without the rests of a part, for a *fit* of the shared columns whose whitener is zero
         there."""
         nothing = self.parts[part].of_no_rows()
-        cleared_rows = self.clear.copy()
+        cleared_rows = self.cleared.copy()
         for cell in self.cells:
             if cell.part == part:
                 cleared_rows[cell.rows] = 0.0
@@ -101,7 +101,7 @@ class Projection:
             cells=tuple(cell for cell in self.cells if cell.part != part),
             place=self.place[self.place >= 0],
             parts=tuple(nothing if i == part else model for i, model in enumerate(self.parts)),
-            clear=cleared_rows,
+            cleared=cleared_rows,
             side=self.side * (np.arange(len(self.parts)) != part)[:, None],
         )
 
@@ -115,7 +115,7 @@ class Projection:
         white = fit.noise.whiten(added)
         cleared_added = clear_columns(white, self.cells)
         b, m = self.shared.layout.n, added.shape[1]
-        all_clear = np.hstack([self.clear[:, :-1], cleared_added, self.clear[:, -1:]])
+        all_clear = np.hstack([self.cleared[:, :-1], cleared_added, self.cleared[:, -1:]])
         products, squared_lengths = compute_products_of_parts(
             white, all_clear, self.cells, len(self.parts)
         )
@@ -138,7 +138,7 @@ class Projection:
                     self.parts, products, squared_lengths, strict=True
                 )
             ),
-            clear=all_clear,
+            cleared=all_clear,
             side=np.hstack([self.side, products[:, :, -1]]),
         )
 
@@ -172,15 +172,15 @@ class Projection:
     def _products(self, signatures: Signatures, changes: ArtefactColumns, grams: Grams) -> F64:
         """Products (parts, K, b + 1) of all columns with the shared ones and the residual. From the
         *grams*, what each cell's own columns take of a candidate's is taken."""
-        products = np.zeros((len(self.parts), signatures.n_columns, self.clear.shape[1]))
-        pairs = np.zeros((len(self.parts), signatures.n_pairs, self.clear.shape[1]))
+        products = np.zeros((len(self.parts), signatures.n_columns, self.cleared.shape[1]))
+        pairs = np.zeros((len(self.parts), signatures.n_pairs, self.cleared.shape[1]))
         for cell, pair_products in self._of_pairs(signatures):
             n_own = cell.absorbing.shape[1]
             pairs[cell.part] += pair_products[:, n_own:]
             absorbed = signatures.weights @ pair_products[:, :n_own]
             indices, change = changes.columns_in(cell)
             absorbed[indices] += change.T @ cell.absorbing
-            products[cell.part, indices] += change.T @ self.clear[cell.rows]
+            products[cell.part, indices] += change.T @ self.cleared[cell.rows]
             for m, (members, gram) in grams.items():
                 absorbed_columns = absorbed[signatures.first[members][:, None] + np.arange(m)]
                 gram[cell.part] -= absorbed_columns @ absorbed_columns.transpose(0, 2, 1)
@@ -193,7 +193,7 @@ class Projection:
         the residual. Cells are summed in their order, however many processors there are."""
 
         def sum_cell(cell: Cell) -> F64:
-            columns = np.hstack([cell.absorbing, self.clear[cell.rows]])
+            columns = np.hstack([cell.absorbing, self.cleared[cell.rows]])
             if not len(cell.rests):
                 return np.zeros((signatures.n_pairs, columns.shape[1]))
             by_axis = columns.reshape(-1, 3, columns.shape[1])
@@ -206,7 +206,7 @@ class Projection:
         shared columns: those with the others, too."""
         b = sums.bx.shape[0]
         signatures = sums.signatures
-        added = self.clear[:, b:-1]
+        added = self.cleared[:, b:-1]
         n = self.fit.linear.rests.n
         products = signatures.products(
             self._at_rests, added[: 3 * n].reshape(n, 3, -1), slice(None)

@@ -150,7 +150,7 @@ class _Problem:
 
 def _absorbing(projection: Projection) -> _Problem:
     """What placements share of what absorbs."""
-    columns = projection.clear[:, :-1]
+    columns = projection.cleared[:, :-1]
     # Columns clear of the cells are what is weighed here: their own lengths are the yardstick.
     shared = projection.shared
     model = LinearModel.of_products(shared.layout, projection.within, shared.variance)

@@ -19,7 +19,7 @@ from armd.compensation.diagnose.constants import SHAPE_OFF, SHAPE_ORDERS
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
-from armd.compensation.diagnose.scoring.unevenness import make_uneven_columns, may_be_uneven
+from armd.compensation.diagnose.scoring.time_discrepancy import make_uneven_columns, may_be_uneven
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import TIP, Location, shape_of
 from armd.compensation.model.arm import Arm

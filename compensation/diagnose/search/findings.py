@@ -35,13 +35,13 @@ def judge(scored: ScoredCandidates, findings: Sequence[Finding], tests: int) -> 
     """Every finding, given all the others, as it is reported."""
     explained = explain(scored.fit, [f.statistic for f in findings], scored.scores, tests)
     judged = [
-        replace(f, explained=explanation, probability=_as_sure(f, explanation))
-        for f, explanation in zip(_honest(findings), explained, strict=True)
+        replace(f, explained=explanation, probability=_limit_probability(f, explanation))
+        for f, explanation in zip(_withdraw_names(findings), explained, strict=True)
     ]
     return tuple(judged)
 
 
-def _as_sure(finding: Finding, explained: Explained) -> float:
+def _limit_probability(finding: Finding, explained: Explained) -> float:
     """A name that accounts for little of what its variables show is no surer than that share."""
     named = finding.candidate.cause != "unknown"
     return finding.probability * (explained.share if named and explained.guess else 1.0)
@@ -56,8 +56,8 @@ def _weigh_finding(scored: ScoredCandidates, index: int, tests: int) -> Finding:
     candidate = scored.fit.findings[index]
     of_findings, scores = scored.score_findings_without_acting(index), scored.without(index)
     logs = scores.log_places()
-    logs |= _steps_at_its_instant(scored, index, scores)
-    _let_rivals_bend(logs, scored, index, scores)
+    logs |= _weigh_steps_at_instant(scored, index, scores)
+    _add_gains_of_shapes(logs, scored, index, scores)
     logs[candidate.place] = scored.log_posterior_of(index, scores)
     total = float(logsumexp(list(logs.values())))
     probability = {place: math.exp(weight - total) for place, weight in logs.items()}
@@ -66,12 +66,12 @@ def _weigh_finding(scored: ScoredCandidates, index: int, tests: int) -> Finding:
         max(float(compute_family_wise_p(of_findings.log_p[index], tests)), LEAST_P),
         float(of_findings.statistic[index]),
         probability[candidate.place],
-        _rivals(candidate, probability, scores, scored),
-        _variants(candidate, scores),
+        _list_rivals(candidate, probability, scores, scored),
+        _list_variants(candidate, scores),
     )
 
 
-def _let_rivals_bend(
+def _add_gains_of_shapes(
     logs: dict[tuple[str, str], float], scored: ScoredCandidates, index: int, scores: Scores
 ) -> None:
     """To the log posterior weights of the likeliest rivals, what they gain if they are not quite of
@@ -95,7 +95,7 @@ def _let_rivals_bend(
         logs[place] += float(gain)
 
 
-def _steps_at_its_instant(
+def _weigh_steps_at_instant(
     scored: ScoredCandidates, index: int, scores: Scores
 ) -> dict[tuple[str, str], float]:
     """Log posterior weights of places where something may step, at the refined instant of a finding
@@ -140,7 +140,7 @@ def find_nearest_step(instant_unix_s: float, steps: Sequence[Candidate]) -> Cand
     return min([nearest, *(nearest.refine() if nearest.refine else ())], key=distance_s)
 
 
-def _rivals(
+def _list_rivals(
     candidate: Candidate,
     probability: dict[tuple[str, str], float],
     scores: Scores,
@@ -153,7 +153,7 @@ def _rivals(
             continue
         of_place = [c.place == place for c in scores.signatures.candidates]
         best = int(np.argmax(np.where(of_place, posterior, -np.inf)))
-        rival = _at_the_instant_of(candidate, of_place, scores.signatures.candidates[best], scores)
+        rival = _move_to_instant(candidate, of_place, scores.signatures.candidates[best], scores)
         rivals.append((rival, probability[place]))
     alike = compare(candidate, [rival for rival, _ in rivals], scored.fit, scored.projection.arm)
     reported = [
@@ -166,7 +166,7 @@ def _rivals(
     return (*reported[:MOST_RIVALS], *named[:1])  # functions without a name crowd out no cause
 
 
-def _variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidate, float], ...]:
+def _list_variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidate, float], ...]:
     """The most probable others one by one, of the finding's own place too: another order of a
     temperature may pass for a rival where this one does not. Of a grid, the best."""
     posterior = scores.log_posterior()
@@ -184,7 +184,7 @@ def _variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidate, fl
     return tuple(variants.values())
 
 
-def _at_the_instant_of(
+def _move_to_instant(
     candidate: Candidate, of_place: Sequence[bool], best: Candidate, scores: Scores
 ) -> Candidate:
     """A rival step is compared at the finding's own, refined instant."""
@@ -209,7 +209,7 @@ def find_likelier_rival(finding: Finding) -> Candidate | None:
     return best.candidate if best.probability > finding.probability else None
 
 
-def _honest(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+def _withdraw_names(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Return no name for a part of what is unknown, nor one that is less likely than another.
 
     What has no name, and is less likely than causes that the search has refused for their size or
@@ -226,26 +226,26 @@ def _honest(findings: Sequence[Finding]) -> tuple[Finding, ...]:
         if candidate.cause == "unknown":
             replaceable = find_likelier_rival(finding) is not None
             return (
-                _without_a_name(finding, likelier_rivals, candidate.depends_on)
+                _withdraw_name(finding, likelier_rivals, candidate.depends_on)
                 if replaceable
                 else finding
             )
         likelier = [r for r in finding.rivals if r.candidate.cause == "unknown"]
         if sum(r.probability for r in likelier) > CLEARLY * finding.probability:
-            return _without_a_name(finding, likelier[:1], likelier[0].candidate.depends_on)
+            return _withdraw_name(finding, likelier[:1], likelier[0].candidate.depends_on)
         if find_likelier_rival(finding) is not None:
-            return _without_a_name(finding, likelier_rivals, candidate.depends_on)
+            return _withdraw_name(finding, likelier_rivals, candidate.depends_on)
         part = any(
             u.statistic > finding.statistic
             and list_variables(u.candidate) & set(candidate.depends_on)
             for u in unknown
         )
-        return _without_a_name(finding, (), candidate.depends_on) if part else finding
+        return _withdraw_name(finding, (), candidate.depends_on) if part else finding
 
     return tuple(rename(f) for f in findings)
 
 
-def _without_a_name(
+def _withdraw_name(
     finding: Finding, rivals: Sequence[Rival], variables: tuple[str, ...]
 ) -> Finding:
     """What is told instead of a name: a structure in the variables of the cause and of *rivals*,

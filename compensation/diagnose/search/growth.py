@@ -16,7 +16,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import AS_QUIET_GROWN, EXPECTED_PRIOR, MOST_GROWTH_ROUNDS
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.growth_open import without_growth
+from armd.compensation.diagnose.fitting.free_expansion import without_growth
 from armd.compensation.diagnose.fitting.neighbourhood import find_refusal
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline

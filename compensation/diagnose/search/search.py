@@ -22,14 +22,14 @@ from armd.compensation.diagnose.constants import (
     STEP_WORK,
 )
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
+from armd.compensation.diagnose.fitting.alternating_fit import fit_by_turns
 from armd.compensation.diagnose.fitting.neighbourhood import find_refusal
 from armd.compensation.diagnose.fitting.refit import solve_again, with_findings_unsolved
-from armd.compensation.diagnose.fitting.through import fit_by_turns
+from armd.compensation.diagnose.problem.acting_causes import list_acting_through, with_acting
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
-from armd.compensation.diagnose.problem.through import list_acting_through, with_acting
 from armd.compensation.diagnose.scoring.candidates import (
     PartedSurvey,
     ScoredCandidates,

@@ -10,8 +10,8 @@ import numpy as np
 
 from armd.compensation.diagnose.constants import AS_QUIET_AGAIN, AS_WELL
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
+from armd.compensation.diagnose.fitting.absorbed_error import allow_only_absorbed_error
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.taken_up import allow_only_absorbed_error
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection

@@ -31,9 +31,9 @@ from armd.compensation.diagnose.extend import extend_calibration, knows_growth
 from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.fitting.neighbourhood import compute_scale_factor
 from armd.compensation.diagnose.fitting.refit import Refits
-from armd.compensation.diagnose.heldout.forward import make_later_squares
 from armd.compensation.diagnose.heldout.gain import group_readings
 from armd.compensation.diagnose.heldout.judge import IsUninformative, Judge, Look
+from armd.compensation.diagnose.heldout.later_readings import make_later_squares
 from armd.compensation.diagnose.heldout.sets import make_squares_in_turn
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import assign_folds
@@ -75,12 +75,12 @@ def choose(
     """
     judge = Judge(result.last, looks, is_uninformative, later)
     if growth and not cannot_see_growth:
-        with_growth = _chosen(result, judge, able, True, repeated_tells)
+        with_growth = _choose_validated(result, judge, able, True, repeated_tells)
         if with_growth.numbers and judge.find_confirming_look(
             (with_growth.numbers, False), (with_growth.numbers, True)
         ):
             return with_growth
-    chosen = _chosen(result, judge, able, False, repeated_tells)
+    chosen = _choose_validated(result, judge, able, False, repeated_tells)
     if growth and cannot_see_growth and chosen.numbers:
         with_growth = replace(chosen, growth=judge.predicts_better(chosen.numbers))
         if with_growth.growth and chosen.by == TARGETS:  # the look that hears it has decided
@@ -89,7 +89,7 @@ def choose(
     return chosen
 
 
-def _chosen(
+def _choose_validated(
     result: SearchResult, judge: Judge, able: Sequence[bool], growth: bool, repeated_tells: bool
 ) -> ValidatedFindings:
     """The findings borne out one after another, in a model in which the first link grows or not;
@@ -116,7 +116,7 @@ def _chosen(
     current, full = (chosen, growth), (every, growth)
     together = judge.find_confirming_look(current, full) if len(every) > len(chosen) + 1 else None
     if together is not None and judge.predicts_later_no_worse(current, full):
-        chosen = _without_harm(result.last, judge, every, growth)  # some help only together
+        chosen = _remove_harmful(result.last, judge, every, growth)  # some help only together
     decides = -1 if further else 0
     contradicted_later = tuple(i for i in dict.fromkeys(contradicted) if i not in chosen)
     doubts = {
@@ -134,7 +134,9 @@ def _chosen(
     return ValidatedFindings(chosen, before, after, gains, by, contradicted_later, growth, doubts)
 
 
-def _without_harm(last: Fit, judge: Judge, every: tuple[int, ...], growth: bool) -> tuple[int, ...]:
+def _remove_harmful(
+    last: Fit, judge: Judge, every: tuple[int, ...], growth: bool
+) -> tuple[int, ...]:
     """Of findings borne out together, those that the rest does not predict better without, the
     last found asked first: a set that helps must not carry along what harms."""
     remaining = every
@@ -156,7 +158,7 @@ def validate_by_placement(
     groups = group_readings(points)
     looks = [
         Look(make_squares_in_turn(last, arm, folds), groups, float(points.freedom.mean()))
-        for folds in (assign_folds(rests), _by_target(points)[rests.point_of])
+        for folds in (assign_folds(rests), _assign_folds_by_target(points)[rests.point_of])
     ]
     able = [
         not finding.candidate.told_only and stands_alone(finding, step)
@@ -164,13 +166,13 @@ def validate_by_placement(
     ]
     later = make_later_squares(last, arm) if any(map(may_go_on_otherwise, last.findings)) else None
     growth = knows_growth(last, arm)
-    cannot_see_growth = growth and _in_one_fold(last, last.net_growth())
+    cannot_see_growth = growth and _is_in_one_fold(last, last.net_growth())
     repeated_tells = not stepwise or stepwise[-1].after_um <= stepwise[0].before_um
     return choose(
         result,
         looks,
         able,
-        _uninformative_by_placement(last),
+        _make_uninformative_by_placement(last),
         later,
         growth,
         cannot_see_growth,
@@ -192,26 +194,28 @@ def stands_alone(finding: Finding, step: Gain) -> bool:
     return is_sure or step.after_um <= step.before_um
 
 
-def _uninformative_by_placement(last: Fit) -> IsUninformative:
+def _make_uninformative_by_placement(last: Fit) -> IsUninformative:
     """Whether placements left out cannot tell of a finding: beside the findings that it is judged
     with. Another that is not among them may take up what most placements show of it."""
     refits = Refits(last)
 
     @cache
     def is_uninformative(finding: int, numbers: tuple[int, ...]) -> bool:
-        return _in_one_fold(last, refits.with_subset(numbers).net_signature(numbers.index(finding)))
+        return _is_in_one_fold(
+            last, refits.with_subset(numbers).net_signature(numbers.index(finding))
+        )
 
     return is_uninformative
 
 
-def _in_one_fold(last: Fit, moves: F64) -> bool:
+def _is_in_one_fold(last: Fit, moves: F64) -> bool:
     """Whether nearly all of what *moves* (n, 3) the tip does so in placements left out together."""
     white = last.noise.whiten_rests(moves)
     by_fold = np.bincount(assign_folds(last.linear.rests), (white**2).sum(axis=1))
     return bool(by_fold.max() > IN_ONE * max(float(by_fold.sum()), LEAST_POSITIVE))
 
 
-def _by_target(observations: Observations) -> I64:
+def _assign_folds_by_target(observations: Observations) -> I64:
     """Fold of each rest: its target's within the placement; of readings with truth their
     posture's turn."""
     turn = np.where(observations.has_truth, find_postures(observations), observations.target)

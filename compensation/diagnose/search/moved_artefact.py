@@ -29,7 +29,7 @@ from armd.compensation.diagnose.constants import (
     TOUCHED_FINER,
     TOUCHED_GRID,
 )
-from armd.compensation.diagnose.diagnosis import Touched
+from armd.compensation.diagnose.diagnosis import MovedArtefact
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
@@ -63,7 +63,7 @@ def score_without_base_steps(
     return score_candidates(projection, signatures)
 
 
-def find_touched(scored: ScoredCandidates) -> Touched | None:
+def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
     """The clearest step of one placement, if no cause of the catalogue explains more."""
     projection = scored.projection
     rests = projection.fit.linear.rests
@@ -100,7 +100,7 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
     change = _change(candidate)
     parted, session, row, instant = _parted(rests, change.index, change.after)
     name = rests.observations.placement_names[change.index]
-    return Touched(
+    return MovedArtefact(
         session,
         name.removeprefix(f"{session}/"),
         row,

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import MOST_TURNS
 from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.problem.acting_causes import find_acting, rebuild_candidate
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState, Rests
-from armd.compensation.diagnose.problem.through import find_acting, rebuild_candidate
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.model.arm import Arm

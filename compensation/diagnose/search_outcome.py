@@ -9,7 +9,7 @@ import numpy as np
 
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.constants import AS_FAR_OFF
-from armd.compensation.diagnose.diagnosis import SearchResult, Touched
+from armd.compensation.diagnose.diagnosis import MovedArtefact, SearchResult
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
@@ -17,7 +17,7 @@ from armd.compensation.identify.admission.odd_session import Odd
 
 
 @dataclass
-class Searched:
+class SearchOutcome:
     """What the last search had and found, and what was mended before it."""
 
     original_sessions: tuple[Session, ...]  # with every placement whole
@@ -26,7 +26,7 @@ class Searched:
     baseline: Baseline
     result: SearchResult
     parted: PartedSurvey | None  # many megabytes: given up when they are not needed any more
-    touched: tuple[Touched, ...]
+    touched: tuple[MovedArtefact, ...]
 
 
 def without_sessions(sessions: Sequence[Session], *strange: Odd) -> tuple[Session, ...]:

@@ -37,7 +37,7 @@ def make_later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F
         out = part >= n_parts
         if not 0 < out.sum() < len(out):
             continue
-        frozen = _held_from(last, float(time_s[~out].max()), arm)
+        frozen = _freeze_drifts(last, float(time_s[~out].max()), arm)
         refits += [(out, refit) for refit in make_refits_without(frozen, [out])]
 
     def squares(numbers: Sequence[int], growth: bool) -> F64:
@@ -63,7 +63,7 @@ def split_in_time(observations: Observations) -> I64:
     return parts
 
 
-def _held_from(last: Fit, until_s: float, arm: Arm) -> Fit:
+def _freeze_drifts(last: Fit, until_s: float, arm: Arm) -> Fit:
     """The fit with every drift's columns as they are if it was identified until then."""
     linear = last.linear
     observations = linear.rests.observations
