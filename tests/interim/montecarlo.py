@@ -39,7 +39,7 @@ SETTLED = 2
 def run_case(case: Case, bench: Bench) -> Outcome:
     checks = list(bench.checks(case.history, case.seed))
     epoch = _judged(bench, checks)
-    of, causes, found, told = epoch.stack, epoch.causes, epoch.found, epoch.told
+    of, causes, found, told = epoch.stack, epoch.causes, epoch.detected, epoch.reported_changes
     begun = interim.begins(case.happening, case.used)
     first = int(np.ceil(begun)) - 1 + int(case.grows)  # the first check that has some of it
     right = true_cause(case, causes)
@@ -120,9 +120,9 @@ def _asked(
 
 def _probability(epoch: Epoch, place: tuple[str, str]) -> tuple[float, bool]:
     """Of the cause at *place*, of the change told first; and whether that is its name."""
-    if not epoch.told or epoch.told[0].cause is None:
+    if not epoch.reported_changes or epoch.reported_changes[0].cause is None:
         return 0.0, False
-    told = epoch.told[0]
+    told = epoch.reported_changes[0]
     every = [(told.cause, told.change.probability), *told.rivals]
     share = sum(p for cause, p in every if cause.place == place)
     return share, told.cause.place == place

@@ -69,7 +69,7 @@ class Drawn:
         """A *check* in its poses, with numbers drawn."""
         columns = check.causes * self._typical
         known = [self._known.setdefault(n, self._rng.normal()) for n in check.known_names]
-        residual = self._rng.normal(size=len(check.residual)) + TRUST * check.known @ known
+        residual = self._rng.normal(size=len(check.residual)) + TRUST * check.error_columns @ known
         residual += columns @ self._all_along
         residual += self._there(check.mean_unix_s) * columns[:, self._block] @ self._size
         return replace(check, residual=residual)
@@ -117,11 +117,11 @@ def told(
 
 
 def _first(epoch: Epoch) -> Change | None:
-    return next((one.change for one in epoch.told if one.cause is not None), None)
+    return next((one.change for one in epoch.reported_changes if one.cause is not None), None)
 
 
 def _place(epoch: Epoch) -> tuple[str, str] | None:
-    return next((one.cause.place for one in epoch.told if one.cause is not None), None)
+    return next((one.cause.place for one in epoch.reported_changes if one.cause is not None), None)
 
 
 def _on_seats(bench: Bench, advised: tomorrow.Advised, at_unix_s: float) -> Reduced:
@@ -137,7 +137,7 @@ def _on_seats(bench: Bench, advised: tomorrow.Advised, at_unix_s: float) -> Redu
         check,
         residual=np.zeros(clear.shape[1]),
         causes=clear.T @ whole.causes,
-        known=clear.T @ whole.known,
+        error_columns=clear.T @ whole.error_columns,
         targets=clear.T @ whole.targets,
     )
 

@@ -39,7 +39,7 @@ def by_the_oracle(
 
 def as_told(bench: Bench, epoch: Epoch) -> Calibration:
     """The calibration that `armd interim` writes with all changes."""
-    mended = [told.calibration for told in epoch.told if told.calibration is not None]
+    mended = [told.calibration for told in epoch.reported_changes if told.calibration is not None]
     return mended[-1] if mended else bench.calibration
 
 

@@ -30,9 +30,9 @@ def noise_alone(
     ]
     of = stack(many, causes)
     rng = np.random.default_rng([seed, 0x1C])
-    known = rng.normal(size=(of.known[0].shape[1], draws))
+    known = rng.normal(size=(of.error_columns[0].shape[1], draws))
     known[slice(*of.standing)] *= rng.choice(of.scales, draws)
-    noise = [k @ known + rng.normal(size=(len(k), draws)) for k in of.known]
+    noise = [k @ known + rng.normal(size=(len(k), draws)) for k in of.error_columns]
     sums = RunningSums(of)
     towards = [c.T @ z for c, z in zip(of.columns, noise, strict=True)]
     days = of.time_d / 30.0
@@ -41,7 +41,7 @@ def noise_alone(
     zero = np.zeros_like(plain[:1])
     plain, timed = np.concatenate([zero, plain]), np.concatenate([zero, timed])
     known_side = np.cumsum(
-        np.stack([k.T @ z for k, z in zip(of.known, noise, strict=True)]), axis=0
+        np.stack([k.T @ z for k, z in zip(of.error_columns, noise, strict=True)]), axis=0
     )
     square = np.cumsum(np.stack([(z**2).sum(axis=0) for z in noise]), axis=0)
     priors = np.log(
@@ -95,7 +95,7 @@ def _log_ratio(
         own_side = own_side[:, np.concatenate([at.ravel() for _, at in sums.groups])]
         clear = own_side - cross @ side
         end = 0
-        for (members, at), own in zip(sums.groups, one.own, strict=True):
+        for (members, at), own in zip(sums.groups, one.cause_grams, strict=True):
             begin, end = end, end + at.size
             block = cross[:, begin:end].reshape(*own.shape[:3], -1)
             clear_of = clear[:, begin:end].reshape(*own.shape[:3], -1)

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from test_interim_history import true_calibration
 
-from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.changes.ways import Way
+from armd.compensation.interim.changes.change import Change, Scenario
 from armd.compensation.interim.checks.columns import Cause, causes_of
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.report.amend import amended
@@ -56,7 +55,7 @@ def a_growth(causes: list[Cause], cause: int, first: int) -> Change:
 
 
 def written(
-    path: Path, of: Stack, causes: list[Cause], calibration: Calibration, ways: list[Way]
+    path: Path, of: Stack, causes: list[Cause], calibration: Calibration, ways: list[Scenario]
 ) -> Calibration:
     every = averaged(of, causes, ways, ())
     instants = [BEGUN_UNIX_S] * len(every.changes)

@@ -34,7 +34,7 @@ def touched(seed: int) -> Stack:
 
 def density(of: Stack, more: np.ndarray) -> float:
     """Log of Student's density of all numbers, *more* added to the last check's covariance."""
-    z, known = np.concatenate(of.residual), np.concatenate(of.known)
+    z, known = np.concatenate(of.residual), np.concatenate(of.error_columns)
     shape = np.eye(len(z)) + known @ known.T
     r = len(of.residual[-1])
     shape[-r:, -r:] += more

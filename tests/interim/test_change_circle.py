@@ -54,8 +54,8 @@ def wearing(
 def by_hand(of: Stack, stand: Stand, good: Sequence[int]) -> float:
     """Log density of the readings of *good* checks, from their covariance as it stands, less the
     price of the changes."""
-    rows = [*np.concatenate([of.known[i] for i in good]).T]
-    for change in stand.found:
+    rows = [*np.concatenate([of.error_columns[i] for i in good]).T]
+    for change in stand.changes:
         assert change.cause is not None
         block, shape = of.blocks[change.cause], shapes(of, change)
         for sizes, course in zip(amplitude_sizes(change, block.stop - block.start), shape.T,
@@ -66,7 +66,7 @@ def by_hand(of: Stack, stand: Stand, good: Sequence[int]) -> float:
     covariance = np.eye(beside.shape[1]) + beside.T @ beside
     readings = np.concatenate([of.residual[i] for i in good])
     density = multivariate_t.logpdf(readings, shape=covariance, df=NOISE_WORD)
-    return float(density) - LIMIT * len(stand.found)
+    return float(density) - LIMIT * len(stand.changes)
 
 
 @parametrize_default("seed", SEEDS)
@@ -120,7 +120,7 @@ def test_a_check_that_one_of_them_takes_for_bad_speaks_for_none() -> None:
     assert best(of, (right, wrong)) is best(of, (wrong, right))
     assert best(of, (right, wrong)) is (right, wrong)[int(np.argmax(evidence))]
     # The same change said twice is no likelier, and costs one more.
-    twice = replace(right, found=(change, change))
+    twice = replace(right, changes=(change, change))
     assert best(of, (twice, right)) is right
 
 

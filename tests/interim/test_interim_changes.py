@@ -108,7 +108,7 @@ def test_shares_of_onsets_and_rates_are_those_of_the_plain_formulas(cause: int) 
     # A bend at every third check until the last but one, none before a growth's first check.
     bends = some.time_d[[1, 4, 7, 10, 13, 16, 19, 22, 25]]
     assert all(c.bends_d == tuple(bends[bends > of.time_d[c.first]]) for c in courses)
-    q = of.known[0].shape[1]
+    q = of.error_columns[0].shape[1]
     alone = with_changes(some, [change])
     rate = np.abs(change.size * known_errors(alone.sums(range(some.n))).mean[q:])
     for course in courses:

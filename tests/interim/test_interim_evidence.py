@@ -56,7 +56,7 @@ def a_stack(rng: np.random.Generator) -> tuple[Stack, list[Cause]]:
 def density(of: Stack, more: list[np.ndarray], size: float) -> float:
     """Log of Student's density of all readings, the covariance written out in full."""
     z = np.concatenate(of.residual)
-    known, extra = np.concatenate(of.known), np.concatenate(more)
+    known, extra = np.concatenate(of.error_columns), np.concatenate(more)
     shape = np.eye(len(z)) + known @ known.T + size**2 * extra @ extra.T
     return float(multivariate_t.logpdf(z, np.zeros(len(z)), shape, df=NOISE_WORD))
 

@@ -39,7 +39,9 @@ def with_a_bad_check(seed: int, bad: int) -> tuple[Stack, list[Any]]:
     of, causes = off_from(np.random.default_rng(seed), 99, 99)
     residual = list(of.residual)
     residual[bad] = residual[bad] + 3.0 * of.targets[bad] @ [1.0, -0.4, 0.3]
-    return Stack(of.time_d, tuple(residual), of.columns, of.known, of.targets, of.blocks), causes
+    return Stack(
+        of.time_d, tuple(residual), of.columns, of.error_columns, of.targets, of.blocks
+    ), causes
 
 
 @parametrize_default("until", [1, 5, 9, 10, 11, 12, 13, 30], default=3)
@@ -98,7 +100,7 @@ CHECKS: Any = tuple(FakeCheck(i) for i in range(5))
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(looked=QUIET))
+    epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=QUIET))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     return tmp_path
@@ -106,7 +108,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_what_is_remembered_is_of_these_checks_in_this_order(folder: Path) -> None:
     found = recall(folder)
-    assert found.of(CHECKS) == found.of([*CHECKS, FakeCheck(9)]) == QUIET  # type: ignore[list-item]
+    assert found.recall_looks(CHECKS) == found.recall_looks([*CHECKS, FakeCheck(9)]) == QUIET  # type: ignore[list-item]
     others: list[Any] = [
         CHECKS[:2],  # a history put back to what it was: its last check is watched again
         CHECKS[1:],
@@ -115,11 +117,11 @@ def test_what_is_remembered_is_of_these_checks_in_this_order(folder: Path) -> No
         [FakeCheck(i, ("another", "arm")) for i in range(5)],
     ]
     for other in others:
-        assert found.of(other) == NEVER_YET
+        assert found.recall_looks(other) == NEVER_YET
     # Of what came after the last check that is the same nothing is believed.
-    shorter = found.of([*CHECKS[:3], FakeCheck(9)])  # type: ignore[list-item]
+    shorter = found.recall_looks([*CHECKS[:3], FakeCheck(9)])  # type: ignore[list-item]
     assert shorter == Looked(QUIET.looks, (), (1,))
-    assert found.of(CHECKS[:3]) == Looked(QUIET.looks[:1], (), (1,))
+    assert found.recall_looks(CHECKS[:3]) == Looked(QUIET.looks[:1], (), (1,))
 
 
 def broken(text: str, how: str) -> str:
@@ -197,11 +199,13 @@ def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late
     of = replace(of, residual=tuple(residual))
     others = [i for i in range(of.n) if i != late]
     looked = find(of.only(others), causes).looked
-    epoch = SimpleNamespace(checks=[*map(FakeCheck, others)], found=SimpleNamespace(looked=looked))
+    epoch = SimpleNamespace(
+        checks=[*map(FakeCheck, others)], detected=SimpleNamespace(looked=looked)
+    )
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     every: Any = [*map(FakeCheck, range(of.n))]
-    before = recall(tmp_path).of(every)
+    before = recall(tmp_path).recall_looks(every)
     assert all(look.until <= late for look in before.looks)
     found, anew = find(of, causes, before), find(of, causes)
     assert found.statistic == pytest.approx(anew.statistic, abs=1e-9)
@@ -225,7 +229,7 @@ def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late
 )
 def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: Looked) -> None:
     """A statistic over the limit, or a bad check that is none of these: its hash may be right."""
-    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(looked=looked))
+    epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=looked))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     assert recall(tmp_path) == NOTHING
@@ -233,7 +237,7 @@ def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: Looked) -> None:
 
 def test_where_it_cannot_be_written_nothing_is_lost(tmp_path: Path) -> None:
     (tmp_path / WATCHED).mkdir()
-    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(looked=QUIET))
+    epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=QUIET))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     assert recall(tmp_path) == NOTHING

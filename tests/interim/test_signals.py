@@ -71,7 +71,7 @@ def test_a_column_is_all_its_terms_by_their_coefficients_and_bases() -> None:
     at = states()
     both = Column("both", "rad", 1.0, (*tie([("theta_2", 1.0), ("a_4", -3.0)]),))
     grown = Column("grown", "mm/K", 1.0, tie([("d_3", 2.0)], PER_K))
-    found = Signals(at, ARM, calibration()).of([both, grown])
+    found = Signals(at, ARM, calibration()).compute_motions([both, grown])
     expected = moved(at, "theta_2") - 3.0 * moved(at, "a_4")
     assert found[:, :, 0] == pytest.approx(expected, rel=1e-5, abs=1e-4)
     expected = 2.0 * moved(at, "d_3") * (at.temperature_c[:, 2] - 20.0)[:, None]

@@ -41,7 +41,7 @@ def test_a_check_is_foretold_as_all_numbers_together_say(seed: int) -> None:
         factors = []
         for i in [*measured, 4]:
             own = of.columns[i][:, of.blocks[one.cause]] * (3.0 if i >= one.first else 0.0)
-            factors.append(np.concatenate([of.known[i], own], axis=1))
+            factors.append(np.concatenate([of.error_columns[i], own], axis=1))
         together = np.concatenate(factors)
         covariance = np.eye(len(together)) + together @ together.T
         n = len(together) - len(of.residual[4])

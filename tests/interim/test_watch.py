@@ -79,7 +79,7 @@ def test_a_doubted_check_is_weighed_both_ways() -> None:
     _, causes = a_stack(np.random.default_rng(0))
     of = touched(0)
     residual = [*of.residual[:-1], of.residual[-1] + of.targets[-1][:, :3] @ [0.05, 0.02, -0.03]]
-    off = Stack(of.time_d, tuple(residual), of.columns, of.known, of.targets, of.blocks)
+    off = Stack(of.time_d, tuple(residual), of.columns, of.error_columns, of.targets, of.blocks)
     doubted = list(spoilt(off, off.sums(range(off.n)), range(off.n - UNSETTLED, off.n)))
     assert doubted == [off.n - 1]
     watched = watch(off, causes)
@@ -96,7 +96,7 @@ def test_three_in_a_row_that_nothing_explains_are_a_change_without_a_name() -> N
     residual = list(of.residual)
     for i, shift in zip(range(20, 20 + UNSETTLED), far, strict=True):
         residual[i] = residual[i] + 3.0 * of.targets[i] @ shift
-    off = Stack(of.time_d, tuple(residual), of.columns, of.known, of.targets, of.blocks)
+    off = Stack(of.time_d, tuple(residual), of.columns, of.error_columns, of.targets, of.blocks)
     watched = watch(off, causes)
     assert watched.alarm == 20 + UNSETTLED - 1
     assert watched.strange and watched.bad == ()

@@ -58,8 +58,8 @@ class Change:
         return (float(cause), float(self.gradual), float(self.first), self.size, *course)
 
 
-#: One way in which all changes may have been, with its share of the probability.
-Way = tuple[float, tuple[Change, ...]]
+#: A share of the probability, and all changes as they may have been.
+Scenario = tuple[float, tuple[Change, ...]]
 
 
 @dataclass(frozen=True)

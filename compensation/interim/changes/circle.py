@@ -18,7 +18,7 @@ class Stand:
     else."""
 
     look: EpochLook
-    found: tuple[Change, ...]
+    changes: tuple[Change, ...]
     alarms: tuple[int, ...]  # each change's
     bad: tuple[int, ...]
 
@@ -48,7 +48,7 @@ def best(stack: Stack, stands: Sequence[Stand]) -> Stand:
     good = [i for i in range(stack.n) if i not in bad]
 
     def evidence(stand: Stand) -> float:
-        changed = with_changes(stack, stand.found)
-        return log_marginal(changed, changed.sums(good)) - LIMIT * len(stand.found)
+        changed = with_changes(stack, stand.changes)
+        return log_marginal(changed, changed.sums(good)) - LIMIT * len(stand.changes)
 
     return max(stands, key=evidence)

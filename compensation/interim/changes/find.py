@@ -51,7 +51,7 @@ def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> C
         left_out = tuple(i for i in bad if i < since)
         if whole_circle := circle(stands, since, left_out, known_numbers, alarms):
             stand = best(stack, whole_circle)
-            changes, bad = [*stand.found], stand.bad
+            changes, bad = [*stand.changes], stand.bad
             break
         looked = watch(null, causes, since, bad, before.begun(since, left_out, known_numbers))
         first_look = first_look or looked

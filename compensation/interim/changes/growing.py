@@ -34,7 +34,7 @@ class Growing:
         eliminated = cleared(sums.curvature, sums.side, sums.square, slice(0), (1.0,))
         self._stack = stack
         self._rotated = [
-            eliminated.rotation @ columns.T for columns in stack.known
+            eliminated.rotation @ columns.T for columns in stack.error_columns
         ]  # per check (q, r)
         self._side = eliminated.side
         self._squared_norm = float(eliminated.square[0])

@@ -18,5 +18,7 @@ def digest(causes: Sequence[Cause], growth: Sequence[OpenGrowth] = ()) -> str:
         f"{place} {column.name} {[term.model_dump_json() for term in column.terms]}"
         for place, column in columns
     )
-    text += "".join(f"\n{one.name} {one.made_k:.9g} {one.size:.9g}" for one in growth)
+    text += "".join(
+        f"\n{expansion.name} {expansion.made_k:.9g} {expansion.size:.9g}" for expansion in growth
+    )
     return hashlib.sha256(text.encode()).hexdigest()

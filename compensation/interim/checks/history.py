@@ -92,8 +92,8 @@ def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
 
 def session(folder: Path, check: Check) -> Session:
     """A check as it was measured, under the name that it was added by."""
-    kept = load_session(folder / "checks" / check.line.folder, check.arm)
-    return replace(kept, name=check.line.name)
+    measured = load_session(folder / "checks" / check.line.folder, check.arm)
+    return replace(measured, name=check.line.name)
 
 
 def _of_today(folder: Path, check: Check, causes: Sequence[Cause]) -> Check:
@@ -107,8 +107,8 @@ def check_hash(path: Path, sha256: str) -> None:
     if not path.is_file():
         raise BadInput(path, "the file", "nothing", "the file that the history was written with")
     if hashlib.sha256(read_input(path)).hexdigest() != sha256:
-        found = "content that does not match its hash (edited or damaged)"
-        raise BadInput(path, "the file", found, f"the file as it was kept, {sha256[:16]}…")
+        mismatch = "content that does not match its hash (edited or damaged)"
+        raise BadInput(path, "the file", mismatch, f"the file as it was kept, {sha256[:16]}…")
 
 
 def iso(unix_s: float) -> str:

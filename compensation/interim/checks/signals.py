@@ -36,13 +36,13 @@ class Signals:
         #: (n, 3) mm, and (n, 3, P) per parameter
         self.position_mm, self._moved = jacobian(states.q, parameters)
 
-    def of(self, columns: Sequence[Column]) -> F64:
+    def compute_motions(self, columns: Sequence[Column]) -> F64:
         """(n, 3, p) how far each of *columns* moves the tip, mm per unit."""
-        found = np.zeros((self.states.n, 3, len(columns)))
+        motions = np.zeros((self.states.n, 3, len(columns)))
         about = self.states, self.arm, self.calibration.reference_temperature_c, self._constants
         for j, column in enumerate(columns):
-            found[:, :, j] = tip_motion(column.terms, *about, self._moved)
-        return found
+            motions[:, :, j] = tip_motion(column.terms, *about, self._moved)
+        return motions
 
     def calibrated(self) -> F64:
         """(n, 3, B) how far the calibration's independent standard errors move the tip, mm."""
@@ -61,9 +61,9 @@ class Signals:
 
     def grown(self, growth: Sequence[OpenGrowth]) -> F64:
         """(n, 3, m) how far each growth moves the tip, mm per standard deviation of it."""
-        places = self.arm.layout.indices(one.term.parameter for one in growth)
+        places = self.arm.layout.indices(expansion.term.parameter for expansion in growth)
         rise = rises_k(growth, self.states, self.arm, self.calibration)
-        size = np.array([one.size for one in growth])
+        size = np.array([expansion.size for expansion in growth])
         moved: F64 = self._moved[:, :, places] * (rise * size)[:, None, :]
         return moved
 
@@ -72,8 +72,8 @@ class Signals:
         noise, n_joints = self.calibration.noise, self.arm.n_joints
         encoder = np.array([*noise.encoder_rad, *[0.0] * n_joints])[:n_joints]
         joints = self._moved[:, :, self.arm.layout.angles] * encoder
-        told = any(noise.encoder_rad) or noise.reading_mm
-        reading = max(noise.reading_mm if told else USUAL_MM, LEAST_MM)
+        has_noise = any(noise.encoder_rad) or noise.reading_mm
+        reading = max(noise.reading_mm if has_noise else USUAL_MM, LEAST_MM)
         covariance = joints @ joints.transpose(0, 2, 1) + reading**2 * np.eye(3)
         whitener: F64 = np.linalg.inv(np.linalg.cholesky(covariance))
         return whitener

@@ -44,7 +44,7 @@ class Rest:
         """(scales, 3) of the other checks; and, they known, of *check* as it usually is and spoilt,
         by how large the standing errors are. But for what is the same of any."""
         residual = self.stack.residual[check]
-        sums = self.sums.without(self.stack.known[check], residual)
+        sums = self.sums.without(self.stack.error_columns[check], residual)
         eliminated = self.stack.cleared(sums)
         lefts = eliminated.square + NOISE_WORD
         others_log = [
@@ -54,7 +54,7 @@ class Rest:
                 eliminated.spread, eliminated.square, lefts, strict=True
             )
         ]
-        turned = self.stack.known[check] @ eliminated.rotation.T
+        turned = self.stack.error_columns[check] @ eliminated.rotation.T
         freedom = NOISE_WORD + sums.numbers
         turned_side = eliminated.weights * eliminated.side
         densities = np.full((len(others_log), 2), -np.inf)
@@ -131,12 +131,12 @@ def spoilt(stack: Stack, sums: CheckSums, doubted: Sequence[int]) -> dict[int, f
     first, with the log of their odds."""
     odds_of_spoilt: dict[int, float] = {}
     while True:
-        others = Rest(stack, sums)
+        rest = Rest(stack, sums)
         odds = {
-            i: others.log_evidence(i) - np.log(ONE_IN) for i in doubted if i not in odds_of_spoilt
+            i: rest.log_evidence(i) - np.log(ONE_IN) for i in doubted if i not in odds_of_spoilt
         }
         worst = max(odds, key=lambda i: odds[i], default=None)
         if worst is None or odds[worst] <= 0.0:
             return odds_of_spoilt
         odds_of_spoilt[worst] = odds[worst]
-        sums = sums.without(stack.known[worst], stack.residual[worst])
+        sums = sums.without(stack.error_columns[worst], stack.residual[worst])

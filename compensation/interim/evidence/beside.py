@@ -17,20 +17,20 @@ class Beside:
 
     def __init__(self, stack: Stack, chosen: Sequence[int]) -> None:
         self._chosen = list(chosen)
-        self._known = self._stacked(stack.known)
+        self._error_columns = self._stacked(stack.error_columns)
         self._residual = self._stacked(stack.residual)
-        self._own = stack.sums(self._chosen)
+        self._sums = stack.sums(self._chosen)
 
     def sums(self, extra: Sequence[F64]) -> CheckSums:
         """With *extra* known errors, (r, ·) of every check of the stack: the same as of a stack
         that has them (`Stack.knowing`)."""
         added = self._stacked(extra)
-        across = self._known.T @ added
+        across = self._error_columns.T @ added
         return CheckSums(
-            np.block([[self._own.curvature, across], [across.T, added.T @ added]]),
-            np.concatenate([self._own.side, added.T @ self._residual]),
-            self._own.square,
-            self._own.numbers,
+            np.block([[self._sums.curvature, across], [across.T, added.T @ added]]),
+            np.concatenate([self._sums.side, added.T @ self._residual]),
+            self._sums.square,
+            self._sums.numbers,
         )
 
     def _stacked(self, rows_of_checks: Sequence[F64]) -> F64:

@@ -28,11 +28,11 @@ class CheckSums:
     square: float
     numbers: int
 
-    def without(self, known: F64, residual: F64) -> CheckSums:
-        """All but a check of these *known* errors (r, q) and this *residual* (r,)."""
+    def without(self, error_columns: F64, residual: F64) -> CheckSums:
+        """All but a check of these *error_columns* (r, q) and this *residual* (r,)."""
         return CheckSums(
-            self.curvature - known.T @ known,
-            self.side - known.T @ residual,
+            self.curvature - error_columns.T @ error_columns,
+            self.side - error_columns.T @ residual,
             self.square - float(residual @ residual),
             self.numbers - len(residual),
         )

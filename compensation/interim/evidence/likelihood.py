@@ -106,7 +106,7 @@ def _log_ratios(
     )  # (T, C, scales)
     remainder = (NOISE_WORD + eliminated.square)[:, None]
     end = 0
-    for (members, columns), gram_of_group in zip(groups, begun.own, strict=True):
+    for (members, columns), gram_of_group in zip(groups, begun.cause_grams, strict=True):
         p = columns.shape[1]
         begin, end = end, end + columns.size
         block = begun.cross[:, begin:end].reshape(*gram_of_group.shape[:3], -1)

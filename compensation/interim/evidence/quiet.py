@@ -30,7 +30,7 @@ class EpochLook:
 
     since: int
     left_out: tuple[int, ...]  # checks before that are bad
-    known: tuple[float, ...]  # the changes known, as numbers
+    known_changes: tuple[float, ...]  # the changes known, as numbers
     quiet: Quiet
 
     @property
@@ -39,12 +39,13 @@ class EpochLook:
 
     @property
     def finite(self) -> bool:
-        return all(math.isfinite(value) for value in (*self.known, *self.quiet.statistic))
+        return all(math.isfinite(value) for value in (*self.known_changes, *self.quiet.statistic))
 
-    def is_at(self, since: int, left_out: Sequence[int], known: Sequence[float]) -> bool:
+    def is_at(self, since: int, left_out: Sequence[int], known_changes: Sequence[float]) -> bool:
         return (
-            (self.since, self.left_out, len(self.known)) == (since, tuple(left_out), len(known))
-            and bool(np.allclose(self.known, known, rtol=SAME, atol=0.0))
+            (self.since, self.left_out) == (since, tuple(left_out))
+            and len(self.known_changes) == len(known_changes)
+            and bool(np.allclose(self.known_changes, known_changes, rtol=SAME, atol=0.0))
         )  # fmt: skip
 
 
@@ -57,9 +58,9 @@ class Looked:
     after: tuple[float, ...] = ()
     left_out: tuple[int, ...] = ()
 
-    def begun(self, since: int, left_out: Sequence[int], known: Sequence[float]) -> Quiet:
+    def begun(self, since: int, left_out: Sequence[int], known_changes: Sequence[float]) -> Quiet:
         """What is known of a look already."""
-        matching = (look for look in self.looks if look.is_at(since, left_out, known))
+        matching = (look for look in self.looks if look.is_at(since, left_out, known_changes))
         return next((look.quiet for look in matching), NOTHING_YET)
 
     def after_alarm(self, alarm: int, check: int, left_out: Sequence[int]) -> float | None:

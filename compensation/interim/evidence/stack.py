@@ -40,7 +40,7 @@ class Begun:
 
     cross: F64  # (T, C, q) with the known errors
     towards: F64  # (T, C) with the readings
-    own: list[F64]  # by group (T, causes, p, p)
+    cause_grams: list[F64]  # by group (T, causes, p, p)
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Stack:
     time_d: F64  # (n,) mean time of each check, days since the first
     residual: tuple[F64, ...]  # n × (r,)
     columns: tuple[F64, ...]  # n × (r, C), per typical size
-    known: tuple[F64, ...]  # n × (r, q) per standard deviation of what is wrong all along
+    error_columns: tuple[F64, ...]  # n × (r, q) per standard deviation of what is wrong all along
     targets: tuple[F64, ...]  # n × (r, 3 T) per mm
     blocks: tuple[slice, ...]  # K causes' columns
     #: Of the known errors those that the model does not have, from and to, at such a share of their
@@ -81,14 +81,14 @@ class Stack:
 
     def scaled(self, scale: float) -> F64:
         """(q,) factors of the known errors where the standing ones are *scale* times as large."""
-        factors = np.ones(self.known[0].shape[1])
+        factors = np.ones(self.error_columns[0].shape[1])
         factors[slice(*self.standing)] = scale
         return factors
 
     def rescale(self, scale: float) -> Stack:
         """The same, the standing errors *scale* times as large."""
-        known = tuple(columns * self.scaled(scale) for columns in self.known)
-        return replace(self, known=known, share=self.share * scale)
+        error_columns = tuple(columns * self.scaled(scale) for columns in self.error_columns)
+        return replace(self, error_columns=error_columns, share=self.share * scale)
 
     def only(self, chosen: Sequence[int]) -> Stack:
         """Some of the checks, in time."""
@@ -97,17 +97,17 @@ class Stack:
             time_d=self.time_d[list(chosen)],
             residual=tuple(self.residual[i] for i in chosen),
             columns=tuple(self.columns[i] for i in chosen),
-            known=tuple(self.known[i] for i in chosen),
+            error_columns=tuple(self.error_columns[i] for i in chosen),
             targets=tuple(self.targets[i] for i in chosen),
         )
 
     def sums(self, chosen: Sequence[int]) -> CheckSums:
         """Over some of the checks."""
-        pairs = [(self.known[i], self.residual[i]) for i in chosen]
-        q = self.known[0].shape[1]
+        pairs = [(self.error_columns[i], self.residual[i]) for i in chosen]
+        q = self.error_columns[0].shape[1]
         return CheckSums(
-            sum((known.T @ known for known, _ in pairs), np.zeros((q, q))),
-            sum((known.T @ residual for known, residual in pairs), np.zeros(q)),
+            sum((errors.T @ errors for errors, _ in pairs), np.zeros((q, q))),
+            sum((errors.T @ residual for errors, residual in pairs), np.zeros(q)),
             sum(float(residual @ residual) for _, residual in pairs),
             sum(len(residual) for _, residual in pairs),
         )
@@ -119,8 +119,8 @@ class Stack:
 
     def knowing(self, extra: Sequence[F64]) -> Stack:
         """With more known errors, (r, ·) per check."""
-        known = zip(self.known, extra, strict=True)
-        return replace(self, known=tuple(np.concatenate(pair, axis=1) for pair in known))
+        pairs = zip(self.error_columns, extra, strict=True)
+        return replace(self, error_columns=tuple(np.concatenate(pair, axis=1) for pair in pairs))
 
 
 def gap_d(time_d: F64) -> float:
@@ -135,7 +135,7 @@ def stack(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
     share = max(ALL_ALONG)
     stated = _compressed(_aligned(checks))
     standing = _compressed([share * values for values in columns])
-    known = [np.concatenate(pair, axis=1) for pair in zip(stated, standing, strict=True)]
+    error_columns = [np.concatenate(pair, axis=1) for pair in zip(stated, standing, strict=True)]
     ends = np.cumsum([len(cause.candidate.columns) for cause in causes])
     starts = np.concatenate([[0], ends[:-1]])
     begun = checks[0].mean_unix_s
@@ -143,10 +143,10 @@ def stack(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
         np.array([(check.mean_unix_s - begun) / DAY_S for check in checks]),
         tuple(check.residual for check in checks),
         tuple(columns),
-        tuple(known),
+        tuple(error_columns),
         tuple(check.targets for check in checks),
         tuple(slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True)),
-        (stated[0].shape[1], known[0].shape[1]),
+        (stated[0].shape[1], error_columns[0].shape[1]),
         share,
     )
 
@@ -160,17 +160,20 @@ def _aligned(checks: Sequence[Reduced]) -> list[F64]:
         wide = np.zeros((len(check.residual), len(names)))
         # a growth's size is the materials', not the calibration's word
         trust = [1.0 if name.startswith(GROWTH) else TRUST for name in check.known_names]
-        wide[:, [place[name] for name in check.known_names]] = np.array(trust) * check.known
+        wide[:, [place[name] for name in check.known_names]] = np.array(trust) * check.error_columns
         aligned.append(wide)
     return aligned
 
 
-def _compressed(known: Sequence[F64]) -> list[F64]:
+def _compressed(error_columns: Sequence[F64]) -> list[F64]:
     """The same errors by fewer, independent unknowns: those that the checks see at all."""
-    gram = sum((columns.T @ columns for columns in known), np.zeros((known[0].shape[1],) * 2))
+    gram = sum(
+        (columns.T @ columns for columns in error_columns),
+        np.zeros((error_columns[0].shape[1],) * 2),
+    )
     value, vector = np.linalg.eigh(gram)
     visible = vector[:, value > LEAST_SEEN]
-    return [columns @ visible for columns in known]
+    return [columns @ visible for columns in error_columns]
 
 
 class RunningSums:
@@ -201,15 +204,15 @@ class RunningSums:
             [columns.ravel() for _, columns in self.groups] or [np.zeros(0, int)]
         )
         self._powers = np.array([np.ones(stack.n), days, days**2])  # of time
-        pairs = [*zip(stack.known, stack.residual, strict=True)]
-        q = stack.known[0].shape[1]
-        self.known = _cumulated(self._powers[:1], (k.T @ k for k, _ in pairs), (q, q))[0]
+        pairs = [*zip(stack.error_columns, stack.residual, strict=True)]
+        q = stack.error_columns[0].shape[1]
+        self.error_gram = _cumulated(self._powers[:1], (k.T @ k for k, _ in pairs), (q, q))[0]
         self.known_towards = _cumulated(self._powers[:1], (k.T @ z for k, z in pairs), (q,))[0]
         self.square = np.concatenate([[0.0], np.cumsum([z @ z for z in stack.residual])])
         self.numbers = np.concatenate([[0], np.cumsum([len(z) for z in stack.residual])])
 
     @cached_property
-    def own(self) -> list[F64]:
+    def cause_grams(self) -> list[F64]:
         """Each group's (3, n − begin + 1, causes, p, p)."""
         grams = []
         for _, columns in self.groups:
@@ -229,8 +232,8 @@ class RunningSums:
     @cached_property
     def cross(self) -> F64:
         """(2, n − begin + 1, C, q)."""
-        pairs = zip(self._columns(), self.stack.known[self.begin :], strict=True)
-        shape = (len(self._order), self.stack.known[0].shape[1])
+        pairs = zip(self._columns(), self.stack.error_columns[self.begin :], strict=True)
+        shape = (len(self._order), self.stack.error_columns[0].shape[1])
         return self._since_begin(2, (x.T @ k for x, k in pairs), shape)
 
     def _columns(self) -> Iterator[F64]:
@@ -242,7 +245,7 @@ class RunningSums:
     def upto(self, n: int) -> CheckSums:
         """Of the first *n* checks."""
         numbers = int(self.numbers[n])
-        return CheckSums(self.known[n], self.known_towards[n], float(self.square[n]), numbers)
+        return CheckSums(self.error_gram[n], self.known_towards[n], float(self.square[n]), numbers)
 
     def dropping(self, left_out: Sequence[int], n: int, back: int) -> tuple[RunningSums, int]:
         """Of the first *n* checks without those *left_out*, for changes that begin at one of the
@@ -259,11 +262,11 @@ class RunningSums:
 
         new = copy(self)
         new.stack, new.begin = self.stack.only([i for i in range(begin, n) if i not in left_out]), 0
-        new.known, new.known_towards, new.square, new.numbers = (
+        new.error_gram, new.known_towards, new.square, new.numbers = (
             dropped(values_of_all, 0, 0)
-            for values_of_all in (self.known, self.known_towards, self.square, self.numbers)
+            for values_of_all in (self.error_gram, self.known_towards, self.square, self.numbers)
         )
-        new.own = [dropped(gram, 1, self.begin) for gram in self.own]
+        new.cause_grams = [dropped(gram, 1, self.begin) for gram in self.cause_grams]
         new.towards, new.cross = (
             dropped(values_of_all, 1, self.begin) for values_of_all in (self.towards, self.cross)
         )
@@ -277,7 +280,7 @@ class RunningSums:
         turned = (self.cross[:, since].reshape(-1, shape[-1]) @ rotation.T).reshape(shape)
         cross = (self.cross[:, until] @ rotation.T)[:, None] - turned
         towards = self.towards[:, until, None] - self.towards[:, since]
-        owns = [gram[:, until, None] - gram[:, since] for gram in self.own]
+        owns = [gram[:, until, None] - gram[:, since] for gram in self.cause_grams]
         yield Begun(cross[0], towards[0], [gram[0] for gram in owns])
         a = (origin := self.origin(first, n))[:, None]
         b = origin[:, None, None, None]

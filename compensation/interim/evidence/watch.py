@@ -126,7 +126,7 @@ def _weighed(
 
 def _without(stack: Stack, sums: CheckSums, left_out: Sequence[int]) -> CheckSums:
     for i in left_out:
-        sums = sums.without(stack.known[i], stack.residual[i])
+        sums = sums.without(stack.error_columns[i], stack.residual[i])
     return sums
 
 

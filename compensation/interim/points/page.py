@@ -28,12 +28,12 @@ def points_page(
 ) -> str:
     """HTML text of the report of the history in *folder*."""
     page = Page(f"Interim checks of points: {folder.resolve().name}")
-    first, *more = points_in_words(epochs)
+    first, *further_sentences = points_in_words(epochs)
     changed = result["state"] == "changed"
     reason = page.in_brief("Verdict", first.removeprefix("In control: "))
     page.verdict("CHANGED" if changed else "IN CONTROL", reason, not changed)
-    head(page, None, [], about, [check.first_unix_s for one in epochs for check in one.checks])
-    page.items_in_brief("What the checks show", more, MOST_SENTENCES)
+    head(page, None, [], about, [check.first_unix_s for epoch in epochs for check in epoch.checks])
+    page.items_in_brief("What the checks show", further_sentences, MOST_SENTENCES)
     page.text(f"Next: {result['next_check']['sentence']}")
     page.text(
         "Decision rule: a change is reported where the statistic reaches its limit: without one,"
@@ -68,13 +68,13 @@ def _changes(page: Page, epoch: PointEpoch) -> None:
             ["figure", "before, µm", "change, µm", "standard uncertainty, µm", "95 %, ± µm"],
             [
                 [
-                    one.name,
-                    plain(one.before_um, 3, "+"),
-                    plain(one.change_um, 3, "+"),
-                    plain(one.standard_uncertainty_um),
-                    plain(one.half_width_um),
+                    moved_figure.name,
+                    plain(moved_figure.before_um, 3, "+"),
+                    plain(moved_figure.change_um, 3, "+"),
+                    plain(moved_figure.standard_uncertainty_um),
+                    plain(moved_figure.half_width_um),
                 ]
-                for one in moved
+                for moved_figure in moved
             ],
         )
 
@@ -82,10 +82,10 @@ def _changes(page: Page, epoch: PointEpoch) -> None:
 def _over_time(epoch: PointEpoch, checks: Sequence[dict[str, Any]], j: int) -> Figure:
     figure, panel = make_single_figure(2.4)
     name = epoch.names[j]
-    own = {check.artefact for check in epoch.checks}
-    shown = [c for c in checks if c["artefact"] in own and name in c["figures_um"]]
-    draw_by_verdict(panel, shown, [check["figures_um"][name] for check in shown])
-    for change in epoch.found.changes:
+    artefacts = {check.artefact for check in epoch.checks}
+    shown_checks = [c for c in checks if c["artefact"] in artefacts and name in c["figures_um"]]
+    draw_by_verdict(panel, shown_checks, [check["figures_um"][name] for check in shown_checks])
+    for change in epoch.detected.changes:
         low, high = (np.datetime64(round(1e6 * s), "us") for s in epoch.between_unix_s(change))
         panel.axvspan(low, high, color=COLOURS[4], alpha=0.25, linewidth=0)  # type: ignore[arg-type]
     panel.set_ylabel("µm")

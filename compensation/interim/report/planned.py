@@ -72,41 +72,41 @@ def _reaching(arm: Arm, constants: F64, seat: F64, drawn: States) -> States:
     q = drawn.q
     for _ in range(STEPS):
         q = adjusted(q, parameters, np.tile(seat, (drawn.n, 1)))
-    near = np.linalg.norm(forward(q, parameters)[0] - seat, axis=1) < THERE_MM
+    is_on_seat = np.linalg.norm(forward(q, parameters)[0] - seat, axis=1) < THERE_MM
     low, high = arm.limits_rad
     inside = ((q > low + MARGIN_RAD) & (q < high - MARGIN_RAD)).all(axis=1)
-    good = np.flatnonzero(near & inside & (height_mm(q, constants, arm) >= 0.0))
+    good = np.flatnonzero(is_on_seat & inside & (height_mm(q, constants, arm) >= 0.0))
     return replace(drawn, q=q).rows(good)
 
 
 def as_check(plan: Planned, arm: Arm, calibration: Calibration, causes: Sequence[Cause]) -> Reduced:
     """What a check of all these poses would see, three rows for each; its seats are not projected
     out."""
-    seen = Signals(plan.states, arm, calibration)
-    whitener = seen.whitener()
+    signals = Signals(plan.states, arm, calibration)
+    whitener = signals.whitener()
     columns = [column for cause in causes for column in cause.candidate.columns]
 
-    def rows(of: F64) -> F64:
-        return (whitener @ of).reshape(3 * plan.states.n, -1)
+    def rows(motions: F64) -> F64:
+        return (whitener @ motions).reshape(3 * plan.states.n, -1)
 
     growth = open_growth(arm, calibration)
-    known = rows(np.concatenate([seen.calibrated(), seen.grown(growth)], axis=2))
-    at = float(plan.states.time_s[0])
+    error_columns = rows(np.concatenate([signals.calibrated(), signals.grown(growth)], axis=2))
+    instant_s = float(plan.states.time_s[0])
     count = len(plan.seats_mm)
     return Reduced(
         residual=np.zeros(3 * plan.states.n),
-        causes=rows(seen.of(columns)),
-        known=known,
+        causes=rows(signals.compute_motions(columns)),
+        error_columns=error_columns,
         known_names=(
-            *(f"calibrated {i}" for i in range(known.shape[1] - len(growth))),
-            *(one.name for one in growth),
+            *(f"calibrated {i}" for i in range(error_columns.shape[1] - len(growth))),
+            *(expansion.name for expansion in growth),
         ),
         targets=block_diag(*whitener.reshape(count, -1, 3)),
         target_names=tuple(f"seat {i}" for i in range(count)),
         certified=(False,) * count,
-        mean_unix_s=at,
-        first_unix_s=at,
-        last_unix_s=at,
+        mean_unix_s=instant_s,
+        first_unix_s=instant_s,
+        last_unix_s=instant_s,
         readings=plan.states.n,
         rms_um=0.0,
         catalogue=digest(causes, growth),
@@ -119,6 +119,6 @@ def rows(check: Reduced, chosen: I64) -> Reduced:
         check,
         residual=check.residual[chosen],
         causes=check.causes[chosen],
-        known=check.known[chosen],
+        error_columns=check.error_columns[chosen],
         targets=check.targets[chosen],
     )

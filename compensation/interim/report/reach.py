@@ -26,8 +26,8 @@ def poses(arm: Arm, reference_c: float, count: int, seed: int) -> States:
 def tip_rms_um(arm: Arm, calibration: Calibration, candidate: Candidate, values: F64) -> float:
     """RMS over the arm's reach of a change of *values* (p,), a rigid motion of all removed."""
     states = poses(arm, calibration.reference_temperature_c, POSES, 20)
-    seen = Signals(states, arm, calibration)
-    moved = (seen.of(candidate.columns) @ values).reshape(-1)
-    rigid = rigid_columns(seen.position_mm - seen.position_mm.mean(axis=0)).reshape(-1, 6)
-    left = moved - rigid @ np.linalg.lstsq(rigid, moved, rcond=None)[0]
-    return 1e3 * float(np.sqrt((left**2).sum() / states.n))
+    signals = Signals(states, arm, calibration)
+    moved = (signals.compute_motions(candidate.columns) @ values).reshape(-1)
+    rigid = rigid_columns(signals.position_mm - signals.position_mm.mean(axis=0)).reshape(-1, 6)
+    residual_mm = moved - rigid @ np.linalg.lstsq(rigid, moved, rcond=None)[0]
+    return 1e3 * float(np.sqrt((residual_mm**2).sum() / states.n))

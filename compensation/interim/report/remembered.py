@@ -47,13 +47,13 @@ class _Look(Strict):
             and _is_set(self.bad, self.since + len(self.statistic))
         )
 
-    def told(self) -> EpochLook:
+    def to_epoch_look(self) -> EpochLook:
         quiet = Quiet(tuple(self.statistic), tuple(self.bad))
         return EpochLook(self.since, tuple(self.left_out), tuple(self.known), quiet)
 
 
-def _is_set(of: Sequence[int], until: int) -> bool:
-    return list(of) == sorted(set(of)) and all(0 <= i < until for i in of)
+def _is_set(numbers: Sequence[int], until: int) -> bool:
+    return list(numbers) == sorted(set(numbers)) and all(0 <= i < until for i in numbers)
 
 
 class _WatchedEpoch(Strict):
@@ -66,7 +66,7 @@ class _WatchedEpoch(Strict):
         n = len(self.checks)
         return (
             bool(self.looks)
-            and all(look.is_sound() and look.told().until <= n for look in self.looks)
+            and all(look.is_sound() and look.to_epoch_look().until <= n for look in self.looks)
             and (self.looks[0].since, self.looks[0].known) == (0, [])
             and (not self.after or len(self.looks[0].statistic) + 1 + len(self.after) <= n)
             and _is_set(self.left_out, n)
@@ -87,7 +87,7 @@ class Remembered:
 
     epochs: tuple[_WatchedEpoch, ...] = ()
 
-    def of(self, checks: Sequence[Check]) -> Looked:
+    def recall_looks(self, checks: Sequence[Check]) -> Looked:
         """Of the *checks* of an epoch, in order of time, as many as were watched before."""
         if not self.epochs:
             return NEVER_YET
@@ -95,7 +95,7 @@ class Remembered:
         for epoch in self.epochs:
             pairs = zip(epoch.checks, keys, strict=False)
             same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
-            looks = [look for look in map(_Look.told, epoch.looks) if look.until <= same]
+            looks = [look for look in map(_Look.to_epoch_look, epoch.looks) if look.until <= same]
             if looks and looks[0].since == 0 and looks[0].until:
                 after = epoch.after[: max(same - looks[0].until - 1, 0)]
                 return Looked(tuple(looks), tuple(after), tuple(epoch.left_out))
@@ -125,15 +125,15 @@ def remember(folder: Path, judgement: Judgement) -> None:
                 _Look(
                     since=look.since,
                     left_out=list(look.left_out),
-                    known=list(look.known),
+                    known=list(look.known_changes),
                     statistic=list(look.quiet.statistic),
                     bad=list(look.quiet.bad),
                 )
-                for look in epoch.found.looked.looks
+                for look in epoch.detected.looked.looks
                 if look.finite
             ],
-            after=list(takewhile(math.isfinite, epoch.found.looked.after)),
-            left_out=list(epoch.found.looked.left_out),
+            after=list(takewhile(math.isfinite, epoch.detected.looked.after)),
+            left_out=list(epoch.detected.looked.left_out),
         )
         for epoch in judgement.epochs
     ]
@@ -162,8 +162,8 @@ def code(room: Path = Path(__file__).parents[2]) -> str:
 
 def _key(check: Check) -> str:
     """What a check says, of which arm under which calibration, by which catalogue of causes."""
-    said = (*check.epoch, check.line.files[STATISTICS], check.reduced.catalogue)
-    return hashlib.sha256("\n".join(said).encode()).hexdigest()
+    facts = (*check.epoch, check.line.files[STATISTICS], check.reduced.catalogue)
+    return hashlib.sha256("\n".join(facts).encode()).hexdigest()
 
 
 def _sha256(epochs: Sequence[_WatchedEpoch]) -> str:

@@ -23,15 +23,15 @@ def single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
     they count."""
     for epoch in judgement.epochs:
         for i, check in enumerate(epoch.checks):
-            bad = i in epoch.found.bad
+            bad = i in epoch.detected.bad
             if not bad and i < len(epoch.checks) - UNDECIDED:
                 continue
             session = history.session(folder, check)
             fate = "not counted, as nothing of its check is" if bad else "counted until now"
             # New play in a joint takes readings ten times as far as others, and is a change.
-            changed = any(i >= change.first for change in epoch.found.changes)
-            far = _far_off(session, check, SUSPECT if bad and not changed else MONSTROUS)
-            for line in far.in_words(session):
+            changed = any(i >= change.first for change in epoch.detected.changes)
+            far_readings = _far_off(session, check, SUSPECT if bad and not changed else MONSTROUS)
+            for line in far_readings.in_words(session):
                 yield f"{line}; {fate}"
 
 

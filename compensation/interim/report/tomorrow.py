@@ -66,17 +66,17 @@ class Tomorrow:
 
     def as_json(self) -> dict[str, Any]:
         """As the result has it."""
-        found: dict[str, Any] = {"sentence": self.sentence}
-        found |= {"seats_mm": [], "poses_deg": [], "approach": []}
+        entry: dict[str, Any] = {"sentence": self.sentence}
+        entry |= {"seats_mm": [], "poses_deg": [], "approach": []}
         if self.advised is not None:
-            found["seats_mm"] = self.advised.seats_mm.round(1).tolist()
-            found["poses_deg"] = np.degrees(self.advised.states.q).round(1).tolist()
-            found["approach"] = self.advised.approach
-            found["chance_wrong"] = {
+            entry["seats_mm"] = self.advised.seats_mm.round(1).tolist()
+            entry["poses_deg"] = np.degrees(self.advised.states.q).round(1).tolist()
+            entry["approach"] = self.advised.approach
+            entry["chance_wrong"] = {
                 key: round(float(getattr(self.advised, key)), 4)
                 for key in ("now", "after_usual", "after_this")
             }
-        return found
+        return entry
 
 
 def tomorrow(judgement: Judgement) -> Tomorrow:
@@ -85,15 +85,15 @@ def tomorrow(judgement: Judgement) -> Tomorrow:
         return Tomorrow("the usual check, in other poses than today's")
     epoch = judgement.latest
     doubtful = [
-        (told.change.probability, index)
-        for index, told in enumerate(epoch.told)
-        if told.cause is not None and told.change.probability < SURE
+        (reported.change.probability, index)
+        for index, reported in enumerate(epoch.reported_changes)
+        if reported.cause is not None and reported.change.probability < SURE
     ]
     with threadpool_limits(limits=1, user_api="blas"):
         for _, index in sorted(doubtful):
-            found = telling(epoch, index)
-            if found is not None:
-                return found
+            advice = telling(epoch, index)
+            if advice is not None:
+                return advice
     return Tomorrow(
         "the usual check, with the corrected calibration: it confirms that nothing else has changed"
     )
@@ -102,68 +102,76 @@ def tomorrow(judgement: Judgement) -> Tomorrow:
 def telling(epoch: Epoch, index: int) -> Tomorrow | None:
     """Poses on seats that tell what change number *index* was, if any do better than the usual
     check."""
-    share, ways = by_place(epoch.ways, epoch.causes, index)
+    share, scenarios = by_place(epoch.scenarios, epoch.causes, index)
     last = epoch.checks[-1]
     arm, calibration = last.arm, last.calibration.content
-    at = last.reduced.last_unix_s + epoch.stack.gap_d * DAY_S
-    plan = planned(arm, calibration, at)
+    check_unix_s = last.reduced.last_unix_s + epoch.stack.gap_d * DAY_S
+    plan = planned(arm, calibration, check_unix_s)
     if len(share) < 2 or len(plan.seats_mm) < SEATS:
         return None
     checks = [check.reduced for check in epoch.checks]
-    measured = telling_checks(epoch.stack, epoch.found.changes, epoch.found.bad)
+    measured = telling_checks(epoch.stack, epoch.detected.changes, epoch.detected.bad)
     again = checks[measured[-1]]  # its seats are projected out already
-    usual = replace(again, mean_unix_s=at, targets=np.zeros((len(again.residual), 0)))
+    usual = replace(again, mean_unix_s=check_unix_s, targets=np.zeros((len(again.residual), 0)))
     every_pose = as_check(plan, arm, calibration, epoch.causes)
-    of = _stack(epoch, [*checks, every_pose])
-    (ahead,) = foretold(of, ways, measured, [len(checks)])
+    stacked = _stack(epoch, [*checks, every_pose])
+    (ahead,) = foretold(stacked, scenarios, measured, [len(checks)])
     pairs = list(combinations(range(len(plan.seats_mm)), SEATS))
     pools = [[plan.poses_on(seat) for seat in pair] for pair in pairs]
-    whole = [float(overlap(share, ahead.rows(numbers_of(np.concatenate(p))))) for p in pools]
-    tried = [(*best_poses(share, ahead, pools[k], POSES), k) for k in np.argsort(whole)[:TRIED]]
-    chosen, _, best = min(tried, key=lambda found: found[1])
+    pool_overlaps = [
+        float(overlap(share, ahead.rows(numbers_of(np.concatenate(p))))) for p in pools
+    ]
+    tried = [
+        (*best_poses(share, ahead, pools[k], POSES), k) for k in np.argsort(pool_overlaps)[:TRIED]
+    ]
+    chosen, _, best = min(tried, key=lambda attempt: attempt[1])
     poses = np.array(chosen)
     this = rows(every_pose, numbers_of(poses))
-    of = _stack(epoch, [*checks, usual, this])
-    told = epoch.told[index]
-    assert told.cause is not None
-    each = {told.cause.place: told.change.probability}
-    each |= {rival.place: probability for rival, probability in told.rivals}
-    shares, of_way, all_ways = all_of(epoch.ways, epoch.causes, index, each)
-    next_ones = foretold(of, all_ways, measured, range(len(checks), of.n))
-    after_usual, after_this = (chance_wrong(shares, of_way, one) for one in next_ones)
+    stacked = _stack(epoch, [*checks, usual, this])
+    reported = epoch.reported_changes[index]
+    assert reported.cause is not None
+    probability_of = {reported.cause.place: reported.change.probability}
+    probability_of |= {rival.place: probability for rival, probability in reported.rivals}
+    shares, of_scenario, all_scenarios = all_of(
+        epoch.scenarios, epoch.causes, index, probability_of
+    )
+    next_ones = foretold(stacked, all_scenarios, measured, range(len(checks), stacked.n))
+    after_usual, after_this = (
+        chance_wrong(shares, of_scenario, predicted) for predicted in next_ones
+    )
     advised = Advised(
         seats_mm=plan.seats_mm[list(pairs[best])],
         states=plan.states.rows(poses),
-        now=1.0 - told.change.probability,
+        now=1.0 - reported.change.probability,
         after_usual=after_usual,
         after_this=after_this,
     )
     if advised.after_this > LEFT * advised.after_usual:
         return None
     return Tomorrow(
-        _sentence(advised, [named(epoch.causes[k]) for k in _causes(ways, index)]), advised
+        _sentence(advised, [named(epoch.causes[k]) for k in _causes(scenarios, index)]), advised
     )
 
 
 def _stack(epoch: Epoch, checks: Sequence[Reduced]) -> Stack:
     """*checks* stacked, what is wrong all along as large as in the epoch."""
-    of = stack(checks, epoch.causes)
-    return of.rescale(epoch.stack.share / of.share)
+    stacked = stack(checks, epoch.causes)
+    return stacked.rescale(epoch.stack.share / stacked.share)
 
 
-def _causes(ways: Sequence[tuple[Change, ...]], index: int) -> list[int]:
-    return [cause for way in ways if (cause := way[index].cause) is not None]
+def _causes(scenarios: Sequence[tuple[Change, ...]], index: int) -> list[int]:
+    return [cause for changes in scenarios if (cause := changes[index].cause) is not None]
 
 
 def _sentence(advised: Advised, causes: Sequence[str]) -> str:
-    first, *others = causes
-    where = " and ".join(f"({x:.0f}, {y:.0f}, {z:.0f}) mm" for x, y, z in advised.seats_mm)
+    first, *rivals = causes
+    seats = " and ".join(f"({x:.0f}, {y:.0f}, {z:.0f}) mm" for x, y, z in advised.seats_mm)
     now, usual, this = (
         plain(100.0 * max(chance, 1e-3))
         for chance in (advised.now, advised.after_usual, advised.after_this)
     )
     return (
-        f"to tell {first} from {' and '.join(others)}: seats at about {where}, touched in turn in "
+        f"to tell {first} from {' and '.join(rivals)}: seats at about {seats}, touched in turn in "
         f"these {advised.states.n} poses (chance that the likeliest cause is wrong: {now} % now, "
         f"{this} % then, {usual} % after the usual check)"
     )

@@ -173,7 +173,7 @@ def _judged(
     judgement = judge(history.load(folder, before), recall(folder))
     judgement = replace(judgement, far_off=tuple(single_readings(folder, judgement)))
     files: list[tuple[str, str] | None] = []
-    for finding in (finding for epoch in judgement.epochs for finding in epoch.told):
+    for finding in (finding for epoch in judgement.epochs for finding in epoch.reported_changes):
         if finding.calibration is None:
             files.append(None)
             continue

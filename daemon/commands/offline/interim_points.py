@@ -92,7 +92,7 @@ def add(args: argparse.Namespace) -> int:
             load_checks(folder)  # a damaged history takes no more
         keep_tables(folder, len(lines), new, args.artefact, radius_mm)
         epochs, result = _judged(folder)
-    remarks = [] if args.quiet else [sentence for table in new for sentence in table.said]
+    remarks = [] if args.quiet else [sentence for table in new for sentence in table.remarks]
     for remark in filter(None, [*remarks, keeping.dated_before(lines, dated)]):
         aside(args).print(f"armd: {printable(remark)}", soft_wrap=True, markup=False)
     return _say(epochs, result, print_json=args.json)
