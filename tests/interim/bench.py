@@ -14,7 +14,7 @@ from armd.arrays import F64
 from armd.compensation.data.session import load_session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.interim.checks.chain import HistoryLine
-from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.checks.reduced import Reduced
@@ -51,7 +51,7 @@ class Bench:
         found = calibrate(sessions, self.arm, Options()).calibration
         self._loaded = save_calibration(folder / "calibration.json", found)
         self.calibration: Calibration = self._loaded.content
-        self.causes = causes_of(self.arm, self.calibration)
+        self.causes = list_causes(self.arm, self.calibration)
 
     def checks(self, history: interim.CheckSeries, seed: int) -> Iterator[Reduced]:
         for measured in interim.carry_out(history, self.seed, Noise(), seed):

@@ -27,7 +27,7 @@ from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence import likelihood
 from armd.compensation.interim.report.judge import judge
 from armd.compensation.interim.report.judgement import Epoch, Judgement
-from armd.compensation.interim.report.tomorrow import Advised, tomorrow
+from armd.compensation.interim.report.tomorrow import Advised, plan_next_check
 from armd.simulator.campaigns import interim
 
 #: Of each history without a change that is measured and added.
@@ -73,7 +73,7 @@ def _judged(bench: Bench, checks: Sequence[Reduced]) -> Epoch:
 
 
 def _advised(epoch: Epoch) -> Advised | None:
-    return tomorrow(Judgement((epoch,))).advised
+    return plan_next_check(Judgement((epoch,))).advised
 
 
 def _errors(

@@ -24,12 +24,18 @@ from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import SIZES
-from armd.compensation.interim.evidence.stack import ALL_ALONG, DAY_S, RAMP_DAYS, TRUST, stack
+from armd.compensation.interim.evidence.stack import (
+    ALL_ALONG,
+    DAY_S,
+    RAMP_DAYS,
+    TRUST,
+    stack_checks,
+)
 from armd.compensation.interim.evidence.watch import watch
 from armd.compensation.interim.report import tomorrow
 from armd.compensation.interim.report.judge import judge
 from armd.compensation.interim.report.judgement import Epoch, Judgement
-from armd.compensation.interim.report.planned import Planned, as_check, rows
+from armd.compensation.interim.report.planned import Planned, predict_check, select_rows
 from armd.simulator.campaigns import interim
 
 #: Checks of a history, at which of them a change may begin, and how many more are waited for.
@@ -87,7 +93,7 @@ def told(
     after one more check, the usual or the proposed one."""
     drawn = Drawn(bench, month, rng)
     checks = [drawn.measured(check) for check in month]
-    alarm = watch(stack(checks, bench.causes), bench.causes).alarm
+    alarm = watch(stack_checks(checks, bench.causes), bench.causes).alarm
     if alarm is None or alarm < drawn.first or alarm + SETTLED + 1 >= len(checks):
         return []
     until = alarm + SETTLED + 1
@@ -103,7 +109,7 @@ def told(
     if change is None:
         return []
     found = [Pair("cause", change.probability, right(before))]
-    advised = tomorrow.tomorrow(Judgement((before,))).advised if proposed else None
+    advised = tomorrow.plan_next_check(Judgement((before,))).advised if proposed else None
     if advised is not None:
         at = checks[until - 1].mean_unix_s + DAY_S
         another = drawn.measured(_on_seats(bench, advised, at))
@@ -130,9 +136,11 @@ def _on_seats(bench: Bench, advised: tomorrow.Advised, at_unix_s: float) -> Redu
     order = np.concatenate([np.arange(k, advised.states.n, count) for k in range(count)])
     states = advised.states.rows(order)
     states = replace(states, time_s=np.full(states.n, at_unix_s))
-    whole = as_check(Planned(advised.seats_mm, states), bench.arm, bench.calibration, bench.causes)
+    whole = predict_check(
+        Planned(advised.seats_mm, states), bench.arm, bench.calibration, bench.causes
+    )
     clear: F64 = null_space(whole.targets.T)
-    check = rows(whole, np.arange(clear.shape[1]))
+    check = select_rows(whole, np.arange(clear.shape[1]))
     return replace(
         check,
         residual=np.zeros(clear.shape[1]),

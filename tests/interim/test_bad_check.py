@@ -16,7 +16,7 @@ from armd.compensation.interim.evidence.bad_check import (
     ONE_IN,
     SCATTERS,
     Rest,
-    spoilt,
+    find_spoilt,
 )
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD
 from armd.compensation.interim.evidence.stack import Stack
@@ -74,12 +74,12 @@ def test_the_worst_goes_first_and_what_it_had_hidden_next() -> None:
     known = tuple(0.1 * rng.normal(size=(rows, 2)) for _ in range(n))
     nothing = tuple(np.zeros((rows, 0)) for _ in range(n))
     of = Stack(np.arange(float(n)), tuple(residual), nothing, known, targets, ())
-    odds = spoilt(of, of.sums(range(n)), range(n))
+    odds = find_spoilt(of, of.sums(range(n)), range(n))
     assert list(odds) == [4, 7]
     first = Rest(of, of.sums(range(n)))
     assert odds[4] == first.log_evidence(4) - np.log(ONE_IN)
     # Beside the grain, the noise looked as large as the unsteady hand's.
     assert first.log_evidence(7) < odds[7] + np.log(ONE_IN)
     good = of.sums([i for i in range(n) if i not in odds])
-    assert spoilt(of, good, [0, 1, 2]) == {}
-    assert spoilt(of, of.sums(range(n)), [0, 1]) == {}  # only who is doubted can be found
+    assert find_spoilt(of, good, [0, 1, 2]) == {}
+    assert find_spoilt(of, of.sums(range(n)), [0, 1]) == {}  # only who is doubted can be found

@@ -10,8 +10,8 @@ from test_interim_evidence import with_standing
 from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence import stack as stacked
-from armd.compensation.interim.evidence.amplitudes import integrated
-from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, cleared
+from armd.compensation.interim.evidence.amplitudes import integrate_amplitudes
+from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, eliminate_standing
 from armd.compensation.interim.evidence.likelihood import weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import UNSETTLED, watch
@@ -26,7 +26,7 @@ def test_one_rotation_does_for_every_size(standing: slice) -> None:
     rows[:, 4] = rows[:, 3]  # two errors that no reading tells apart
     residual = rng.normal(size=20)
     side, square = rows.T @ residual, float(residual @ residual)
-    known = cleared(rows.T @ rows, side, square, standing, SCALES)
+    known = eliminate_standing(rows.T @ rows, side, square, standing, SCALES)
     for k, scale in enumerate(SCALES):
         prior = np.ones(6)
         prior[standing] = scale**2
@@ -48,7 +48,7 @@ def test_amplitudes_of_many_grams_at_once_are_those_of_each(p: int) -> None:
     gram, side = rows.transpose(0, 2, 1) @ rows, rng.normal(size=(7, p))
     sizes = (0.1, 1.0, 10.0)
     lower = {(i, j): gram[:, i, j] for i in range(p) for j in range(i + 1)}
-    spread, quad = integrated(lower, list(side.T), sizes)
+    spread, quad = integrate_amplitudes(lower, list(side.T), sizes)
     for s, size in enumerate(sizes):
         whole = np.eye(p) + size**2 * gram
         assert spread[:, s] == pytest.approx(np.linalg.slogdet(whole)[1], abs=1e-9)
@@ -82,13 +82,13 @@ def eliminations(of: Stack, causes: list[Cause], monkeypatch: pytest.MonkeyPatch
     ) -> Cleared:
         nonlocal count
         count += 1
-        return cleared(curvature, side, square, standing, scales)
+        return eliminate_standing(curvature, side, square, standing, scales)
 
     def never(of: Stack, chosen: object) -> CheckSums:
         raise AssertionError("summed up anew")
 
     with monkeypatch.context() as patched:
-        patched.setattr(stacked, "cleared", counted)
+        patched.setattr(stacked, "eliminate_standing", counted)
         patched.setattr(Stack, "sums", never)
         assert watch(of, causes).alarm is None
     return count

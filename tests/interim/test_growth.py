@@ -16,7 +16,7 @@ import pytest
 
 from armd.compensation.data.session import load_session
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.interim.checks.open_growth import open_growth, rises_k
+from armd.compensation.interim.checks.open_growth import compute_rises_k, open_growth
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main
@@ -193,5 +193,5 @@ def test_only_what_a_calibration_could_not_know_is_open(measured: Path, tmp_path
     assert open_growth(arm, one.model_copy(update={"temperature_range_c": wide})) == ()
     assert open_growth(arm, one.model_copy(update={"temperature_range_c": {}})) == ()
     session = load_session(measured / "T26", arm)
-    rise = rises_k(growth, session.states, arm, one)
+    rise = compute_rises_k(growth, session.states, arm, one)
     assert np.allclose(rise, 6.0, atol=0.3)

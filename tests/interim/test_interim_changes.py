@@ -8,12 +8,12 @@ from scipy.special import logsumexp
 
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
-from armd.compensation.interim.changes.change import Change, with_changes
+from armd.compensation.interim.changes.change import Change, add_known_changes
 from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.changes.growing import Growing
 from armd.compensation.interim.changes.growth import Growths
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import known_errors, log_marginal
+from armd.compensation.interim.evidence.likelihood import estimate_known_errors, log_marginal
 from armd.compensation.interim.evidence.stack import Stack
 from support.selection import parametrize_default
 
@@ -69,7 +69,7 @@ def a_month(rng: np.random.Generator) -> Stack:
 
 def plainly(of: Stack, course: Change) -> float:
     """Log of how likely all readings are with a course, by a stack that knows it."""
-    knowing = with_changes(of, [course])
+    knowing = add_known_changes(of, [course])
     return log_marginal(knowing, knowing.sums(range(of.n)))
 
 
@@ -109,8 +109,8 @@ def test_shares_of_onsets_and_rates_are_those_of_the_plain_formulas(cause: int) 
     bends = some.time_d[[1, 4, 7, 10, 13, 16, 19, 22, 25]]
     assert all(c.bends_d == tuple(bends[bends > of.time_d[c.first]]) for c in courses)
     q = of.error_columns[0].shape[1]
-    alone = with_changes(some, [change])
-    rate = np.abs(change.size * known_errors(alone.sums(range(some.n))).mean[q:])
+    alone = add_known_changes(some, [change])
+    rate = np.abs(change.size * estimate_known_errors(alone.sums(range(some.n))).mean[q:])
     for course in courses:
         assert course.rate_size == pytest.approx(np.maximum(rate, 0.1 * rate.max()), rel=1e-9)
     by_hand = np.array([plainly(some, course) for course in courses])

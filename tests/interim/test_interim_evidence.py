@@ -21,7 +21,7 @@ from armd.compensation.interim.evidence.bad_check import Rest
 from armd.compensation.interim.evidence.likelihood import (
     NOISE_WORD,
     SIZES,
-    at_its_share,
+    fit_standing_share,
     log_marginal,
     log_marginals,
     weigh,
@@ -276,4 +276,4 @@ def test_the_checks_tell_how_large_standing_errors_are(share: float) -> None:
     residual = tuple(k @ errors + rng.normal(size=30) for k in known)
     nothing = tuple(np.zeros((30, 0)) for _ in range(4))
     of = Stack(np.arange(4.0), residual, nothing, known, nothing, (), (0, 40))
-    assert at_its_share(of).share == pytest.approx(share)
+    assert fit_standing_share(of).share == pytest.approx(share)

@@ -21,7 +21,7 @@ import pytest
 from armd import __version__
 from armd.compensation.interim.checks import appending
 from armd.compensation.interim.checks.chain import REPORT
-from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.report import remembered
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of, save_calibration
@@ -344,7 +344,7 @@ def test_a_history_kept_with_another_catalogue_is_judged_by_todays(
     """Statistics name columns by their order: of other causes they would be another's."""
     history = tmp_path / "history"
     with monkeypatch.context() as other:
-        other.setattr(interim, "causes_of", lambda *of: causes_of(*of)[::-1])
+        other.setattr(interim, "list_causes", lambda *of: list_causes(*of)[::-1])
         assert add(checks, history, *range(1, DAYS + 1)) == 1
     ours, theirs = reported(kept), reported(history)
     assert [c["verdict"] for c in theirs["checks"]] == [c["verdict"] for c in ours["checks"]]

@@ -17,7 +17,7 @@ from test_interim_history import measured, true_calibration
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.data.session import load_sessions
-from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
 from armd.compensation.interim.report import tomorrow
@@ -88,7 +88,7 @@ def test_false_alarms_are_about_as_rare_as_is_said(tmp_path: Path) -> None:
     true_calibration(folder)
     arm = load_arm(folder / "arm.toml")
     calibration = load_calibration(folder / "calibration.json", arm).content
-    causes = causes_of(arm, calibration)
+    causes = list_causes(arm, calibration)
     month = [
         reduce(session, arm, calibration, causes)
         for session in load_sessions(sorted(folder.glob("day-*")), arm)

@@ -30,7 +30,13 @@ from armd.compensation.interim.evidence.quiet import (
 )
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.evidence.watch import watch
-from armd.compensation.interim.report.remembered import NOTHING, WATCHED, code, recall, remember
+from armd.compensation.interim.report.remembered import (
+    NOTHING,
+    WATCHED,
+    hash_sources,
+    recall,
+    remember,
+)
 from support.selection import parametrize_default
 
 
@@ -171,23 +177,23 @@ def test_what_is_in_doubt_is_not_believed(folder: Path, how: str) -> None:
 
 
 def test_any_edit_makes_another_state_of_the_code(tmp_path: Path) -> None:
-    room = Path(code.__wrapped__.__defaults__[0])  # type: ignore[attr-defined]
+    room = Path(hash_sources.__wrapped__.__defaults__[0])  # type: ignore[attr-defined]
     weighed = [search, catalogue, watching]  # what looks depend on lies in it
     for module in weighed:
         assert module.__file__ is not None and room in Path(module.__file__).parents
     copy = Path(shutil.copytree(room, tmp_path / "room"))
-    assert code(copy) == code()
-    found = {code()}
+    assert hash_sources(copy) == hash_sources()
+    found = {hash_sources()}
     for number, module in enumerate(weighed):
         assert module.__file__ is not None
         file = copy / Path(module.__file__).relative_to(room)
         file.write_text(file.read_text().replace("0.", "1.", 1) + " ")
         again = Path(shutil.copytree(copy, tmp_path / str(number)))
-        found.add(code(again))
+        found.add(hash_sources(again))
     (again / "new.py").write_text("")
     renamed = Path(shutil.copytree(again, tmp_path / "renamed"))
     (renamed / "new.py").rename(renamed / "newer.py")
-    assert len({*found, code(renamed)}) == len(weighed) + 2
+    assert len({*found, hash_sources(renamed)}) == len(weighed) + 2
 
 
 @parametrize_default("late", [0, 5, 13, 25, 38])

@@ -12,7 +12,7 @@ from test_interim_changes import off_from
 from test_interim_evidence import a_stack
 
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, spoilt
+from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, find_spoilt
 from armd.compensation.interim.evidence.likelihood import LIMIT, log_marginal, run, weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import UNSETTLED, watch
@@ -80,7 +80,7 @@ def test_a_doubted_check_is_weighed_both_ways() -> None:
     of = touched(0)
     residual = [*of.residual[:-1], of.residual[-1] + of.targets[-1][:, :3] @ [0.05, 0.02, -0.03]]
     off = Stack(of.time_d, tuple(residual), of.columns, of.error_columns, of.targets, of.blocks)
-    doubted = list(spoilt(off, off.sums(range(off.n)), range(off.n - UNSETTLED, off.n)))
+    doubted = list(find_spoilt(off, off.sums(range(off.n)), range(off.n - UNSETTLED, off.n)))
     assert doubted == [off.n - 1]
     watched = watch(off, causes)
     assert watched.statistic[-1] == pytest.approx(by_hand(off, causes, doubted), abs=1e-9)

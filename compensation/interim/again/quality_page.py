@@ -89,7 +89,7 @@ class Impact:
         return ", ".join(words)
 
 
-def quality_page(
+def render_quality_page(
     change: Impact,
     inputs: Mapping[str, str],
     left_out: Sequence[str],

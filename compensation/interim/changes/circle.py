@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from armd.compensation.interim.changes.change import Change, with_changes
+from armd.compensation.interim.changes.change import Change, add_known_changes
 from armd.compensation.interim.evidence.likelihood import LIMIT, log_marginal
 from armd.compensation.interim.evidence.quiet import EpochLook
 from armd.compensation.interim.evidence.stack import Stack
@@ -23,7 +23,7 @@ class Stand:
     bad: tuple[int, ...]
 
 
-def circle(
+def find_circle(
     stands: Sequence[Stand],
     since: int,
     left_out: Sequence[int],
@@ -37,7 +37,7 @@ def circle(
     return ()
 
 
-def best(stack: Stack, stands: Sequence[Stand]) -> Stand:
+def choose_best_stand(stack: Stack, stands: Sequence[Stand]) -> Stand:
     """The stand whose changes make all readings likeliest, each change more at the price of an
     alarm; of the checks that no stand takes for bad.
 
@@ -48,7 +48,7 @@ def best(stack: Stack, stands: Sequence[Stand]) -> Stand:
     good = [i for i in range(stack.n) if i not in bad]
 
     def evidence(stand: Stand) -> float:
-        changed = with_changes(stack, stand.changes)
+        changed = add_known_changes(stack, stand.changes)
         return log_marginal(changed, changed.sums(good)) - LIMIT * len(stand.changes)
 
     return max(stands, key=evidence)

@@ -16,10 +16,10 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, ChangesFound, with_changes
-from armd.compensation.interim.changes.circle import Stand, best, circle
-from armd.compensation.interim.changes.growth import growth, origin_d
-from armd.compensation.interim.changes.likeliest import likeliest, weighed_again, weighed_since
+from armd.compensation.interim.changes.change import Change, ChangesFound, add_known_changes
+from armd.compensation.interim.changes.circle import Stand, choose_best_stand, find_circle
+from armd.compensation.interim.changes.growth import find_origin_d, fit_growth
+from armd.compensation.interim.changes.likeliest import find_likeliest, weigh_again, weigh_since
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, weigh
 from armd.compensation.interim.evidence.quiet import NEVER_YET, EpochLook, Looked
@@ -46,11 +46,11 @@ def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> C
     stands: list[Stand] = []
     since = 0
     while True:
-        null = with_changes(stack, changes)
+        null = add_known_changes(stack, changes)
         known_numbers = tuple(number for change in changes for number in change.numbers)
         left_out = tuple(i for i in bad if i < since)
-        if whole_circle := circle(stands, since, left_out, known_numbers, alarms):
-            stand = best(stack, whole_circle)
+        if whole_circle := find_circle(stands, since, left_out, known_numbers, alarms):
+            stand = choose_best_stand(stack, whole_circle)
             changes, bad = [*stand.changes], stand.bad
             break
         looked = watch(null, causes, since, bad, before.begun(since, left_out, known_numbers))
@@ -72,7 +72,7 @@ def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> C
             changes.append(Change(None, False, first, first, looked.alarm, np.nan, 1.0))
             bad = tuple(i for i in bad if i < first)
             break
-        weighed, good = weighed_since(null, causes, since, until, until, bad)
+        weighed, good = weigh_since(null, causes, since, until, until, bad)
         if changes:
             again = _renamed(stack, causes, changes, alarms[-1], until, bad, weighed.log_alarm)
             if again is not None:
@@ -84,17 +84,17 @@ def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> C
                 changes.pop()
                 since = alarms.pop() + 1
                 continue
-        new = likeliest(null, causes, weighed, good)
+        new = find_likeliest(null, causes, weighed, good)
         if (same := _same_growth(changes, causes, new)) is not None:
             # What moves on at one place is one growth, no staircase; it is known up to here.
             begun = replace(
                 changes[same],
                 gradual=True,
-                origin_d=origin_d(stack, good, good.index(changes[same].first)),
+                origin_d=find_origin_d(stack, good, good.index(changes[same].first)),
             )
-            without_it = with_changes(stack, changes[:same])
+            without_it = add_known_changes(stack, changes[:same])
             neighbours = [i for i in good if abs(i - begun.first) <= NEAR and i <= alarms[same]]
-            changes[same] = growth(without_it, begun, good, neighbours)
+            changes[same] = fit_growth(without_it, begun, good, neighbours)
             del changes[same + 1 :], alarms[same + 1 :]
             since = until
             continue
@@ -122,11 +122,11 @@ def _refined(
     for _ in range(2):
         i = 0
         while i < len(named):
-            without_it, weighed, good = weighed_again(stack, causes, [*named, *strange], i, bad)
+            without_it, weighed, good = weigh_again(stack, causes, [*named, *strange], i, bad)
             if weighed.log_alarm < LIMIT and len(named) > 1:
                 del named[i]
                 continue
-            named[i] = likeliest(without_it, causes, weighed, good)
+            named[i] = find_likeliest(without_it, causes, weighed, good)
             if _same_growth(named[:i], causes, named[i]) is not None:
                 del named[i]  # under this name it is the growth that is there already
                 continue
@@ -173,8 +173,8 @@ def _since_start(
     """Log ratio of all readings *until* a check with some change where the last one found may be,
     to that without it."""
     start = changes[-2].first + 1 if len(changes) > 1 else 0
-    before = with_changes(stack, changes[:-1])
-    return weighed_since(before, causes, start, until, until, bad)[0].log_alarm
+    before = add_known_changes(stack, changes[:-1])
+    return weigh_since(before, causes, start, until, until, bad)[0].log_alarm
 
 
 def _renamed(
@@ -188,14 +188,14 @@ def _renamed(
 ) -> Change | None:
     """The last change found under another name, if all readings until now want that rather than
     *another* change beside it; it began by the check that told it, *alarm*."""
-    before = with_changes(stack, changes[:-1])
+    before = add_known_changes(stack, changes[:-1])
     start = changes[-2].first + 1 if len(changes) > 1 else 0
-    weighed, good = weighed_since(before, causes, start, alarm + 1, until, bad)
+    weighed, good = weigh_since(before, causes, start, alarm + 1, until, bad)
     last = changes[-1]
     assert last.cause is not None
     place = (weighed.first == good.index(last.first), last.cause, int(last.gradual))
     as_it_is = float(weighed.log_weight[place][0])
     if weighed.log_sum <= as_it_is + log_another - LIMIT:
         return None
-    again = likeliest(before, causes, weighed, good)
+    again = find_likeliest(before, causes, weighed, good)
     return None if again.key == last.key else again

@@ -29,7 +29,7 @@ LONG_BENDINGS = (BENDING, 0.4, 0.2)
 AS_WELL = 0.6 * LIMIT
 
 
-def growth(stack: Stack, change: Change, good: Sequence[int], firsts: Sequence[int]) -> Change:
+def fit_growth(stack: Stack, change: Change, good: Sequence[int], firsts: Sequence[int]) -> Change:
     """A growth at its likeliest onset, one of the checks *firsts*, and the interval of onsets."""
     courses = Growths(stack, good).weigh_onsets(change, firsts)
     low, high = find_onset_interval(np.array([share for share, _ in courses]))
@@ -81,13 +81,13 @@ class Growths:
         return replace(
             like,
             first=first,
-            origin_d=origin_d(self._stack, self._good, self._good.index(first)),
+            origin_d=find_origin_d(self._stack, self._good, self._good.index(first)),
             bends_d=tuple(knot for knot in knots if knot > float(self._stack.time_d[first])),
             bending=bending * float(np.sqrt(spacing / CHECKS_APART)),
         )
 
 
-def origin_d(stack: Stack, good: Sequence[int], first: int) -> float:
+def find_origin_d(stack: Stack, good: Sequence[int], first: int) -> float:
     """When a growth that first shows at the kept check *first* begins: at the check before."""
     if first:
         return float(stack.time_d[good[first - 1]])

@@ -8,8 +8,8 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change, Scenario
-from armd.compensation.interim.changes.growth import Growths, origin_d
-from armd.compensation.interim.changes.likeliest import weighed_again
+from armd.compensation.interim.changes.growth import Growths, find_origin_d
+from armd.compensation.interim.changes.likeliest import weigh_again
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import SIZES
 from armd.compensation.interim.evidence.stack import Stack
@@ -55,12 +55,12 @@ def _alternatives(
 ) -> Iterator[Scenario]:
     """Everything that one change may be: a step by cause, onset and size, or a growth by cause and
     onset."""
-    without_it, weighed, good = weighed_again(stack, causes, changes, index, bad)
+    without_it, weighed, good = weigh_again(stack, causes, changes, index, bad)
     share = np.exp(weighed.log_by_size - weighed.log_sum)  # (T, K, 2, S)
     firsts = [good[int(first)] for first in weighed.first]
 
     def make_change(t: int, k: int, gradual: bool, size: float) -> Change:
-        first, origin = firsts[t], origin_d(stack, good, int(weighed.first[t]))
+        first, origin = firsts[t], find_origin_d(stack, good, int(weighed.first[t]))
         return Change(k, gradual, first, first, first, origin, np.nan, size=size)
 
     for t, k, s in _largest(share[:, :, 0]):

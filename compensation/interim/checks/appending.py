@@ -64,7 +64,7 @@ def append_checks(
     _write_head(folder, count + len(new), previous)
 
 
-def folder_name(started: str, name: str) -> str:
+def make_folder_name(started: str, name: str) -> str:
     """The folder of a check: its instant, and its name as a part of a folder's."""
     safe_name = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
     return f"{started.replace(':', '').replace('-', '')}-{safe_name[:80]}"

@@ -9,7 +9,7 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import OpenGrowth
 
 
-def digest(causes: Sequence[Cause], growth: Sequence[OpenGrowth] = ()) -> str:
+def hash_catalogue(causes: Sequence[Cause], growth: Sequence[OpenGrowth] = ()) -> str:
     """SHA-256 of all causes' columns and of the *growth* that is open: the same of the same
     catalogue only."""
     columns = [(c.place, column) for c in (cause.candidate for cause in causes)

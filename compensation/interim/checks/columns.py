@@ -51,7 +51,7 @@ class Cause:
         return self.candidate.place
 
 
-def causes_of(arm: Arm, calibration: Calibration) -> list[Cause]:
+def list_causes(arm: Arm, calibration: Calibration) -> list[Cause]:
     """Every cause that may begin between two checks, with its prior: uniform over families, then
     over places, then over the forms at one place."""
     possible = [c for c in candidates(_scene(arm, calibration)) if _happens(c)]

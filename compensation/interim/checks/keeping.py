@@ -16,10 +16,10 @@ from armd.compensation.interim.checks.appending import (
     CHECKS,
     NewLine,
     append_checks,
-    folder_name,
+    make_folder_name,
 )
 from armd.compensation.interim.checks.chain import HISTORY, AnyLine, HistoryLine
-from armd.compensation.interim.checks.history import STATISTICS, iso
+from armd.compensation.interim.checks.history import STATISTICS, format_iso
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.statistics import to_json
 from armd.compensation.model.calibration import LoadedCalibration
@@ -64,7 +64,7 @@ class CheckDate:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def lock_history(folder: Path) -> Iterator[None]:
     """One writer at a time; the folder is made if it is not there. Raises `BadInput` unless a
     check can be kept in it."""
     with explain_os_errors(folder):
@@ -89,7 +89,10 @@ def check_past(checks: Sequence[CheckDate], now_unix_s: float) -> None:
     for check in checks:
         ended = check.last_unix_s
         if ended > now_unix_s + CLOCKS_APART_S:
-            dates = f"readings until {iso(ended)}; this computer's clock says {iso(now_unix_s)}"
+            dates = (
+                f"readings until {format_iso(ended)}; this computer's clock says "
+                f"{format_iso(now_unix_s)}"
+            )
             expected = (
                 "a check that has been made: set the clock that is wrong, or take it as it is "
                 "with --future"
@@ -106,7 +109,7 @@ def check_clock(folder: Path, lines: Sequence[AnyLine], now_unix_s: float) -> No
     if now_unix_s < added - CLOCKS_APART_S:
         dates = (
             f"check {lines[-1].name} added at {lines[-1].added}; this computer's clock says "
-            f"{iso(now_unix_s)}"
+            f"{format_iso(now_unix_s)}"
         )
         expected = (
             "a clock that was not set back: set it right, or, if it is right now, take the check "
@@ -115,7 +118,7 @@ def check_clock(folder: Path, lines: Sequence[AnyLine], now_unix_s: float) -> No
         raise BadInput(folder / HISTORY, f"line {len(lines)}, added", dates, expected)
 
 
-def dated_before(lines: Sequence[AnyLine], checks: Sequence[CheckDate]) -> str:
+def report_early_dates(lines: Sequence[AnyLine], checks: Sequence[CheckDate]) -> str:
     """What a person should know of *checks* added after a check that was measured after them:
     that is as good as any other order, unless a clock was set back in between. "" if there are
     none."""
@@ -126,7 +129,7 @@ def dated_before(lines: Sequence[AnyLine], checks: Sequence[CheckDate]) -> str:
     if not early:
         return ""
     first = early[0]
-    which = f"{first.name} ({iso(first.started_unix_s)})"
+    which = f"{first.name} ({format_iso(first.started_unix_s)})"
     if n_others := len(early) - 1:
         which += f" and {counted(n_others, 'other check')}"
     are, they = ("are", "They are") if n_others else ("is", "It is")
@@ -147,7 +150,7 @@ def check_new(folder: Path, lines: Sequence[AnyLine], checks: Sequence[CheckDate
             raise BadInput(
                 check.file, "arm", repr(check.arm), f"{arm_of_history!r}, as in {folder}"
             )
-        instant = iso(check.started_unix_s)
+        instant = format_iso(check.started_unix_s)
         if instant in started:
             problem = f"{instant}, when check {started[instant]} was started"
             raise BadInput(check.file, "started", problem, "a check of its own")
@@ -155,8 +158,8 @@ def check_new(folder: Path, lines: Sequence[AnyLine], checks: Sequence[CheckDate
         for first, last, name in spans:
             if begun <= last and first <= ended:
                 problem = (
-                    f"readings from {iso(begun)} to {iso(ended)}, while check {name} was measured "
-                    f"({iso(first)} to {iso(last)})"
+                    f"readings from {format_iso(begun)} to {format_iso(ended)}, while check {name} "
+                    f"was measured ({format_iso(first)} to {format_iso(last)})"
                 )
                 expected = "one check at a time: was a clock set back?"
                 raise BadInput(check.file, "started", problem, expected)
@@ -171,7 +174,8 @@ def keep(
     arm_file: Path,
     calibration: LoadedCalibration,
 ) -> None:
-    """Keep checks, whole and reduced; the history is `locked`, and they are `check_new`."""
+    """Keep checks, whole and reduced: the history is locked (`lock_history`), and they have passed
+    `check_new`."""
     arm_data = read_input(arm_file)
     arm_sha = hashlib.sha256(arm_data).hexdigest()
     common = {
@@ -181,7 +185,7 @@ def keep(
     new_lines = []
     for new_check in new:
         session = new_check.session
-        started = iso(session.started_unix_s)
+        started = format_iso(session.started_unix_s)
         facts = {
             "schema": "armd.interim.check/1",
             "name": session.name,
@@ -192,7 +196,9 @@ def keep(
             "arm_file": arm_sha,
             "calibration": calibration.sha256,
         }
-        new_lines.append(NewLine(facts, folder_name(started, session.name), _contents(new_check)))
+        new_lines.append(
+            NewLine(facts, make_folder_name(started, session.name), _contents(new_check))
+        )
     append_checks(folder, len(lines), new_lines, common)
 
 

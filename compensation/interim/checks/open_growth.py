@@ -64,7 +64,7 @@ def _made_k(term: Term, calibration: Calibration) -> float:
     ) - calibration.reference_temperature_c * sum(factor.weights.values())
 
 
-def rises_k(
+def compute_rises_k(
     growth: Sequence[OpenGrowth], states: States, arm: Arm, calibration: Calibration
 ) -> F64:
     """(n, m) how much warmer each length was than when it was calibrated; where a temperature is

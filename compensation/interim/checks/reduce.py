@@ -18,7 +18,7 @@ from armd.compensation.estimate.poses import (
     pose_columns,
     target_columns,
 )
-from armd.compensation.interim.checks.catalogue_digest import digest
+from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduced import Reduced
@@ -114,7 +114,7 @@ def reduce(
         last_unix_s=float(states.time_s.max()),
         readings=observations.n,
         rms_um=1e3 * float(np.sqrt(np.mean(np.sum((position - placed) ** 2, axis=1)))),
-        catalogue=digest(causes, growth),
+        catalogue=hash_catalogue(causes, growth),
         temperature_c=_temperatures(observations, arm),
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects.effect import Column
-from armd.compensation.interim.checks.open_growth import OpenGrowth, rises_k
+from armd.compensation.interim.checks.open_growth import OpenGrowth, compute_rises_k
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows, tip_motion
 from armd.compensation.model.calibration import Calibration
@@ -62,7 +62,7 @@ class Signals:
     def grown(self, growth: Sequence[OpenGrowth]) -> F64:
         """(n, 3, m) how far each growth moves the tip, mm per standard deviation of it."""
         places = self.arm.layout.indices(expansion.term.parameter for expansion in growth)
-        rise = rises_k(growth, self.states, self.arm, self.calibration)
+        rise = compute_rises_k(growth, self.states, self.arm, self.calibration)
         size = np.array([expansion.size for expansion in growth])
         moved: F64 = self._moved[:, :, places] * (rise * size)[:, None, :]
         return moved

@@ -126,7 +126,7 @@ class _Beside:
         return density
 
 
-def spoilt(stack: Stack, sums: CheckSums, doubted: Sequence[int]) -> dict[int, float]:
+def find_spoilt(stack: Stack, sums: CheckSums, doubted: Sequence[int]) -> dict[int, float]:
     """Which of the *doubted* checks among those summed up are likelier spoilt than not, the worst
     first, with the log of their odds."""
     odds_of_spoilt: dict[int, float] = {}

@@ -49,7 +49,7 @@ class Cleared:
     square: F64  # (S,) what is left of the readings' square
 
 
-def cleared(
+def eliminate_standing(
     curvature: F64, side: F64, square: float, standing: slice, scales: tuple[float, ...]
 ) -> Cleared:
     """Of *curvature* (q, q), *side* (q,) and *square*, the *standing* errors multiplied by each of

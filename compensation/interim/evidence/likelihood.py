@@ -20,7 +20,7 @@ from scipy.special import gammaln, logsumexp
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.amplitudes import integrated
+from armd.compensation.interim.evidence.amplitudes import integrate_amplitudes
 from armd.compensation.interim.evidence.cleared import CheckSums, Cleared
 from armd.compensation.interim.evidence.stack import Begun, RunningSums, Stack
 
@@ -117,7 +117,7 @@ def _log_ratios(
             for j in range(i + 1)
         }
         side = side_cleared[:, begin:end].reshape(*gram_of_group.shape[:3], -1)
-        spread, quad = integrated(gram, [side[:, :, i] for i in range(p)], SIZES)
+        spread, quad = integrate_amplitudes(gram, [side[:, :, i] for i in range(p)], SIZES)
         quad = np.minimum(quad, remainder * (1 - 1e-12))
         logs = -0.5 * (spread + freedom * np.log1p(-quad / remainder)) + log_share[:, None]
         yield members, log_sum(logs, axis=2)
@@ -140,7 +140,7 @@ def log_marginal(stack: Stack, sums: CheckSums) -> float:
     return float(logsumexp(logs)) - float(np.log(len(logs)))
 
 
-def at_its_share(stack: Stack) -> Stack:
+def fit_standing_share(stack: Stack) -> Stack:
     """The stack with its standing errors as large as its readings make likeliest."""
     sums = stack.sums(range(stack.n))
     scales = _log_marginals(stack.cleared(sums), sums.numbers)
@@ -165,7 +165,7 @@ class KnownErrors:
     scale: float  # of all variances: the likelihood integrates it out; here it is at its mean
 
 
-def known_errors(sums: CheckSums) -> KnownErrors:
+def estimate_known_errors(sums: CheckSums) -> KnownErrors:
     """What checks of these sums tell of them."""
     curvature = sums.curvature + np.eye(len(sums.side))
     covariance = np.asarray(np.linalg.inv(curvature), dtype=np.float64)

@@ -17,7 +17,7 @@ from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import GROWTH
 from armd.compensation.interim.checks.reduced import Reduced
-from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, cleared
+from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, eliminate_standing
 from armd.compensation.model.slow_factors import DAY_S
 
 #: A calibration knows its constants as well as it says, within this factor: its model was fitted on
@@ -65,7 +65,7 @@ class Stack:
     @property
     def gap_d(self) -> float:
         """How far checks are usually apart, days."""
-        return gap_d(self.time_d)
+        return find_usual_gap_d(self.time_d)
 
     @property
     def stands(self) -> bool:
@@ -115,7 +115,7 @@ class Stack:
     def cleared(self, sums: CheckSums) -> Cleared:
         """Of *sums* over some of the checks, all known errors eliminated."""
         standing = slice(*self.standing)
-        return cleared(sums.curvature, sums.side, sums.square, standing, self.scales)
+        return eliminate_standing(sums.curvature, sums.side, sums.square, standing, self.scales)
 
     def knowing(self, extra: Sequence[F64]) -> Stack:
         """With more known errors, (r, ·) per check."""
@@ -123,12 +123,12 @@ class Stack:
         return replace(self, error_columns=tuple(np.concatenate(pair, axis=1) for pair in pairs))
 
 
-def gap_d(time_d: F64) -> float:
+def find_usual_gap_d(time_d: F64) -> float:
     """How far checks at these times are usually apart, days."""
     return float(np.median(np.diff(time_d))) if len(time_d) > 1 else 1.0
 
 
-def stack(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
+def stack_checks(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
     """*checks* in order of time."""
     typical = np.array([c.typical for cause in causes for c in cause.candidate.columns])
     columns = [check.causes * typical for check in checks]
@@ -294,7 +294,9 @@ class RunningSums:
         """(T,) when a growth begins that first shows at check *first* of *n*, in units of
         `RAMP_DAYS`."""
         days = self.stack.time_d[:n] / RAMP_DAYS
-        before = np.concatenate([[days[0] - gap_d(self.stack.time_d[:n]) / RAMP_DAYS], days[:-1]])
+        before = np.concatenate(
+            [[days[0] - find_usual_gap_d(self.stack.time_d[:n]) / RAMP_DAYS], days[:-1]]
+        )
         return before[first]
 
 

@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, spoilt
+from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, find_spoilt
 from armd.compensation.interim.evidence.cleared import CheckSums
 from armd.compensation.interim.evidence.likelihood import LIMIT, MOST_BACK, log_marginal, weigh
 from armd.compensation.interim.evidence.quiet import NOTHING_YET, Quiet
@@ -70,7 +70,7 @@ def watch(
         quiet = Quiet(tuple(statistics[since : n - 1].tolist()), tuple(settled))
         count, begins = (bisect_left(good, check) for check in (n, since))
         unsettled = range(bisect_left(good, max(since, n - UNSETTLED)), count)
-        places = list(spoilt(sums.stack, sums.upto(count), unsettled)) if count > 1 else []
+        places = list(find_spoilt(sums.stack, sums.upto(count), unsettled)) if count > 1 else []
         if places:
             standing = _weighed(sums, causes, begins, count, places)
         else:

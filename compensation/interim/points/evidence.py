@@ -129,7 +129,7 @@ class ChangeSize:
     freedom: F64  # (J,) its degrees of freedom
 
 
-def effect(
+def fit_change_size(
     series: Series, rows: Mask, known_courses: Sequence[ChangeCourse], course: ChangeCourse
 ) -> ChangeSize:
     """Least squares of *course* beside the *known_courses*."""

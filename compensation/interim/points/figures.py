@@ -17,8 +17,8 @@ from armd.compensation.data.session_format import Artefact
 from armd.compensation.interim.points.surface_figures import (
     Groups,
     PointFigure,
-    sphere_figures,
-    surface_figures,
+    compute_sphere_figures,
+    compute_surface_figures,
 )
 from armd.compensation.verify.points import UNKNOWN
 from armd.errors import BadInput
@@ -56,7 +56,7 @@ class PointCheck:
         return self.artefact, self.tip_radius_mm
 
 
-def figures_of_points(
+def compute_figures(
     path: Path, points: PointTable, artefact: Artefact, tip_radius_mm: float
 ) -> list[PointFigure]:
     """All figures of a table; raises `BadInput` for a target that the artefact does not have, and
@@ -77,7 +77,7 @@ def figures_of_points(
     }
     figures = list(_lengths(artefact, at_points))
     figures += _spheres(artefact, groups, tip_radius_mm)
-    figures += surface_figures(artefact, on_surfaces, tip_radius_mm)
+    figures += compute_surface_figures(artefact, on_surfaces, tip_radius_mm)
     figures += _seats(at_points)
     if not figures:
         problem = (
@@ -189,7 +189,7 @@ def _spheres(artefact: Artefact, groups: Groups, tip_radius_mm: float) -> Iterat
             sets.setdefault(name, []).append(positions)
     for name, parts in sets.items():
         on = np.vstack(parts)
-        yield from sphere_figures(name, on, diameter, tip_radius_mm)
+        yield from compute_sphere_figures(name, on, diameter, tip_radius_mm)
 
 
 def _seats(groups: Groups) -> Iterator[PointFigure]:

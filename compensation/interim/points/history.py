@@ -14,11 +14,16 @@ from pathlib import Path
 
 from armd.compensation.data.foreign.points import PointTable, read_points
 from armd.compensation.data.session_format import ArtefactFile
-from armd.compensation.interim.checks.appending import CHECKS, NewLine, append_checks, folder_name
+from armd.compensation.interim.checks.appending import (
+    CHECKS,
+    NewLine,
+    append_checks,
+    make_folder_name,
+)
 from armd.compensation.interim.checks.chain import PointsLine, read_lines
-from armd.compensation.interim.checks.history import check_hash, iso
+from armd.compensation.interim.checks.history import check_hash, format_iso
 from armd.compensation.interim.checks.keeping import ARTEFACTS, CheckDate
-from armd.compensation.interim.points.figures import ARM, PointCheck, figures_of_points
+from armd.compensation.interim.points.figures import ARM, PointCheck, compute_figures
 from armd.compensation.wording import clock
 from armd.errors import BadInput
 from armd.files.inputs import read_input
@@ -79,7 +84,7 @@ def keep_tables(
         facts = {
             "schema": "armd.interim.points/1",
             "name": table.dated.name,
-            "started": iso(table.dated.started_unix_s),
+            "started": format_iso(table.dated.started_unix_s),
             "arm": ARM,
             "first_unix_s": table.dated.first_unix_s,
             "last_unix_s": table.dated.last_unix_s,
@@ -88,7 +93,7 @@ def keep_tables(
         }
         contents = {f"points{table.path.suffix.lower()}": read_input(table.path)}
         new_lines.append(
-            NewLine(facts, folder_name(str(facts["started"]), table.dated.name), contents)
+            NewLine(facts, make_folder_name(str(facts["started"]), table.dated.name), contents)
         )
     append_checks(folder, count, new_lines, {Path(ARTEFACTS) / f"{sha256}.toml": data})
 
@@ -107,7 +112,7 @@ def load_checks(folder: Path) -> list[PointCheck]:
         (name,) = line.files
         table = folder / CHECKS / line.folder / name
         artefact = load_toml(path, ArtefactFile).artefact
-        figures = figures_of_points(table, read_points(table), artefact, line.tip_radius_mm)
+        figures = compute_figures(table, read_points(table), artefact, line.tip_radius_mm)
         checks.append(
             PointCheck(
                 line.name,

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from armd.arrays import F64
-from armd.compensation.interim.points.evidence import ChangeSize, Series, effect
+from armd.compensation.interim.points.evidence import ChangeSize, Series, fit_change_size
 from armd.compensation.interim.points.figures import PointCheck
 from armd.compensation.interim.points.find import PointChange, PointChanges, find_changes
 
@@ -115,7 +115,7 @@ def _moved(
     rows = np.ones(series.n, bool)
     rows[detected.bad] = False
     other_courses = [course for course in detected.courses if course is not change.course]
-    change_size = effect(series, rows, other_courses, change.course)
+    change_size = fit_change_size(series, rows, other_courses, change.course)
     before = rows & (np.arange(series.n) < change.course.first)
     named_figures = []
     for j, name in enumerate(names):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from armd.compensation.interim.points.evidence import RUN_LENGTH
 from armd.compensation.interim.points.judge import PointEpoch
-from armd.compensation.interim.points.result import points_in_words
+from armd.compensation.interim.points.result import describe_points
 from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics
 from armd.compensation.report.drawing import COLOURS, make_single_figure
@@ -20,7 +20,7 @@ from armd.compensation.report.page import MOST_SENTENCES, Page, report_number
 from armd.compensation.wording import plain
 
 
-def points_page(
+def render_points_page(
     folder: Path,
     epochs: Sequence[PointEpoch],
     result: dict[str, Any],
@@ -28,7 +28,7 @@ def points_page(
 ) -> str:
     """HTML text of the report of the history in *folder*."""
     page = Page(f"Interim checks of points: {folder.resolve().name}")
-    first, *further_sentences = points_in_words(epochs)
+    first, *further_sentences = describe_points(epochs)
     changed = result["state"] == "changed"
     reason = page.in_brief("Verdict", first.removeprefix("In control: "))
     page.verdict("CHANGED" if changed else "IN CONTROL", reason, not changed)

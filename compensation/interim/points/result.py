@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from armd.compensation.interim.checks.history import iso
+from armd.compensation.interim.checks.history import format_iso
 from armd.compensation.interim.points.evidence import LIMIT, RUN_LENGTH
 from armd.compensation.interim.points.figures import ARM
 from armd.compensation.interim.points.find import PointChange
@@ -41,7 +41,7 @@ def points_as_json(epochs: Sequence[PointEpoch]) -> dict[str, Any]:
         "arm": ARM,
         "calibration": "",
         "artefact": latest.checks[-1].artefact,
-        "last_check": iso(latest.checks[-1].first_unix_s),
+        "last_check": format_iso(latest.checks[-1].first_unix_s),
         "in_control_run_length": RUN_LENGTH,
         "checks": [_check(epoch, i) for epoch, i in checks],
         "changes": [
@@ -59,7 +59,7 @@ def _check(epoch: PointEpoch, index: int) -> dict[str, Any]:
     check, statistic = epoch.checks[index], float(epoch.detected.statistic[index])
     return {
         "name": check.name,
-        "started": iso(check.first_unix_s),
+        "started": format_iso(check.first_unix_s),
         "statistic": round(statistic, DECIMALS) if math.isfinite(statistic) else 0.0,
         "limit": LIMIT,
         "verdict": epoch.verdict(index),
@@ -71,7 +71,7 @@ def _check(epoch: PointEpoch, index: int) -> dict[str, Any]:
 def _change(epoch: PointEpoch, change: PointChange, moved: Sequence[Moved]) -> dict[str, Any]:
     low, high = epoch.between_unix_s(change)
     return {
-        "between": [iso(math.floor(low)), iso(math.ceil(high))],
+        "between": [format_iso(math.floor(low)), format_iso(math.ceil(high))],
         "cause": "unknown",
         "location": "-",
         "probability": change.probability,
@@ -81,7 +81,7 @@ def _change(epoch: PointEpoch, change: PointChange, moved: Sequence[Moved]) -> d
         "calibration_from": None,
         "calibration_sha256": None,
         "judged_under": "",
-        "from": iso(round(high)),
+        "from": format_iso(round(high)),
         "reading": _reading(moved),
         "parameters": [],
         "figures": [
@@ -112,7 +112,7 @@ def _reading(moved: Sequence[Moved]) -> str:
     return sizes + (f", and {counted(n_more, 'further figure')}" if n_more > 0 else "")
 
 
-def points_in_words(epochs: Sequence[PointEpoch]) -> list[str]:
+def describe_points(epochs: Sequence[PointEpoch]) -> list[str]:
     """What came of it, for the console and the page."""
     latest = epochs[-1]
     count = sum(len(epoch.checks) for epoch in epochs)

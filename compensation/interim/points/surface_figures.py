@@ -34,7 +34,7 @@ class PointFigure:
         return self.freedom > 0
 
 
-def surface_figures(
+def compute_surface_figures(
     artefact: Artefact, groups: Groups, tip_radius_mm: float
 ) -> Iterator[PointFigure]:
     """Figures of the artefact's surfaces by the points of each placement; of a cylinder none."""
@@ -44,7 +44,7 @@ def surface_figures(
                 continue
             name = _named(target, placement)
             if surface.kind == "sphere":
-                yield from sphere_figures(
+                yield from compute_sphere_figures(
                     name, positions, 2 * (surface.radius_mm or 0.0), tip_radius_mm
                 )
             elif surface.kind == "plane" and len(positions) >= PLANE_POINTS:
@@ -54,7 +54,7 @@ def surface_figures(
     yield from _blocks(artefact, groups, tip_radius_mm)
 
 
-def sphere_figures(
+def compute_sphere_figures(
     name: str, on: F64, diameter_mm: float, tip_radius_mm: float
 ) -> Iterator[PointFigure]:
     """Size and form of a sphere by the tip's centre (n, 3) *on* it; none of too few points."""

@@ -11,14 +11,14 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import (
     Change,
-    amplitude_sizes,
-    columns_of,
+    compute_shapes,
     count_amplitudes,
-    shapes,
+    list_amplitude_sizes,
+    list_change_columns,
 )
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.beside import Beside
-from armd.compensation.interim.evidence.likelihood import known_errors
+from armd.compensation.interim.evidence.likelihood import estimate_known_errors
 from armd.compensation.interim.evidence.stack import ALL_ALONG, RAMP_DAYS, Stack
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import DAY_S, After, Time
@@ -58,13 +58,13 @@ def fit(
         {column for c in changes if c.cause is not None for column in _columns(stacked, c.cause)}
     )
     before = max(ALL_ALONG) if stacked.stands else 0.0
-    pairs = zip(stacked.columns, columns_of(stacked, changes), strict=True)
+    pairs = zip(stacked.columns, list_change_columns(stacked, changes), strict=True)
     extra = [
         np.concatenate([before * columns[:, moved_columns], new], axis=1) for columns, new in pairs
     ]
     q = stacked.error_columns[0].shape[1] + len(moved_columns)
-    estimate = known_errors(
-        (told_by or Beside(stacked, telling_checks(stacked, changes, bad))).sums(extra)
+    estimate = estimate_known_errors(
+        (told_by or Beside(stacked, list_telling_checks(stacked, changes, bad))).sums(extra)
     )
     sizes = _sizes(causes, changes)
     # The columns' sign: a residual is what the arm shows too much under the calibration.
@@ -81,7 +81,7 @@ def fit(
     return Amplitudes(tuple(split), cov)
 
 
-def telling_checks(stacked: Stack, changes: Sequence[Change], bad: Sequence[int]) -> list[int]:
+def list_telling_checks(stacked: Stack, changes: Sequence[Change], bad: Sequence[int]) -> list[int]:
     """The checks that tell of *changes*: what comes with one of no cause belongs to nothing
     known."""
     until = min((change.first for change in changes if change.cause is None), default=stacked.n)
@@ -99,17 +99,17 @@ def _sizes(causes: Sequence[Cause], changes: Sequence[Change]) -> F64:
         if change.cause is None:
             continue
         typical = np.array([c.typical for c in causes[change.cause].candidate.columns])
-        sizes.append((amplitude_sizes(change, len(typical)) * typical).ravel())
+        sizes.append((list_amplitude_sizes(change, len(typical)) * typical).ravel())
     return np.concatenate(sizes) if sizes else np.zeros(0)
 
 
-def at_the_end(stacked: Stack, change: Change, amplitudes: F64) -> F64:
+def compute_final_size(stacked: Stack, change: Change, amplitudes: F64) -> F64:
     """(p,) how large a change is at the last check."""
-    end: F64 = shapes(stacked, change)[-1] @ amplitudes
+    end: F64 = compute_shapes(stacked, change)[-1] @ amplitudes
     return end
 
 
-def amended(
+def amend_calibration(
     calibration: Calibration,
     begun_unix_s: float,
     causes: Sequence[Cause],

@@ -21,7 +21,7 @@ from armd.compensation.interim.changes.growth import FEW_BENDS
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.beside import Beside
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.report.amend import Amplitudes, fit, telling_checks
+from armd.compensation.interim.report.amend import Amplitudes, fit, list_telling_checks
 
 #: A calibration file has a covariance of so many rows at most: a file of more than 100 000 values
 #: is refused (`armd.files.schema`).
@@ -42,7 +42,9 @@ class Averaged:
         return sum(number <= index for number in self.of_change)
 
 
-def affordable(scenarios: Sequence[Scenario], causes: Sequence[Cause], rows: int) -> list[Scenario]:
+def choose_affordable(
+    scenarios: Sequence[Scenario], causes: Sequence[Cause], rows: int
+) -> list[Scenario]:
     """The likeliest of *scenarios* that a calibration whose covariance has so many *rows* can hold,
     beside as many again in the epochs to come; their shares add up to 1.
 
@@ -103,7 +105,7 @@ def _terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ...]]:
     }
 
 
-def averaged(
+def average_amplitudes(
     stacked: Stack, causes: Sequence[Cause], scenarios: Sequence[Scenario], bad: Sequence[int]
 ) -> Averaged:
     """Mean and covariance of the amplitudes over *scenarios*, whose shares add up to 1; a change of
@@ -120,7 +122,7 @@ def averaged(
     slots = {key: np.arange(end - n, end) for key, n, end in zip(keys, sizes, ends, strict=True)}
     width = int(ends[-1]) if len(ends) else 0
     mean, second = np.zeros(width), np.zeros((width, width))
-    told_by = Beside(stacked, telling_checks(stacked, scenarios[0][1], bad))
+    told_by = Beside(stacked, list_telling_checks(stacked, scenarios[0][1], bad))
     for share, changes in scenarios:
         amplitudes = fit(stacked, causes, changes, bad, told_by)
         used_slots = [slots[_key(number, change)] for number, change in enumerate(changes)]

@@ -10,15 +10,15 @@ from scipy.stats import chi2
 
 from armd.arrays import F64
 from armd.compensation.identify.thermal.terms import last_lever_mm
-from armd.compensation.interim.changes.change import Change, columns_of
+from armd.compensation.interim.changes.change import Change, list_change_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.checks.open_growth import GROWTH, OpenGrowth, open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.beside import Beside
-from armd.compensation.interim.evidence.likelihood import KnownErrors, known_errors
-from armd.compensation.interim.evidence.stack import Stack, stack
-from armd.compensation.interim.report.amend import telling_checks
+from armd.compensation.interim.evidence.likelihood import KnownErrors, estimate_known_errors
+from armd.compensation.interim.evidence.stack import Stack, stack_checks
+from armd.compensation.interim.report.amend import list_telling_checks
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
@@ -60,14 +60,14 @@ def find_growth(
     calibration knows it, or the checks do not distinguish it from zero."""
     arm, calibration = checks[0].arm, checks[0].calibration.content
     growth = open_growth(arm, calibration)
-    good = telling_checks(stacked, changes, bad)
+    good = list_telling_checks(stacked, changes, bad)
     if not growth or not good:
         return None
     reduced = [check.reduced for check in checks]
-    without = stack([_without_growth(check) for check in reduced], causes)
+    without = stack_checks([_without_growth(check) for check in reduced], causes)
     without = without.rescale(stacked.share / without.share)
     growth_columns = [check.error_columns[:, _is_growth(check)] for check in reduced]
-    change_columns = columns_of(without, changes)
+    change_columns = list_change_columns(without, changes)
     estimate = _fit(without, growth_columns, change_columns, good)
     q = slice(without.error_columns[0].shape[1], without.error_columns[0].shape[1] + len(growth))
     covariance = estimate.scale * estimate.covariance[q, q]
@@ -104,7 +104,7 @@ def _fit(
     stacked: Stack, growth: Sequence[F64], changes: Sequence[F64], chosen: Sequence[int]
 ) -> KnownErrors:
     extra = [np.concatenate(pair, axis=1) for pair in zip(growth, changes, strict=True)]
-    return known_errors(Beside(stacked, chosen).sums(extra))
+    return estimate_known_errors(Beside(stacked, chosen).sums(extra))
 
 
 def _left_share(

@@ -8,20 +8,29 @@ from itertools import groupby
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.interim.changes.change import ChangesFound, shapes, with_changes
-from armd.compensation.interim.changes.dated import between, instant
+from armd.compensation.interim.changes.change import ChangesFound, add_known_changes, compute_shapes
+from armd.compensation.interim.changes.dated import find_instant, find_interval
 from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.changes.scenarios import list_scenarios
-from armd.compensation.interim.checks.columns import Cause, causes_of
-from armd.compensation.interim.checks.history import Check, iso
-from armd.compensation.interim.evidence.likelihood import at_its_share
+from armd.compensation.interim.checks.columns import Cause, list_causes
+from armd.compensation.interim.checks.history import Check, format_iso
+from armd.compensation.interim.evidence.likelihood import fit_standing_share
 from armd.compensation.interim.evidence.quiet import Looked
-from armd.compensation.interim.evidence.stack import Stack, stack
-from armd.compensation.interim.report.amend import Amplitudes, amended, at_the_end, fit
-from armd.compensation.interim.report.averaged import Averaged, affordable, averaged
+from armd.compensation.interim.evidence.stack import Stack, stack_checks
+from armd.compensation.interim.report.amend import (
+    Amplitudes,
+    amend_calibration,
+    compute_final_size,
+    fit,
+)
+from armd.compensation.interim.report.averaged import (
+    Averaged,
+    average_amplitudes,
+    choose_affordable,
+)
 from armd.compensation.interim.report.growth import find_growth
 from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
-from armd.compensation.interim.report.reach import tip_rms_um
+from armd.compensation.interim.report.reach import compute_tip_rms_um
 from armd.compensation.interim.report.remembered import NOTHING, Remembered
 from armd.compensation.model.calibration import Calibration
 
@@ -39,21 +48,23 @@ def judge(checks: Sequence[Check], remembered: Remembered = NOTHING) -> Judgemen
 
 def _epoch(checks: tuple[Check, ...], before: Looked) -> Epoch:
     arm, calibration = checks[0].arm, checks[0].calibration
-    causes = causes_of(arm, calibration.content)
+    causes = list_causes(arm, calibration.content)
     reduced = [check.reduced for check in checks]
-    stacked = at_its_share(stack(reduced, causes))
+    stacked = fit_standing_share(stack_checks(reduced, causes))
     detected = find(stacked, causes, before)
     # What is there all along shows where neither changes nor bad checks are taken for it.
     good = [i for i in range(stacked.n) if i not in detected.bad]
-    explained = with_changes(stacked, detected.changes).only(good)
-    stacked = stacked.rescale(at_its_share(explained).share / stacked.share)
+    explained = add_known_changes(stacked, detected.changes).only(good)
+    stacked = stacked.rescale(fit_standing_share(explained).share / stacked.share)
     amplitudes = fit(stacked, causes, detected.changes, detected.bad)
-    instants = [instant(reduced, stacked, change, detected.bad) for change in detected.changes]
+    instants = [find_instant(reduced, stacked, change, detected.bad) for change in detected.changes]
     possible = list_scenarios(stacked, causes, detected.changes, detected.bad)
     grown = find_growth(checks, stacked, causes, detected.changes, detected.bad)
     under = calibration.content if grown is None else grown.calibration
     rows = len(under.covariance_of)
-    every = averaged(stacked, causes, affordable(possible, causes, rows), detected.bad)
+    every = average_amplitudes(
+        stacked, causes, choose_affordable(possible, causes, rows), detected.bad
+    )
     reported_changes = tuple(
         _report_change(checks, stacked, causes, detected, amplitudes, instants, every, index, under)
         for index in range(len(detected.changes))
@@ -75,7 +86,7 @@ def _report_change(
     """*under*: the calibration that a change is written into, with the growth of the links."""
     change = detected.changes[index]
     reduced = [check.reduced for check in checks]
-    interval = between(reduced, stacked, change, detected.bad)
+    interval = find_interval(reduced, stacked, change, detected.bad)
     if change.cause is None:
         nothing = np.zeros(0)
         return Told(
@@ -83,26 +94,29 @@ def _report_change(
         )
     cause = causes[change.cause]
     own_amplitudes = amplitudes.values[index]
-    values = at_the_end(stacked, change, own_amplitudes)
+    values = compute_final_size(stacked, change, own_amplitudes)
     covariance = amplitudes.covariance[(place := amplitudes.slice_of(index)), place]
-    root = np.kron(shapes(stacked, change)[-1:], np.eye(own_amplitudes.shape[1]))
+    root = np.kron(compute_shapes(stacked, change)[-1:], np.eye(own_amplitudes.shape[1]))
     deviations = np.sqrt(np.maximum(np.diag(root @ covariance @ root.T), 0.0))
     grown_d = float(stacked.time_d[-1]) - change.origin_d
     last = checks[-1]
     possible = every.changes[: every.until(index)]
-    calibration = amended(
+    calibration = amend_calibration(
         under,
         reduced[0].mean_unix_s,
         causes,
         possible,
-        [instant(reduced, stacked, possible_change, detected.bad) for possible_change in possible],
+        [
+            find_instant(reduced, stacked, possible_change, detected.bad)
+            for possible_change in possible
+        ],
         every.amplitudes,
         last.reduced.last_unix_s,
         {
             "calibration": last.calibration.sha256,
             "checks": [check.line.name for check in checks],
             "changes": [
-                f"{c.candidate.cause} {c.candidate.location} since {iso(round(begin))}"
+                f"{c.candidate.cause} {c.candidate.location} since {format_iso(round(begin))}"
                 for c, begin in (
                     (causes[ch.cause], begin)
                     for ch, begin in zip(detected.changes[: index + 1], instants, strict=False)
@@ -121,7 +135,7 @@ def _report_change(
         values=values,
         deviations=deviations,
         per_day=values / grown_d if change.gradual else None,
-        tip_rms_um=tip_rms_um(last.arm, last.calibration.content, cause.candidate, values),
+        tip_rms_um=compute_tip_rms_um(last.arm, last.calibration.content, cause.candidate, values),
         calibration=calibration,
     )
 

@@ -12,10 +12,10 @@ from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_files import READINGS
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.interim.changes.change import shapes
+from armd.compensation.interim.changes.change import compute_shapes
 from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
 from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
-from armd.compensation.interim.report.result import in_words
+from armd.compensation.interim.report.result import describe_judgement
 from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, instants
 from armd.compensation.report.coverage import add_coverage
@@ -32,7 +32,7 @@ MEASURED = ("session.toml", *READINGS)
 SHOWN = {"rad": ("″", 1 / ARC_SECOND), "mm": ("µm", 1e3), "rad/Nm": ("µrad/Nm", 1e6)}
 
 
-def interim_page(
+def render_interim_page(
     judgement: Judgement,
     result: dict[str, Any],
     sessions: Sequence[Session],
@@ -44,7 +44,7 @@ def interim_page(
         Page(f"Interim checks of arm {result['arm']}", result["arm"]),
         choose_units(arm).length,
     )
-    first, *further_sentences = in_words(judgement)
+    first, *further_sentences = describe_judgement(judgement)
     reason = page.in_brief("Verdict", first.removeprefix("In control: "))
     page.verdict(
         "CHANGED" if judgement.changed else "IN CONTROL", reason, not judgement.changed,
@@ -152,7 +152,7 @@ def _over_time(epoch: Epoch, reported: Told) -> Figure:
     assert reported.change.cause is not None and reported.cause is not None
     moments = instants([check.line.started for check in epoch.checks])
     block = epoch.stack.blocks[reported.change.cause]
-    course = shapes(epoch.stack, reported.change)
+    course = compute_shapes(epoch.stack, reported.change)
     grown = course[:, 0] / max(float(course[-1, 0]), 1e-300)
     drawstyle = "default" if reported.change.gradual else "steps-post"
     for j, column in enumerate(reported.cause.candidate.columns):

@@ -11,12 +11,12 @@ from scipy.linalg import block_diag
 from armd.arrays import F64, I64
 from armd.compensation.design.clearance import column_distance_mm, height_mm
 from armd.compensation.estimate.adjustment import adjusted
-from armd.compensation.interim.checks.catalogue_digest import digest
+from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals
-from armd.compensation.interim.report.reach import poses
+from armd.compensation.interim.report.reach import draw_poses
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import forward
@@ -44,10 +44,10 @@ class Planned:
         return seat * POOL + np.arange(POOL)
 
 
-def planned(arm: Arm, calibration: Calibration, at_unix_s: float) -> Planned:
+def plan_check(arm: Arm, calibration: Calibration, at_unix_s: float) -> Planned:
     """Seats that the arm reaches in enough poses, no part of it below its base."""
     constants = calibration.vector(arm.n_joints)
-    drawn = poses(arm, calibration.reference_temperature_c, DRAWN, 21)
+    drawn = draw_poses(arm, calibration.reference_temperature_c, DRAWN, 21)
     drawn = replace(drawn, time_s=np.full(drawn.n, at_unix_s))
     tips = forward(drawn.q, np.tile(constants, (drawn.n, 1)))[0]
     away = column_distance_mm(drawn.q, constants)
@@ -79,7 +79,9 @@ def _reaching(arm: Arm, constants: F64, seat: F64, drawn: States) -> States:
     return replace(drawn, q=q).rows(good)
 
 
-def as_check(plan: Planned, arm: Arm, calibration: Calibration, causes: Sequence[Cause]) -> Reduced:
+def predict_check(
+    plan: Planned, arm: Arm, calibration: Calibration, causes: Sequence[Cause]
+) -> Reduced:
     """What a check of all these poses would see, three rows for each; its seats are not projected
     out."""
     signals = Signals(plan.states, arm, calibration)
@@ -109,11 +111,11 @@ def as_check(plan: Planned, arm: Arm, calibration: Calibration, causes: Sequence
         last_unix_s=instant_s,
         readings=plan.states.n,
         rms_um=0.0,
-        catalogue=digest(causes, growth),
+        catalogue=hash_catalogue(causes, growth),
     )
 
 
-def rows(check: Reduced, chosen: I64) -> Reduced:
+def select_rows(check: Reduced, chosen: I64) -> Reduced:
     """Some of a check's numbers."""
     return replace(
         check,

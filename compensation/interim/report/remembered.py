@@ -109,7 +109,7 @@ def recall(folder: Path) -> Remembered:
     """What a history's folder has of it; nothing where any of it is in doubt."""
     with suppress(BadInput):
         file = load_json(folder / WATCHED, _WatchedFile)
-        ours = (file.armd, file.code) == (__version__, code())
+        ours = (file.armd, file.code) == (__version__, hash_sources())
         right = file.sha256 == _sha256(file.epochs)
         if ours and right and all(epoch.is_sound() for epoch in file.epochs):
             return Remembered(tuple(file.epochs))
@@ -140,7 +140,7 @@ def remember(folder: Path, judgement: Judgement) -> None:
     file = {
         "schema": "armd.interim.watched/1",
         "armd": __version__,
-        "code": code(),
+        "code": hash_sources(),
         "epochs": [epoch.model_dump() for epoch in epochs],
         "sha256": _sha256(epochs),
     }
@@ -149,7 +149,7 @@ def remember(folder: Path, judgement: Judgement) -> None:
 
 
 @functools.cache
-def code(room: Path = Path(__file__).parents[2]) -> str:
+def hash_sources(room: Path = Path(__file__).parents[2]) -> str:
     """What tells one state of the sources from another that may say other numbers of a check: a
     version has many states until it is released. The catalogue, its priors and all that weighs them
     stand in *room*, `compensation`."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.checks.history import Check, iso
+from armd.compensation.interim.checks.history import Check, format_iso
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
 from armd.compensation.interim.report.growth import SURE, Grown
 from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
@@ -92,11 +92,11 @@ def _growth(grown: Grown | None, path: str | None, sha256: str | None) -> dict[s
         "heldout_rms_um_after": after_um,
         "calibration_from": path,
         "calibration_sha256": sha256,
-        "reading": growth_in_words(grown),
+        "reading": describe_growth(grown),
     }
 
 
-def growth_in_words(grown: Grown) -> str:
+def describe_growth(grown: Grown) -> str:
     """The growth in a few sentences, for the console and the page."""
     before_um, after_um = grown.heldout_um
     sizes = ", ".join(
@@ -117,7 +117,7 @@ def _change(reported: Told, epoch: Epoch, path: str | None, sha256: str | None) 
     change, cause = reported.change, reported.cause
     low, high = reported.between_unix_s
     entry: dict[str, Any] = {
-        "between": [iso(math.floor(low)), iso(math.ceil(high))],
+        "between": [format_iso(math.floor(low)), format_iso(math.ceil(high))],
         "cause": "unknown" if cause is None else cause.candidate.cause,
         "location": "-" if cause is None else str(cause.candidate.location),
         "probability": change.probability,
@@ -137,8 +137,8 @@ def _change(reported: Told, epoch: Epoch, path: str | None, sha256: str | None) 
         "judged_under": epoch.checks[0].calibration.sha256,
         "from": None
         if math.isnan(reported.instant_unix_s)
-        else iso(round(reported.instant_unix_s)),
-        "reading": reading(reported),
+        else format_iso(round(reported.instant_unix_s)),
+        "reading": describe_change(reported),
         "parameters": [],
     }
     if cause is not None:
@@ -157,7 +157,7 @@ def _change(reported: Told, epoch: Epoch, path: str | None, sha256: str | None) 
     return entry
 
 
-def reading(reported: Told) -> str:
+def describe_change(reported: Told) -> str:
     """A change in one sentence."""
     if reported.cause is None:
         return "since then the checks are off in a way that no cause of the catalogue makes"
@@ -173,12 +173,12 @@ def reading(reported: Told) -> str:
     return text
 
 
-def named(cause: Cause) -> str:
+def name_cause(cause: Cause) -> str:
     """A cause and its place in words."""
     return f"{cause.candidate.cause.replace('_', ' ')} ({cause.candidate.location})"
 
 
-def in_words(judgement: Judgement) -> list[str]:
+def describe_judgement(judgement: Judgement) -> list[str]:
     """What came of it, for the console and the page."""
     latest = judgement.latest
     last = latest.checks[-1]
@@ -194,7 +194,7 @@ def in_words(judgement: Judgement) -> list[str]:
         how = "growing since" if reported.change.gradual else "changed"
         lines.append(
             f"{how.capitalize()} between {minute(low)} and {minute(high)} (95 %):"
-            f" {reading(reported)} [probability {reported.change.probability:.2f}]."
+            f" {describe_change(reported)} [probability {reported.change.probability:.2f}]."
         )
         if not math.isnan(reported.tip_rms_um):
             lines.append(
@@ -202,7 +202,7 @@ def in_words(judgement: Judgement) -> list[str]:
             )
         if reported.rivals:
             rivals = ", ".join(
-                f"{named(rival)} {share:.2f}" for rival, share in reported.rivals[:4]
+                f"{name_cause(rival)} {share:.2f}" for rival, share in reported.rivals[:4]
             )
             lines.append(f"It could also be {rivals}.")
     bad = [epoch.checks[i].line.name for epoch in judgement.epochs for i in epoch.detected.bad]
@@ -212,7 +212,7 @@ def in_words(judgement: Judgement) -> list[str]:
             " (dirt in a seat, or another artefact)."
         )
     if latest.grown is not None:
-        lines.append(growth_in_words(latest.grown))
+        lines.append(describe_growth(latest.grown))
     lines += [f"Far off: {line}." for line in judgement.far_off]
     if judgement.far_off:
         lines.append("In the air, or beside its seat? Then measure that check again.")

@@ -18,7 +18,7 @@ from armd.compensation.interim.report.judgement import Judgement
 UNDECIDED = 3
 
 
-def single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
+def list_single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
     """Of a history's checks that are bad, or may still be, which readings are far off, and whether
     they count."""
     for epoch in judgement.epochs:
@@ -26,7 +26,7 @@ def single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
             bad = i in epoch.detected.bad
             if not bad and i < len(epoch.checks) - UNDECIDED:
                 continue
-            session = history.session(folder, check)
+            session = history.load_measured(folder, check)
             fate = "not counted, as nothing of its check is" if bad else "counted until now"
             # New play in a joint takes readings ten times as far as others, and is a change.
             changed = any(i >= change.first for change in epoch.detected.changes)

@@ -23,10 +23,10 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armd.arrays import F64, I64
-from armd.compensation.interim.changes.change import Change, Scenario, columns_of
+from armd.compensation.interim.changes.change import Change, Scenario, list_change_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.beside import Beside
-from armd.compensation.interim.evidence.likelihood import known_errors
+from armd.compensation.interim.evidence.likelihood import estimate_known_errors
 from armd.compensation.interim.evidence.stack import Stack
 
 #: Where a new seat stands is not known, mm: farther off than any change moves it.
@@ -38,20 +38,20 @@ DRAWS, LEAST_DRAWS = 4000, 10
 
 
 @dataclass(frozen=True)
-class Foretold:
+class PredictedCheck:
     """What H scenarios predict of one check's r numbers."""
 
     mean: F64  # (H, r)
     covariance: F64  # (H, r, r)
 
-    def rows(self, chosen: I64) -> Foretold:
+    def rows(self, chosen: I64) -> PredictedCheck:
         """Of some of the numbers (…, s): (…, H, s) and (…, H, s, s)."""
         mean = np.moveaxis(self.mean[:, chosen], 0, -2)
         block = self.covariance[:, chosen[..., :, None], chosen[..., None, :]]
-        return Foretold(mean, np.moveaxis(block, 0, -3))
+        return PredictedCheck(mean, np.moveaxis(block, 0, -3))
 
 
-def by_place(
+def group_by_place(
     scenarios: Sequence[Scenario], causes: Sequence[Cause], index: int
 ) -> tuple[F64, list[tuple[Change, ...]]]:
     """What change number *index* may have been: the share (H,) of each cause at its place, and the
@@ -70,7 +70,7 @@ def by_place(
     return shares / shares.sum(), [likeliest[place][1] for place in order]
 
 
-def all_of(
+def list_all_scenarios(
     scenarios: Sequence[Scenario],
     causes: Sequence[Cause],
     index: int,
@@ -101,19 +101,19 @@ def all_of(
     )
 
 
-def foretold(
+def predict_checks(
     stacked: Stack,
     scenarios: Sequence[tuple[Change, ...]],
     measured: Sequence[int],
     ahead: Sequence[int],
-) -> list[Foretold]:
+) -> list[PredictedCheck]:
     """What each of *scenarios* predicts of each check *ahead*, by those *measured*."""
     means: list[list[F64]] = [[] for _ in ahead]
     covariances: list[list[F64]] = [[] for _ in ahead]
     told_by = Beside(stacked, measured)
     for changes in scenarios:
-        extra = columns_of(stacked, changes)
-        estimate = known_errors(told_by.sums(extra))
+        extra = list_change_columns(stacked, changes)
+        estimate = estimate_known_errors(told_by.sums(extra))
         for number, check in enumerate(ahead):
             columns = np.concatenate([stacked.error_columns[check], extra[check]], axis=1)
             seat = SEAT_MM * stacked.targets[check]
@@ -121,10 +121,10 @@ def foretold(
             means[number].append(columns @ estimate.mean)
             covariances[number].append(estimate.scale * spread + seat @ seat.T)
     pairs = zip(means, covariances, strict=True)
-    return [Foretold(np.array(mean), np.array(covariance)) for mean, covariance in pairs]
+    return [PredictedCheck(np.array(mean), np.array(covariance)) for mean, covariance in pairs]
 
 
-def overlap(share: F64, predicted: Foretold) -> F64:
+def compute_overlap(share: F64, predicted: PredictedCheck) -> F64:
     """The sum (…) over pairs of the lines at the top: never below the chance to be wrong."""
     spread = np.linalg.slogdet(predicted.covariance)[1]
     total = np.zeros(predicted.mean.shape[:-2])
@@ -141,7 +141,7 @@ def overlap(share: F64, predicted: Foretold) -> F64:
     return total
 
 
-def chance_wrong(share: F64, of_scenario: I64, predicted: Foretold) -> float:
+def estimate_chance_wrong(share: F64, of_scenario: I64, predicted: PredictedCheck) -> float:
     """The chance that the likeliest cause is the wrong one after a check, from checks drawn:
     scenarios of *share* (W,), each of the cause that *of_scenario* (W,) numbers. Where the shares
     leave some of 1, the likeliest of them is wrong."""
@@ -162,8 +162,8 @@ def chance_wrong(share: F64, of_scenario: I64, predicted: Foretold) -> float:
     return wrong
 
 
-def best_poses(
-    share: F64, predicted: Foretold, pools: Sequence[I64], count: int
+def choose_best_poses(
+    share: F64, predicted: PredictedCheck, pools: Sequence[I64], count: int
 ) -> tuple[list[int], float]:
     """*count* poses, three numbers each, from each of *pools* in turn, chosen one after another so
     that the overlap falls most; and that overlap."""
@@ -172,14 +172,14 @@ def best_poses(
     for number in range(count):
         remaining = [pose for pose in pools[number % len(pools)] if pose not in chosen]
         sets = np.array([[*chosen, pose] for pose in remaining])
-        overlaps = overlap(share, predicted.rows(numbers_of(sets)))
+        overlaps = compute_overlap(share, predicted.rows(list_numbers(sets)))
         best = int(np.argmin(overlaps))
         chosen.append(int(remaining[best]))
         lowest = float(overlaps[best])
     return chosen, lowest
 
 
-def numbers_of(poses: I64) -> I64:
+def list_numbers(poses: I64) -> I64:
     """(…, 3 s) the numbers of poses (…, s)."""
     rows: I64 = (3 * poses[..., None] + np.arange(3)).reshape(*poses.shape[:-1], -1)
     return rows

@@ -13,19 +13,19 @@ from threadpoolctl import threadpool_limits
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.reduced import Reduced
-from armd.compensation.interim.evidence.stack import Stack, stack
-from armd.compensation.interim.report.amend import telling_checks
+from armd.compensation.interim.evidence.stack import Stack, stack_checks
+from armd.compensation.interim.report.amend import list_telling_checks
 from armd.compensation.interim.report.judgement import Epoch, Judgement
-from armd.compensation.interim.report.planned import as_check, planned, rows
-from armd.compensation.interim.report.result import named
+from armd.compensation.interim.report.planned import plan_check, predict_check, select_rows
+from armd.compensation.interim.report.result import name_cause
 from armd.compensation.interim.report.telling import (
-    all_of,
-    best_poses,
-    by_place,
-    chance_wrong,
-    foretold,
-    numbers_of,
-    overlap,
+    choose_best_poses,
+    compute_overlap,
+    estimate_chance_wrong,
+    group_by_place,
+    list_all_scenarios,
+    list_numbers,
+    predict_checks,
 )
 from armd.compensation.model.slow_factors import DAY_S
 from armd.compensation.model.state import States
@@ -79,7 +79,7 @@ class Tomorrow:
         return entry
 
 
-def tomorrow(judgement: Judgement) -> Tomorrow:
+def plan_next_check(judgement: Judgement) -> Tomorrow:
     """The check that settles the most doubtful change of the latest epoch."""
     if not judgement.changed:
         return Tomorrow("the usual check, in other poses than today's")
@@ -91,7 +91,7 @@ def tomorrow(judgement: Judgement) -> Tomorrow:
     ]
     with threadpool_limits(limits=1, user_api="blas"):
         for _, index in sorted(doubtful):
-            advice = telling(epoch, index)
+            advice = plan_telling_check(epoch, index)
             if advice is not None:
                 return advice
     return Tomorrow(
@@ -99,45 +99,46 @@ def tomorrow(judgement: Judgement) -> Tomorrow:
     )
 
 
-def telling(epoch: Epoch, index: int) -> Tomorrow | None:
+def plan_telling_check(epoch: Epoch, index: int) -> Tomorrow | None:
     """Poses on seats that tell what change number *index* was, if any do better than the usual
     check."""
-    share, scenarios = by_place(epoch.scenarios, epoch.causes, index)
+    share, scenarios = group_by_place(epoch.scenarios, epoch.causes, index)
     last = epoch.checks[-1]
     arm, calibration = last.arm, last.calibration.content
     check_unix_s = last.reduced.last_unix_s + epoch.stack.gap_d * DAY_S
-    plan = planned(arm, calibration, check_unix_s)
+    plan = plan_check(arm, calibration, check_unix_s)
     if len(share) < 2 or len(plan.seats_mm) < SEATS:
         return None
     checks = [check.reduced for check in epoch.checks]
-    measured = telling_checks(epoch.stack, epoch.detected.changes, epoch.detected.bad)
+    measured = list_telling_checks(epoch.stack, epoch.detected.changes, epoch.detected.bad)
     again = checks[measured[-1]]  # its seats are projected out already
     usual = replace(again, mean_unix_s=check_unix_s, targets=np.zeros((len(again.residual), 0)))
-    every_pose = as_check(plan, arm, calibration, epoch.causes)
+    every_pose = predict_check(plan, arm, calibration, epoch.causes)
     stacked = _stack(epoch, [*checks, every_pose])
-    (ahead,) = foretold(stacked, scenarios, measured, [len(checks)])
+    (ahead,) = predict_checks(stacked, scenarios, measured, [len(checks)])
     pairs = list(combinations(range(len(plan.seats_mm)), SEATS))
     pools = [[plan.poses_on(seat) for seat in pair] for pair in pairs]
     pool_overlaps = [
-        float(overlap(share, ahead.rows(numbers_of(np.concatenate(p))))) for p in pools
+        float(compute_overlap(share, ahead.rows(list_numbers(np.concatenate(p))))) for p in pools
     ]
     tried = [
-        (*best_poses(share, ahead, pools[k], POSES), k) for k in np.argsort(pool_overlaps)[:TRIED]
+        (*choose_best_poses(share, ahead, pools[k], POSES), k)
+        for k in np.argsort(pool_overlaps)[:TRIED]
     ]
     chosen, _, best = min(tried, key=lambda attempt: attempt[1])
     poses = np.array(chosen)
-    this = rows(every_pose, numbers_of(poses))
+    this = select_rows(every_pose, list_numbers(poses))
     stacked = _stack(epoch, [*checks, usual, this])
     reported = epoch.reported_changes[index]
     assert reported.cause is not None
     probability_of = {reported.cause.place: reported.change.probability}
     probability_of |= {rival.place: probability for rival, probability in reported.rivals}
-    shares, of_scenario, all_scenarios = all_of(
+    shares, of_scenario, all_scenarios = list_all_scenarios(
         epoch.scenarios, epoch.causes, index, probability_of
     )
-    next_ones = foretold(stacked, all_scenarios, measured, range(len(checks), stacked.n))
+    next_ones = predict_checks(stacked, all_scenarios, measured, range(len(checks), stacked.n))
     after_usual, after_this = (
-        chance_wrong(shares, of_scenario, predicted) for predicted in next_ones
+        estimate_chance_wrong(shares, of_scenario, predicted) for predicted in next_ones
     )
     advised = Advised(
         seats_mm=plan.seats_mm[list(pairs[best])],
@@ -149,13 +150,14 @@ def telling(epoch: Epoch, index: int) -> Tomorrow | None:
     if advised.after_this > LEFT * advised.after_usual:
         return None
     return Tomorrow(
-        _sentence(advised, [named(epoch.causes[k]) for k in _causes(scenarios, index)]), advised
+        _sentence(advised, [name_cause(epoch.causes[k]) for k in _causes(scenarios, index)]),
+        advised,
     )
 
 
 def _stack(epoch: Epoch, checks: Sequence[Reduced]) -> Stack:
     """*checks* stacked, what is wrong all along as large as in the epoch."""
-    stacked = stack(checks, epoch.causes)
+    stacked = stack_checks(checks, epoch.causes)
     return stacked.rescale(epoch.stack.share / stacked.share)
 
 
