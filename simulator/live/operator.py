@@ -111,8 +111,8 @@ class Comfort:
 
     @classmethod
     def of_the_demo_arm(cls, joints: int) -> Comfort:
-        parts = nominal.parts(joints)
-        return cls(COMFORTABLE_RAD[parts], SPREAD_RAD[parts], *nominal.limits_rad(joints))
+        parts = nominal.list_parts(joints)
+        return cls(COMFORTABLE_RAD[parts], SPREAD_RAD[parts], *nominal.get_limits_rad(joints))
 
 
 class Operator(Hand):

@@ -143,7 +143,7 @@ class MicroScribeDevice:
     def _read(self, t_s: float) -> wire.StandardReply:
         angles = self._hand.angles(t_s)
         at_ns = self._began_ns + round(t_s * 1e9)
-        self._truth.append(np.array([at_ns], np.uint64), arm.tip_mm(angles)[None])
+        self._truth.append(np.array([at_ns], np.uint64), arm.compute_tip_mm(angles)[None])
         counts = self._counts_at_home + self._true_counts(t_s) - self._true_at_home
         return wire.StandardReply(
             self._hand.buttons(t_s),

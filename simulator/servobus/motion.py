@@ -39,7 +39,7 @@ class ServoMotion:
         return self._stretches[bisect_right(self._starts, time_s) - 1]
 
 
-def wandering(seed: int, middle: F64, low: F64, high: F64) -> ServoMotion:
+def make_wandering(seed: int, middle: F64, low: F64, high: F64) -> ServoMotion:
     """Without end through postures between *low* and *high* (N,) rad, from *middle* on; the same
     for the same *seed*."""
     rng = np.random.default_rng([seed, 0x4A4D])

@@ -40,14 +40,14 @@ def run_case(case: Case, bench: Bench) -> Outcome:
     checks = list(bench.checks(case.history, case.seed))
     epoch = _judged(bench, checks)
     of, causes, found, told = epoch.stack, epoch.causes, epoch.detected, epoch.reported_changes
-    begun = interim.begins(case.happening, case.used)
+    begun = interim.find_first_day(case.happening, case.used)
     first = int(np.ceil(begun)) - 1 + int(case.grows)  # the first check that has some of it
     right = true_cause(case, causes)
     oracle = oracle_delay(of, causes, right, case.grows, first, case.bad_checks)
     early = found.alarm is not None and found.alarm < first
     delay = np.inf if found.alarm is None or early else found.alarm - first + 1
     main = min(told, key=lambda one: abs(one.change.first - first)) if told else None
-    onset = interim.instant(begun).timestamp()
+    onset = interim.find_instant(begun).timestamp()
     inside = named = among = sure = False
     errors, asked = (np.nan,) * 5, None
     place = causes[right].place

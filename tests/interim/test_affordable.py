@@ -33,7 +33,7 @@ BEGUN_UNIX_S = 1.77e9
 @pytest.fixture(scope="module")
 def arm_and_calibration(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibration]:
     folder = tmp_path_factory.mktemp("arm")
-    (folder / "arm.toml").write_text(nominal.arm_toml())
+    (folder / "arm.toml").write_text(nominal.make_arm_toml())
     arm = load_arm(folder / "arm.toml")
     return arm, load_calibration(true_calibration(folder), arm).content
 

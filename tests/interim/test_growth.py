@@ -20,7 +20,7 @@ from armd.compensation.interim.checks.open_growth import compute_rises_k, open_g
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main
-from armd.simulator.campaigns.calibration import calibration
+from armd.simulator.campaigns.calibration import plan_calibration
 from armd.simulator.measured.measuring import carry_out, write_session
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import Climate, SessionPlan, Visit
@@ -41,7 +41,7 @@ def as_it_is(check: int, row: int, values: Row) -> None:
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Sessions at five temperatures, and a calibration of the one at 20 °C."""
     folder = tmp_path_factory.mktemp("measured")
-    campaign = calibration(5, Noise())
+    campaign = plan_calibration(5, Noise())
     (folder / "arm.toml").write_text(campaign.arm_toml)
     for session in carry_out(campaign, np.random.default_rng(5)):
         write_session(folder / session.plan.name, session)
@@ -142,7 +142,7 @@ def test_a_moved_seat_beside_the_growth_is_bad_by_itself(
 
 def warming(folder: Path, count: int, repeats: int, seed: int) -> list[str]:
     """Sessions a week apart, each eight kelvin warmer at its end, two hours later."""
-    campaign = calibration(5, Noise())
+    campaign = plan_calibration(5, Noise())
     artefact = campaign.sessions[0][1]
     visit = Visit("P1", artefact.targets[:8], repeats)
     plans = [

@@ -47,7 +47,7 @@ def measured(folder: Path, *options: str) -> Path:
 
 def true_calibration(folder: Path) -> Path:
     """What a perfect calibration at the reference would be; the arm's warmth is beyond it."""
-    from armd.simulator.truth.answers import true_constants, true_expansion
+    from armd.simulator.truth.answers import list_true_constants, list_true_expansion
 
     arm = load_arm(folder / "arm.toml")
     true = TrueArm.default(6)
@@ -57,9 +57,9 @@ def true_calibration(folder: Path) -> Path:
             "basis": [{"kind": "temperature", "weights": {sensor: 1.0}}],
             "coefficient": rate,
         }
-        for name, sensor, rate in true_expansion(true)
+        for name, sensor, rate in list_true_expansion(true)
     ]
-    constants = constants_of(arm.nominal(), arm.n_joints) | true_constants(true)
+    constants = constants_of(arm.nominal(), arm.n_joints) | list_true_constants(true)
     calibration = Calibration.model_validate(
         {
             "arm": arm.serial_number,

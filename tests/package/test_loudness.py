@@ -47,7 +47,7 @@ def test_every_command_takes_them_alike() -> None:
     sessions.add_arguments(simulated)
     every = [leaf for one in commands.values() for leaf in leaves(one)]
     assert len(every) > len(commands)  # interim has two
-    for parser in [*every, simulated, options.parser()]:
+    for parser in [*every, simulated, options.make_parser()]:
         names = {name: action.dest for name, action in parser._option_string_actions.items()}
         assert names["-q"] == names["--quiet"] == "quiet", parser.prog
         assert names["-v"] == names["--verbose"] == "verbose", parser.prog

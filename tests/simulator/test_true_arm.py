@@ -59,7 +59,7 @@ def test_the_drawing_arm_reaches_where_the_drawing_says() -> None:
 
 
 def test_an_arm_differs_from_its_drawing_by_tenths_and_hundredths() -> None:
-    off = np.array([TrueArm.default(seed).rows - nominal.drawing_rows() for seed in range(50)])
+    off = np.array([TrueArm.default(seed).rows - nominal.list_nominal_rows() for seed in range(50)])
     assert off[:, :, 1:3].std() == pytest.approx(0.3, rel=0.1)
     assert np.degrees(off[:, :, [0, 3]].std()) == pytest.approx(0.05, rel=0.1)
 
