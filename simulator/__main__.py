@@ -16,7 +16,7 @@ if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_
 from armd.errors import ArmdError, BadInput, describe_os_error, fit_lines
 from armd.files.inputs import read_input
 from armd.files.outputs import ARM, check_same
-from armd.files.schema import load_toml, toml_data
+from armd.files.schema import decode_toml, load_toml
 from armd.files.writing import write_whole
 from armd.simulator.canbus.device import CanArm
 from armd.simulator.canbus.timeline import GRID_HZ
@@ -44,7 +44,7 @@ from armd.simulator.servobus.arm import N as SERVO_JOINTS
 from armd.simulator.servobus.arm import make_arm_toml as servo_arm_toml
 from armd.simulator.servobus.device import ServoBus
 from armd.simulator.truth.nominal import JOINTS, make_arm_toml
-from armd.terminal.loudness import heard, own_fault
+from armd.terminal.loudness import report_own_fault, show_log
 from armd.terminal.parser import Parser
 
 
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if any(word.partition("=")[0] == "--session" for word in arguments):
             return measure_sessions(arguments)
         options = make_parser().parse_args(arguments)
-        with heard(options):
+        with show_log(options):
             return run_on_wire(options)
     except ArmdError as error:
         for fault in (error, *getattr(error, "more", ())):
@@ -69,12 +69,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 0
     except Exception as error:
-        return own_fault(error)
+        return report_own_fault(error)
 
 
 def _check(path: Path) -> None:
     """A scenario, or the plan of a simulated operator; raises `BadInput`."""
-    if toml_data(path, read_input(path)).get("schema") == OPERATOR:
+    if decode_toml(path, read_input(path)).get("schema") == OPERATOR:
         load_plan(path)
     else:
         load_toml(path, Scenario)
@@ -201,7 +201,7 @@ def measure_sessions(arguments: Sequence[str]) -> int:
     from armd.simulator import sessions  # the wire must not wait for it
 
     options = make_sessions_parser().parse_args(arguments)
-    with heard(options):
+    with show_log(options):
         return sessions.run(options)
 
 

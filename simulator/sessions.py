@@ -37,7 +37,7 @@ from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.printed import bench
 from armd.simulator.truth.answers import list_true_constants, list_true_expansion
 from armd.terminal.arguments import factor, parse_integer, seed
-from armd.terminal.aside import aside, bar
+from armd.terminal.aside import aside, show_bar
 from armd.terminal.counted import counted
 from armd.terminal.loudness import add_loudness
 
@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
     if args.session == PRINTED:
         if args.plant or args.noise != 1.0:
             raise BadInput("--session so101", "--plant or --noise", "one", "neither of them")
-        with bar(aside(args), MEASURING) as show_share:
+        with show_bar(aside(args), MEASURING) as show_share:
             printed, texts, readings = bench.measure(
                 args.seed, lambda share: show_share(MEASURING, share)
             )
@@ -169,7 +169,7 @@ def _interim(args: argparse.Namespace) -> int:
     )
     noise = Noise().scaled(args.noise)
     measured = []
-    with bar(aside(args), MEASURING) as show_share:
+    with show_bar(aside(args), MEASURING) as show_share:
         for session in interim.carry_out(history, args.seed, noise):
             measured.append(session)
             show_share(MEASURING, len(measured) / days)

@@ -35,7 +35,7 @@ from armd.daemon.commands.offline import interim_points
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_changed, write_whole
-from armd.terminal.aside import aside, bar
+from armd.terminal.aside import aside, show_bar
 
 #: In a history's folder: the calibration with the growth of the links, where the one in
 #: use could not know it.
@@ -112,7 +112,7 @@ def _add(args: argparse.Namespace) -> int:
     remarks = refuse_unfit(sessions, arm, calibration.content)
     causes = list_causes(arm, calibration.content)
     console, new = aside(args), []
-    with bar(console, "evaluating the checks") as report_progress:
+    with show_bar(console, "evaluating the checks") as report_progress:
         for number, session in enumerate(sessions, 1):
             new.append(keeping.New(session, reduce(session, arm, calibration.content, causes)))
             report_progress("evaluating the checks", number / len(sessions))
