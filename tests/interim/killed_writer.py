@@ -33,7 +33,7 @@ def main() -> None:
     calibration = load_calibration(checks / "calibration.json", arm)
     causes = list_causes(arm, calibration.content)
     new = [
-        keeping.New(session, reduce(session, arm, calibration.content, causes))
+        keeping.NewCheck(session, reduce(session, arm, calibration.content, causes))
         for session in load_sessions(sorted(checks.glob("day-*")), arm)
     ]
 

@@ -27,7 +27,7 @@ from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence import likelihood
 from armd.compensation.interim.report.judge import judge
 from armd.compensation.interim.report.judgement import Epoch, Judgement
-from armd.compensation.interim.report.tomorrow import Advised, plan_next_check
+from armd.compensation.interim.report.next_check import AdvisedPoses, plan_next_check
 from armd.simulator.campaigns import interim
 
 #: Of each history without a change that is measured and added.
@@ -72,7 +72,7 @@ def _judged(bench: Bench, checks: Sequence[Reduced]) -> Epoch:
     return judge(bench.kept(checks)).latest
 
 
-def _advised(epoch: Epoch) -> Advised | None:
+def _advised(epoch: Epoch) -> AdvisedPoses | None:
     return plan_next_check(Judgement((epoch,))).advised
 
 

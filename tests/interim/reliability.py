@@ -32,10 +32,14 @@ from armd.compensation.interim.evidence.stack import (
     stack_checks,
 )
 from armd.compensation.interim.evidence.watch import watch
-from armd.compensation.interim.report import tomorrow
+from armd.compensation.interim.report import next_check
 from armd.compensation.interim.report.judge import judge
 from armd.compensation.interim.report.judgement import Epoch, Judgement
-from armd.compensation.interim.report.planned import Planned, predict_check, select_rows
+from armd.compensation.interim.report.possible_checks import (
+    PossibleCheck,
+    predict_check,
+    select_rows,
+)
 from armd.simulator.campaigns import interim
 
 #: Checks of a history, at which of them a change may begin, and how many more are waited for.
@@ -109,7 +113,7 @@ def told(
     if change is None:
         return []
     found = [Pair("cause", change.probability, right(before))]
-    advised = tomorrow.plan_next_check(Judgement((before,))).advised if proposed else None
+    advised = next_check.plan_next_check(Judgement((before,))).advised if proposed else None
     if advised is not None:
         at = checks[until - 1].mean_unix_s + DAY_S
         another = drawn.measured(_on_seats(bench, advised, at))
@@ -130,14 +134,14 @@ def _place(epoch: Epoch) -> tuple[str, str] | None:
     return next((one.cause.place for one in epoch.reported_changes if one.cause is not None), None)
 
 
-def _on_seats(bench: Bench, advised: tomorrow.Advised, at_unix_s: float) -> Reduced:
+def _on_seats(bench: Bench, advised: next_check.AdvisedPoses, at_unix_s: float) -> Reduced:
     """The advised check, its seats projected out as any check's are."""
     count = len(advised.seats_mm)
     order = np.concatenate([np.arange(k, advised.states.n, count) for k in range(count)])
     states = advised.states.rows(order)
     states = replace(states, time_s=np.full(states.n, at_unix_s))
     whole = predict_check(
-        Planned(advised.seats_mm, states), bench.arm, bench.calibration, bench.causes
+        PossibleCheck(advised.seats_mm, states), bench.arm, bench.calibration, bench.causes
     )
     clear: F64 = null_space(whole.targets.T)
     check = select_rows(whole, np.arange(clear.shape[1]))
@@ -187,7 +191,7 @@ def main() -> int:
     parser.add_argument("--changes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
-    tomorrow.LEFT = np.inf  # whether it is worth proposing or not
+    next_check.LEFT = np.inf  # whether it is worth proposing or not
     pairs: list[Pair] = []
     with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
         bench = Bench(args.seed, Path(name) / "arm")

@@ -12,7 +12,7 @@ from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import MOST_BACK, NOISE_WORD, SIZES
-from armd.compensation.interim.evidence.stack import DAY_S, Begun, RunningSums, stack_checks
+from armd.compensation.interim.evidence.stack import DAY_S, OnsetSums, RunningSums, stack_checks
 
 #: Standing errors of a size less likely than this are left out: without a change no ratio is so
 #: large as to make up for it.
@@ -76,7 +76,7 @@ def noise_alone(
 
 def _log_ratio(
     sums: RunningSums,
-    begun: Sequence[Begun],
+    begun: Sequence[OnsetSums],
     root: F64,
     side: F64,
     priors: F64,

@@ -14,7 +14,7 @@ from armd.compensation.interim.changes.change import Change, Scenario
 from armd.compensation.interim.checks.columns import Cause, list_causes
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.report.amend import amend_calibration
-from armd.compensation.interim.report.averaged import (
+from armd.compensation.interim.report.average import (
     MOST_ROWS,
     _terms,
     average_amplitudes,

@@ -15,7 +15,7 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, SIZES
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.report.amend import fit
-from armd.compensation.interim.report.averaged import Averaged, average_amplitudes
+from armd.compensation.interim.report.average import Averaged, average_amplitudes
 
 
 def a_step(of: Stack, cause: int, first: int) -> Change:

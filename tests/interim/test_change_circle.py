@@ -15,11 +15,11 @@ from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
 from armd.compensation.interim.changes import find as search
 from armd.compensation.interim.changes.change import compute_shapes, list_amplitude_sizes
-from armd.compensation.interim.changes.circle import Stand, choose_best_stand, find_circle
+from armd.compensation.interim.changes.circle import SearchState, choose_best_stand, find_circle
 from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, NOISE_WORD
-from armd.compensation.interim.evidence.quiet import EpochLook, Quiet
+from armd.compensation.interim.evidence.looks import EpochLook, QuietRun
 from armd.compensation.interim.evidence.stack import Stack
 from support.selection import parametrize_default
 
@@ -51,7 +51,7 @@ def wearing(
     return Stack(np.arange(float(checks)), residual, tuple(columns), known, targets, blocks), causes
 
 
-def by_hand(of: Stack, stand: Stand, good: Sequence[int]) -> float:
+def by_hand(of: Stack, stand: SearchState, good: Sequence[int]) -> float:
     """Log density of the readings of *good* checks, from their covariance as it stands, less the
     price of the changes."""
     rows = [*np.concatenate([of.error_columns[i] for i in good]).T]
@@ -75,7 +75,7 @@ def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
 ) -> None:
     of, causes = wearing(seed)
     begun: list[Any] = []
-    rounds: list[Sequence[Stand]] = []
+    rounds: list[Sequence[SearchState]] = []
     looking, choosing = search.watch, search.choose_best_stand
 
     def watch(*given: Any) -> Any:
@@ -83,7 +83,7 @@ def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
         assert len(begun) < 20, f"looks from {begun}"
         return looking(*given)
 
-    def chosen(of: Stack, stands: Sequence[Stand]) -> Stand:
+    def chosen(of: Stack, stands: Sequence[SearchState]) -> SearchState:
         rounds.append(stands)
         return choosing(of, stands)
 
@@ -111,9 +111,10 @@ def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
 def test_a_check_that_one_of_them_takes_for_bad_speaks_for_none() -> None:
     of, causes = wearing(27)
     change = find(of, causes).changes[0]
-    look = EpochLook(0, (), (), Quiet())
-    right = Stand(look, (change,), (13,), ())
-    wrong = Stand(look, (replace(change, first=30, gradual=False, bends_d=(), rate_size=None),),
+    look = EpochLook(0, (), (), QuietRun())
+    right = SearchState(look, (change,), (13,), ())
+    step = replace(change, first=30, gradual=False, bends_d=(), rate_size=None)
+    wrong = SearchState(look, (step,),
                   (13,), tuple(range(20)))  # fmt: skip
     # Of the last sixteen checks alone both are weighed.
     evidence = [by_hand(of, stand, range(20, of.n)) for stand in (right, wrong)]
@@ -125,9 +126,10 @@ def test_a_check_that_one_of_them_takes_for_bad_speaks_for_none() -> None:
 
 
 def test_a_search_is_back_only_where_it_would_go_on_the_same_way() -> None:
-    looks = [EpochLook(0, (), (), Quiet((0.5,))), EpochLook(5, (1,), (4.0, 0.5), Quiet((0.5,))),
-             EpochLook(9, (1,), (4.0, 0.7), Quiet((0.5,)))]  # fmt: skip
-    stands = [Stand(look, (), (7,) if look.since else (), ()) for look in looks]
+    run = QuietRun((0.5,))
+    looks = [EpochLook(0, (), (), run), EpochLook(5, (1,), (4.0, 0.5), run),
+             EpochLook(9, (1,), (4.0, 0.7), QuietRun((0.5,)))]  # fmt: skip
+    stands = [SearchState(look, (), (7,) if look.since else (), ()) for look in looks]
     assert find_circle(stands, 5, (1,), (4.0, 0.5 * (1 + 1e-12)), [7]) == stands[1:]
     assert find_circle(stands, 9, (1,), (4.0, 0.7), [7]) == stands[2:]
     for other in ((5, (1,), (4.0, 0.51), [7]), (5, (), (4.0, 0.5), [7]), (5, (1,), (4.0, 0.5), [8]),

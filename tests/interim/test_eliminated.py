@@ -11,7 +11,11 @@ from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence import stack as stacked
 from armd.compensation.interim.evidence.amplitudes import integrate_amplitudes
-from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, eliminate_standing
+from armd.compensation.interim.evidence.elimination import (
+    CheckSums,
+    EliminatedErrors,
+    eliminate_standing,
+)
 from armd.compensation.interim.evidence.likelihood import weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import UNSETTLED, watch
@@ -79,7 +83,7 @@ def eliminations(of: Stack, causes: list[Cause], monkeypatch: pytest.MonkeyPatch
 
     def counted(
         curvature: F64, side: F64, square: float, standing: slice, scales: tuple[float, ...]
-    ) -> Cleared:
+    ) -> EliminatedErrors:
         nonlocal count
         count += 1
         return eliminate_standing(curvature, side, square, standing, scales)

@@ -22,7 +22,7 @@ from armd import __version__
 from armd.compensation.interim.checks import appending
 from armd.compensation.interim.checks.chain import REPORT
 from armd.compensation.interim.checks.columns import list_causes
-from armd.compensation.interim.report import remembered
+from armd.compensation.interim.report import watch_memory
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of, save_calibration
 from armd.daemon.commands.offline import interim
@@ -156,7 +156,7 @@ def test_the_order_of_adding_does_not_matter(checks: Path, kept: Path, tmp_path:
 def test_what_is_remembered_of_earlier_checks_decides_nothing(copy: Path) -> None:
     """The report is the same with it, without it, and where it says something else."""
     told = reported(copy)
-    watched = copy / remembered.WATCHED
+    watched = copy / watch_memory.WATCHED
     data = json.loads(watched.read_text())
     (epoch,) = data["epochs"]
     assert 0 < len(epoch["checks"]) < DAYS

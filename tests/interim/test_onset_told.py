@@ -10,9 +10,9 @@ import pytest
 from test_interim_evidence import a_stack
 
 from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.changes.dated import find_instant, find_interval
-from armd.compensation.interim.changes.held import HELD, find_onset_interval
+from armd.compensation.interim.changes.dates import find_instant, find_interval
 from armd.compensation.interim.changes.likeliest import LEAST_SHARE, find_likeliest
+from armd.compensation.interim.changes.onset_interval import HELD, find_onset_interval
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import SIZES, Weighed
 from armd.compensation.interim.evidence.stack import Stack

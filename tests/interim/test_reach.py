@@ -11,7 +11,7 @@ from armd.compensation.effects.location import joint
 from armd.compensation.estimate.poses import rigid_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.signals import Signals
-from armd.compensation.interim.report.planned import (
+from armd.compensation.interim.report.possible_checks import (
     POOL,
     THERE_MM,
     plan_check,

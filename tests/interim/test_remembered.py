@@ -21,16 +21,16 @@ from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.checks.history import STATISTICS
 from armd.compensation.interim.evidence import watch as watching
 from armd.compensation.interim.evidence.likelihood import Weighed, weigh
-from armd.compensation.interim.evidence.quiet import (
+from armd.compensation.interim.evidence.looks import (
     NEVER_YET,
     NOTHING_YET,
     EpochLook,
-    Looked,
-    Quiet,
+    EpochLooks,
+    QuietRun,
 )
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.evidence.watch import watch
-from armd.compensation.interim.report.remembered import (
+from armd.compensation.interim.report.watch_memory import (
     NOTHING,
     WATCHED,
     hash_sources,
@@ -93,10 +93,10 @@ class FakeCheck:
 
 
 #: Four checks; an alarm after the third was withdrawn, or a change is known since.
-QUIET = Looked(
+QUIET = EpochLooks(
     (
-        EpochLook(0, (), (), Quiet((0.5, 1.0), (1,))),
-        EpochLook(2, (1,), (4.0, 0.5), Quiet((4.7,), (1,))),
+        EpochLook(0, (), (), QuietRun((0.5, 1.0), (1,))),
+        EpochLook(2, (1,), (4.0, 0.5), QuietRun((4.7,), (1,))),
     ),
     after=(6.0,),
     left_out=(1,),
@@ -126,8 +126,8 @@ def test_what_is_remembered_is_of_these_checks_in_this_order(folder: Path) -> No
         assert found.recall_looks(other) == NEVER_YET
     # Of what came after the last check that is the same nothing is believed.
     shorter = found.recall_looks([*CHECKS[:3], FakeCheck(9)])  # type: ignore[list-item]
-    assert shorter == Looked(QUIET.looks, (), (1,))
-    assert found.recall_looks(CHECKS[:3]) == Looked(QUIET.looks[:1], (), (1,))
+    assert shorter == EpochLooks(QUIET.looks, (), (1,))
+    assert found.recall_looks(CHECKS[:3]) == EpochLooks(QUIET.looks[:1], (), (1,))
 
 
 def broken(text: str, how: str) -> str:
@@ -223,17 +223,17 @@ def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late
 @pytest.mark.parametrize(
     "looked",
     [
-        Looked((EpochLook(0, (), (), Quiet((0.5, 5.0, 1.0))),)),
-        Looked((EpochLook(0, (), (), Quiet((0.5, 1.0, 1.0), (3,))),)),
-        Looked((EpochLook(0, (), (), Quiet((0.5,) * 5)),)),
-        Looked((EpochLook(1, (), (), Quiet((0.5,))),)),
-        Looked((EpochLook(1, (1,), (3.0,), Quiet((0.5,))),)),
-        Looked((EpochLook(0, (), (), Quiet((0.5,))),), after=(1.0, 2.0, 3.0)),
-        Looked((EpochLook(0, (), (), Quiet((0.5,))),), left_out=(4,)),
-        Looked(),
+        EpochLooks((EpochLook(0, (), (), QuietRun((0.5, 5.0, 1.0))),)),
+        EpochLooks((EpochLook(0, (), (), QuietRun((0.5, 1.0, 1.0), (3,))),)),
+        EpochLooks((EpochLook(0, (), (), QuietRun((0.5,) * 5)),)),
+        EpochLooks((EpochLook(1, (), (), QuietRun((0.5,))),)),
+        EpochLooks((EpochLook(1, (1,), (3.0,), QuietRun((0.5,))),)),
+        EpochLooks((EpochLook(0, (), (), QuietRun((0.5,))),), after=(1.0, 2.0, 3.0)),
+        EpochLooks((EpochLook(0, (), (), QuietRun((0.5,))),), left_out=(4,)),
+        EpochLooks(),
     ],
 )
-def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: Looked) -> None:
+def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: EpochLooks) -> None:
     """A statistic over the limit, or a bad check that is none of these: its hash may be right."""
     epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=looked))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
@@ -294,11 +294,11 @@ def test_after_a_change_a_check_more_is_searched_on_from_what_was_looked_at(
 
 def test_a_look_is_believed_of_the_same_changes_and_bad_checks_only() -> None:
     known = (4.0, 0.5)
-    begun = QUIET.begun(2, (1,), known)
+    begun = QUIET.find_quiet_run(2, (1,), known)
     assert begun == QUIET.looks[1].quiet
-    assert QUIET.begun(2, [1], (4.0, 0.5 * (1 + 1e-12))) == begun
+    assert QUIET.find_quiet_run(2, [1], (4.0, 0.5 * (1 + 1e-12))) == begun
     for other in ((1, (1,), known), (2, (), known), (2, (1,), (4.0,)), (2, (1,), (4.0, 0.51))):
-        assert QUIET.begun(*other) == NOTHING_YET
+        assert QUIET.find_quiet_run(*other) == NOTHING_YET
     assert QUIET.after_alarm(2, 3, [1]) == QUIET.after_alarm(2, 3, [1, 4]) == 6.0
     for no in ((2, 3, []), (2, 3, [1, 2]), (1, 3, [1]), (2, 4, [1]), (2, 2, [1])):
         assert QUIET.after_alarm(*no) is None

@@ -11,7 +11,7 @@ from test_interim_evidence import a_stack
 
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD
-from armd.compensation.interim.report.telling import (
+from armd.compensation.interim.report.discrimination import (
     SEAT_MM,
     PredictedCheck,
     choose_best_poses,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.evidence.quiet import Looked
+from armd.compensation.interim.evidence.looks import EpochLooks
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
 #: A told change may be of any size, in typical ones.
@@ -70,7 +70,7 @@ class ChangesFound:
     alarm: int | None
     changes: tuple[Change, ...]  # in order of onset
     bad: tuple[int, ...]
-    looked: Looked  # what the next check need not have watched again
+    looked: EpochLooks  # what the next check need not have watched again
 
 
 def compute_shapes(stack: Stack, change: Change) -> F64:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 from armd.compensation.interim.changes.change import Change, add_known_changes
 from armd.compensation.interim.evidence.likelihood import LIMIT, log_marginal
-from armd.compensation.interim.evidence.quiet import EpochLook
+from armd.compensation.interim.evidence.looks import EpochLook
 from armd.compensation.interim.evidence.stack import Stack
 
 
 @dataclass(frozen=True)
-class Stand:
+class SearchState:
     """Where a search stood after a look at the checks; where it went on to depends on nothing
     else."""
 
@@ -24,12 +24,12 @@ class Stand:
 
 
 def find_circle(
-    stands: Sequence[Stand],
+    stands: Sequence[SearchState],
     since: int,
     left_out: Sequence[int],
     known_numbers: Sequence[float],
     alarms: Sequence[int],
-) -> Sequence[Stand]:
+) -> Sequence[SearchState]:
     """The stands since the search was last about to look so; none if it never was."""
     for number, stand in enumerate(stands):
         if stand.alarms == tuple(alarms) and stand.look.is_at(since, left_out, known_numbers):
@@ -37,7 +37,7 @@ def find_circle(
     return ()
 
 
-def choose_best_stand(stack: Stack, stands: Sequence[Stand]) -> Stand:
+def choose_best_stand(stack: Stack, stands: Sequence[SearchState]) -> SearchState:
     """The stand whose changes make all readings likeliest, each change more at the price of an
     alarm; of the checks that no stand takes for bad.
 
@@ -47,7 +47,7 @@ def choose_best_stand(stack: Stack, stands: Sequence[Stand]) -> Stand:
     bad = {i for stand in stands for i in stand.bad}
     good = [i for i in range(stack.n) if i not in bad]
 
-    def evidence(stand: Stand) -> float:
+    def evidence(stand: SearchState) -> float:
         changed = add_known_changes(stack, stand.changes)
         return log_marginal(changed, changed.sums(good)) - LIMIT * len(stand.changes)
 

@@ -17,12 +17,12 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change, ChangesFound, add_known_changes
-from armd.compensation.interim.changes.circle import Stand, choose_best_stand, find_circle
+from armd.compensation.interim.changes.circle import SearchState, choose_best_stand, find_circle
 from armd.compensation.interim.changes.growth import find_origin_d, fit_growth
 from armd.compensation.interim.changes.likeliest import find_likeliest, weigh_again, weigh_since
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, weigh
-from armd.compensation.interim.evidence.quiet import NEVER_YET, EpochLook, Looked
+from armd.compensation.interim.evidence.looks import NEVER_YET, EpochLook, EpochLooks
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import Watched, watch
 
@@ -37,13 +37,13 @@ MOST_CHANGES = 5
 BEFORE_ALARM = 10
 
 
-def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> ChangesFound:
+def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) -> ChangesFound:
     """All changes of a stack of checks, some of which may have been watched *before*."""
     changes: list[Change] = []
     alarms: list[int] = []
     bad: tuple[int, ...] = ()
     first_look: Watched | None = None
-    stands: list[Stand] = []
+    stands: list[SearchState] = []
     since = 0
     while True:
         null = add_known_changes(stack, changes)
@@ -53,11 +53,13 @@ def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> C
             stand = choose_best_stand(stack, whole_circle)
             changes, bad = [*stand.changes], stand.bad
             break
-        looked = watch(null, causes, since, bad, before.begun(since, left_out, known_numbers))
+        looked = watch(
+            null, causes, since, bad, before.find_quiet_run(since, left_out, known_numbers)
+        )
         first_look = first_look or looked
         bad = tuple(sorted({*left_out, *looked.bad}))
         look = EpochLook(since, left_out, known_numbers, looked.quiet)
-        stands.append(Stand(look, tuple(changes), tuple(alarms), bad))
+        stands.append(SearchState(look, tuple(changes), tuple(alarms), bad))
         if looked.alarm is None:
             if changes and _since_start(stack, causes, changes, stack.n, bad) < REFUTED:
                 # Later checks speak against the last alarm: it was a false one.
@@ -108,7 +110,7 @@ def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> C
     statistic = _filled(first_look, stack, causes, bad, before)
     after = () if first_look.alarm is None else statistic[first_look.alarm + 1 : -1].tolist()
     looks = tuple(stand.look for stand in stands)
-    remembered = Looked(looks, tuple(after), tuple(i for i in bad if i < stack.n - 1))
+    remembered = EpochLooks(looks, tuple(after), tuple(i for i in bad if i < stack.n - 1))
     return ChangesFound(statistic, first_look.alarm, tuple(changes), bad, remembered)
 
 
@@ -135,7 +137,11 @@ def _refined(
 
 
 def _filled(
-    first_look: Watched, stack: Stack, causes: Sequence[Cause], bad: Sequence[int], before: Looked
+    first_look: Watched,
+    stack: Stack,
+    causes: Sequence[Cause],
+    bad: Sequence[int],
+    before: EpochLooks,
 ) -> F64:
     """The statistic of checks after the alarm: still that of what was known before it."""
     statistic = first_look.statistic.copy()

@@ -20,7 +20,7 @@ from scipy.linalg import cholesky, solve_triangular
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.changes.change import Change, list_amplitude_sizes
-from armd.compensation.interim.evidence.cleared import eliminate_standing
+from armd.compensation.interim.evidence.elimination import eliminate_standing
 from armd.compensation.interim.evidence.likelihood import log_student
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from armd.compensation.interim.changes.change import BENDING, Change
 from armd.compensation.interim.changes.growing import Growing
-from armd.compensation.interim.changes.held import find_onset_interval
+from armd.compensation.interim.changes.onset_interval import find_onset_interval
 from armd.compensation.interim.evidence.likelihood import LIMIT
 from armd.compensation.interim.evidence.stack import Stack
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from armd.compensation.interim.changes.change import Change, add_known_changes
 from armd.compensation.interim.changes.growth import find_origin_d, fit_growth
-from armd.compensation.interim.changes.held import find_onset_interval
+from armd.compensation.interim.changes.onset_interval import find_onset_interval
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import Weighed, weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack

@@ -36,7 +36,7 @@ CLOCKS_APART_S = 600.0
 
 
 @dataclass(frozen=True)
-class New:
+class NewCheck:
     """A check to be kept."""
 
     session: Session
@@ -170,7 +170,7 @@ def check_new(folder: Path, lines: Sequence[AnyLine], checks: Sequence[CheckDate
 def keep(
     folder: Path,
     lines: Sequence[HistoryLine],
-    new: Sequence[New],
+    new: Sequence[NewCheck],
     arm_file: Path,
     calibration: LoadedCalibration,
 ) -> None:
@@ -202,7 +202,7 @@ def keep(
     append_checks(folder, len(lines), new_lines, common)
 
 
-def _contents(new: New) -> dict[str, bytes]:
+def _contents(new: NewCheck) -> dict[str, bytes]:
     """The session's files and its statistics."""
     contents = {
         name: read_input(new.session.path / name)

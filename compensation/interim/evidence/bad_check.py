@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.evidence.cleared import CheckSums
+from armd.compensation.interim.evidence.elimination import CheckSums
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, log_student, log_sum
 from armd.compensation.interim.evidence.stack import Stack
 

@@ -21,8 +21,8 @@ from scipy.special import gammaln, logsumexp
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.amplitudes import integrate_amplitudes
-from armd.compensation.interim.evidence.cleared import CheckSums, Cleared
-from armd.compensation.interim.evidence.stack import Begun, RunningSums, Stack
+from armd.compensation.interim.evidence.elimination import CheckSums, EliminatedErrors
+from armd.compensation.interim.evidence.stack import OnsetSums, RunningSums, Stack
 
 #: About so many checks pass on average until a false alarm.
 RUN_LENGTH = 500.0
@@ -94,8 +94,8 @@ def log_sum(logs: F64, axis: int = -1) -> F64:
 
 def _log_ratios(
     groups: Sequence[tuple[I64, I64]],
-    begun: Begun,
-    eliminated: Cleared,
+    begun: OnsetSums,
+    eliminated: EliminatedErrors,
     freedom: float,
     log_share: F64,
 ) -> Iterator[tuple[I64, F64]]:
@@ -129,7 +129,7 @@ def log_marginals(sums: RunningSums, n: int) -> F64:
     return _log_marginals(sums.stack.cleared(sums.upto(n)), int(sums.numbers[n]))
 
 
-def _log_marginals(eliminated: Cleared, numbers: int) -> F64:
+def _log_marginals(eliminated: EliminatedErrors, numbers: int) -> F64:
     pairs = zip(eliminated.spread, eliminated.square, strict=True)
     return np.array([log_student(float(numbers), float(a), float(b)) for a, b in pairs])
 

@@ -17,7 +17,11 @@ from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import GROWTH
 from armd.compensation.interim.checks.reduced import Reduced
-from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, eliminate_standing
+from armd.compensation.interim.evidence.elimination import (
+    CheckSums,
+    EliminatedErrors,
+    eliminate_standing,
+)
 from armd.compensation.model.slow_factors import DAY_S
 
 #: A calibration knows its constants as well as it says, within this factor: its model was fitted on
@@ -35,7 +39,7 @@ RAMP_DAYS = 30.0
 
 
 @dataclass(frozen=True)
-class Begun:
+class OnsetSums:
     """Sums since T onsets, of C causes' columns group by group."""
 
     cross: F64  # (T, C, q) with the known errors
@@ -112,7 +116,7 @@ class Stack:
             sum(len(residual) for _, residual in pairs),
         )
 
-    def cleared(self, sums: CheckSums) -> Cleared:
+    def cleared(self, sums: CheckSums) -> EliminatedErrors:
         """Of *sums* over some of the checks, all known errors eliminated."""
         standing = slice(*self.standing)
         return eliminate_standing(sums.curvature, sums.side, sums.square, standing, self.scales)
@@ -272,7 +276,7 @@ class RunningSums:
         )
         return new, begin
 
-    def begun(self, first: I64, n: int, rotation: F64) -> Iterator[Begun]:
+    def begun(self, first: I64, n: int, rotation: F64) -> Iterator[OnsetSums]:
         """Steps, and then growths, that begin at checks *first* (T,), up to check *n*; a growth is
         zero at the check before. The known errors are turned by *rotation* (q, q)."""
         shape = (2, len(first), *self.cross.shape[2:])
@@ -281,10 +285,10 @@ class RunningSums:
         cross = (self.cross[:, until] @ rotation.T)[:, None] - turned
         towards = self.towards[:, until, None] - self.towards[:, since]
         owns = [gram[:, until, None] - gram[:, since] for gram in self.cause_grams]
-        yield Begun(cross[0], towards[0], [gram[0] for gram in owns])
+        yield OnsetSums(cross[0], towards[0], [gram[0] for gram in owns])
         a = (origin := self.origin(first, n))[:, None]
         b = origin[:, None, None, None]
-        yield Begun(
+        yield OnsetSums(
             cross[1] - a[:, :, None] * cross[0],
             towards[1] - a * towards[0],
             [gram[2] - 2 * b * gram[1] + b**2 * gram[0] for gram in owns],

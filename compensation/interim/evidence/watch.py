@@ -17,9 +17,9 @@ from scipy.special import logsumexp
 from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, find_spoilt
-from armd.compensation.interim.evidence.cleared import CheckSums
+from armd.compensation.interim.evidence.elimination import CheckSums
 from armd.compensation.interim.evidence.likelihood import LIMIT, MOST_BACK, log_marginal, weigh
-from armd.compensation.interim.evidence.quiet import NOTHING_YET, Quiet
+from armd.compensation.interim.evidence.looks import NOTHING_YET, QuietRun
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 
 #: Until so many later checks are there, a check may turn out to have been bad; so many in a row
@@ -37,7 +37,7 @@ class Watched:
     alarm: int | None  # the first check after which the statistic exceeded its limit
     strange: bool  # whether what was told then fits nothing in the catalogue
     bad: tuple[int, ...]  # checks that are off by themselves
-    quiet: Quiet  # until before the last check that was watched
+    quiet: QuietRun  # until before the last check that was watched
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def watch(
     causes: Sequence[Cause],
     since: int = 0,
     known_bad: Sequence[int] = (),
-    begun: Quiet = NOTHING_YET,
+    begun: QuietRun = NOTHING_YET,
 ) -> Watched:
     """Watch checks from *since* on, until a change is told; *known_bad* are left out. Some of the
     checks may have *begun* it already."""
@@ -67,7 +67,7 @@ def watch(
     sums, good = _sums(stack, settled, since + watched)
     quiet = begun
     for n in range(since + watched + 1, stack.n + 1):
-        quiet = Quiet(tuple(statistics[since : n - 1].tolist()), tuple(settled))
+        quiet = QuietRun(tuple(statistics[since : n - 1].tolist()), tuple(settled))
         count, begins = (bisect_left(good, check) for check in (n, since))
         unsettled = range(bisect_left(good, max(since, n - UNSETTLED)), count)
         places = list(find_spoilt(sums.stack, sums.upto(count), unsettled)) if count > 1 else []

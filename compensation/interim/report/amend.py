@@ -17,7 +17,7 @@ from armd.compensation.interim.changes.change import (
     list_change_columns,
 )
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.beside import Beside
+from armd.compensation.interim.evidence.extended_sums import ExtendedSums
 from armd.compensation.interim.evidence.likelihood import estimate_known_errors
 from armd.compensation.interim.evidence.stack import ALL_ALONG, RAMP_DAYS, Stack
 from armd.compensation.model.calibration import Calibration
@@ -46,7 +46,7 @@ def fit(
     causes: Sequence[Cause],
     changes: Sequence[Change],
     bad: Sequence[int],
-    told_by: Beside | None = None,
+    told_by: ExtendedSums | None = None,
 ) -> Amplitudes:
     """Amplitudes of all named *changes* at once, beside what is wrong all along, *told by* the
     checks that tell of them.
@@ -64,7 +64,7 @@ def fit(
     ]
     q = stacked.error_columns[0].shape[1] + len(moved_columns)
     estimate = estimate_known_errors(
-        (told_by or Beside(stacked, list_telling_checks(stacked, changes, bad))).sums(extra)
+        (told_by or ExtendedSums(stacked, list_telling_checks(stacked, changes, bad))).sums(extra)
     )
     sizes = _sizes(causes, changes)
     # The columns' sign: a residual is what the arm shows too much under the calibration.

@@ -15,7 +15,7 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.checks.open_growth import GROWTH, OpenGrowth, open_growth
 from armd.compensation.interim.checks.reduced import Reduced
-from armd.compensation.interim.evidence.beside import Beside
+from armd.compensation.interim.evidence.extended_sums import ExtendedSums
 from armd.compensation.interim.evidence.likelihood import KnownErrors, estimate_known_errors
 from armd.compensation.interim.evidence.stack import Stack, stack_checks
 from armd.compensation.interim.report.amend import list_telling_checks
@@ -42,7 +42,7 @@ class LinkGrowth:
 
 
 @dataclass(frozen=True)
-class Grown:
+class FittedGrowth:
     """What the good checks of an epoch say of the growth."""
 
     links: tuple[LinkGrowth, ...]  # those whose interval excludes zero; all, if none does
@@ -55,7 +55,7 @@ class Grown:
 def find_growth(
     checks: Sequence[Check], stacked: Stack, causes: Sequence[Cause], changes: Sequence[Change],
     bad: Sequence[int],
-) -> Grown | None:  # fmt: skip
+) -> FittedGrowth | None:  # fmt: skip
     """The growth of the links beside *changes*, by the checks that are not *bad*; `None` where the
     calibration knows it, or the checks do not distinguish it from zero."""
     arm, calibration = checks[0].arm, checks[0].calibration.content
@@ -81,7 +81,7 @@ def find_growth(
     significant = tuple(link for link in links if link.is_significant)
     rms_um = float(np.sqrt(np.mean([reduced[i].rms_um ** 2 for i in good])))
     ranges = calibration.temperature_range_c.values()
-    return Grown(
+    return FittedGrowth(
         significant or links,
         bool(significant),
         (rms_um, rms_um * _left_share(without, growth_columns, change_columns, good)),
@@ -104,7 +104,7 @@ def _fit(
     stacked: Stack, growth: Sequence[F64], changes: Sequence[F64], chosen: Sequence[int]
 ) -> KnownErrors:
     extra = [np.concatenate(pair, axis=1) for pair in zip(growth, changes, strict=True)]
-    return estimate_known_errors(Beside(stacked, chosen).sums(extra))
+    return estimate_known_errors(ExtendedSums(stacked, chosen).sums(extra))
 
 
 def _left_share(

@@ -9,13 +9,13 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.interim.changes.change import ChangesFound, add_known_changes, compute_shapes
-from armd.compensation.interim.changes.dated import find_instant, find_interval
+from armd.compensation.interim.changes.dates import find_instant, find_interval
 from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.changes.scenarios import list_scenarios
 from armd.compensation.interim.checks.columns import Cause, list_causes
 from armd.compensation.interim.checks.history import Check, format_iso
 from armd.compensation.interim.evidence.likelihood import fit_standing_share
-from armd.compensation.interim.evidence.quiet import Looked
+from armd.compensation.interim.evidence.looks import EpochLooks
 from armd.compensation.interim.evidence.stack import Stack, stack_checks
 from armd.compensation.interim.report.amend import (
     Amplitudes,
@@ -23,15 +23,15 @@ from armd.compensation.interim.report.amend import (
     compute_final_size,
     fit,
 )
-from armd.compensation.interim.report.averaged import (
+from armd.compensation.interim.report.average import (
     Averaged,
     average_amplitudes,
     choose_affordable,
 )
 from armd.compensation.interim.report.growth import find_growth
-from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
+from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
 from armd.compensation.interim.report.reach import compute_tip_rms_um
-from armd.compensation.interim.report.remembered import NOTHING, Remembered
+from armd.compensation.interim.report.watch_memory import NOTHING, Remembered
 from armd.compensation.model.calibration import Calibration
 
 
@@ -46,7 +46,7 @@ def judge(checks: Sequence[Check], remembered: Remembered = NOTHING) -> Judgemen
     return Judgement(tuple(sorted(epochs, key=lambda e: e.checks[0].line.first_unix_s)))
 
 
-def _epoch(checks: tuple[Check, ...], before: Looked) -> Epoch:
+def _epoch(checks: tuple[Check, ...], before: EpochLooks) -> Epoch:
     arm, calibration = checks[0].arm, checks[0].calibration
     causes = list_causes(arm, calibration.content)
     reduced = [check.reduced for check in checks]
@@ -82,14 +82,14 @@ def _report_change(
     every: Averaged,
     index: int,
     under: Calibration,
-) -> Told:
+) -> ReportedChange:
     """*under*: the calibration that a change is written into, with the growth of the links."""
     change = detected.changes[index]
     reduced = [check.reduced for check in checks]
     interval = find_interval(reduced, stacked, change, detected.bad)
     if change.cause is None:
         nothing = np.zeros(0)
-        return Told(
+        return ReportedChange(
             change, None, (), interval, instants[index], nothing, nothing, None, np.nan, None
         )
     cause = causes[change.cause]
@@ -126,7 +126,7 @@ def _report_change(
             "averaged_over": _shares(every, causes, index),
         },
     )
-    return Told(
+    return ReportedChange(
         change=change,
         cause=cause,
         rivals=tuple((causes[k], share) for k, share in change.rivals),

@@ -9,12 +9,12 @@ from armd.compensation.interim.changes.change import Change, ChangesFound, Scena
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.report.growth import Grown
+from armd.compensation.interim.report.growth import FittedGrowth
 from armd.compensation.model.calibration import Calibration
 
 
 @dataclass(frozen=True)
-class Told:
+class ReportedChange:
     """One change as it is told."""
 
     change: Change
@@ -37,9 +37,9 @@ class Epoch:
     stack: Stack
     causes: tuple[Cause, ...]
     detected: ChangesFound
-    reported_changes: tuple[Told, ...]
+    reported_changes: tuple[ReportedChange, ...]
     scenarios: tuple[Scenario, ...]  # in which all changes may have been
-    grown: Grown | None = None  # how the links grow, where the calibration could not know it
+    grown: FittedGrowth | None = None  # how the links grow, where the calibration could not know it
 
     def verdict(self, index: int) -> str:
         if index in self.detected.bad:

@@ -14,7 +14,7 @@ from armd.compensation.data.session_files import READINGS
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.interim.changes.change import compute_shapes
 from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
-from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
+from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
 from armd.compensation.interim.report.result import describe_judgement
 from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, instants
@@ -146,7 +146,7 @@ def _residuals(checks: Sequence[dict[str, Any]], unit: Unit) -> Figure:
     return figure
 
 
-def _over_time(epoch: Epoch, reported: Told) -> Figure:
+def _over_time(epoch: Epoch, reported: ReportedChange) -> Figure:
     """A cause's amplitudes check by check, and the course that is told."""
     figure, panel = make_single_figure()
     assert reported.change.cause is not None and reported.cause is not None
@@ -190,7 +190,7 @@ def _by_check(epoch: Epoch, block: slice, j: int) -> tuple[F64, F64]:
     return np.array(values), np.array(spread)
 
 
-def _row(reported: Told, j: int) -> list[object]:
+def _row(reported: ReportedChange, j: int) -> list[object]:
     assert reported.cause is not None
     column = reported.cause.candidate.columns[j]
     unit, factor = SHOWN.get(column.unit, (column.unit, 1.0))

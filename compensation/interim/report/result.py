@@ -10,8 +10,8 @@ from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check, format_iso
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
-from armd.compensation.interim.report.growth import SURE, Grown
-from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
+from armd.compensation.interim.report.growth import SURE, FittedGrowth
+from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
 from armd.compensation.wording import ARC_SECOND, minute, plain
 from armd.terminal.counted import counted
 
@@ -67,7 +67,9 @@ def _check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:
     }
 
 
-def _growth(grown: Grown | None, path: str | None, sha256: str | None) -> dict[str, Any] | None:
+def _growth(
+    grown: FittedGrowth | None, path: str | None, sha256: str | None
+) -> dict[str, Any] | None:
     if grown is None:
         return None
     before_um, after_um = grown.heldout_um
@@ -96,7 +98,7 @@ def _growth(grown: Grown | None, path: str | None, sha256: str | None) -> dict[s
     }
 
 
-def describe_growth(grown: Grown) -> str:
+def describe_growth(grown: FittedGrowth) -> str:
     """The growth in a few sentences, for the console and the page."""
     before_um, after_um = grown.heldout_um
     sizes = ", ".join(
@@ -113,7 +115,9 @@ def describe_growth(grown: Grown) -> str:
     )
 
 
-def _change(reported: Told, epoch: Epoch, path: str | None, sha256: str | None) -> dict[str, Any]:
+def _change(
+    reported: ReportedChange, epoch: Epoch, path: str | None, sha256: str | None
+) -> dict[str, Any]:
     change, cause = reported.change, reported.cause
     low, high = reported.between_unix_s
     entry: dict[str, Any] = {
@@ -157,7 +161,7 @@ def _change(reported: Told, epoch: Epoch, path: str | None, sha256: str | None) 
     return entry
 
 
-def describe_change(reported: Told) -> str:
+def describe_change(reported: ReportedChange) -> str:
     """A change in one sentence."""
     if reported.cause is None:
         return "since then the checks are off in a way that no cause of the catalogue makes"

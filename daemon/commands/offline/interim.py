@@ -23,10 +23,10 @@ from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.report.judge import judge
 from armd.compensation.interim.report.judgement import Judgement
-from armd.compensation.interim.report.remembered import recall, remember
+from armd.compensation.interim.report.next_check import NextCheck, plan_next_check
 from armd.compensation.interim.report.result import as_json, describe_judgement
 from armd.compensation.interim.report.single import list_single_readings
-from armd.compensation.interim.report.tomorrow import Tomorrow, plan_next_check
+from armd.compensation.interim.report.watch_memory import recall, remember
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.compensation.report.about import About, add_about, read_about
@@ -114,7 +114,7 @@ def _add(args: argparse.Namespace) -> int:
     console, new = aside(args), []
     with show_bar(console, "evaluating the checks") as report_progress:
         for number, session in enumerate(sessions, 1):
-            new.append(keeping.New(session, reduce(session, arm, calibration.content, causes)))
+            new.append(keeping.NewCheck(session, reduce(session, arm, calibration.content, causes)))
             report_progress("evaluating the checks", number / len(sessions))
     with keeping.lock_history(folder), console.status("judging the history …"):
         lines = chain.read_chain(folder).lines
@@ -167,7 +167,7 @@ def _page(folder: Path, judgement: Judgement, result: dict[str, Any], about: Abo
 
 def _judged(
     folder: Path, before: Sequence[history.Check] = ()
-) -> tuple[Judgement, dict[str, Any], Tomorrow]:
+) -> tuple[Judgement, dict[str, Any], NextCheck]:
     """Judge a history, some of which was loaded *before*; its changes' calibrations and the result
     are written beside it."""
     judgement = judge(history.load(folder, before), recall(folder))
@@ -191,7 +191,7 @@ def _judged(
     return judgement, result, after
 
 
-def _poses(after: Tomorrow) -> str:
+def _poses(after: NextCheck) -> str:
     """The next check's poses, as a table that `armd measure poses` takes."""
     if after.advised is None:
         raise BadInput("--poses", "the next check", "no poses of its own", "a cause in doubt")

@@ -15,8 +15,8 @@ import numpy as np
 from armd import Flag
 from armd.arrays import F64
 from armd.compensation.data.session_columns import LEAST_C, MOST_C
-from armd.compensation.interim.again.quality_page import Impact, render_quality_page
-from armd.compensation.interim.again.recorrect import Recorrected, recorrect
+from armd.compensation.interim.recorrection.quality_page import Impact, render_quality_page
+from armd.compensation.interim.recorrection.recorrect import Recorrected, recorrect
 from armd.compensation.model.arm import Arm, Vector3, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.compensation.model.state import States

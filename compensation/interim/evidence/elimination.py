@@ -39,7 +39,7 @@ class CheckSums:
 
 
 @dataclass(frozen=True)
-class Cleared:
+class EliminatedErrors:
     """What some checks leave when the q known errors are eliminated, by S sizes of the standing."""
 
     rotation: F64  # (q, q) T
@@ -51,7 +51,7 @@ class Cleared:
 
 def eliminate_standing(
     curvature: F64, side: F64, square: float, standing: slice, scales: tuple[float, ...]
-) -> Cleared:
+) -> EliminatedErrors:
     """Of *curvature* (q, q), *side* (q,) and *square*, the *standing* errors multiplied by each of
     *scales*; all others have a prior variance of 1."""
     q = len(side)
@@ -73,7 +73,7 @@ def eliminate_standing(
     weights = np.ones((len(scales), q))
     weights[:, free] = by / (1.0 + by * value)
     turned = rotation @ side
-    return Cleared(
+    return EliminatedErrors(
         rotation,
         weights,
         turned,

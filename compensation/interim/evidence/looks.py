@@ -13,7 +13,7 @@ SAME = 1e-7
 
 
 @dataclass(frozen=True)
-class Quiet:
+class QuietRun:
     """What came of checks one after another, after none of which a change was told: all that
     watching the later ones needs of it."""
 
@@ -21,7 +21,7 @@ class Quiet:
     bad: tuple[int, ...] = ()  # those of them and before that will not be doubted again
 
 
-NOTHING_YET = Quiet()
+NOTHING_YET = QuietRun()
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class EpochLook:
     since: int
     left_out: tuple[int, ...]  # checks before that are bad
     known_changes: tuple[float, ...]  # the changes known, as numbers
-    quiet: Quiet
+    quiet: QuietRun
 
     @property
     def until(self) -> int:
@@ -50,7 +50,7 @@ class EpochLook:
 
 
 @dataclass(frozen=True)
-class Looked:
+class EpochLooks:
     """All looks at an epoch's checks, in turn: with no change known, and after each one told."""
 
     looks: tuple[EpochLook, ...] = ()
@@ -58,7 +58,9 @@ class Looked:
     after: tuple[float, ...] = ()
     left_out: tuple[int, ...] = ()
 
-    def begun(self, since: int, left_out: Sequence[int], known_changes: Sequence[float]) -> Quiet:
+    def find_quiet_run(
+        self, since: int, left_out: Sequence[int], known_changes: Sequence[float]
+    ) -> QuietRun:
         """What is known of a look already."""
         matching = (look for look in self.looks if look.is_at(since, left_out, known_changes))
         return next((look.quiet for look in matching), NOTHING_YET)
@@ -73,4 +75,4 @@ class Looked:
         return self.after[place] if same else None
 
 
-NEVER_YET = Looked()
+NEVER_YET = EpochLooks()

@@ -25,7 +25,7 @@ from scipy.special import logsumexp
 from armd.arrays import F64, I64
 from armd.compensation.interim.changes.change import Change, Scenario, list_change_columns
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.beside import Beside
+from armd.compensation.interim.evidence.extended_sums import ExtendedSums
 from armd.compensation.interim.evidence.likelihood import estimate_known_errors
 from armd.compensation.interim.evidence.stack import Stack
 
@@ -110,7 +110,7 @@ def predict_checks(
     """What each of *scenarios* predicts of each check *ahead*, by those *measured*."""
     means: list[list[F64]] = [[] for _ in ahead]
     covariances: list[list[F64]] = [[] for _ in ahead]
-    told_by = Beside(stacked, measured)
+    told_by = ExtendedSums(stacked, measured)
     for changes in scenarios:
         extra = list_change_columns(stacked, changes)
         estimate = estimate_known_errors(told_by.sums(extra))

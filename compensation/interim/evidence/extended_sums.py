@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.evidence.cleared import CheckSums
+from armd.compensation.interim.evidence.elimination import CheckSums
 from armd.compensation.interim.evidence.stack import Stack
 
 
-class Beside:
-    """Of the checks *chosen* of a stack."""
+class ExtendedSums:
+    """Sums over the checks *chosen* of a stack, with further known errors."""
 
     def __init__(self, stack: Stack, chosen: Sequence[int]) -> None:
         self._chosen = list(chosen)

@@ -24,7 +24,7 @@ from pydantic import Field
 from armd import __version__
 from armd.compensation.interim.checks.history import STATISTICS, Check
 from armd.compensation.interim.evidence.likelihood import LIMIT
-from armd.compensation.interim.evidence.quiet import NEVER_YET, EpochLook, Looked, Quiet
+from armd.compensation.interim.evidence.looks import NEVER_YET, EpochLook, EpochLooks, QuietRun
 from armd.compensation.interim.report.judgement import Judgement
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_json
@@ -48,7 +48,7 @@ class _Look(Strict):
         )
 
     def to_epoch_look(self) -> EpochLook:
-        quiet = Quiet(tuple(self.statistic), tuple(self.bad))
+        quiet = QuietRun(tuple(self.statistic), tuple(self.bad))
         return EpochLook(self.since, tuple(self.left_out), tuple(self.known), quiet)
 
 
@@ -87,7 +87,7 @@ class Remembered:
 
     epochs: tuple[_WatchedEpoch, ...] = ()
 
-    def recall_looks(self, checks: Sequence[Check]) -> Looked:
+    def recall_looks(self, checks: Sequence[Check]) -> EpochLooks:
         """Of the *checks* of an epoch, in order of time, as many as were watched before."""
         if not self.epochs:
             return NEVER_YET
@@ -98,7 +98,7 @@ class Remembered:
             looks = [look for look in map(_Look.to_epoch_look, epoch.looks) if look.until <= same]
             if looks and looks[0].since == 0 and looks[0].until:
                 after = epoch.after[: max(same - looks[0].until - 1, 0)]
-                return Looked(tuple(looks), tuple(after), tuple(epoch.left_out))
+                return EpochLooks(tuple(looks), tuple(after), tuple(epoch.left_out))
         return NEVER_YET
 
 

@@ -34,7 +34,7 @@ STEPS, THERE_MM = 25, 0.5
 
 
 @dataclass(frozen=True)
-class Planned:
+class PossibleCheck:
     """Poses on seats that may be chosen from, each seat in the same number of them."""
 
     seats_mm: F64  # (S, 3) base frame
@@ -44,7 +44,7 @@ class Planned:
         return seat * POOL + np.arange(POOL)
 
 
-def plan_check(arm: Arm, calibration: Calibration, at_unix_s: float) -> Planned:
+def plan_check(arm: Arm, calibration: Calibration, at_unix_s: float) -> PossibleCheck:
     """Seats that the arm reaches in enough poses, no part of it below its base."""
     constants = calibration.vector(arm.n_joints)
     drawn = draw_poses(arm, calibration.reference_temperature_c, DRAWN, 21)
@@ -61,7 +61,7 @@ def plan_check(arm: Arm, calibration: Calibration, at_unix_s: float) -> Planned:
         if on_seat.n >= POOL:
             seats.append(seat)
             on_seats.append(on_seat.rows(slice(POOL)))
-    return Planned(
+    return PossibleCheck(
         np.array(seats).reshape(-1, 3), States.joined(on_seats) if seats else drawn.rows(slice(0))
     )
 
@@ -80,7 +80,7 @@ def _reaching(arm: Arm, constants: F64, seat: F64, drawn: States) -> States:
 
 
 def predict_check(
-    plan: Planned, arm: Arm, calibration: Calibration, causes: Sequence[Cause]
+    plan: PossibleCheck, arm: Arm, calibration: Calibration, causes: Sequence[Cause]
 ) -> Reduced:
     """What a check of all these poses would see, three rows for each; its seats are not projected
     out."""

@@ -15,10 +15,7 @@ from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.stack import Stack, stack_checks
 from armd.compensation.interim.report.amend import list_telling_checks
-from armd.compensation.interim.report.judgement import Epoch, Judgement
-from armd.compensation.interim.report.planned import plan_check, predict_check, select_rows
-from armd.compensation.interim.report.result import name_cause
-from armd.compensation.interim.report.telling import (
+from armd.compensation.interim.report.discrimination import (
     choose_best_poses,
     compute_overlap,
     estimate_chance_wrong,
@@ -27,6 +24,9 @@ from armd.compensation.interim.report.telling import (
     list_numbers,
     predict_checks,
 )
+from armd.compensation.interim.report.judgement import Epoch, Judgement
+from armd.compensation.interim.report.possible_checks import plan_check, predict_check, select_rows
+from armd.compensation.interim.report.result import name_cause
 from armd.compensation.model.slow_factors import DAY_S
 from armd.compensation.model.state import States
 from armd.compensation.wording import plain
@@ -41,7 +41,7 @@ LEFT = 0.9
 
 
 @dataclass(frozen=True)
-class Advised:
+class AdvisedPoses:
     """Poses, from seat to seat in turn, and the chance that the likeliest cause is wrong: now, and
     as foretold after the usual check and after this one."""
 
@@ -58,11 +58,11 @@ class Advised:
 
 
 @dataclass(frozen=True)
-class Tomorrow:
+class NextCheck:
     """The next check."""
 
     sentence: str
-    advised: Advised | None = None
+    advised: AdvisedPoses | None = None
 
     def as_json(self) -> dict[str, Any]:
         """As the result has it."""
@@ -79,10 +79,10 @@ class Tomorrow:
         return entry
 
 
-def plan_next_check(judgement: Judgement) -> Tomorrow:
+def plan_next_check(judgement: Judgement) -> NextCheck:
     """The check that settles the most doubtful change of the latest epoch."""
     if not judgement.changed:
-        return Tomorrow("the usual check, in other poses than today's")
+        return NextCheck("the usual check, in other poses than today's")
     epoch = judgement.latest
     doubtful = [
         (reported.change.probability, index)
@@ -94,12 +94,12 @@ def plan_next_check(judgement: Judgement) -> Tomorrow:
             advice = plan_telling_check(epoch, index)
             if advice is not None:
                 return advice
-    return Tomorrow(
+    return NextCheck(
         "the usual check, with the corrected calibration: it confirms that nothing else has changed"
     )
 
 
-def plan_telling_check(epoch: Epoch, index: int) -> Tomorrow | None:
+def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
     """Poses on seats that tell what change number *index* was, if any do better than the usual
     check."""
     share, scenarios = group_by_place(epoch.scenarios, epoch.causes, index)
@@ -140,7 +140,7 @@ def plan_telling_check(epoch: Epoch, index: int) -> Tomorrow | None:
     after_usual, after_this = (
         estimate_chance_wrong(shares, of_scenario, predicted) for predicted in next_ones
     )
-    advised = Advised(
+    advised = AdvisedPoses(
         seats_mm=plan.seats_mm[list(pairs[best])],
         states=plan.states.rows(poses),
         now=1.0 - reported.change.probability,
@@ -149,7 +149,7 @@ def plan_telling_check(epoch: Epoch, index: int) -> Tomorrow | None:
     )
     if advised.after_this > LEFT * advised.after_usual:
         return None
-    return Tomorrow(
+    return NextCheck(
         _sentence(advised, [name_cause(epoch.causes[k]) for k in _causes(scenarios, index)]),
         advised,
     )
@@ -165,7 +165,7 @@ def _causes(scenarios: Sequence[tuple[Change, ...]], index: int) -> list[int]:
     return [cause for changes in scenarios if (cause := changes[index].cause) is not None]
 
 
-def _sentence(advised: Advised, causes: Sequence[str]) -> str:
+def _sentence(advised: AdvisedPoses, causes: Sequence[str]) -> str:
     first, *rivals = causes
     seats = " and ".join(f"({x:.0f}, {y:.0f}, {z:.0f}) mm" for x, y, z in advised.seats_mm)
     now, usual, this = (

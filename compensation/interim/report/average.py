@@ -19,7 +19,7 @@ import numpy as np
 from armd.compensation.interim.changes.change import Change, Scenario, count_amplitudes
 from armd.compensation.interim.changes.growth import FEW_BENDS
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.beside import Beside
+from armd.compensation.interim.evidence.extended_sums import ExtendedSums
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.report.amend import Amplitudes, fit, list_telling_checks
 
@@ -122,7 +122,7 @@ def average_amplitudes(
     slots = {key: np.arange(end - n, end) for key, n, end in zip(keys, sizes, ends, strict=True)}
     width = int(ends[-1]) if len(ends) else 0
     mean, second = np.zeros(width), np.zeros((width, width))
-    told_by = Beside(stacked, list_telling_checks(stacked, scenarios[0][1], bad))
+    told_by = ExtendedSums(stacked, list_telling_checks(stacked, scenarios[0][1], bad))
     for share, changes in scenarios:
         amplitudes = fit(stacked, causes, changes, bad, told_by)
         used_slots = [slots[_key(number, change)] for number, change in enumerate(changes)]
