@@ -40,7 +40,7 @@ def main() -> None:
     def keep(number: int) -> None:
         with keeping.lock_history(folder):
             lines = chain.read_chain(folder).lines
-            keeping.check_new(folder, lines, [keeping.CheckDate.of_session(new[number].session)])
+            keeping.check_new(folder, lines, [keeping.CheckDate.from_session(new[number].session)])
             keeping.keep(folder, lines, [new[number]], checks / "arm.toml", calibration)
 
     begun = time.monotonic()

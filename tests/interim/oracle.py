@@ -25,7 +25,7 @@ def oracle_delay(
         for k, c in enumerate(causes)
     ]  # fmt: skip
     kept = [i for i in range(of.n) if i not in bad]
-    sums = RunningSums(of.only(kept))
+    sums = RunningSums(of.select_checks(kept))
     for count in range(1, len(kept) + 1):
         if kept[count - 1] < first:
             continue

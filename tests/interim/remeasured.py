@@ -111,5 +111,5 @@ def _measured(
         rigid = rigid_columns(seen.position_mm - seen.position_mm.mean(axis=0)).reshape(-1, 6)
         found.append(square((seen.position_mm - tip).reshape(-1, 1), rigid))
         if number == 0:
-            stated = square(seen.calibrated().reshape(3 * n, -1), rigid)
+            stated = square(seen.compute_calibration_motions().reshape(3 * n, -1), rigid)
     return np.array([*found, stated])

@@ -50,8 +50,8 @@ def noise_alone(
     statistics = np.full((checks, draws), -np.inf)
     for n in range(1, of.n + 1):
         first = np.arange(max(0, n - MOST_BACK), n)
-        known = of.cleared(sums.upto(n))
-        begun = list(sums.begun(first, n, known.rotation))
+        known = of.eliminate_errors(sums.sum_first(n))
+        begun = list(sums.sum_by_onset(first, n, known.rotation))
         freedom = NOISE_WORD + float(sums.numbers[n])
         roots, sides, marginals = [], [], []
         for weight, spread in zip(known.weights, known.spread, strict=True):
@@ -69,7 +69,7 @@ def noise_alone(
                                      square[n - 1, some],
                                      (plain[n] - plain[first])[..., some],
                                      (timed[n] - timed[first])[..., some],
-                                     sums.origin(first, n))  # fmt: skip
+                                     sums.compute_origins(first, n))  # fmt: skip
         statistics[n - 1] = logsumexp(share + ratios, axis=0)
     return statistics
 

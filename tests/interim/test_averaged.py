@@ -107,7 +107,7 @@ def test_two_changes_are_averaged_each_over_its_own_causes() -> None:
         likeliest = max(own, key=lambda i: own[i])
         assert found.changes[likeliest].cause == number
         assert found.amplitudes.values[likeliest][0, 0] == pytest.approx(-30.0, rel=0.2)
-    assert found.until(0) == sum(number == 0 for number in found.of_change)
+    assert found.count_until(0) == sum(number == 0 for number in found.of_change)
 
 
 def test_an_unnamed_change_has_no_amplitudes() -> None:

@@ -102,7 +102,7 @@ def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
     for k in range(len(stands)):
         assert choose_best_stand(of, [*stands[k:], *stands[:k]]) is likeliest
     # And one check more, from what was looked at, ends as one that begins anew does.
-    longer = find(of, causes, find(of.only(range(of.n - 1)), causes).looked)
+    longer = find(of, causes, find(of.select_checks(range(of.n - 1)), causes).looked)
     assert [change.key for change in longer.changes] == [change.key for change in found.changes]
     assert longer.bad == found.bad
     assert longer.statistic == pytest.approx(found.statistic, abs=1e-9)

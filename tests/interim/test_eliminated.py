@@ -67,9 +67,9 @@ def test_sums_without_some_of_the_last_checks_are_those_of_the_others(
 ) -> None:
     of, causes = with_standing(1)
     n = 5
-    some, begin = RunningSums(of).dropping(left_out, n, back)
+    some, begin = RunningSums(of).drop_checks(left_out, n, back)
     kept = [i for i in range(n) if i not in left_out]
-    anew = RunningSums(of.only(kept))
+    anew = RunningSums(of.select_checks(kept))
     onsets = np.arange(max(0, len(kept) - back), len(kept))
     expected = weigh(anew, causes, len(kept), onsets)
     # Counted from where these sums begin; none that is left out lies before.
@@ -103,5 +103,5 @@ def test_a_check_more_costs_the_same_however_many_there_are(
 ) -> None:
     of, causes = off_from(np.random.default_rng(0), 99, 99)  # never off
     each = 1 + UNSETTLED  # the statistic, and whether any of the last checks was spoilt
-    found = [eliminations(of.only(range(n)), causes, monkeypatch) for n in (10, 20, 40)]
+    found = [eliminations(of.select_checks(range(n)), causes, monkeypatch) for n in (10, 20, 40)]
     assert np.diff(found).tolist() == [10 * each, 20 * each]

@@ -47,7 +47,7 @@ def test_an_alarm_that_later_checks_refute_is_withdrawn(seed: int) -> None:
     assert alarm is not None
     # Off until it is told, and never again.
     passing, _ = off_from(np.random.default_rng(seed), FIRST, alarm + 1)
-    assert len(find(passing.only(range(alarm + 1)), causes).changes) == 1
+    assert len(find(passing.select_checks(range(alarm + 1)), causes).changes) == 1
     later = find(passing, causes)
     assert later.alarm == alarm  # it was told, and the statistic says so
     # Another one by chance, later on, is within the rate that is stated.
@@ -70,7 +70,7 @@ def a_month(rng: np.random.Generator) -> Stack:
 def plainly(of: Stack, course: Change) -> float:
     """Log of how likely all readings are with a course, by a stack that knows it."""
     knowing = add_known_changes(of, [course])
-    return log_marginal(knowing, knowing.sums(range(of.n)))
+    return log_marginal(knowing, knowing.sum_checks(range(of.n)))
 
 
 @pytest.mark.parametrize("cause", [0, 1])
@@ -100,7 +100,7 @@ def test_growths_from_many_onsets_are_as_likely_as_of_a_stack_that_knows_each(ca
 def test_shares_of_onsets_and_rates_are_those_of_the_plain_formulas(cause: int) -> None:
     of = a_month(np.random.default_rng(4))
     kept = [i for i in range(of.n) if i not in (0, 9, 10)]
-    some = of.only(kept)
+    some = of.select_checks(kept)
     change = Change(cause, True, 3, 3, 3, float(of.time_d[2]), 1.0, size=3.0)
     found = Growths(of, kept).weigh_onsets(change, kept)
     courses = [course for _, course in found]
@@ -110,7 +110,7 @@ def test_shares_of_onsets_and_rates_are_those_of_the_plain_formulas(cause: int) 
     assert all(c.bends_d == tuple(bends[bends > of.time_d[c.first]]) for c in courses)
     q = of.error_columns[0].shape[1]
     alone = add_known_changes(some, [change])
-    rate = np.abs(change.size * estimate_known_errors(alone.sums(range(some.n))).mean[q:])
+    rate = np.abs(change.size * estimate_known_errors(alone.sum_checks(range(some.n))).mean[q:])
     for course in courses:
         assert course.rate_size == pytest.approx(np.maximum(rate, 0.1 * rate.max()), rel=1e-9)
     by_hand = np.array([plainly(some, course) for course in courses])

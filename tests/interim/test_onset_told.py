@@ -125,7 +125,7 @@ def test_checks_left_out_do_not_count_among_the_onsets() -> None:
     share = np.zeros((of.n - 1, 3, 2))
     share[2, 1, 0] = 1.0 - LEAST_SHARE / 2
     share[2, 0, 0] = LEAST_SHARE / 2  # not worth a line
-    change = find_likeliest(of.only([0, 1, 2, 3, 4]), causes, weighed(share), [0, 2, 3, 4])
+    change = find_likeliest(of.select_checks([0, 1, 2, 3, 4]), causes, weighed(share), [0, 2, 3, 4])
     assert change.first == change.earliest == change.latest == 3
     assert change.rivals == ()
 

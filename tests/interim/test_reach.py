@@ -81,7 +81,7 @@ def test_planned_seats_are_reached_above_the_table_in_different_poses() -> None:
     assert len(plan.seats_mm) >= 2 and plan.states.n == len(plan.seats_mm) * POOL
     low, high = ARM.limits_rad
     for i, seat in enumerate(plan.seats_mm):
-        q = plan.states.q[plan.poses_on(i)]
+        q = plan.states.q[plan.list_poses_on(i)]
         assert np.linalg.norm(plain_tips(q) - seat, axis=1).max() < THERE_MM
         assert ((q > low) & (q < high)).all()
         assert np.ptp(q, axis=0).max() > 0.5  # rad
@@ -95,10 +95,10 @@ def test_a_planned_check_sees_what_its_poses_see() -> None:
     check = predict_check(plan, ARM, CALIBRATION, causes)
     seen = Signals(plan.states, ARM, CALIBRATION)
     moved = (plain_tips(plan.states.q, a_4=1e-3) - plain_tips(plan.states.q, a_4=-1e-3)) / 2e-3
-    expected = (seen.whitener() @ moved[:, :, None]).ravel()
+    expected = (seen.compute_whitener() @ moved[:, :, None]).ravel()
     assert check.causes[:, 0] == pytest.approx(expected, rel=1e-5, abs=1e-4)
     # A seat's shift moves all poses on it, and no others.
-    own = 3 * plan.poses_on(1)[:, None] + np.arange(3)
+    own = 3 * plan.list_poses_on(1)[:, None] + np.arange(3)
     one = check.targets[:, 3:6]
     assert np.abs(one[own.ravel()]).max() > 0.0
     assert np.abs(np.delete(one, own.ravel(), axis=0)).max() == 0.0

@@ -55,7 +55,7 @@ def test_watched_on_from_any_check_is_watched_from_the_first(until: int) -> None
     of, causes = with_a_bad_check(3, 9)
     whole = watch(of, causes)
     assert whole.alarm is None and whole.bad == (9,)
-    before = watch(of.only(range(until)), causes).quiet
+    before = watch(of.select_checks(range(until)), causes).quiet
     assert len(before.statistic) == until - 1
     later = watch(of, causes, begun=before)
     assert later.statistic == pytest.approx(whole.statistic, abs=1e-9)
@@ -66,7 +66,7 @@ def test_a_change_is_told_at_the_same_check() -> None:
     of, causes = off_from(np.random.default_rng(1), 12, 40)
     whole = watch(of, causes)
     assert whole.alarm is not None and len(whole.quiet.statistic) == whole.alarm
-    before = watch(of.only(range(13)), causes).quiet
+    before = watch(of.select_checks(range(13)), causes).quiet
     later = watch(of, causes, begun=before)
     assert later.alarm == whole.alarm
     until = whole.alarm + 1
@@ -204,7 +204,7 @@ def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late
     residual[25] = residual[25] + 3.0 * of.targets[25] @ [1.0, -0.4, 0.3]  # a bad check
     of = replace(of, residual=tuple(residual))
     others = [i for i in range(of.n) if i != late]
-    looked = find(of.only(others), causes).looked
+    looked = find(of.select_checks(others), causes).looked
     epoch = SimpleNamespace(
         checks=[*map(FakeCheck, others)], detected=SimpleNamespace(looked=looked)
     )
@@ -278,7 +278,7 @@ def test_after_a_change_a_check_more_is_searched_on_from_what_was_looked_at(
     of = replace(of, residual=tuple(residual))
     before = NEVER_YET
     for n in range(14, of.n + 1):
-        some = of.only(range(n))
+        some = of.select_checks(range(n))
         anew, found = find(some, causes), find(some, causes, before)
         assert found.statistic == pytest.approx(anew.statistic, abs=1e-9)
         assert (found.alarm, found.bad) == (anew.alarm, anew.bad)

@@ -109,7 +109,7 @@ def add_known_changes(stack: Stack, changes: Sequence[Change]) -> Stack:
     """The stack where these changes, of whatever size, are among what is known."""
     if all(change.cause is None for change in changes):
         return stack
-    return stack.knowing(list_change_columns(stack, changes))
+    return stack.add_known_errors(list_change_columns(stack, changes))
 
 
 def list_change_columns(stack: Stack, changes: Sequence[Change]) -> list[F64]:

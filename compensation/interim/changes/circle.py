@@ -49,6 +49,6 @@ def choose_best_stand(stack: Stack, stands: Sequence[SearchState]) -> SearchStat
 
     def evidence(stand: SearchState) -> float:
         changed = add_known_changes(stack, stand.changes)
-        return log_marginal(changed, changed.sums(good)) - LIMIT * len(stand.changes)
+        return log_marginal(changed, changed.sum_checks(good)) - LIMIT * len(stand.changes)
 
     return max(stands, key=evidence)

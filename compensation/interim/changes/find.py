@@ -149,7 +149,7 @@ def _filled(
         return statistic
     good = [i for i in range(stack.n) if i not in bad]
     begin = bisect_left(good, max(0, first_look.alarm - BEFORE_ALARM))
-    sums = RunningSums(stack.only(good), begin)
+    sums = RunningSums(stack.select_checks(good), begin)
     for i in range(first_look.alarm + 1, stack.n):
         count = bisect_left(good, i + 1)
         if (remembered := before.after_alarm(first_look.alarm, i, bad)) is not None:

@@ -29,7 +29,7 @@ class Growing:
     """A stack with everything known eliminated, for growths of one cause after another."""
 
     def __init__(self, stack: Stack) -> None:
-        sums = stack.sums(range(stack.n))
+        sums = stack.sum_checks(range(stack.n))
         # Of the size that the stack takes them for.
         eliminated = eliminate_standing(sums.curvature, sums.side, sums.square, slice(0), (1.0,))
         self._stack = stack

@@ -43,7 +43,7 @@ class Growths:
     def __init__(self, stack: Stack, good: Sequence[int]) -> None:
         self._stack, self._good = stack, good
         self._time = stack.time_d[list(good)]
-        self._growing = Growing(stack.only(good))
+        self._growing = Growing(stack.select_checks(good))
 
     def weigh_onsets(self, change: Change, firsts: Sequence[int]) -> list[tuple[float, Change]]:
         """A growth from each of the checks *firsts* on, with its share; all onsets are as likely

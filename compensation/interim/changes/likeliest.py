@@ -24,7 +24,9 @@ def weigh_since(
     first = np.array([k for k, i in enumerate(good) if since <= i < max(last, since + 1)])
     if not len(first):
         first = np.array([len(good) - 1])
-    return weigh(RunningSums(stack.only(good), int(first[0])), causes, len(good), first), good
+    return weigh(
+        RunningSums(stack.select_checks(good), int(first[0])), causes, len(good), first
+    ), good
 
 
 def weigh_again(

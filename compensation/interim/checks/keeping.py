@@ -55,7 +55,7 @@ class CheckDate:
     last_unix_s: float
 
     @classmethod
-    def of_session(cls, session: Session) -> CheckDate:
+    def from_session(cls, session: Session) -> CheckDate:
         """Of a session's folder."""
         time_s = session.states.time_s
         span = float(time_s.min()), float(time_s.max())

@@ -47,7 +47,7 @@ def reduce(
     poses = fit_poses(observations, position)
     placed = poses.target_points(observations)
     share = _rest_share(observations)
-    whitener = signals.whitener() * share[:, None, None]
+    whitener = signals.compute_whitener() * share[:, None, None]
 
     def whitened(columns: F64) -> F64:
         """(3 n, C) from columns (n, 3, C)."""
@@ -57,7 +57,9 @@ def reduce(
         [column for cause in causes for column in cause.candidate.columns]
     )
     growth = open_growth(arm, calibration)
-    calibration_errors = np.concatenate([signals.calibrated(), signals.grown(growth)], axis=2)
+    calibration_errors = np.concatenate(
+        [signals.compute_calibration_motions(), signals.compute_growth_motions(growth)], axis=2
+    )
     shifts, touched = _target_shifts(observations, poses)
     extra = _distances(observations, poses, touched)
     nuisance = np.concatenate([_placements(observations, placed), shifts], axis=2)

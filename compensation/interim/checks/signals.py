@@ -44,7 +44,7 @@ class Signals:
             motions[:, :, j] = tip_motion(column.terms, *about, self._moved)
         return motions
 
-    def calibrated(self) -> F64:
+    def compute_calibration_motions(self) -> F64:
         """(n, 3, B) how far the calibration's independent standard errors move the tip, mm."""
         names, columns = self.arm.layout.names, []
         for name in self.calibration.covariance_of:
@@ -59,7 +59,7 @@ class Signals:
         covariance = np.array(self.calibration.covariance).reshape((len(columns),) * 2)
         return np.stack(columns, axis=2) @ _root(covariance)
 
-    def grown(self, growth: Sequence[OpenGrowth]) -> F64:
+    def compute_growth_motions(self, growth: Sequence[OpenGrowth]) -> F64:
         """(n, 3, m) how far each growth moves the tip, mm per standard deviation of it."""
         places = self.arm.layout.indices(expansion.term.parameter for expansion in growth)
         rise = compute_rises_k(growth, self.states, self.arm, self.calibration)
@@ -67,7 +67,7 @@ class Signals:
         moved: F64 = self._moved[:, :, places] * (rise * size)[:, None, :]
         return moved
 
-    def whitener(self) -> F64:
+    def compute_whitener(self) -> F64:
         """(n, 3, 3) per mm, from the calibration's word on the noise."""
         noise, n_joints = self.calibration.noise, self.arm.n_joints
         encoder = np.array([*noise.encoder_rad, *[0.0] * n_joints])[:n_joints]

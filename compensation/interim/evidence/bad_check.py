@@ -44,8 +44,8 @@ class Rest:
         """(scales, 3) of the other checks; and, they known, of *check* as it usually is and spoilt,
         by how large the standing errors are. But for what is the same of any."""
         residual = self.stack.residual[check]
-        sums = self.sums.without(self.stack.error_columns[check], residual)
-        eliminated = self.stack.cleared(sums)
+        sums = self.sums.subtract_check(self.stack.error_columns[check], residual)
+        eliminated = self.stack.eliminate_errors(sums)
         lefts = eliminated.square + NOISE_WORD
         others_log = [
             log_student(float(sums.numbers), float(spread), float(squared))
@@ -139,4 +139,4 @@ def find_spoilt(stack: Stack, sums: CheckSums, doubted: Sequence[int]) -> dict[i
         if worst is None or odds[worst] <= 0.0:
             return odds_of_spoilt
         odds_of_spoilt[worst] = odds[worst]
-        sums = sums.without(stack.error_columns[worst], stack.residual[worst])
+        sums = sums.subtract_check(stack.error_columns[worst], stack.residual[worst])

@@ -28,7 +28,7 @@ class CheckSums:
     square: float
     numbers: int
 
-    def without(self, error_columns: F64, residual: F64) -> CheckSums:
+    def subtract_check(self, error_columns: F64, residual: F64) -> CheckSums:
         """All but a check of these *error_columns* (r, q) and this *residual* (r,)."""
         return CheckSums(
             self.curvature - error_columns.T @ error_columns,

@@ -19,11 +19,11 @@ class ExtendedSums:
         self._chosen = list(chosen)
         self._error_columns = self._stacked(stack.error_columns)
         self._residual = self._stacked(stack.residual)
-        self._sums = stack.sums(self._chosen)
+        self._sums = stack.sum_checks(self._chosen)
 
-    def sums(self, extra: Sequence[F64]) -> CheckSums:
+    def sum_with(self, extra: Sequence[F64]) -> CheckSums:
         """With *extra* known errors, (r, ·) of every check of the stack: the same as of a stack
-        that has them (`Stack.knowing`)."""
+        that has them (`Stack.add_known_errors`)."""
         added = self._stacked(extra)
         across = self._error_columns.T @ added
         return CheckSums(

@@ -69,7 +69,7 @@ class Weighed:
 
 def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Weighed:
     """Weigh changes of the first *n* checks that begin at checks *first*."""
-    eliminated = sums.stack.cleared(sums.upto(n))
+    eliminated = sums.stack.eliminate_errors(sums.sum_first(n))
     priors = np.array([[c.prior_sudden, c.prior_gradual] for c in causes])
     with np.errstate(divide="ignore"):
         log_prior = np.log(priors) - np.log(len(SIZES))
@@ -79,7 +79,7 @@ def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Wei
     weights = np.empty((len(first), len(causes), 2, len(SIZES)))
     for begin in range(0, len(first), AT_ONCE):
         batch = slice(begin, begin + AT_ONCE)
-        for shape, begun in enumerate(sums.begun(first[batch], n, eliminated.rotation)):
+        for shape, begun in enumerate(sums.sum_by_onset(first[batch], n, eliminated.rotation)):
             for members, ratio in _log_ratios(sums.groups, begun, eliminated, freedom, log_share):
                 weights[batch, members, shape] = ratio + log_prior[members, shape, None]
     return Weighed(first, weights)
@@ -126,7 +126,7 @@ def _log_ratios(
 def log_marginals(sums: RunningSums, n: int) -> F64:
     """(scales,) log of Student's density of the first *n* checks' readings without a change, by
     how large the standing errors are; everything known integrated out."""
-    return _log_marginals(sums.stack.cleared(sums.upto(n)), int(sums.numbers[n]))
+    return _log_marginals(sums.stack.eliminate_errors(sums.sum_first(n)), int(sums.numbers[n]))
 
 
 def _log_marginals(eliminated: EliminatedErrors, numbers: int) -> F64:
@@ -136,14 +136,14 @@ def _log_marginals(eliminated: EliminatedErrors, numbers: int) -> F64:
 
 def log_marginal(stack: Stack, sums: CheckSums) -> float:
     """Log of the density of the readings of *sums*, whatever the standing errors' size."""
-    logs = _log_marginals(stack.cleared(sums), sums.numbers)
+    logs = _log_marginals(stack.eliminate_errors(sums), sums.numbers)
     return float(logsumexp(logs)) - float(np.log(len(logs)))
 
 
 def fit_standing_share(stack: Stack) -> Stack:
     """The stack with its standing errors as large as its readings make likeliest."""
-    sums = stack.sums(range(stack.n))
-    scales = _log_marginals(stack.cleared(sums), sums.numbers)
+    sums = stack.sum_checks(range(stack.n))
+    scales = _log_marginals(stack.eliminate_errors(sums), sums.numbers)
     return stack.rescale(stack.scales[int(np.argmax(scales))])
 
 

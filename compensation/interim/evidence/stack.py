@@ -83,7 +83,7 @@ class Stack:
             return (1.0,)
         return tuple(share / self.share for share in ALL_ALONG)
 
-    def scaled(self, scale: float) -> F64:
+    def scale_factors(self, scale: float) -> F64:
         """(q,) factors of the known errors where the standing ones are *scale* times as large."""
         factors = np.ones(self.error_columns[0].shape[1])
         factors[slice(*self.standing)] = scale
@@ -91,10 +91,10 @@ class Stack:
 
     def rescale(self, scale: float) -> Stack:
         """The same, the standing errors *scale* times as large."""
-        error_columns = tuple(columns * self.scaled(scale) for columns in self.error_columns)
+        error_columns = tuple(columns * self.scale_factors(scale) for columns in self.error_columns)
         return replace(self, error_columns=error_columns, share=self.share * scale)
 
-    def only(self, chosen: Sequence[int]) -> Stack:
+    def select_checks(self, chosen: Sequence[int]) -> Stack:
         """Some of the checks, in time."""
         return replace(
             self,
@@ -105,7 +105,7 @@ class Stack:
             targets=tuple(self.targets[i] for i in chosen),
         )
 
-    def sums(self, chosen: Sequence[int]) -> CheckSums:
+    def sum_checks(self, chosen: Sequence[int]) -> CheckSums:
         """Over some of the checks."""
         pairs = [(self.error_columns[i], self.residual[i]) for i in chosen]
         q = self.error_columns[0].shape[1]
@@ -116,12 +116,12 @@ class Stack:
             sum(len(residual) for _, residual in pairs),
         )
 
-    def cleared(self, sums: CheckSums) -> EliminatedErrors:
+    def eliminate_errors(self, sums: CheckSums) -> EliminatedErrors:
         """Of *sums* over some of the checks, all known errors eliminated."""
         standing = slice(*self.standing)
         return eliminate_standing(sums.curvature, sums.side, sums.square, standing, self.scales)
 
-    def knowing(self, extra: Sequence[F64]) -> Stack:
+    def add_known_errors(self, extra: Sequence[F64]) -> Stack:
         """With more known errors, (r, ·) per check."""
         pairs = zip(self.error_columns, extra, strict=True)
         return replace(self, error_columns=tuple(np.concatenate(pair, axis=1) for pair in pairs))
@@ -246,12 +246,12 @@ class RunningSums:
     def _since_begin(self, powers: int, products: Iterable[F64], shape: tuple[int, ...]) -> F64:
         return _cumulated(self._powers[:powers, self.begin :], products, shape)
 
-    def upto(self, n: int) -> CheckSums:
+    def sum_first(self, n: int) -> CheckSums:
         """Of the first *n* checks."""
         numbers = int(self.numbers[n])
         return CheckSums(self.error_gram[n], self.known_towards[n], float(self.square[n]), numbers)
 
-    def dropping(self, left_out: Sequence[int], n: int, back: int) -> tuple[RunningSums, int]:
+    def drop_checks(self, left_out: Sequence[int], n: int, back: int) -> tuple[RunningSums, int]:
         """Of the first *n* checks without those *left_out*, for changes that begin at one of the
         last *back*; and with which check these sums begin to be kept apart."""
         # A growth is dated by the check before its first one.
@@ -265,7 +265,10 @@ class RunningSums:
             return np.moveaxis(sums, 0, axis)
 
         new = copy(self)
-        new.stack, new.begin = self.stack.only([i for i in range(begin, n) if i not in left_out]), 0
+        new.stack, new.begin = (
+            self.stack.select_checks([i for i in range(begin, n) if i not in left_out]),
+            0,
+        )
         new.error_gram, new.known_towards, new.square, new.numbers = (
             dropped(values_of_all, 0, 0)
             for values_of_all in (self.error_gram, self.known_towards, self.square, self.numbers)
@@ -276,7 +279,7 @@ class RunningSums:
         )
         return new, begin
 
-    def begun(self, first: I64, n: int, rotation: F64) -> Iterator[OnsetSums]:
+    def sum_by_onset(self, first: I64, n: int, rotation: F64) -> Iterator[OnsetSums]:
         """Steps, and then growths, that begin at checks *first* (T,), up to check *n*; a growth is
         zero at the check before. The known errors are turned by *rotation* (q, q)."""
         shape = (2, len(first), *self.cross.shape[2:])
@@ -286,7 +289,7 @@ class RunningSums:
         towards = self.towards[:, until, None] - self.towards[:, since]
         owns = [gram[:, until, None] - gram[:, since] for gram in self.cause_grams]
         yield OnsetSums(cross[0], towards[0], [gram[0] for gram in owns])
-        a = (origin := self.origin(first, n))[:, None]
+        a = (origin := self.compute_origins(first, n))[:, None]
         b = origin[:, None, None, None]
         yield OnsetSums(
             cross[1] - a[:, :, None] * cross[0],
@@ -294,7 +297,7 @@ class RunningSums:
             [gram[2] - 2 * b * gram[1] + b**2 * gram[0] for gram in owns],
         )
 
-    def origin(self, first: I64, n: int) -> F64:
+    def compute_origins(self, first: I64, n: int) -> F64:
         """(T,) when a growth begins that first shows at check *first* of *n*, in units of
         `RAMP_DAYS`."""
         days = self.stack.time_d[:n] / RAMP_DAYS

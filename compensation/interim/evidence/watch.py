@@ -70,7 +70,9 @@ def watch(
         quiet = QuietRun(tuple(statistics[since : n - 1].tolist()), tuple(settled))
         count, begins = (bisect_left(good, check) for check in (n, since))
         unsettled = range(bisect_left(good, max(since, n - UNSETTLED)), count)
-        places = list(find_spoilt(sums.stack, sums.upto(count), unsettled)) if count > 1 else []
+        places = (
+            list(find_spoilt(sums.stack, sums.sum_first(count), unsettled)) if count > 1 else []
+        )
         if places:
             standing = _weighed(sums, causes, begins, count, places)
         else:
@@ -96,7 +98,7 @@ def _weighed(
 ) -> Standing:
     """Log odds of a change from check *begins* on, after *count* checks, whichever of the *doubted*
     are bad."""
-    stack, every = sums.stack, sums.upto(count)
+    stack, every = sums.stack, sums.sum_first(count)
     without_doubted = log_marginal(stack, _without(stack, every, doubted))
     spoilt_log = {
         i: log_marginal(stack, with_it) - without_doubted + Rest(stack, with_it).log_evidence(i)
@@ -110,7 +112,7 @@ def _weighed(
     for w, chosen in enumerate(combinations_of_bad):
         bad = sum(spoilt_log[i] - np.log(ONE_IN) for i in chosen)
         nothing[w] = bad + log_marginal(stack, _without(stack, every, chosen))
-        good, begin = sums.dropping(chosen, count, MOST_BACK)
+        good, begin = sums.drop_checks(chosen, count, MOST_BACK)
         onsets = max(begins - sum(i < begins for i in chosen) - begin, 0)
         change[w] = nothing[w] + _log_ratio(good, causes, onsets, good.stack.n)
     nameless = -np.inf
@@ -126,7 +128,7 @@ def _weighed(
 
 def _without(stack: Stack, sums: CheckSums, left_out: Sequence[int]) -> CheckSums:
     for i in left_out:
-        sums = sums.without(stack.error_columns[i], stack.residual[i])
+        sums = sums.subtract_check(stack.error_columns[i], stack.residual[i])
     return sums
 
 
@@ -135,7 +137,7 @@ def _sums(stack: Stack, left_out: Sequence[int], watched: int) -> tuple[RunningS
     good = [i for i in range(stack.n) if i not in left_out]
     back = MOST_BACK + UNSETTLED + 1  # some of the last may be left out, too
     begin = max(0, bisect_left(good, watched + 1) - back)
-    return RunningSums(stack.only(good), begin), good
+    return RunningSums(stack.select_checks(good), begin), good
 
 
 def _log_ratio(sums: RunningSums, causes: Sequence[Cause], begins: int, count: int) -> float:

@@ -64,7 +64,9 @@ def fit(
     ]
     q = stacked.error_columns[0].shape[1] + len(moved_columns)
     estimate = estimate_known_errors(
-        (told_by or ExtendedSums(stacked, list_telling_checks(stacked, changes, bad))).sums(extra)
+        (told_by or ExtendedSums(stacked, list_telling_checks(stacked, changes, bad))).sum_with(
+            extra
+        )
     )
     sizes = _sizes(causes, changes)
     # The columns' sign: a residual is what the arm shows too much under the calibration.

@@ -37,7 +37,7 @@ class Averaged:
     shares: tuple[float, ...]
     amplitudes: Amplitudes  # of all of them; mean and covariance over the scenarios
 
-    def until(self, index: int) -> int:
+    def count_until(self, index: int) -> int:
         """How many of them belong to the changes up to *index*."""
         return sum(number <= index for number in self.of_change)
 

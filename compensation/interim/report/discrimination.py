@@ -113,7 +113,7 @@ def predict_checks(
     told_by = ExtendedSums(stacked, measured)
     for changes in scenarios:
         extra = list_change_columns(stacked, changes)
-        estimate = estimate_known_errors(told_by.sums(extra))
+        estimate = estimate_known_errors(told_by.sum_with(extra))
         for number, check in enumerate(ahead):
             columns = np.concatenate([stacked.error_columns[check], extra[check]], axis=1)
             seat = SEAT_MM * stacked.targets[check]

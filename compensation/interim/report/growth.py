@@ -104,7 +104,7 @@ def _fit(
     stacked: Stack, growth: Sequence[F64], changes: Sequence[F64], chosen: Sequence[int]
 ) -> KnownErrors:
     extra = [np.concatenate(pair, axis=1) for pair in zip(growth, changes, strict=True)]
-    return estimate_known_errors(ExtendedSums(stacked, chosen).sums(extra))
+    return estimate_known_errors(ExtendedSums(stacked, chosen).sum_with(extra))
 
 
 def _left_share(

@@ -54,7 +54,7 @@ def _epoch(checks: tuple[Check, ...], before: EpochLooks) -> Epoch:
     detected = find(stacked, causes, before)
     # What is there all along shows where neither changes nor bad checks are taken for it.
     good = [i for i in range(stacked.n) if i not in detected.bad]
-    explained = add_known_changes(stacked, detected.changes).only(good)
+    explained = add_known_changes(stacked, detected.changes).select_checks(good)
     stacked = stacked.rescale(fit_standing_share(explained).share / stacked.share)
     amplitudes = fit(stacked, causes, detected.changes, detected.bad)
     instants = [find_instant(reduced, stacked, change, detected.bad) for change in detected.changes]
@@ -100,7 +100,7 @@ def _report_change(
     deviations = np.sqrt(np.maximum(np.diag(root @ covariance @ root.T), 0.0))
     grown_d = float(stacked.time_d[-1]) - change.origin_d
     last = checks[-1]
-    possible = every.changes[: every.until(index)]
+    possible = every.changes[: every.count_until(index)]
     calibration = amend_calibration(
         under,
         reduced[0].mean_unix_s,

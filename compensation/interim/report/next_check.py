@@ -117,7 +117,7 @@ def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
     stacked = _stack(epoch, [*checks, every_pose])
     (ahead,) = predict_checks(stacked, scenarios, measured, [len(checks)])
     pairs = list(combinations(range(len(plan.seats_mm)), SEATS))
-    pools = [[plan.poses_on(seat) for seat in pair] for pair in pairs]
+    pools = [[plan.list_poses_on(seat) for seat in pair] for pair in pairs]
     pool_overlaps = [
         float(compute_overlap(share, ahead.rows(list_numbers(np.concatenate(p))))) for p in pools
     ]

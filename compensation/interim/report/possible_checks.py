@@ -40,7 +40,7 @@ class PossibleCheck:
     seats_mm: F64  # (S, 3) base frame
     states: States  # S × `POOL`, seat by seat
 
-    def poses_on(self, seat: int) -> I64:
+    def list_poses_on(self, seat: int) -> I64:
         return seat * POOL + np.arange(POOL)
 
 
@@ -85,14 +85,18 @@ def predict_check(
     """What a check of all these poses would see, three rows for each; its seats are not projected
     out."""
     signals = Signals(plan.states, arm, calibration)
-    whitener = signals.whitener()
+    whitener = signals.compute_whitener()
     columns = [column for cause in causes for column in cause.candidate.columns]
 
     def rows(motions: F64) -> F64:
         return (whitener @ motions).reshape(3 * plan.states.n, -1)
 
     growth = open_growth(arm, calibration)
-    error_columns = rows(np.concatenate([signals.calibrated(), signals.grown(growth)], axis=2))
+    error_columns = rows(
+        np.concatenate(
+            [signals.compute_calibration_motions(), signals.compute_growth_motions(growth)], axis=2
+        )
+    )
     instant_s = float(plan.states.time_s[0])
     count = len(plan.seats_mm)
     return Reduced(

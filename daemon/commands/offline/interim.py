@@ -101,7 +101,7 @@ def _add(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm)
     sessions = load_sessions(args.session, arm)
-    dated = [keeping.CheckDate.of_session(session) for session in sessions]
+    dated = [keeping.CheckDate.from_session(session) for session in sessions]
     if not args.future:
         keeping.check_past(dated, math.floor(time.time()))
     # Twice: before the long part for a quick answer, and again when nobody else may write.
