@@ -203,7 +203,7 @@ def _error(planted: Rig, healthy: Rig, measured: Measured) -> F64:
     Its prediction, from what encoders show and sensors tell, minus where it believes the target.
     """
     conditions, phi = measured.conditions, measured.phi
-    arm = planted.arm.carrying(measured.plan.payload_kg)
+    arm = planted.arm.with_payload(measured.plan.payload_kg)
     sensor_error_c = planted.read_sensors(measured.felt_c) - measured.felt_c
     believed = replace(conditions, link_c=conditions.link_c + sensor_error_c)
     error = healthy.arm.tip(arm.encoder_angles(phi, conditions), believed)

@@ -41,7 +41,7 @@ def begin_life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) ->
         from armd.simulator.live.led import LedOperator, load_plan
 
         hand = LedOperator(arm, load_plan(options.operator), scenario.seed)
-    parts = ArmParts.of_the_demo_arm(arm.n_joints)
+    parts = ArmParts.for_demo_arm(arm.n_joints)
     physics = generate_blocks(arm, hand, rate_hz, scenario.ambient_c, warm_up)
     return Life(scenario.serial_number, physics, Electronics(scenario.seed, parts))
 

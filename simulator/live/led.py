@@ -155,7 +155,7 @@ class LedOperator(Hand):
             0.0, 1e-9, led.plan.start_s or 1e-9, once[0].posture, 0.0 * once[0].posture, np.inf
         )
 
-    def following(self, before: Stretch, link_c: F64) -> Stretch:
+    def plan_next(self, before: Stretch, link_c: F64) -> Stretch:
         begin, start_s = before.begin + before.change, before.end_s
         stop = next(self._stops, None)
         if stop is None:

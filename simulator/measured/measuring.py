@@ -125,7 +125,7 @@ def take_readings(
     *sides* (n, N): the sign of the rate with which each joint turns last, where that is prescribed.
     """
     n = len(target)
-    arm = rig.arm.carrying(plan.payload_kg)
+    arm = rig.arm.with_payload(plan.payload_kg)
     time_s = plan.interval_s * (np.arange(n) + rng.uniform(0.0, 0.3, n))
     air_c = plan.climate.air_c(time_s)
     link_c, felt_c = _temperatures(plan.climate, time_s, rig.core_lag_s)

@@ -80,7 +80,7 @@ def _shift(mm: float, axis: int) -> F64:
 class Holder(Protocol):
     """Whoever holds the arm; instants in s after the simulator's start."""
 
-    def homed(self, t_s: float) -> None:
+    def note_home(self, t_s: float) -> None:
         """HOME has come."""
 
     def angles(self, t_s: float) -> F64:
@@ -106,7 +106,7 @@ class PedalHand:
         self._phase = rng.uniform(0, 2 * np.pi, 5)
         self._homed_s: float | None = None  # when HOME came first
 
-    def homed(self, t_s: float) -> None:
+    def note_home(self, t_s: float) -> None:
         if self._homed_s is None:
             self._homed_s = t_s
 

@@ -181,10 +181,10 @@ class ServoArm:
         low, high = np.radians(LIMITS_DEG[self._parts]).T
         hand = LedOperator(self.truth, led, seed, (low, high))
 
-        def following(before: Stretch) -> Stretch:
-            return hand.following(before, self._link_c(np.array([before.end_s]))[0])
+        def plan_next(before: Stretch) -> Stretch:
+            return hand.plan_next(before, self._link_c(np.array([before.end_s]))[0])
 
-        return ServoMotion(hand.first, following)
+        return ServoMotion(hand.first, plan_next)
 
 
 def make_arm_toml(serial_number: str, joints: int = N) -> str:

@@ -56,7 +56,7 @@ class Materials:
     growth: F64  # (N,) 1/K²: strain = along·ΔT + growth·ΔT²
 
     @classmethod
-    def of_the_demo_arm(cls, joints: int = 6) -> Materials:
+    def for_demo_arm(cls, joints: int = 6) -> Materials:
         """Aluminium housings (23 ppm/K) and carbon tubes (about 0.5 ppm/K) between them.
 
         A link's figure is the mean over its sections: the upper arm is 130 mm of housing and
@@ -109,7 +109,7 @@ class TrueArm:
                 [joint.centre_of_mass_mm for joint in nominal.list_nominal_joints(joints)]
             ),
         )
-        return cls(rows, tip, Materials.of_the_demo_arm(joints), masses)
+        return cls(rows, tip, Materials.for_demo_arm(joints), masses)
 
     @property
     def n_joints(self) -> int:
@@ -127,7 +127,7 @@ class TrueArm:
         """The same arm with these imperfections and no others."""
         return replace(self, effects=effects)
 
-    def carrying(self, payload_kg: float) -> TrueArm:
+    def with_payload(self, payload_kg: float) -> TrueArm:
         """The same arm with a weight hung at its tip."""
         return replace(self, masses=replace(self.masses, payload_kg=payload_kg))
 

@@ -95,7 +95,7 @@ def test_the_growth_is_reported_and_written(measured: Path, tmp_path: Path, caps
     """Beside the simulator's materials; and on all sessions, of which the checks had an eighth."""
     result = judged(measured, tmp_path / "h", checks(measured, tmp_path), capsys)
     links = {one["location"]: one["parameters"][0] for one in result["growth"]["links"]}
-    true = Materials.of_the_demo_arm()
+    true = Materials.for_demo_arm()
     for name, per_k in (("link 2", (130**2 * true.along_d[1] + 520**2 * true.along_a[1])
                          / (130**2 + 520**2)), ("link 4", true.along_d[3])):  # fmt: skip
         off = abs(links[name]["value"] - per_k)

@@ -135,7 +135,7 @@ def test_the_shoulder_carries_what_hangs_on_it() -> None:
     levers = np.array([0.25, 0.55, 0.77, 1.0, 1.08])
     weights = GRAVITY * np.array([1.7, 0.9, 1.1, 0.5, 0.4])
     assert posture.torque(2)[0] == pytest.approx(-(weights * levers).sum(), rel=1e-9)
-    loaded = DRAWN.carrying(0.5).posture(STRETCHED, Conditions.at_rest(1, 6))
+    loaded = DRAWN.with_payload(0.5).posture(STRETCHED, Conditions.at_rest(1, 6))
     more = loaded.torque(2)[0] - posture.torque(2)[0]
     assert more == pytest.approx(-0.5 * GRAVITY * 1.21, rel=1e-9)
     sag = moved(SoftJoint(2, 6e-6), STRETCHED)[0, 2]

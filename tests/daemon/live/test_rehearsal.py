@@ -61,7 +61,7 @@ def stream(decoder: SerialDecoder, arm: ArmInUse) -> set[str]:
     def sample(seq: int, status: int = 0, count: int = 0) -> bytes:
         return wire.encode_sample(seq, 1000 * (seq + 1), [count] * 6, status)
 
-    hello = wire.Hello(1, 6, 6, 1000, 1, "SIM-0001", ArmParts.of_the_demo_arm(6).bits)
+    hello = wire.Hello(1, 6, 6, 1000, 1, "SIM-0001", ArmParts.for_demo_arm(6).bits)
     feed(0, "link", b"up")
     feed(1, "rx", b"\0" + sample(0) + wire.encode_hello(hello) + sample(1))
     for k in range(2, 40):
