@@ -9,8 +9,9 @@ import io
 import keyword
 import signal
 import sys
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import nullcontext
+import threading
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from armd import __version__
@@ -133,7 +134,8 @@ def _added(chosen: str | None, arguments: Collection[str]) -> Mapping[str, Added
 
 def _chosen(chosen: str | None, arguments: list[str], added: Mapping[str, AddedCommand]) -> int:
     # Only the chosen command's module is imported: `armd check` should not pay for Zenoh.
-    parser, commands = parsers([chosen] if chosen else [], added)
+    with _interrupts_end_the_process():
+        parser, commands = parsers([chosen] if chosen else [], added)
     if chosen is None and not {*arguments} & {"-h", "--help", "-V", "--version"}:
         if arguments:
             parser.refuse(arguments)
@@ -145,6 +147,21 @@ def _chosen(chosen: str | None, arguments: list[str], added: Mapping[str, AddedC
         commands[chosen].refuse(unknown)
     with show_log(namespace):
         return _work(chosen, namespace, added)
+
+
+@contextmanager
+def _interrupts_end_the_process() -> Iterator[None]:
+    """While packages are imported, Ctrl-C ends the process unless it is ignored: nothing is
+    written yet, and a package that catches every exception would swallow a KeyboardInterrupt."""
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _work(chosen: str, namespace: argparse.Namespace, added: Mapping[str, AddedCommand]) -> int:
@@ -231,10 +248,8 @@ def _exemplify(command: Parser, examples: Sequence[str]) -> None:
     """Give it, and those below it, the first of the examples that is one of theirs."""
     matching = [example for example in examples if example.startswith(f"{command.prog} ")]
     command.example = matching[0] if matching else ""
-    for action in command._actions:  # argparse shows them nowhere else
-        if isinstance(action, argparse._SubParsersAction):
-            for below in action.choices.values():
-                _exemplify(below, examples)
+    for below in command.subcommands.values():
+        _exemplify(below, examples)
 
 
 if __name__ == "__main__":

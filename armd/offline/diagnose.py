@@ -145,7 +145,7 @@ class Diagnosis(Displayed):
 
     def _place(self, finding: int) -> int:
         index = finding - len(self.details.touched)  # they are listed first
-        if not 0 <= index < len(self.details.found):
+        if not 0 <= index < len(self.details.findings):
             listed = len(self.findings)
             raise ValueError(f"finding {finding} of {listed} has no curve to draw")
         return index

@@ -17,6 +17,7 @@ from contextlib import contextmanager
 
 from armd.errors import ArmdError
 from armd.printable import printable
+from armd.terminal.parser import Parser
 
 LOG = logging.getLogger("armd")
 #: Errors that a command answers in one line; with -v their traceback stands before it.
@@ -29,12 +30,9 @@ OWN_FAULT = 70
 
 def add_loudness(parser: argparse.ArgumentParser) -> None:
     """The options -q and -v, of *parser* or of each of the commands below it."""
-    groups = [
-        action for action in parser._actions if isinstance(action, argparse._SubParsersAction)
-    ]
-    for below in (below for group in groups for below in group.choices.values()):
-        add_loudness(below)
-    if groups:
+    if isinstance(parser, Parser) and parser.subcommands:
+        for below in parser.subcommands.values():
+            add_loudness(below)
         return
     either = parser.add_mutually_exclusive_group()
     either.add_argument("-q", "--quiet", action="store_true", help="no progress, no remarks")

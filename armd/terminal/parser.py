@@ -6,7 +6,7 @@ import argparse
 import re
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -27,6 +27,28 @@ class Parser(argparse.ArgumentParser):
     #: shown where something is missing
     example = ""
     _words: Sequence[str] = ()
+    _subcommands: Mapping[str, Parser] | None = None
+
+    @property
+    def arguments(self) -> list[argparse.Action]:
+        """Positional arguments and options, in the order in which they were added."""
+        return list(self._actions)
+
+    @property
+    def subcommands(self) -> Mapping[str, Parser]:
+        """The parsers below this one by their words, without those below them."""
+        return self._subcommands or {}
+
+    def list_options(self) -> list[str]:
+        """Returns every spelling of every option, those of the subcommands included."""
+        below = (option for parser in self.subcommands.values() for option in parser.list_options())
+        return [spelling for a in self.arguments for spelling in a.option_strings] + [*below]
+
+    def add_subparsers(self, **options: Any) -> Any:
+        """As argparse does; the subcommands that are added to it are kept for `subcommands`."""
+        action = super().add_subparsers(**options)
+        self._subcommands = action.choices
+        return action
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As argparse does; the words are kept for `error`."""
@@ -46,7 +68,7 @@ class Parser(argparse.ArgumentParser):
         if option is None:
             self.error(f"found {' '.join(map(repr, unknown))}, expected nothing more")
         name = option.partition("=")[0]
-        known_options = _options(self)
+        known_options = self.list_options()
         if name in known_options:  # of a command, and before it
             self.error(f"found {name} here, expected the command first")
         self.error(f"found {name}, expected an option{did_you_mean(name, known_options)}")
@@ -56,7 +78,7 @@ class Parser(argparse.ArgumentParser):
         text = _NO_NUMBER.sub(_expected_number, " ".join(message.split()))
         text = fit_lines(text)
         if "required" in text:  # misspelt, it is not missing
-            known_options = _options(self)
+            known_options = self.list_options()
             names = [word.partition("=")[0] for word in self._words if word.startswith("--")]
             strange = [
                 name
@@ -80,16 +102,6 @@ class Parser(argparse.ArgumentParser):
                 f"found {value!r}, expected one of {', '.join(choices)}"
                 f"{did_you_mean(str(value), choices)}",
             )
-
-
-def _options(parser: argparse.ArgumentParser) -> list[str]:
-    """Of the parser and of those below it."""
-    options = list(parser._option_string_actions)  # argparse shows them nowhere else
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for below in action.choices.values():
-                options += _options(below)
-    return options
 
 
 #: What every command returns, unless its own entry says more.

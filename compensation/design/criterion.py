@@ -138,8 +138,8 @@ def separate_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: Linear
     The block `ASKED` has the finding's columns, then each rival's. The finding may be wrong: a
     rival that is likely must stand out from the others too.
     """
-    candidates = [doubt.found.candidate, *doubt.rivals]
-    share = np.array([doubt.found.probability, *doubt.share])
+    candidates = [doubt.finding.candidate, *doubt.rivals]
+    share = np.array([doubt.finding.probability, *doubt.share])
     ends = np.cumsum([0, *(len(c.columns) for c in candidates)])
     blocks = tuple(slice(low, high) for low, high in itertools.pairwise(ends))
     information = prior.information(ASKED)

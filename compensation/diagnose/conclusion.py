@@ -10,12 +10,12 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnosis import (
-    BorneOut,
     Diagnosis,
     Finding,
     Gain,
     Outlier,
     SearchResult,
+    ValidatedFindings,
 )
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.fit import fit
@@ -43,24 +43,24 @@ class HeldoutJudgement:
     squares: Sequence[F64]  # (n,) mm² of each held-out reading, without findings and after each
     groups: I64
     gains: Sequence[Gain]
-    written: BorneOut
+    written: ValidatedFindings
     outlying: I64  # numbers of rests
     outlier_p: float
 
 
 def describe_readings(searched: Searched, arm: Arm) -> list[str]:
     """What there is to say of a search's readings and of the model that they were searched by."""
-    result, baseline, told = searched.result, searched.baseline, list[str]()
+    result, baseline, remarks = searched.result, searched.baseline, list[str]()
     if len(result.last.findings) == len(result.searched.findings):
-        told += report_growth(baseline)
+        remarks += report_growth(baseline)
     if has_reflectors(searched.sessions):  # whose readings lie at no common tip
-        return told
-    told += told_of_misnamed(
+        return remarks
+    remarks += told_of_misnamed(
         searched.sessions,
         gather(searched.sessions, arm, baseline.calibration.artefact),
         AssumedModel.under(arm, baseline.calibration),
     )
-    return told
+    return remarks
 
 
 def conclude(
@@ -68,43 +68,45 @@ def conclude(
     heldout: HeldoutJudgement,
     arm: Arm,
     holdout: Sequence[Session],
-    told: Sequence[str],
+    remarks: Sequence[str],
     work: WorkBudget,
     command: str,
 ) -> Diagnosis:
-    """The diagnosis that a search and its judgement by held-out readings come to; *told*: what
+    """The diagnosis that a search and its judgement by held-out readings come to; *remarks*: what
     there is to say of the readings."""
-    told = list(told)
+    remarks = list(remarks)
     sessions, rests, baseline = searched.sessions, searched.rests, searched.baseline
     result, touched, last = searched.result, searched.touched, searched.result.last
     squares, groups, written = heldout.squares, heldout.groups, heldout.written
-    told += off_orientations(heldout.outlying, rests, last)
+    remarks += off_orientations(heldout.outlying, rests, last)
     outlying = np.unique(rests.point_of[heldout.outlying])
     outliers = name_outliers(outlying, rests, last)
-    kept = np.ones(len(groups), dtype=bool)
+    is_used = np.ones(len(groups), dtype=bool)
     if not holdout:  # in which no reading was named: none is left out
-        kept[outlying] = False
+        is_used[outlying] = False
     measured = [
         replace(
             written.gains.get(i, g),
-            shown=i in written.some or (found.candidate.told_only and g.shown),
+            is_confirmed=i in written.numbers or (finding.candidate.told_only and g.is_confirmed),
         )
-        for i, (found, g) in enumerate(zip(result.found, heldout.gains, strict=True))
+        for i, (finding, g) in enumerate(zip(result.findings, heldout.gains, strict=True))
     ]
-    if not kept.all():
-        clear = gains([square[kept] for square in squares], groups[kept], kept[kept])
-        pairs = [(own.before_um, own.after_um) for own in clear]
+    if not is_used.all():
+        without_outliers = gains(
+            [square[is_used] for square in squares], groups[is_used], is_used[is_used]
+        )
+        pairs = [(step.before_um, step.after_um) for step in without_outliers]
         measured = [
             g if i in written.gains else replace(g, without_outliers_um=pair)
             for i, (g, pair) in enumerate(zip(measured, pairs, strict=True))
         ]
-    result = replace(result, found=lower_odds(result.found, written.doubts))
-    told += work.in_words()
+    result = replace(result, findings=lower_odds(result.findings, written.doubts))
+    remarks += work.in_words()
     if not last.noise.settled:
-        told.append("The estimate of the noise did not settle: all probabilities are in doubt.")
+        remarks.append("The estimate of the noise did not settle: all probabilities are in doubt.")
     extension = _extension(written, result, rests, arm, sessions, command)
     repeated = holdout or not written.growth  # the search repeated without readings has no growth
-    if len(written.some) == len(result.found) and not written.gains and repeated:
+    if len(written.numbers) == len(result.findings) and not written.gains and repeated:
         written = replace(written, after=squares[-1])  # of a search repeated, where there is one
     return Diagnosis(
         arm,
@@ -119,36 +121,40 @@ def conclude(
         tuple(measured),
         outliers,
         heldout.outlier_p,
-        gain(squares[-1], squares[-1], groups, kept) if outliers else None,
-        written.some,
-        _before_and_after_um(written, np.ones_like(kept)),
-        None if kept.all() else _before_and_after_um(written, kept),
-        written.unforeseen,
+        gain(squares[-1], squares[-1], groups, is_used) if outliers else None,
+        written.numbers,
+        _before_and_after_um(written, np.ones_like(is_used)),
+        None if is_used.all() else _before_and_after_um(written, is_used),
+        written.contradicted_later,
         written.by,
         extension,
-        tuple(told),
+        tuple(remarks),
         touched,
-        _gain_of_parting(searched.given, sessions, arm, baseline.calibration) if touched else None,
+        _gain_of_parting(searched.original_sessions, sessions, arm, baseline.calibration)
+        if touched
+        else None,
         tuple(work.skipped),
     )
 
 
 def _gain_of_parting(
-    given: Sequence[Session], parted: Sequence[Session], arm: Arm, calibration: Calibration
+    original: Sequence[Session], parted: Sequence[Session], arm: Arm, calibration: Calibration
 ) -> Gain:
     """Of placements that were touched: as one pose, and as two, under the same model."""
-    whole, apart = (evaluate(some, arm, calibration) for some in (given, parted))
-    squares = [(one.residual_mm**2).sum(axis=1) for one in (whole, apart)]
-    return gain(squares[0], squares[1], groups_of(whole.observations))
+    as_one, as_two = (evaluate(group, arm, calibration) for group in (original, parted))
+    squares = [(evaluation.residual_mm**2).sum(axis=1) for evaluation in (as_one, as_two)]
+    return gain(squares[0], squares[1], groups_of(as_one.observations))
 
 
-def _before_and_after_um(written: BorneOut, kept: Mask) -> tuple[float, float]:
-    before, after = (1e3 * float(np.sqrt(s[kept].mean())) for s in (written.before, written.after))
+def _before_and_after_um(written: ValidatedFindings, is_used: Mask) -> tuple[float, float]:
+    before, after = (
+        1e3 * float(np.sqrt(s[is_used].mean())) for s in (written.before, written.after)
+    )
     return before, after
 
 
 def _extension(
-    written: BorneOut,
+    written: ValidatedFindings,
     result: SearchResult,
     rests: Rests,
     arm: Arm,
@@ -157,7 +163,7 @@ def _extension(
 ) -> Calibration:
     """The calibration with what is written of the findings; with none, it predicts what the one
     under test does."""
-    last, some = result.last, written.some
+    last, numbers = result.last, written.numbers
     lost = any(session.lost_links for session in rests.sessions)
     if last.findings and lost and not last.baseline.is_given:
         # In the search the lengths of a link without a sensor are free in each session, and nothing
@@ -169,38 +175,38 @@ def _extension(
             rests, arm, last.baseline, start, last.findings, last.amplitudes, noise=last.noise
         )
     model = last
-    if len(some) < len(last.findings):
+    if len(numbers) < len(last.findings):
         model = fit(
             rests,
             arm,
             last.baseline,
             last.model,
-            [last.findings[i] for i in some],
-            [last.amplitudes[i] for i in some],
+            [last.findings[i] for i in numbers],
+            [last.amplitudes[i] for i in numbers],
             noise=last.noise,
         )
-    left_out = [c for i, c in enumerate(last.findings) if i not in some]
+    left_out = [c for i, c in enumerate(last.findings) if i not in numbers]
     model = follow_solution(model, arm)
     calibration = extended(model, arm, sessions, command, left_out, written.growth)
-    return saying_what_is_open(calibration, last, some, arm, sessions)
+    return saying_what_is_open(calibration, last, numbers, arm, sessions)
 
 
-def lower_odds(found: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
+def lower_odds(findings: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
     """With the odds of what readings held out speak against lowered."""
-    told = []
-    for i, finding in enumerate(found):
+    lowered = []
+    for i, finding in enumerate(findings):
         odds, p = doubts.get(i, 1.0), finding.probability
-        told.append(replace(finding, probability=p * odds / (p * odds + 1.0 - p)))
-    return tuple(told)
+        lowered.append(replace(finding, probability=p * odds / (p * odds + 1.0 - p)))
+    return tuple(lowered)
 
 
-def _rms_um(found: Evaluation) -> float:
-    return float(np.sqrt((found.distance_um**2).mean()))
+def _rms_um(evaluation: Evaluation) -> float:
+    return float(np.sqrt((evaluation.distance_um**2).mean()))
 
 
-def off_orientations(rests: I64, of: Rests, last: Fit) -> list[str]:
+def off_orientations(rests: I64, all_rests: Rests, last: Fit) -> list[str]:
     """Say of which of these *rests* the orientation is off, and by how much."""
-    observations = of.observations
+    observations = all_rests.observations
     turned = rests[observations.turned[rests]]
     off_deg = np.degrees(np.linalg.norm(last.left_mm[turned], axis=1) / TURN_MM)
     return [
@@ -209,15 +215,15 @@ def off_orientations(rests: I64, of: Rests, last: Fit) -> list[str]:
     ]
 
 
-def name_outliers(rests: I64, of: Rests, last: Fit) -> tuple[Outlier, ...]:
+def name_outliers(rests: I64, all_rests: Rests, last: Fit) -> tuple[Outlier, ...]:
     """Every reading of these *rests*, by its session and its row."""
-    lengths = [s.n for s in of.sessions]
+    lengths = [s.n for s in all_rests.sessions]
     first = np.concatenate([[0], np.cumsum(lengths)])
     named = []
     for rest in rests:
         error = 1e3 * float(np.linalg.norm(last.left_mm[rest]))
-        for reading in np.flatnonzero(of.rest_of == rest):
+        for reading in np.flatnonzero(all_rests.rest_of == rest):
             session = int(np.searchsorted(first, reading, side="right")) - 1
-            row = int(of.sessions[session].row[reading - first[session]]) + 1
-            named.append(Outlier(of.sessions[session].name, row, error))
+            row = int(all_rests.sessions[session].row[reading - first[session]]) + 1
+            named.append(Outlier(all_rests.sessions[session].name, row, error))
     return tuple(named)

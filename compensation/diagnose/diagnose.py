@@ -28,7 +28,6 @@ from armd.compensation.diagnose.diagnosis import Diagnosis, Touched
 from armd.compensation.diagnose.fitting.outliers import find_outliers
 from armd.compensation.diagnose.fitting.taken_up import beside_what_it_took_up
 from armd.compensation.diagnose.fitting.under_test import model_under_test
-from armd.compensation.diagnose.heldout.borne_out import by_placement, by_session, on_sessions
 from armd.compensation.diagnose.heldout.cross_validation import cross_validate
 from armd.compensation.diagnose.heldout.gain import gains, groups_of
 from armd.compensation.diagnose.heldout.refuted import (
@@ -38,16 +37,17 @@ from armd.compensation.diagnose.heldout.refuted import (
     refuted_in_words,
 )
 from armd.compensation.diagnose.heldout.sets import better_by
+from armd.compensation.diagnose.heldout.validated import by_placement, by_session, on_sessions
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
 from armd.compensation.diagnose.search.again import (
     counts_instead,
+    has_clearly_lower_noise,
     is_likely_beside,
-    no_surer,
-    quieter,
+    limit_to_repeated,
 )
 from armd.compensation.diagnose.search.search import Search
-from armd.compensation.diagnose.search.touched import beside, find_touched
+from armd.compensation.diagnose.search.touched import find_touched, score_without_base_steps
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.searched import Searched, is_farther_off, without_sessions
 from armd.compensation.effects.effect import Candidate
@@ -87,31 +87,33 @@ def _diagnose(
 ) -> Diagnosis:
     progress("model under test", 0.0)
     sound = make_sound(sessions, arm)
-    sessions, arm, told = sound.sessions, sound.arm, list(sound.remarks)
+    sessions, arm, remarks = sound.sessions, sound.arm, list(sound.remarks)
     if holdout:
-        other = make_sound(holdout, arm)
-        holdout, told = other.sessions, told + list(other.remarks)
-    for some in filter(None, (sessions, holdout)):
-        require_spare(gather_rests(some, arm).observations, ", ".join(str(s.path) for s in some))
+        sound_holdout = make_sound(holdout, arm)
+        holdout, remarks = sound_holdout.sessions, remarks + list(sound_holdout.remarks)
+    for group in filter(None, (sessions, holdout)):
+        require_spare(gather_rests(group, arm).observations, ", ".join(str(s.path) for s in group))
     work = WorkBudget.of_readings(sum(session.n for session in sessions))
     searched, of_sessions = _search_sessions(sessions, arm, calibration, progress, work)
-    told += of_sessions
-    diagnosis = _concluded(searched, arm, holdout, told, progress, work, command)
+    remarks += of_sessions
+    diagnosis = _concluded(searched, arm, holdout, remarks, progress, work, command)
     refuted: tuple[Candidate, ...] = ()
     for _ in range(MOST_REPEATED):
-        more = refuted_findings(diagnosis)
-        if not more:
+        newly_refuted = refuted_findings(diagnosis)
+        if not newly_refuted:
             break
         if not work.may_go_on:
             work.skip("the search without what held-out readings refute")
-            told = [*diagnosis.told, *work.in_words()]
-            return replace(diagnosis, told=tuple(told), skipped=tuple(work.skipped))
-        refuted += more
-        without = _search(searched.given, arm, calibration, progress, work, refuted=refuted)
+            remarks = [*diagnosis.remarks, *work.in_words()]
+            return replace(diagnosis, remarks=tuple(remarks), skipped=tuple(work.skipped))
+        refuted += newly_refuted
+        without = _search(
+            searched.original_sessions, arm, calibration, progress, work, refuted=refuted
+        )
         if not is_likely_beside(without.result, diagnosis.search, arm):
             break
-        why = [*told, refuted_in_words(refuted)]
-        another = _concluded(without, arm, holdout, why, progress, work, command)
+        extended_remarks = [*remarks, refuted_in_words(refuted)]
+        another = _concluded(without, arm, holdout, extended_remarks, progress, work, command)
         if not predicts_better(another, diagnosis):
             break
         diagnosis = another
@@ -122,13 +124,13 @@ def _concluded(
     searched: Searched,
     arm: Arm,
     holdout: Sequence[Session],
-    told: Sequence[str],
+    remarks: Sequence[str],
     progress: TellShare,
     work: WorkBudget,
     command: str,
 ) -> Diagnosis:
-    """What a search found, judged by readings held out; *told*: what there is to say of these."""
-    told = [*told, *describe_readings(searched, arm)]
+    """What a search found, judged by readings held out; *remarks*: what to say of these."""
+    remarks = [*remarks, *describe_readings(searched, arm)]
     give_back_freed()
     progress("gain", GAIN_BEGINS)
     result, sessions = searched.result, searched.sessions
@@ -152,7 +154,7 @@ def _concluded(
         progress("held out", HELD_OUT_BEGINS)
         written = by_placement(result, arm, measured)
     heldout = HeldoutJudgement(squares, groups, measured, written, outlying, outlier_p)
-    return conclude(searched, heldout, arm, holdout, told, work, command)
+    return conclude(searched, heldout, arm, holdout, remarks, work, command)
 
 
 def _search_sessions(
@@ -163,32 +165,37 @@ def _search_sessions(
     work: WorkBudget,
 ) -> tuple[Searched, list[str]]:
     """Search the sessions that fit each other; and what is reported of the others."""
-    told, strange = list[str](), list[Odd]()
+    remarks, strange = list[str](), list[Odd]()
     consistent = tuple(sessions)
-    of_all, odd = model_under_test(consistent, arm, calibration)
+    of_all, inconsistent = model_under_test(consistent, arm, calibration)
     baseline = of_all
-    while odd is not None:
-        strange.append(odd)
-        consistent = without_sessions(consistent, odd)
-        baseline, odd = model_under_test(consistent, arm, calibration)
+    while inconsistent is not None:
+        strange.append(inconsistent)
+        consistent = without_sessions(consistent, inconsistent)
+        baseline, inconsistent = model_under_test(consistent, arm, calibration)
     searched = _search(consistent, arm, calibration, progress, work, baseline)
     inexplicable = []
-    for odd in strange:
-        told.append(odd.in_words())
-        others = [other for other in strange if other is not odd]
-        own, begin = without_sessions(sessions, *others), None if others else of_all
-        if not _explains(own, odd, searched, arm, calibration, progress, work, begin):
-            inexplicable.append(odd)
-            told.append(f"no cause explains session {odd.path.name}: the diagnosis is without it")
+    for inconsistent in strange:
+        remarks.append(inconsistent.in_words())
+        other_strange = [session for session in strange if session is not inconsistent]
+        rejoined, begin = (
+            without_sessions(sessions, *other_strange),
+            None if other_strange else of_all,
+        )
+        if not _explains(rejoined, inconsistent, searched, arm, calibration, progress, work, begin):
+            inexplicable.append(inconsistent)
+            remarks.append(
+                f"no cause explains session {inconsistent.path.name}: the diagnosis is without it"
+            )
     if len(inexplicable) < len(strange):
         explained = without_sessions(sessions, *inexplicable)
         searched = _search(explained, arm, calibration, progress, work)
-    return searched, told
+    return searched, remarks
 
 
 def _explains(
     sessions: Sequence[Session],
-    odd: Odd,
+    inconsistent: Odd,
     without: Searched,
     arm: Arm,
     calibration: Calibration | None,
@@ -202,21 +209,21 @@ def _explains(
         rests = gather_rests(parted, arm)
         baseline = begin or model_under_test(parted, arm, calibration)[0]
         begin = None
-        progress(f"session {odd.path.name}", 0.0)
+        progress(f"session {inconsistent.path.name}", 0.0)
         search = Search(rests, arm, baseline, progress, work=work)
         touched = find_touched(search.first)
         if touched is None:
             break
         parted = touched.sessions
     fitted = search.explain(MOST_EXPLAINING)
-    if quieter(without.result.searched, fitted):
+    if has_clearly_lower_noise(without.result.searched, fitted):
         return False
-    number = next(k for k, session in enumerate(parted) if session.path == odd.path)
+    number = next(k for k, session in enumerate(parted) if session.path == inconsistent.path)
     return not is_farther_off(fitted, number)
 
 
 def _search(
-    given: Sequence[Session],
+    original_sessions: Sequence[Session],
     arm: Arm,
     calibration: Calibration | None,
     progress: TellShare,
@@ -226,7 +233,7 @@ def _search(
 ) -> Searched:
     """The last of the searches that follow each other until no artefact was moved, without what is
     *refuted*."""
-    sessions, touched = tuple(given), list[Touched]()
+    sessions, touched = tuple(original_sessions), list[Touched]()
     while True:
         rests = gather_rests(sessions, arm)
         if begin is None or touched:
@@ -236,25 +243,31 @@ def _search(
         progress("search", 0.0)
         held_out, barred = partial(better_by, arm=arm), partial(is_refuted, refuted=refuted)
         search = Search(rests, arm, baseline, progress, held_out, work, barred)
-        found = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
-        if found is None:
+        moved = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
+        if moved is None:
             result = search.run()
             older = beside_what_it_took_up(result.searched, arm)
             if older is not None and not work.may_go_on:
                 work.skip("the search beside what the calibration may have absorbed")
             elif older is not None:
                 another = Search(rests, arm, older, progress, held_out, work, barred)
-                again = another.run()
-                if counts_instead(again, result, arm):
-                    baseline, search, result = older, another, again
+                repeated = another.run()
+                if counts_instead(repeated, result, arm):
+                    baseline, search, result = older, another, repeated
                 else:
-                    result = replace(result, found=no_surer(result.found, again))
-            stepped = beside(result.searched, result.signatures, arm)
+                    result = replace(result, findings=limit_to_repeated(result.findings, repeated))
+            stepped = score_without_base_steps(result.searched, result.signatures, arm)
             if stepped is not None and len(touched) < MOST_TOUCHED:
-                found = find_touched(stepped)
-        if found is None:
+                moved = find_touched(stepped)
+        if moved is None:
             return Searched(
-                tuple(given), sessions, rests, baseline, result, search.parted, tuple(touched)
+                tuple(original_sessions),
+                sessions,
+                rests,
+                baseline,
+                result,
+                search.parted,
+                tuple(touched),
             )
-        touched.append(found)
-        sessions = found.sessions
+        touched.append(moved)
+        sessions = moved.sessions

@@ -88,7 +88,7 @@ class SearchResult:
     last: Fit  # with all, the growth that the readings show among them
     #: makes fits with none, the first, the first two … of the findings; each takes its time
     steps: Callable[[], Sequence[Fit]]
-    found: tuple[Finding, ...]
+    findings: tuple[Finding, ...]
     scores: Scores  # of the whole catalogue
     tests: int  # candidates that the data can see
     remaining_p: float  # family-wise p of the strongest candidate left out
@@ -110,23 +110,23 @@ class Gain:
     before_um: float
     after_um: float
     interval_um: tuple[float, float]
-    shown: bool  # held-out readings improve beyond doubt
+    is_confirmed: bool  # held-out readings improve beyond doubt
     #: before and after, the rows named as outliers left out of both, where there are some
     without_outliers_um: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
-class BorneOut:
+class ValidatedFindings:
     """The findings written, by number, and squared residuals held out (n,) mm² without any and
     with what is written."""
 
-    some: tuple[int, ...]
+    numbers: tuple[int, ...]
     before: F64
     after: F64
     #: of those of which the repeated search tells nothing: of the look that bears them out
     gains: dict[int, Gain]
     by: JudgedBy = ""
-    unforeseen: tuple[int, ...] = ()  # confirmed, but not by what came after
+    contradicted_later: tuple[int, ...] = ()  # confirmed, but not by what came after
     growth: bool = False  # the first link's joins them
     #: factors for the odds of findings that the readings held out speak against
     doubts: Mapping[int, float] = field(default_factory=dict)
@@ -178,18 +178,20 @@ class Diagnosis:
     written: tuple[int, ...]  # findings in the extended calibration, by number
     written_rms_um: tuple[float, float]  # held out, without any and with these
     written_clear_um: tuple[float, float] | None  # the same without the outliers, if any are named
-    unforeseen: tuple[int, ...]  # go with time and are not written: what came later contradicts
+    contradicted_later: tuple[
+        int, ...
+    ]  # go with time and are not written: what came later contradicts
     written_by: JudgedBy  # these two
     extended: Calibration
-    told: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
+    remarks: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
     touched: tuple[Touched, ...]  # placements parted in two
     touched_gain: Gain | None
     skipped: tuple[str, ...] = ()  # what the bound on the search's work did not allow
 
     @property
-    def found(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """Findings other than outliers, in the order in which they were added."""
-        return self.search.found
+        return self.search.findings
 
     @property
     def significant_rest(self) -> bool:

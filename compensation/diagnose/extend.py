@@ -40,19 +40,19 @@ def extended(
     A constant that shifted is a constant again; what is wrong with the artefact stands in
     `artefact`, which `evaluate` applies and `correct` does not.
     """
-    given = last.baseline.calibration
+    calibration = last.baseline.calibration
     if not last.findings:
         if not left_out:
-            return given
+            return calibration
         provenance = _provenance(last, sessions, command, left_out)
-        return given.model_copy(update={"provenance": provenance, "content_sha256": ""})
+        return calibration.model_copy(update={"provenance": provenance, "content_sha256": ""})
     model = moved_model(last)
     constants = model.constants.copy()
     names = list(arm.layout.names)
     # Each row says how an identified quantity moves with the solution: for the covariance.
     rows: list[tuple[str, F64]] = _own_rows(last, names)
     terms = list(model.terms)
-    for candidate, values, at in zip(
+    for candidate, values, span in zip(
         last.findings, last.amplitudes, last.layout.findings, strict=True
     ):
         if is_curve(candidate):
@@ -60,14 +60,14 @@ def extended(
             continue
         label = f"{candidate.cause} {candidate.location}"
         if is_by_session(candidate):
-            for own in as_written(candidate, values, label):
-                constants[names.index(own.parameter)] += float(own.constant @ values)
-                for j, share in enumerate(own.constant):
-                    _also_moves(rows, own.parameter, at.start + j, float(share), last)
-                terms += own.terms
+            for written in as_written(candidate, values, label):
+                constants[names.index(written.parameter)] += float(written.constant @ values)
+                for j, share in enumerate(written.constant):
+                    _also_moves(rows, written.parameter, span.start + j, float(share), last)
+                terms += written.terms
             continue
         for j, column in enumerate(candidate.columns):
-            sigma = float(np.sqrt(max(last.inverse[at.start + j, at.start + j], 0.0)))
+            sigma = float(np.sqrt(max(last.inverse[span.start + j, span.start + j], 0.0)))
             largest = max((abs(term.coefficient) for term in column.terms), default=0.0)
             for term in column.terms:
                 if abs(term.coefficient) <= NEGLIGIBLE * largest:
@@ -75,10 +75,10 @@ def extended(
                 amplitude = term.coefficient * float(values[j])
                 if not term.basis:
                     constants[names.index(term.parameter)] += amplitude
-                    _also_moves(rows, term.parameter, at.start + j, term.coefficient, last)
+                    _also_moves(rows, term.parameter, span.start + j, term.coefficient, last)
                     continue
                 row = np.zeros(len(last.solution))
-                row[at.start + j] = term.coefficient
+                row[span.start + j] = term.coefficient
                 rows.append((f"term {len(terms)}", row))
                 terms.append(
                     Term(
@@ -97,7 +97,7 @@ def extended(
         terms.append(grown)
     matrix = np.array([row for _, row in rows]).reshape(len(rows), len(last.solution))
     covariance = matrix @ last.inverse @ matrix.T
-    return given.model_copy(
+    return calibration.model_copy(
         update={
             "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "constants": constants_of(constants, arm.n_joints),
@@ -116,8 +116,11 @@ def _growth(last: Fit, arm: Arm) -> Term | None:
     term = mount_term(last.model, arm)
     if term is None:
         return None
-    at = last.layout.mount.start
-    value, sigma = -float(last.solution[at]), float(np.sqrt(max(last.inverse[at, at], 0.0)))
+    index = last.layout.mount.start
+    value, sigma = (
+        -float(last.solution[index]),
+        float(np.sqrt(max(last.inverse[index, index], 0.0))),
+    )
     return term.model_copy(update={"coefficient": value, "standard_uncertainty": sigma})
 
 
@@ -132,25 +135,25 @@ def knows_growth(last: Fit, arm: Arm) -> bool:
 def _own_rows(last: Fit, names: list[str]) -> list[tuple[str, F64]]:
     baseline = last.baseline
     identified = [names[i] for i in baseline.parameters] + [f"term {i}" for i in baseline.terms]
-    at = last.layout.identified
+    span = last.layout.identified
     rows = []
     for i, name in enumerate(identified):
         row = np.zeros(len(last.solution))
-        row[at] = baseline.root[i] if baseline.is_given else np.eye(at.stop - at.start)[i]
+        row[span] = baseline.root[i] if baseline.is_given else np.eye(span.stop - span.start)[i]
         rows.append((name, row))
     return rows
 
 
 def _also_moves(
-    rows: list[tuple[str, F64]], parameter: str, at: int, coefficient: float, last: Fit
+    rows: list[tuple[str, F64]], parameter: str, index: int, coefficient: float, last: Fit
 ) -> None:
     """A constant that a finding shifts is known only as well as the shift is too."""
     for name, row in rows:
         if name == parameter:
-            row[at] += coefficient
+            row[index] += coefficient
             return
     row = np.zeros(len(last.solution))
-    row[at] = coefficient
+    row[index] = coefficient
     rows.append((parameter, row))
 
 
@@ -161,24 +164,24 @@ def _artefact(last: Fit, sessions: Sequence[Session]) -> ArtefactCorrection | No
     offsets = {name: np.array(offset) for name, offset in before.target_offset_mm.items()}
     certified = {s.artefact.name: s.artefact.expansion_per_k for s in sessions}
     names = set(certified)
-    found = False
+    has_change = False
     for candidate, values in zip(last.findings, last.amplitudes, strict=True):
         for column, value in zip(candidate.columns, values, strict=True):
             change = column.artefact
             if change is None or change.told_only or change.kind == "distance":
                 continue
-            found = True
+            has_change = True
             if change.artefact:
                 names &= {change.artefact}
             if change.kind == "expansion":
-                own = certified[change.artefact or sessions[0].artefact.name]
-                expansion = (own if expansion is None else expansion) + float(value)
+                certified_expansion = certified[change.artefact or sessions[0].artefact.name]
+                expansion = (certified_expansion if expansion is None else expansion) + float(value)
             elif change.kind == "scale":
                 scale *= 1.0 + float(value)
             else:
                 offset = offsets.setdefault(change.target, np.zeros(3))
                 offset[change.axis] += float(value)
-    if not found:
+    if not has_change:
         return last.baseline.calibration.artefact
     return ArtefactCorrection(
         artefacts=sorted(names),

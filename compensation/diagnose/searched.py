@@ -20,7 +20,7 @@ from armd.compensation.identify.admission.odd_session import Odd
 class Searched:
     """What the last search had and found, and what was mended before it."""
 
-    given: tuple[Session, ...]  # with every placement whole
+    original_sessions: tuple[Session, ...]  # with every placement whole
     sessions: tuple[Session, ...]  # with those parted in which the artefact was moved
     rests: Rests
     baseline: Baseline
@@ -31,7 +31,7 @@ class Searched:
 
 def without_sessions(sessions: Sequence[Session], *strange: Odd) -> tuple[Session, ...]:
     """The sessions without those that do not fit the others."""
-    paths = {odd.path for odd in strange}
+    paths = {inconsistent.path for inconsistent in strange}
     return tuple(session for session in sessions if session.path not in paths)
 
 
@@ -41,6 +41,9 @@ def is_farther_off(fitted: Fit, number: int) -> bool:
     Where one session in ten is another arm's, its readings are tails of a noise that the others
     make.
     """
-    square = fitted.noise.squares(fitted.left_mm)
-    own = fitted.linear.rests.observations.session == number
-    return bool(np.median(square[own]) > AS_FAR_OFF**2 * np.median(square[~own]))
+    squared_norms = fitted.noise.squares(fitted.left_mm)
+    is_of_session = fitted.linear.rests.observations.session == number
+    return bool(
+        np.median(squared_norms[is_of_session])
+        > AS_FAR_OFF**2 * np.median(squared_norms[~is_of_session])
+    )

@@ -42,16 +42,16 @@ class _Guard:
     def guarded(self) -> Effect:
         """The same cause; none of its functions raises."""
         effect = self._effect
-        through, curve = effect.through_terms, effect.curve_reading
+        through, curve = effect.through_terms, effect.describe_curve
         return replace(
             effect,
             candidates=lambda facts: self._sound(lambda: effect.candidates(facts), facts),
-            reading=lambda candidate, amplitudes: self._text(
-                candidate, lambda: effect.reading(candidate, amplitudes)
+            describe=lambda candidate, amplitudes: self._text(
+                candidate, lambda: effect.describe(candidate, amplitudes)
             ),
             through_terms=through
             and (lambda facts, terms: self._sound(lambda: through(facts, terms), facts)),
-            curve_reading=curve
+            describe_curve=curve
             and (lambda candidate, rms, order: self._text(
                 candidate, lambda: curve(candidate, rms, order)
             )),
@@ -89,8 +89,8 @@ class _Guard:
         if not isinstance(candidate, Candidate) or candidate.cause != self._effect.cause:
             raise self._plugin.fault(repr(candidate), f"a Candidate of {self._effect.cause!r}")
         for column in candidate.columns:
-            if not (math.isfinite(column.typical) and column.typical > 0.0):
-                description = f"the typical size {column.typical!r} of {column.name}"
+            if not (math.isfinite(column.prior_sd) and column.prior_sd > 0.0):
+                description = f"the typical size {column.prior_sd!r} of {column.name}"
                 raise self._plugin.fault(description, "a number above 0")
             check_terms(str(self._plugin.package), column.terms, facts.arm)
 

@@ -51,11 +51,15 @@ def make_session_functions(facts: SessionFacts) -> list[Function]:
 
 
 def make_column(
-    function: Function, motion: str, unit: str, typical: float, weights: Sequence[tuple[str, float]]
+    function: Function,
+    motion: str,
+    unit: str,
+    prior_sd: float,
+    weights: Sequence[tuple[str, float]],
 ) -> Column:
     """Of one function, what it moves: *weights* of parameters."""
     name = f"{motion}, {function.name}"
-    return Column(name, unit, typical / function.largest, function.terms(weights))
+    return Column(name, unit, prior_sd / function.largest, function.terms(weights))
 
 
 def is_by_session(candidate: Candidate) -> bool:

@@ -154,7 +154,7 @@ def _coarseness(arm: Arm) -> float:
 def _scale_up(candidate: Candidate, typically: float, at_most: float) -> Candidate:
     """The same cause, *typically* so many times as large, and *at_most*; other values, too."""
     columns = tuple(
-        replace(column, typical=column.typical * typically, coarseness=at_most)
+        replace(column, prior_sd=column.prior_sd * typically, coarseness=at_most)
         for column in candidate.columns
     )
     refine, elsewhere = candidate.refine, candidate.elsewhere

@@ -83,11 +83,11 @@ class Winding:
 
 @dataclass(frozen=True)
 class Column:
-    """One amplitude: what it adds, its unit, and its typical size (prior standard deviation)."""
+    """One amplitude: what it adds, its unit, and its prior standard deviation (typical size)."""
 
     name: str
     unit: str
-    typical: float
+    prior_sd: float
     terms: tuple[Term, ...] = ()
     artefact: ArtefactChange | None = None
     reach: float = np.inf  # times the typical size that is still plausible
@@ -259,7 +259,7 @@ class Effect:
     experiment: str  # what shows it, one sentence a person can follow
     candidates: Callable[[SessionFacts], Iterator[Candidate]]
     #: physical reading of fitted amplitudes, e.g. "the disc sits 0.4 µm off centre"
-    reading: Callable[[Candidate, F64], str]
+    describe: Callable[[Candidate, F64], str]
     #: what sessions must hold for the cause to show at all; empty: any poses will do
     needs: str = ""
     #: a blow, a slip, a wrong certificate: of any size; others are bounded by their typical one
@@ -279,7 +279,7 @@ class Effect:
     commonness: float = 1.0
     #: the same reading where many harmonics of one joint make a curve over its turn: from the
     #: curve's root mean square in rad and its strongest order
-    curve_reading: Callable[[Candidate, float, int], str] | None = None
+    describe_curve: Callable[[Candidate, float, int], str] | None = None
 
 
 def tie(parameter_weights: Sequence[tuple[str, float]], *basis: Factor) -> tuple[Term, ...]:

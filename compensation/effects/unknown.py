@@ -221,7 +221,7 @@ def _moved(column: Column) -> str:
     return ", ".join(dict.fromkeys(term.parameter for term in column.terms))
 
 
-def reading(candidate: Candidate, _: F64) -> str:
+def describe(candidate: Candidate, _: F64) -> str:
     if candidate.location.origin is not None:
         cause, place = candidate.location.origin
         effect_name = f"{cause.replace('_', ' ')} ({place})"
@@ -239,5 +239,5 @@ EFFECT = Effect(
     "an effect of the catalogue whose form is incomplete",
     "vary the named variables one at a time",
     candidates,
-    reading,
+    describe,
 )

@@ -20,13 +20,13 @@ from scipy.special import fdtrc, fdtri, gammaincc, gammainccinv, gammaincinv
 from armd.arrays import F64, I64, Mask
 
 # Quantiles of χ² with three degrees of freedom: one in 10 000 above, and one in two.
-OUTLIER_D2 = 2.0 * float(gammaincinv(1.5, 1 - 1e-4))
-MEDIAN_D2 = 2.0 * float(gammaincinv(1.5, 0.5))
+DOWNWEIGHT_CHI2 = 2.0 * float(gammaincinv(1.5, 1 - 1e-4))
+MEDIAN_CHI2 = 2.0 * float(gammaincinv(1.5, 0.5))
 #: The same of one component: a reading on a surface.
-OUTLIER_D2_OF_ONE = 2.0 * float(gammaincinv(0.5, 1 - 1e-4))
-MEDIAN_D2_OF_ONE = 2.0 * float(gammaincinv(0.5, 0.5))
+DOWNWEIGHT_CHI2_1D = 2.0 * float(gammaincinv(0.5, 1 - 1e-4))
+MEDIAN_CHI2_1D = 2.0 * float(gammaincinv(0.5, 0.5))
 #: Beyond this squared distance of one component no probability can be written down.
-FAR_D2 = 500.0
+LARGEST_CHI2 = 500.0
 #: Beyond this many standard deviations of a rest's three components a residual counts as its edge:
 #: one in eighty does, where the noise is normal.
 WINSOR_AT = 3.3
@@ -40,7 +40,7 @@ SUSPECT = 10.0
 #: Readings without any noise would make everything look known; see docs/decisions/0027.
 LEAST_MM = 1e-4
 
-ALPHA = 1e-3  # chance of one false outlier in a whole data set
+FALSE_OUTLIER_P = 1e-3  # chance of one false outlier in a whole data set
 HEAVIEST, LIGHTEST = 2.0, 30.0  # degrees of freedom of the tails
 MIDDLE, EDGE = 0.50, 0.97  # quantiles that tell how heavy they are
 #: From here on the bulk is normal. Below, a sum of several heavy-tailed errors is heavier far
@@ -61,7 +61,7 @@ def mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
 def of_three_components(distance2: F64, freedom: I64) -> F64:
     """Squared distances (n,) of three components that are as improbable as *distance2* (n,) of
     *freedom* (n,) components, 1 or 3."""
-    limited2 = np.minimum(distance2, FAR_D2)
+    limited2 = np.minimum(distance2, LARGEST_CHI2)
     stretched = 2.0 * gammainccinv(1.5, gammaincc(0.5, limited2 / 2.0)) + (distance2 - limited2)
     alike: F64 = np.where(freedom == 1, stretched, distance2)
     return alike
@@ -69,7 +69,7 @@ def of_three_components(distance2: F64, freedom: I64) -> F64:
 
 def redescending_weights(distance2: F64, region: Mask) -> F64:
     """Weights (n,) of squares, from squared distances; *region* counts fully, however far off."""
-    weight = np.minimum(1.0, OUTLIER_D2 / np.maximum(distance2, 1e-300))
+    weight = np.minimum(1.0, DOWNWEIGHT_CHI2 / np.maximum(distance2, 1e-300))
     return np.where(region, 1.0, weight)
 
 
@@ -106,7 +106,9 @@ def far_off(distance2: F64, least: float, freedom: I64 | None = None) -> Mask:
     """Squared distances (n,) beyond that of one normal reading in 10 000, the median telling what
     is usual, and beyond *least*; of *freedom* (n,) components, 1 or 3, None: 3 of each."""
     threshold2 = (
-        OUTLIER_D2 if freedom is None else np.where(freedom == 1, OUTLIER_D2_OF_ONE, OUTLIER_D2)
+        DOWNWEIGHT_CHI2
+        if freedom is None
+        else np.where(freedom == 1, DOWNWEIGHT_CHI2_1D, DOWNWEIGHT_CHI2)
     )
     is_far: Mask = distance2 > np.maximum(threshold2 * usual_square(distance2, freedom), least)
     return is_far
@@ -116,8 +118,8 @@ def usual_square(distance2: F64, freedom: I64 | None = None) -> float:
     """Variance of one component by the median of squared distances (n,) of *freedom* (n,)
     components, 1 or 3, None: 3 of each."""
     if freedom is None:
-        return float(np.median(distance2)) / MEDIAN_D2
-    return float(np.median(distance2 / np.where(freedom == 1, MEDIAN_D2_OF_ONE, MEDIAN_D2)))
+        return float(np.median(distance2)) / MEDIAN_CHI2
+    return float(np.median(distance2 / np.where(freedom == 1, MEDIAN_CHI2_1D, MEDIAN_CHI2)))
 
 
 def outlying(distance2: F64, region: Mask) -> tuple[I64, float]:
@@ -130,7 +132,7 @@ def outlying(distance2: F64, region: Mask) -> tuple[I64, float]:
     candidate_rows = np.flatnonzero(~region)
     candidate_distance2 = distance2[candidate_rows]
     nothing = np.zeros(0, dtype=np.int64), 1.0
-    if not len(candidate_distance2) or not far_off(candidate_distance2, OUTLIER_D2).any():
+    if not len(candidate_distance2) or not far_off(candidate_distance2, DOWNWEIGHT_CHI2).any():
         return nothing
     single, p_single = _beyond_the_tail(candidate_distance2)
     group, p_group = _beyond_a_gap(np.sqrt(candidate_distance2))
@@ -148,7 +150,7 @@ def _beyond_the_tail(candidate_distance2: F64) -> tuple[I64, float]:
     tails = LIGHTEST if tails > NORMAL else max(HEAVIEST, FAR_OUT * tails)
     scale = middle / fdtri(3, tails, MIDDLE)
     p = np.minimum(1.0, len(candidate_distance2) * fdtrc(3, tails, candidate_distance2 / scale))
-    return np.flatnonzero(p < ALPHA), float(p.min(initial=1.0))
+    return np.flatnonzero(p < FALSE_OUTLIER_P), float(p.min(initial=1.0))
 
 
 def _beyond_a_gap(size: F64) -> tuple[I64, float]:
@@ -163,7 +165,7 @@ def _beyond_a_gap(size: F64) -> tuple[I64, float]:
     log_p = -TAIL_INDEX * ranks * np.log(ranked[:-1] / ranked[1:]) + np.log(most_outliers)
     widest = int(np.argmin(log_p))
     p = min(1.0, float(np.exp(log_p[widest])))
-    return (order[: widest + 1] if p < ALPHA else order[:0]), p
+    return (order[: widest + 1] if p < FALSE_OUTLIER_P else order[:0]), p
 
 
 def _freedom(ratio: float) -> float:

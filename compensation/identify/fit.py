@@ -33,8 +33,8 @@ from armd.compensation.estimate.orientations import observe
 from armd.compensation.estimate.postures import counts_as, find_postures, shared_part
 from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.robust import (
+    DOWNWEIGHT_CHI2,
     LEAST_MM,
-    OUTLIER_D2,
     mahalanobis2,
     monstrous,
     of_three_components,
@@ -79,9 +79,9 @@ class Identification:
     converged: bool
 
     @property
-    def weighed_down(self) -> I64:
+    def down_weighted(self) -> I64:
         """Rows that count less than fully, the tails of the noise among them."""
-        return np.flatnonzero((self.distance2 > OUTLIER_D2) & ~self.region)
+        return np.flatnonzero((self.distance2 > DOWNWEIGHT_CHI2) & ~self.region)
 
     @cached_property
     def outliers(self) -> I64:
@@ -201,7 +201,7 @@ def fit(
         covariance = weighing.covariance(joints, turned)
         distance2 = of_three_components(mahalanobis2(end.at.residual_mm, covariance), freedom)
         if not held:  # far off, everything is
-            region = region | in_region(distance2 > OUTLIER_D2, states.q)
+            region = region | in_region(distance2 > DOWNWEIGHT_CHI2, states.q)
         basis = basis_values(terms, states, observations.arm, reference_c, constants)
         if progress:
             progress(f"round {round_}: {rms_um(end.at.residual_mm):.2f} µm RMS, {steps} steps")

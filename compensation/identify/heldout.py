@@ -55,7 +55,9 @@ class HeldOut:
         self._whole = whole = ArmAlone(base, whiten, columns)
         self.folds = [_Fold(whole, weight, out) for out in folds if out.any()]
         self._points = [~turned[out] for out in folds if out.any()]
-        self._kept = [~np.isin(np.flatnonzero(out), fit.weighed_down) for out in folds if out.any()]
+        self._kept = [
+            ~np.isin(np.flatnonzero(out), fit.down_weighted) for out in folds if out.any()
+        ]
 
     def solve(self, fold: int, chosen: I64) -> Solution:
         """The chosen unknowns' changes (len(chosen),), fitted without the fold."""

@@ -169,9 +169,9 @@ def add_outliers(page: Page, result: Result, unit: Unit) -> None:
     listed = result.outliers()
     page.heading("Outliers")
     page.text(
-        "Readings farther off than one Gaussian reading in 10 000 count with a weight that falls"
-        f" with the square of their distance: {len(result.fit.weighed_down)}. Outliers are those"
-        f" that the tails of the noise do not explain: {len(listed)}."
+        f"Down-weighted readings: {len(result.fit.down_weighted)}. Each lies farther off than one"
+        " Gaussian reading in 10 000; its weight falls with the square of its distance. Outliers:"
+        f" {len(listed)}. The tails of the noise do not explain them."
         + f" The first {MOST_LISTED} are listed."
         * (len(listed) > MOST_LISTED)
     )

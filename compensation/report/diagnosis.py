@@ -67,7 +67,7 @@ def diagnosis_report(
     for number, finding in enumerate(result["findings"][:touched], 1):
         page.heading(f"{number}. {name_finding(finding)}")
         page.text(finding["reading"])
-    for index, finding in enumerate(result["findings"][touched:][: len(diagnosis.found)]):
+    for index, finding in enumerate(result["findings"][touched:][: len(diagnosis.findings)]):
         add_finding(page, diagnosis, index, touched + index + 1, finding)
         if comparison := choose_for_finding(comparisons, finding):
             caption = (

@@ -85,10 +85,10 @@ class PtyPort:
         if self._plugged:
             self._plugged = False
             self._unsent = b""
+            if self._link is not None:  # first: a closed one's number can be another's at once
+                self._link.unlink(missing_ok=True)
             os.close(self._slave)
             os.close(self._master)
-            if self._link is not None:
-                self._link.unlink(missing_ok=True)
 
     close = unplug
 

@@ -182,6 +182,7 @@ def test_hosts_that_misbehave_hold_up_nobody(daemon: Daemon, bridge: RunningBrid
         assert arm.lost.here == 0
 
 
+@pytest.mark.slow
 def test_a_host_that_vanished_leaves_no_session(bridge: RunningBridge) -> None:
     with host(bridge) as first:
         first.do("00001 StartSession()")

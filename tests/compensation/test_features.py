@@ -159,6 +159,7 @@ def test_distances_and_angles_of_known_shapes():
         angle(ball, table)
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_a_distance_is_that_of_many_repetitions():
     rng = np.random.default_rng(5)
     table, ball = on("plane", rng, 9), np.add(on("sphere", rng, 12), (60.0, 0.0, 40.0))

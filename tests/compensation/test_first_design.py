@@ -64,6 +64,7 @@ def test_exchanges_come_near_the_best_of_all_choices(seed: int) -> None:
     assert log_determinant(candidates, chosen) == pytest.approx(found, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_of_thirty_candidates_it_is_as_good_as_exchanges_from_many_starts() -> None:
     arm, count = synthetic.arm(3), 9
     rng = np.random.default_rng(5)
@@ -100,6 +101,7 @@ def test_the_criterion_is_the_determinant_of_the_calibrations_own_unknowns() -> 
     assert np.ptp(difference) < 1e-3
 
 
+@pytest.mark.slow
 def test_indices_are_those_of_numpys_singular_values_by_hand() -> None:
     """Columns by central differences of the forward model, a tracker's frame fitted along."""
     arm = synthetic.arm(3)
@@ -146,6 +148,7 @@ def test_parallel_axes_have_beta_for_d_and_lose_no_direction() -> None:
     assert structural_rank(arm, arm.nominal()) == 21
 
 
+@pytest.mark.slow
 def test_fewer_limits_than_the_chain_needs_show_in_the_practical_rank() -> None:
     """A joint that hardly turns is not known apart from its neighbours."""
     arm = synthetic.arm(4)

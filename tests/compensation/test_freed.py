@@ -29,6 +29,7 @@ print(before - resident_mb(), sum(one.sum() for one in above))
 """
 
 
+@pytest.mark.slow
 def test_what_was_freed_goes_back_and_what_stays_is_untouched() -> None:
     if platform.libc_ver()[0] != "glibc":
         pytest.skip("no C library that can be asked")

@@ -157,8 +157,8 @@ def test_gross_errors_do_not_outvote_all_other_readings() -> None:
     after = before / 1.5
     after[::40] = before[::40] = 1e4 * rng.uniform(0.5, 1.5, 8)
     after[::40] *= 1.0 + 0.01 * rng.normal(size=8)
-    assert gain(*capped(before, after), groups).shown
-    assert not gain(*capped(before, before[::-1]), groups).shown
+    assert gain(*capped(before, after), groups).is_confirmed
+    assert not gain(*capped(before, before[::-1]), groups).is_confirmed
 
 
 def test_calibrate_takes_no_still_channel_for_a_temperature() -> None:

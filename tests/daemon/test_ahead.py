@@ -190,6 +190,7 @@ def test_what_is_compiled_ahead_is_called_with_the_same_types_by_verify(monkeypa
     assert len(called) == 3 and called[0] == called[1] == called[2]
 
 
+@pytest.mark.slow
 def test_a_library_of_the_cache_alone_is_copied(tmp_path: Path, python: Path) -> None:
     """One that another installation made there; nothing is compiled, then or without a cache."""
     ours = library.loaded()

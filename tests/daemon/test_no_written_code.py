@@ -46,6 +46,7 @@ def test_the_daemon_streams_all_the_same(tmp_path: Path) -> None:
         assert daemon.stop()[0] == 0
 
 
+@pytest.mark.slow
 def test_without_its_library_it_says_what_forbids_it(tmp_path: Path) -> None:
     """Numba is here, and may not compile."""
     pytest.importorskip("numba")

@@ -189,6 +189,7 @@ import fcntl, socket, struct
 with socket.socket() as s: fcntl.ioctl(s, 0x8914, struct.pack('16sh', b'lo', 0x49))"""
 
 
+@pytest.mark.slow
 def test_the_shipped_files_start_as_they_are_shipped(tmp_path: Path) -> None:
     if subprocess.run(["unshare", "-Urmn", "true"], check=False).returncode:
         pytest.skip("this machine lets nobody have a network of its own")

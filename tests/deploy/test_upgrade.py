@@ -208,6 +208,7 @@ def compiling(machine: Machine) -> list[str]:
     return [path for path in machine.local() if path.endswith("-compiles.conf")]
 
 
+@pytest.mark.slow
 def test_memory_may_be_executed_where_numba_is_installed_and_there_alone(machine: Machine) -> None:
     units = "lib/systemd/system/"
     both = [

@@ -163,6 +163,7 @@ def fitted(problem: Problem, findings: list[Candidate], turns: bool = True) -> F
     return fit_by_turns(problem.facts, *about, findings, start, (), None)
 
 
+@pytest.mark.slow
 def test_offset_and_gradient_come_back_and_are_written_as_fitted(problem: Problem) -> None:
     true = problem.found(GRADIENT)
     own = problem_of(measured(true))
@@ -185,7 +186,7 @@ class Asked:
 
     of: ClassVar[list[tuple[int, ...]]] = []
 
-    def freed(self, *out: int) -> Any:
+    def score_without_finding(self, *out: int) -> Any:
         self.of.append(out)
         return SimpleNamespace(log_p=np.zeros(2))
 
@@ -214,8 +215,12 @@ def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
     beside = score_candidates(about, both)
     neither = make_projection(solve_again(last, [], ARM), ARM)
     itself = score_candidates(neither, last.findings[:1]).scores.statistic[0]
-    assert beside.as_needed(0).statistic[0] == pytest.approx(itself, rel=1e-6)
-    assert beside.as_needed(1).statistic[1] == beside.alone(1).statistic[1] < itself
+    assert beside.score_findings_without_acting(0).statistic[0] == pytest.approx(itself, rel=1e-6)
+    assert (
+        beside.score_findings_without_acting(1).statistic[1]
+        == beside.score_findings(1).statistic[1]
+        < itself
+    )
     monkeypatch.setattr(candidates, "score_candidates", lambda *_: Asked())
     weakest(about)
     assert Asked.of == [(0, 1), (1,)]

@@ -17,9 +17,9 @@ from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.search import again as module
 from armd.compensation.diagnose.search.again import (
+    has_clearly_lower_noise,
     is_likely_beside,
-    no_surer,
-    quieter,
+    limit_to_repeated,
     tells_less,
 )
 from armd.compensation.effects.effect import Candidate
@@ -38,14 +38,14 @@ def finding(cause: Candidate, probability: float) -> Finding:
 
 def result(noise_um: float, *found: Finding) -> Any:
     noise = SimpleNamespace(own_mm=1e-3 * noise_um)
-    return SimpleNamespace(last=SimpleNamespace(noise=noise), found=found)
+    return SimpleNamespace(last=SimpleNamespace(noise=noise), findings=found)
 
 
 @pytest.mark.parametrize(
     ("one", "other", "clearly"), [(6.0, 9.7, True), (6.0, 7.0, False), (7.0, 6.0, False)]
 )
 def test_a_tenth_less_noise_is_not_clearly_less(one: float, other: float, clearly: bool) -> None:
-    assert quieter(result(one).last, result(other).last) is clearly
+    assert has_clearly_lower_noise(result(one).last, result(other).last) is clearly
 
 
 def test_less_is_told_only_where_no_more_is_left() -> None:
@@ -59,9 +59,9 @@ def test_less_is_told_only_where_no_more_is_left() -> None:
 def test_what_both_found_is_no_surer_than_either() -> None:
     found = (finding(DISC, 0.99), finding(SCALE, 0.4))
     again = result(6.0, finding(SCALE, 0.7), finding(DISC, 0.6))
-    assert [f.probability for f in no_surer(found, again)] == [0.6, 0.4]
+    assert [f.probability for f in limit_to_repeated(found, again)] == [0.6, 0.4]
     other = result(6.0, finding(DISC, 0.6))
-    assert no_surer(found, other) == found  # they are not the same
+    assert limit_to_repeated(found, other) == found  # they are not the same
 
 
 def searched(rests: Rests, baseline: Baseline, *found: Candidate) -> Any:

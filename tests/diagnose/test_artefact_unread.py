@@ -72,8 +72,8 @@ def test_steel_is_told_as_the_artefacts_expansion(read: bool) -> None:
             replace(s, artefact_c=np.full(s.n, float(s.states.temperature_c.mean()))) for s in later
         ]
     found = diagnose(later, ARM, calibration)
-    assert [f.candidate.place for f in found.found] == [("artefact_expansion", "artefact")]
-    assert found.found[0].probability > 0.95
+    assert [f.candidate.place for f in found.findings] == [("artefact_expansion", "artefact")]
+    assert found.findings[0].probability > 0.95
     (per_k,), ((variance,),) = (
         part[0] for part in (found.search.last.amplitudes, found.search.last.covariances)
     )

@@ -50,12 +50,12 @@ def cells() -> list[Cell]:
 def test_a_cell_sees_the_columns_that_are_not_zero_there() -> None:
     columns, of = full(), ArtefactColumns(NUMBERS, in_blocks([full()], PLACEMENT))
     for cell in cells():
-        numbers, values = of.at(cell)
+        numbers, values = of.columns_in(cell)
         rows = columns[cell.rows]
         here = np.flatnonzero(np.isin(NUMBERS, numbers))
         assert values == pytest.approx(rows[:, here])
         assert (np.delete(rows, here, axis=1) == 0.0).all()
-    assert [len(of.at(cell)[0]) for cell in cells()] == [4, 3, 3, 4, 3, 3, 1]
+    assert [len(of.columns_in(cell)[0]) for cell in cells()] == [4, 3, 3, 4, 3, 3, 1]
 
 
 def test_products_within_each_candidate_add_up_over_the_cells() -> None:
@@ -75,7 +75,7 @@ def test_clear_of_a_cells_own_columns_is_what_least_squares_leaves() -> None:
     found = cleared(white, cells())
     assert (white == before).all()
     for cell in cells():
-        rows, own = white[cell.rows], cell.own
+        rows, own = white[cell.rows], cell.absorbing
         left = rows - own @ np.linalg.lstsq(own, rows)[0] if own.shape[1] else rows
         assert found[cell.rows] == pytest.approx(left, abs=1e-12)
 

@@ -95,7 +95,7 @@ def fits_each_placement(squares: np.ndarray, session: Session) -> None:
 def test_what_is_found_everywhere_is_gained_in_each_placement_left_out(monkeypatch) -> None:
     session = measured(3, PLANTED_RAD)
     result, parted = searched(session, monkeypatch)
-    assert [str(f.candidate.location) for f in result.found] == ["joint 3"]
+    assert [str(f.candidate.location) for f in result.findings] == ["joint 3"]
     before, after = validated(result, parted).squares
     fits_each_placement(before, session)
     # The truth's own residuals are the best that anybody could reach on them.
@@ -119,7 +119,7 @@ def test_what_one_placement_alone_shows_is_not_gained_there(monkeypatch) -> None
     session = without.rows(slice(None))
     object.__setattr__(session, "states", states)
     result, parted = searched(session, monkeypatch)
-    assert result.found, "all readings together show something"
+    assert result.findings, "all readings together show something"
     first, *_, last = validated(result, parted).squares
     assert first[strange].mean() > 10 * first[~strange].mean()
     np.testing.assert_array_equal(last[strange], first[strange])
@@ -128,7 +128,7 @@ def test_what_one_placement_alone_shows_is_not_gained_there(monkeypatch) -> None
 def test_nothing_found_has_the_figure_of_the_model_under_test_only(monkeypatch) -> None:
     session = measured(7, 0.0)
     result, parted = searched(session, monkeypatch)
-    assert not result.found
+    assert not result.findings
     found = validated(result, parted)
     (only,) = found.squares
     fits_each_placement(only, session)

@@ -75,7 +75,7 @@ def measured(seed: int, celsius: tuple[float, ...], *more: Term) -> tuple[Sessio
 def found(sessions: tuple[Session, ...], order: int) -> list[tuple[str, str]]:
     diagnosis = diagnose(sessions, ARM)
     assert diagnosis.baseline.calibration.provenance["thermal_order"] == order
-    return [finding.candidate.place for finding in diagnosis.found]
+    return [finding.candidate.place for finding in diagnosis.findings]
 
 
 @pytest.mark.slow

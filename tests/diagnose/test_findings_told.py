@@ -101,7 +101,7 @@ def test_a_shape_is_the_signature_times_harmonics_of_the_joints_at_its_place() -
     signature = 3.0 * moved(own.columns[0]) + 4.0 * moved(own.columns[1])
     expected = np.sqrt(2.0) * signature * np.sin(q[:, 1])
     np.testing.assert_allclose(moved(shape.columns[0]), expected)
-    assert {column.typical for column in shape.columns} == {SHAPE_OFF}
+    assert {column.prior_sd for column in shape.columns} == {SHAPE_OFF}
     assert shape_candidate(shape, np.ones(4), 6) is None  # a shape has none of its own
     shifted = Candidate("geometry_shift", location.joint(2), own.columns[:1], ())
     assert shape_candidate(shifted, np.ones(1), 6) is None  # one number, whatever the angle
@@ -156,7 +156,7 @@ def test_where_something_is_left_the_next_experiment_does_not_say_that_nothing_i
     search = SimpleNamespace(
         facts=SimpleNamespace(timed=True, rates=True), untold=(), remaining_depends_on=("q3", "t3")
     )
-    usual = {"search": search, "found": (), "outliers": ()}
+    usual = {"search": search, "findings": (), "outliers": ()}
     left: Any = SimpleNamespace(**usual, significant_rest=True)
     assert next_experiment(left).startswith("What is left goes with q3, t3")
     nothing: Any = SimpleNamespace(**usual, significant_rest=False)

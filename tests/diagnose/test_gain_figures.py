@@ -12,7 +12,7 @@ def test_the_figures_are_root_mean_squares_in_micrometres() -> None:
     before, after = np.full(200, 4e-4), np.full(200, 1e-4)
     found = gain(before, after, GROUPS)
     assert (found.before_um, found.after_um) == (pytest.approx(20.0), pytest.approx(10.0))
-    assert found.interval_um == (pytest.approx(10.0), pytest.approx(10.0)) and found.shown
+    assert found.interval_um == (pytest.approx(10.0), pytest.approx(10.0)) and found.is_confirmed
 
 
 def test_the_interval_holds_the_true_difference_and_nothing_gained_is_not_shown() -> None:
@@ -26,7 +26,7 @@ def test_the_interval_holds_the_true_difference_and_nothing_gained_is_not_shown(
         after = ((rng.normal(size=(200, 3)) * 1e-2 + other) ** 2).sum(axis=1)
         found = gain(before, after, GROUPS, seed=seed)
         held.append(found.interval_um[0] < 0.0 < found.interval_um[1])
-        shown.append(found.shown)
+        shown.append(found.is_confirmed)
     assert np.mean(held) >= 0.88
     assert np.mean(shown) <= 0.08
 
@@ -49,10 +49,10 @@ def test_most_groups_better_is_shown_though_a_few_spoil_the_mean() -> None:
     before = np.full(200, 4e-4)
     after = np.where(GROUPS < 3, 1e-2, 1e-4)
     found = gain(before, after, GROUPS)
-    assert not found.shown  # the mean is no better
+    assert not found.is_confirmed  # the mean is no better
     after = np.where(GROUPS < 3, 4e-3, 1e-5)
     found = gain(before, after, GROUPS)
-    assert found.interval_um[0] < 0.0 and found.after_um < found.before_um and found.shown
+    assert found.interval_um[0] < 0.0 and found.after_um < found.before_um and found.is_confirmed
 
 
 def test_the_last_step_leaves_out_the_readings_it_names() -> None:

@@ -45,8 +45,8 @@ def grows_per_k() -> dict[str, float]:
 
 def check_growth(diagnosis: Diagnosis) -> list[Finding]:
     """Each growth that is named is right, each of a metal is named, all come first; the rest."""
-    named = [f for f in diagnosis.found if f.candidate.cause == "link_expansion"]
-    assert list(diagnosis.found[: len(named)]) == named
+    named = [f for f in diagnosis.findings if f.candidate.cause == "link_expansion"]
+    assert list(diagnosis.findings[: len(named)]) == named
     true_per_k = grows_per_k()
     for finding, values, variances in zip(
         named, diagnosis.search.last.amplitudes, diagnosis.search.last.covariances, strict=False
@@ -57,7 +57,7 @@ def check_growth(diagnosis: Diagnosis) -> list[Finding]:
     links = {str(f.candidate.location) for f in named}
     assert {link for link, per_k in true_per_k.items() if per_k > 10e-6} - {"link 1"} <= links
     assert set(range(len(named))) <= set(diagnosis.written)
-    return list(diagnosis.found[len(named) :])
+    return list(diagnosis.findings[len(named) :])
 
 
 def errors_um(*models: Calibration, terms: tuple[Term, ...] = ()) -> list[float]:
@@ -108,6 +108,7 @@ def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibrati
     assert (still.terms, still.growth, still.model.terms) == (plain.terms, (), plain.model.terms)
 
 
+@pytest.mark.slow
 def test_one_of_several_temperatures_stays_as_it_is() -> None:
     known = from_calibration(calibrate(measured(SEED, SHOP_C), ARM).calibration, ARM, is_given=True)
     assert known.terms
@@ -121,6 +122,7 @@ def test_one_of_several_temperatures_stays_as_it_is() -> None:
     assert report_growth(with_growth_open(without, ARM)) == []
 
 
+@pytest.mark.slow
 def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
     """11 K over lengths of 20e-6 per kelvin move a tip by some 30 µm: of a disc far off its axis as
     much was left, and no term was worth it."""

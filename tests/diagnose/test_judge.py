@@ -49,20 +49,20 @@ def judge(
 
 
 def test_what_predicts_better_is_shown_with_its_figures() -> None:
-    shown = judge({NOTHING: 4.0, ONE: 1.0}).shown_by(NOTHING, ONE)
+    shown = judge({NOTHING: 4.0, ONE: 1.0}).find_confirming_look(NOTHING, ONE)
     assert shown is not None and shown[0] == 0
     assert shown[1].before_um == pytest.approx(2.0 * shown[1].after_um)
     assert shown[1].after_um == pytest.approx(1e3 * math.sqrt(PATTERN.mean()))
-    assert judge({NOTHING: 1.0, ONE: 1.0}).shown_by(NOTHING, ONE) is None
-    assert judge({NOTHING: 1.0, ONE: 1.1}).shown_by(NOTHING, ONE) is None
+    assert judge({NOTHING: 1.0, ONE: 1.0}).find_confirming_look(NOTHING, ONE) is None
+    assert judge({NOTHING: 1.0, ONE: 1.1}).find_confirming_look(NOTHING, ONE) is None
 
 
 def test_a_further_look_speaks_only_where_the_first_is_not_against_it() -> None:
     same, worse, better = {NOTHING: 1.0, ONE: 1.0}, {NOTHING: 1.0, ONE: 1.5}, {NOTHING: 4.0, ONE: 1}
-    shown = judge(same, better).shown_by(NOTHING, ONE)
+    shown = judge(same, better).find_confirming_look(NOTHING, ONE)
     assert shown is not None and shown[0] == 1
-    assert judge(worse, better).shown_by(NOTHING, ONE) is None
-    heard = judge(worse, better, deaf=True).shown_by(NOTHING, ONE)
+    assert judge(worse, better).find_confirming_look(NOTHING, ONE) is None
+    heard = judge(worse, better, deaf=True).find_confirming_look(NOTHING, ONE)
     assert heard is not None and heard[0] == 1
 
 
@@ -72,40 +72,42 @@ def test_gross_readings_do_not_decide_but_may_not_be_harmed() -> None:
     before = 4.0 * np.ones(N)
     before[:4] = 1e4
     # All the others halve; the gross ones stay.
-    assert judge({NOTHING: before, ONE: gross}).shown_by(NOTHING, ONE) is not None
+    assert judge({NOTHING: before, ONE: gross}).find_confirming_look(NOTHING, ONE) is not None
     gross[:4] *= (1.0 + 2.0 * MOST_WORSE) ** 2
-    assert judge({NOTHING: before, ONE: gross}).shown_by(NOTHING, ONE) is None
+    assert judge({NOTHING: before, ONE: gross}).find_confirming_look(NOTHING, ONE) is None
 
 
 def test_a_drift_must_foretell_what_came_after() -> None:
     worse, better = {NOTHING: 1.0, ONE: 1.01}, {NOTHING: 1.0, ONE: 0.99}
-    assert not judge({}, findings=[SLOW], later=worse).foreseen(NOTHING, ONE)
-    assert judge({}, findings=[SLOW], later=better).foreseen(NOTHING, ONE)
-    assert judge({}, later=worse).foreseen(NOTHING, ONE)  # what is no drift need not
-    assert judge({}, findings=[SLOW]).foreseen(NOTHING, ONE)  # nothing came after
-    assert judge({}, findings=[SLOW], later=worse).foreseen(ONE, GROWN)  # it was there before
+    assert not judge({}, findings=[SLOW], later=worse).predicts_later_no_worse(NOTHING, ONE)
+    assert judge({}, findings=[SLOW], later=better).predicts_later_no_worse(NOTHING, ONE)
+    assert judge({}, later=worse).predicts_later_no_worse(NOTHING, ONE)  # what is no drift need not
+    assert judge({}, findings=[SLOW]).predicts_later_no_worse(NOTHING, ONE)  # nothing came after
+    assert judge({}, findings=[SLOW], later=worse).predicts_later_no_worse(
+        ONE, GROWN
+    )  # it was there before
 
 
 def test_harm_is_a_larger_sum_without_gross_readings() -> None:
-    assert judge({NOTHING: 1.0, ONE: 1.01}).harmful(0, NOTHING, ONE)
-    assert not judge({NOTHING: 1.0, ONE: 0.99}).harmful(0, NOTHING, ONE)
-    assert not judge({NOTHING: 1.0, ONE: 1.01}, deaf=True).harmful(0, NOTHING, ONE)
+    assert judge({NOTHING: 1.0, ONE: 1.01}).is_harmful(0, NOTHING, ONE)
+    assert not judge({NOTHING: 1.0, ONE: 0.99}).is_harmful(0, NOTHING, ONE)
+    assert not judge({NOTHING: 1.0, ONE: 1.01}, deaf=True).is_harmful(0, NOTHING, ONE)
     one_far = np.ones(N)
     one_far[7] = 1e6  # counts as so many usual ones at most: the others outvote it
     others = np.full(N, 1.0 - 2.0 * MOST_SQUARES / N)
     others[7] = 2e6
-    assert not judge({NOTHING: one_far, ONE: others}).harmful(0, NOTHING, ONE)
+    assert not judge({NOTHING: one_far, ONE: others}).is_harmful(0, NOTHING, ONE)
 
 
 def test_doubt_is_a_likelihood_ratio_down_to_that_the_arm_changed() -> None:
     """Normal errors of three directions: the log of the ratio is half the sum over the variance."""
-    assert judge({NOTHING: 1.0, ONE: 1.0}).doubt(0, NOTHING, ONE) == 1.0
-    assert judge({NOTHING: 1.0, ONE: 0.5}).doubt(0, NOTHING, ONE) == 1.0
+    assert judge({NOTHING: 1.0, ONE: 1.0}).compute_odds_factor(0, NOTHING, ONE) == 1.0
+    assert judge({NOTHING: 1.0, ONE: 0.5}).compute_odds_factor(0, NOTHING, ONE) == 1.0
     share = 1.0 / 300.0  # worse by so much everywhere: beyond doubt, and a nat in all
-    found = judge({NOTHING: 1.0, ONE: 1.0 + share}).doubt(0, NOTHING, ONE)
+    found = judge({NOTHING: 1.0, ONE: 1.0 + share}).compute_odds_factor(0, NOTHING, ONE)
     assert found == pytest.approx(math.exp(-0.5 * 3.0 * N * share))
-    assert judge({NOTHING: 1.0, ONE: 1.5}).doubt(0, NOTHING, ONE) == CHANGED_PRIOR
-    assert judge({NOTHING: 1.0, ONE: 1.5}, deaf=True).doubt(0, NOTHING, ONE) == 1.0
+    assert judge({NOTHING: 1.0, ONE: 1.5}).compute_odds_factor(0, NOTHING, ONE) == CHANGED_PRIOR
+    assert judge({NOTHING: 1.0, ONE: 1.5}, deaf=True).compute_odds_factor(0, NOTHING, ONE) == 1.0
 
 
 def test_growth_is_judged_by_the_last_look() -> None:

@@ -34,9 +34,9 @@ def shares(problem: Problem) -> dict[float, Column]:
 
 def evidence(column: Column, share: float) -> float:
     """Log odds against nothing of a share that the readings tell."""
-    gram, typical = np.array([[[CLEAR**2]]]), np.array([[column.typical]])
+    gram, prior_sd = np.array([[[CLEAR**2]]]), np.array([[column.prior_sd]])
     side: F64 = np.array([[CLEAR**2 * share]])
-    return float(log_bayes_factors(gram, side, typical, np.array([[column.reach]]))[0])
+    return float(log_bayes_factors(gram, side, prior_sd, np.array([[column.reach]]))[0])
 
 
 def test_on_a_ramp_a_short_time_constant_may_stand_for_an_hour(problem: Problem) -> None:
@@ -51,6 +51,6 @@ def test_no_link_is_late_by_many_times_its_growth(problem: Problem) -> None:
     """Fifteen times the growth, 90 min late, is no lag, however much the readings ask for it; all
     of the growth is."""
     column = shares(problem)[5400.0]
-    free = Column(column.name, column.unit, column.typical)
+    free = Column(column.name, column.unit, column.prior_sd)
     assert evidence(column, 15.0) < evidence(free, 15.0) - 60.0
     assert evidence(column, 1.0) > evidence(free, 1.0) - 0.1

@@ -146,6 +146,7 @@ def test_beside_exchanged_sensors_what_goes_by_one_goes_by_the_other(
     np.testing.assert_allclose(told, expected, atol=2e-3 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_it_goes_by_the_other_only_beside_the_exchange(problem: Problem) -> None:
     exchanged = exchange(problem)
     (turned,) = (
@@ -167,6 +168,7 @@ def test_it_goes_by_the_other_only_beside_the_exchange(problem: Problem) -> None
     assert fitted(problem, [turned, lag(problem)]).findings[0].cause == "thermal_lag"
 
 
+@pytest.mark.slow
 def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
     problem: Problem,
 ) -> None:
@@ -190,9 +192,9 @@ def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
         last = fitted(own, findings)
         plain = compile_candidates([shift, expansion, *lags], last.linear, ARM)
         signatures = with_acting(plain, last, own.facts, (), ARM)
-        parted = PartedSurvey.of(with_findings_unsolved(last, [], ARM), signatures, ARM)
+        parted = PartedSurvey.from_fit(with_findings_unsolved(last, [], ARM), signatures, ARM)
         through = partial(acting_through, facts=own.facts, refused=())
-        Revisit(parted.beside(last), parted, ARM, 100, choose, through).others()
+        Revisit(parted.with_findings(last), parted, ARM, 100, choose, through).find_rival_sets()
     for causes in ((), ("geometry_shift",)):
         assert {c.location for c in offered[causes]} == {c.location for c in lags}
         assert not any(c.through for c in offered[causes])
@@ -205,6 +207,7 @@ def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
         assert through_it.amplitudes[0] == pytest.approx(true.amplitudes[0][0], rel=0.01)
 
 
+@pytest.mark.slow
 def test_sums_of_more_candidates_are_those_of_one_pass_over_all(problem: Problem) -> None:
     own = problem_of(measured(problem.found(EXPANSION)))
     every = [*own.findings, lag(own), exchange(own)]  # of one column, and of two

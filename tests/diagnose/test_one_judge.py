@@ -42,4 +42,4 @@ def test_both_name_the_same_rows(heavy: bool) -> None:
     # Of tails beside gross errors one may be named in every third data set (docs/decisions/0029).
     assert len(set(named) - set(wrong)) <= heavy and len(set(named) & set(wrong)) >= WRONG - 2
     # Tails are weighed down as before, and no outliers.
-    assert (len(result.fit.weighed_down) > WRONG + 3) == heavy
+    assert (len(result.fit.down_weighted) > WRONG + 3) == heavy

@@ -49,6 +49,7 @@ def turn_noise_rad(found: armd.Diagnosis) -> float:
     return noise.turn_ratio * noise.scale_mm / TURN_MM
 
 
+@pytest.mark.slow
 def test_a_bad_encoder_is_found_with_orientations(tmp_path: Path) -> None:
     arm = measured(tmp_path, ["encoder_eccentricity@joint 6=20"], poses=40)
     found = under_a_calibration(tmp_path, arm)
@@ -103,7 +104,7 @@ def test_an_orientation_gone_wrong_is_named_with_its_row(tmp_path: Path) -> None
         csv.writer(file).writerows(rows)
     found = under_a_calibration(tmp_path, arm)
     assert [finding.cause for finding in found.findings] == ["encoder_eccentricity", "outliers"]
-    assert "The orientation of now row 17 is off by 2.86°." in found.details.told
+    assert "The orientation of now row 17 is off by 2.86°." in found.details.remarks
 
 
 def linear_of(folder: Path, poses: int = 12) -> Linear:

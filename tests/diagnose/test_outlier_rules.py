@@ -87,7 +87,7 @@ def test_a_normal_reading_is_let_go_once_in_ten_thousand_and_clipped_once_in_eig
     weight = robust.redescending_weights(square, np.zeros(len(square), dtype=bool))
     assert (weight < 1.0).mean() == pytest.approx(1e-4, rel=0.25)
     assert (robust.huber_weights(np.sqrt(square)) < 1.0).mean() == pytest.approx(1 / 80, rel=0.05)
-    assert np.median(square) == pytest.approx(robust.MEDIAN_D2, rel=0.01)
+    assert np.median(square) == pytest.approx(robust.MEDIAN_CHI2, rel=0.01)
 
 
 def test_the_pull_of_a_reading_far_off_falls_or_stays_and_a_region_counts_fully() -> None:

@@ -50,14 +50,14 @@ def test_a_drift_that_went_with_the_temperature_is_found_by_what_is_held_out() -
     days = enumerate(zip(WARMER_C, crept_rad, strict=True))
     sessions = [session(rng, day, c, turned) for day, (c, turned) in days]
     alone = diagnose(sessions, ARM, calibration)
-    assert alone.found[0].candidate.place == ("joint_thermal", "joint 3")
-    alternatives = [rival.candidate.place for rival in alone.found[0].rivals]
+    assert alone.findings[0].candidate.place == ("joint_thermal", "joint 3")
+    alternatives = [rival.candidate.place for rival in alone.findings[0].rivals]
     assert ("geometry_shift", "joint 3") in alternatives
 
     days_c = ((5, 17.0), (6, 26.0), (7, 15.0))
     later = [session(rng, day, c, crept_rad[-1]) for day, c in days_c]
     diagnosis = diagnose(sessions, ARM, calibration, later)
-    (found,) = diagnosis.found
+    (found,) = diagnosis.findings
     assert found.candidate.place == ("geometry_shift", "joint 3")
     assert found.candidate.depends_on == ("time_s",) and diagnosis.written == (0,)
     assert "refuted joint_thermal (joint 3, by t3)" in verdict(diagnosis)
@@ -69,15 +69,15 @@ def test_a_drift_that_went_with_the_temperature_is_found_by_what_is_held_out() -
 
 
 def described(
-    interval_um: tuple[float, float], *, written: bool = False, unforeseen: bool = False,
+    interval_um: tuple[float, float], *, written: bool = False, contradicted_later: bool = False,
     cause: str = "joint_thermal", rms_um: float = 5.0,
 ) -> Any:  # fmt: skip
     """What a diagnosis says of one finding."""
     return SimpleNamespace(
-        found=(SimpleNamespace(candidate=candidate(cause, 3)),),
+        findings=(SimpleNamespace(candidate=candidate(cause, 3)),),
         gains=(SimpleNamespace(interval_um=interval_um),),
         written=(0,) if written else (),
-        unforeseen=(0,) if unforeseen else (),
+        contradicted_later=(0,) if contradicted_later else (),
         written_rms_um=(6.0, rms_um),
     )
 
@@ -87,7 +87,7 @@ def described(
     [
         (described((-2.0, -0.5)), True),  # worse beyond doubt
         (described((-2.0, 0.5)), False),
-        (described((-2.0, 0.5), unforeseen=True), True),
+        (described((-2.0, 0.5), contradicted_later=True), True),
         (described((0.5, 2.0), written=True), False),
         (described((-2.0, -0.5), cause="unknown"), False),
     ],

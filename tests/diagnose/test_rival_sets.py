@@ -32,7 +32,7 @@ def told(monkeypatch: pytest.MonkeyPatch, *rivals: tuple[list[Candidate], float]
         Finding(LENGTH, 1e-9, 50.0, 1.0, (), ()),
     ]
     arm: Any = None
-    return list(rival_sets.beside_rival_sets(found, last, rivals, arm))
+    return list(rival_sets.limit_by_rival_sets(found, last, rivals, arm))
 
 
 def test_a_set_that_predicts_nearly_as_well_takes_its_chance(monkeypatch) -> None:
@@ -79,7 +79,7 @@ def test_what_was_refused_is_asked_again_once_beside_other_findings() -> None:
     assert not refusals.ask_again("alone")
     assert refusals.ask_again("beside a wobble")
     assert refusals.candidates == [WOBBLE, GEARS]
-    assert not refusals.told
+    assert not refusals.refused
     assert refusals.add(GEARS, "it would move d_2 by 12 mm", "beside a wobble")
     assert not refusals.ask_again("alone")
-    assert [r.candidate for r in refusals.told] == [GEARS]
+    assert [r.candidate for r in refusals.refused] == [GEARS]

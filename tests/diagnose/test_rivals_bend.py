@@ -11,7 +11,7 @@ from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.search.findings import weighed
+from armd.compensation.diagnose.search.findings import weigh_findings
 from armd.compensation.effects import catalogue
 from support import synthetic
 from support.selection import parametrize_default
@@ -36,7 +36,7 @@ def told(size_rad: float, second: float) -> list[float]:
     probabilities = []
     for own in both:
         found = fit(rests, ARM, baseline, baseline.model, [own], [np.zeros(2)])
-        (finding,) = weighed(score_candidates(make_projection(found, ARM), both), 100)
+        (finding,) = weigh_findings(score_candidates(make_projection(found, ARM), both), 100)
         probabilities.append(finding.probability)
     return probabilities
 

@@ -70,9 +70,9 @@ def test_the_robust_solution_is_that_of_a_general_minimiser(made) -> None:
     best = minimize(cost, np.linalg.lstsq(columns, raw)[0], method="BFGS", options={"gtol": 1e-8})
     assert found.loss == pytest.approx(best.fun, abs=0.02)
     left = (raw - columns @ best.x).reshape(-1, 3)
-    np.testing.assert_allclose(found.left, left, atol=0.05)
-    size = np.linalg.norm(found.left, axis=1)
-    np.testing.assert_allclose(found.less, 1.0 - WINSOR_AT / np.maximum(size, WINSOR_AT))
+    np.testing.assert_allclose(found.residual, left, atol=0.05)
+    size = np.linalg.norm(found.residual, axis=1)
+    np.testing.assert_allclose(found.weight_loss, 1.0 - WINSOR_AT / np.maximum(size, WINSOR_AT))
 
 
 def test_least_squares_with_a_prior_is_half_the_least_sum(made) -> None:

@@ -73,7 +73,7 @@ def test_rows_are_the_columns_by_their_definition(compiled) -> None:
     some = signatures.rows_of_terms(linear, linear.jacobian, np.array([2, 0]))
     np.testing.assert_allclose(some, one_by_one(linear, q)[[2, 0]], atol=1e-12)
     assert [list(signatures.columns_of(i)) for i in range(3)] == [[0, 1], [2], [3]]
-    np.testing.assert_array_equal(signatures.typical, [1.0, 1.0, 2.0, 1.0])
+    np.testing.assert_array_equal(signatures.prior_sd, [1.0, 1.0, 2.0, 1.0])
     np.testing.assert_array_equal(signatures.reach, [np.inf, np.inf, np.inf, 5.0])
 
 

@@ -135,10 +135,10 @@ def told_of(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> str:
     searched = SimpleNamespace(findings=(NAMED,))  # no growth joined what the search found
     usual = {
         "search": SimpleNamespace(searched=searched, last=searched),
-        "gains": [SimpleNamespace(shown=True)],
-        "found": [found],
+        "gains": [SimpleNamespace(is_confirmed=True)],
+        "findings": [found],
         "written": (0,),
-        "unforeseen": (),
+        "contradicted_later": (),
         "written_rms_um": (12.0, 6.0),
         "written_clear_um": None,
         "written_by": "",
@@ -148,7 +148,7 @@ def told_of(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> str:
         "remaining_rms_um": 6.0,
         "noise_floor_um": 6.0,
         "touched": (),
-        "told": (),
+        "remarks": (),
     }
     diagnosis: Any = SimpleNamespace(**{**usual, **changes})
     return verdict.verdict(diagnosis)
@@ -158,13 +158,13 @@ def test_the_verdict_calls_a_guess_a_guess(monkeypatch: pytest.MonkeyPatch) -> N
     sentence = "The name of 1 is a guess"
     assert sentence not in told_of(monkeypatch)
     found = Finding(NAMED, 1e-9, 90.0, 0.3, (), (), Explained(0.3, ("q3",), ()))
-    assert sentence in told_of(monkeypatch, found=[found])
-    assert sentence not in told_of(monkeypatch, found=[replace(found, candidate=BESIDE)])
+    assert sentence in told_of(monkeypatch, findings=[found])
+    assert sentence not in told_of(monkeypatch, findings=[replace(found, candidate=BESIDE)])
 
 
 def test_the_verdict_tells_a_drift_that_foretells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    gains = [SimpleNamespace(shown=False)]
-    text = told_of(monkeypatch, gains=gains, written=(), unforeseen=(0,))
+    gains = [SimpleNamespace(is_confirmed=False)]
+    text = told_of(monkeypatch, gains=gains, written=(), contradicted_later=(0,))
     assert "What goes with time, 1, is not in it: fitted to the earlier readings" in text
     assert "none of them written" in text and "leads" not in text
     assert "What goes with time" not in told_of(monkeypatch)

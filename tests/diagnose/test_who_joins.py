@@ -114,10 +114,12 @@ def test_a_finding_taken_out_is_a_candidate_again_as_in_dense_least_squares() ->
 
     for i, own in enumerate((slice(0, 1), slice(1, 3), slice(3, 4))):
         q = np.linalg.qr(clear(x[:, own]))[0]
-        assert scored.freed(0).statistic[i] == pytest.approx(float(((q.T @ clear(r)) ** 2).sum()))
+        assert scored.score_without_finding(0).statistic[i] == pytest.approx(
+            float(((q.T @ clear(r)) ** 2).sum())
+        )
     # Nothing that is within a finding competes beside it, the finding itself but when it is out.
     assert scored.without(0).freedom.tolist() == [1, 2, 1]
-    assert scored.scores.statistic[1] < scored.freed(0).statistic[1]
+    assert scored.scores.statistic[1] < scored.score_without_finding(0).statistic[1]
 
 
 def test_the_weakest_finding_is_the_one_that_is_missed_least(
@@ -125,7 +127,7 @@ def test_the_weakest_finding_is_the_one_that_is_missed_least(
 ) -> None:
     """Each judged with itself out of the model, whatever it says while another is."""
     by_one_out = np.array([[-9.0, -1.0, 0.0], [0.0, -4.0, -1.0], [-1.0, 0.0, -30.0]])
-    freed = SimpleNamespace(freed=lambda i: SimpleNamespace(log_p=by_one_out[i]))
+    freed = SimpleNamespace(score_without_finding=lambda i: SimpleNamespace(log_p=by_one_out[i]))
     monkeypatch.setattr(candidates, "score_candidates", lambda projection, findings: freed)
     projection: Any = SimpleNamespace(fit=SimpleNamespace(findings=[FIRST, SECOND, OTHER]))
     assert candidates.weakest(projection) == (1, -4.0)

@@ -44,7 +44,7 @@ def look(columns: int = 100, shared: int = 40, rests: int = 0) -> ScoredCandidat
 
 
 def test_a_step_counts_the_products_of_candidates_and_shared_columns() -> None:
-    work = WorkBudget(most=8000.0)
+    work = WorkBudget(limit=8000.0)
     work.add(look().n_products, STEP_WORK)
     assert work.done == 4000.0 and work.may_go_on and work.may_try_sets
     work.add(look().n_products, STEP_WORK)
@@ -56,24 +56,24 @@ def test_a_step_counts_the_products_of_candidates_and_shared_columns() -> None:
 
 
 def test_many_readings_have_one_bound_and_few_a_higher_one() -> None:
-    most = [WorkBudget.of_readings(n).most for n in (20_000, 2_000, 1_000, 100, 0)]
+    most = [WorkBudget.of_readings(n).limit for n in (20_000, 2_000, 1_000, 100, 0)]
     assert most == [MOST_PRODUCTS, MOST_PRODUCTS, 2 * MOST_PRODUCTS, *[4 * MOST_PRODUCTS] * 2]
 
 
 def test_other_sets_leave_work_for_what_follows() -> None:
-    work = WorkBudget(most=8000.0)
+    work = WorkBudget(limit=8000.0)
     while work.may_try_sets:
         work.add(look().n_products, TRIAL_WORK)
-    assert work.may_go_on and work.done < 0.7 * work.most
+    assert work.may_go_on and work.done < 0.7 * work.limit
 
 
 def test_pieces_beside_each_other_have_equal_parts_and_always_some() -> None:
     """Not the one that comes first most of it: the answer must not go by the threads' order."""
-    work = WorkBudget(most=1000.0, done=400.0)
-    assert [work.of_one_in(3).most for _ in range(3)] == [200.0] * 3
+    work = WorkBudget(limit=1000.0, done=400.0)
+    assert [work.of_one_in(3).limit for _ in range(3)] == [200.0] * 3
     work.done = 2000.0
     piece = work.of_one_in(2)
-    assert piece.most == LEAST_REPEATED * 500.0
+    assert piece.limit == LEAST_REPEATED * 500.0
     piece.done, piece.skipped = 70.0, ["that"]
     work.take(piece)
     assert work.done == 2070.0 and work.skipped == ["that"]
@@ -105,7 +105,7 @@ def test_a_search_without_work_left_ends_and_reports_it(
         result = search.Search(rests, ARM, baseline, work=work).run()
         skipped = ["more than 0 causes"] if most == 1.0 else []
         assert work.skipped == skipped
-        assert len(result.found) == (0 if skipped else 1)
+        assert len(result.findings) == (0 if skipped else 1)
 
 
 @pytest.mark.parametrize(("times", "farther"), [(1.0, False), (2.0, False), (6.0, True)])

@@ -322,6 +322,7 @@ def rates_found(items: list[Item]) -> list[int]:
     return [event.detail["baud"] for event in found]
 
 
+@pytest.mark.slow
 def test_a_foreign_arm_gives_no_sample(tmp_path: Path) -> None:
     other = Expectation("40938", 5, 0, TURNS)
     with simulated_arm(tmp_path, wire=("--microscribe",), seconds=2.0) as arm:

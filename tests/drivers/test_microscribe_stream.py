@@ -147,6 +147,7 @@ def test_lost_bytes_cost_what_they_touched_and_make_nothing(
     assert set(which) >= set(range(29)) - set(touched)
 
 
+@pytest.mark.slow
 @settings(max_examples=400)
 @given(FIRST, CUTS, st.integers(0, 279), st.lists(st.integers(0, 127), min_size=1, max_size=40))
 def test_inserted_bytes_cost_what_they_touched_and_make_nothing(

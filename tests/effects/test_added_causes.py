@@ -101,7 +101,7 @@ def test_a_text_that_fails_is_the_cause_s_reason(
 ) -> None:
     report.cache_clear()
     guarded = _checked(PLUGIN, effect(candidate()))
-    assert guarded.reading(candidate(), np.ones(1)) == "joint 1: it is odd"
+    assert guarded.describe(candidate(), np.ones(1)) == "joint 1: it is odd"
     assert "IndexError: no amplitude" in capsys.readouterr().err
 
 

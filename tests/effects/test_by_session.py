@@ -139,7 +139,7 @@ def test_sessions_in_folders_of_one_name_are_listed_one_by_one(facts: SessionFac
     assert [name for name, _ in told] == ["measured"] * (4 - first)
     assert np.concatenate([own for _, own in told]) == pytest.approx((VALUES - VALUES[0])[first:])
     (along, _) = (c for c in TIP.candidates(facts) if is_by_session(c))
-    assert "measured" in TIP.reading(along, np.zeros(len(along.columns)))
+    assert "measured" in TIP.describe(along, np.zeros(len(along.columns)))
 
 
 def test_two_sessions_are_a_step(facts: SessionFacts) -> None:
@@ -157,18 +157,18 @@ def test_the_tip_along_the_stylus_is_told_in_words(facts: SessionFacts) -> None:
     lengths = [np.linalg.norm([t.coefficient for t in column.terms[:3]]) for column in one.columns]
     whole = [abs(column.terms[0].coefficient) for column in free.columns[::3]]
     assert lengths == pytest.approx(whole)
-    said = TIP.reading(one, 1e-3 * amplitudes(facts))
+    said = TIP.describe(one, 1e-3 * amplitudes(facts))
     assert "along the stylus" in said
     assert "tuesday, early +21 µm, tuesday, late +1 µm, friday +24 µm against" in said
     far = np.zeros((len(free.columns) // 3, 3))
     far[:, 1] = -1e-3 * amplitudes(facts)
-    assert "friday 24 µm against" in TIP.reading(free, far.ravel())
+    assert "friday 24 µm against" in TIP.describe(free, far.ravel())
 
 
 def test_a_zero_found_anew_before_each_session_is_told_in_words(facts: SessionFacts) -> None:
     """Of every joint but the last, whose zero moves the tip in its frame; in seconds of arc."""
     found = [c for c in SHIFT.candidates(facts) if is_by_session(c)]
     assert [str(c.location) for c in found] == [f"joint {k}" for k in range(1, 6)]
-    said = SHIFT.reading(found[2], amplitudes(facts) * np.radians(1.0 / 3600.0))
+    said = SHIFT.describe(found[2], amplitudes(facts) * np.radians(1.0 / 3600.0))
     assert "the zero of joint 3 is another in each session" in said
     assert "tuesday, early +21″, tuesday, late +1.0″, friday +24″ against" in said

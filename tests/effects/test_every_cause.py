@@ -72,14 +72,14 @@ def added(column: Column, scene: Scene) -> np.ndarray:
 def motion(column: Column, whole: Whole) -> np.ndarray:
     """(3 n + lengths,) how the residual moves at the column's typical size, by plain means."""
     scene, n = whole.plain, len(whole.plain.q)
-    step = FRACTION * column.typical * added(column, scene)
+    step = FRACTION * column.prior_sd * added(column, scene)
     up, down = (tip_pose(scene.q, whole.parameters + s * step)[:, :3, 3] for s in (1, -1))
     found = np.zeros(len(whole.linear.residual))
     found[: 3 * n] = (up - down).ravel() / (2 * FRACTION)
     if column.artefact is not None and column.artefact.kind == "distance":
-        found[3 * n + column.artefact.index] -= column.typical
+        found[3 * n + column.artefact.index] -= column.prior_sd
     elif column.artefact is not None:
-        found[: 3 * n] -= column.typical * of_targets(column.artefact, whole).ravel()
+        found[: 3 * n] -= column.prior_sd * of_targets(column.artefact, whole).ravel()
     return found
 
 
@@ -123,13 +123,13 @@ def test_it_adds_what_plain_matrices_say(cause: str, whole: Whole) -> None:
     largest = 0.0
     for column, row in zip(columns, rows, strict=True):
         expected = motion(column, whole)
-        error = np.abs(row * column.typical - expected).max()
+        error = np.abs(row * column.prior_sd - expected).max()
         assert error < 1e-6 * np.abs(expected).max() + 1e-11, (column.name, error)
         largest = max(largest, np.abs(expected).max())
     assert 1e-4 < largest < 1.0, f"{largest} mm: its typical size is not one that arms have"
     # A link may be late by all of its growth, and by no more.
     least = 1.0 if cause == "thermal_lag" else 5.0
-    assert all(column.typical > 0.0 and column.reach >= least for column in columns)
+    assert all(column.prior_sd > 0.0 and column.reach >= least for column in columns)
 
 
 def without(facts: SessionFacts) -> Iterator[tuple[str, SessionFacts]]:
@@ -208,8 +208,8 @@ def test_it_is_told_in_words(cause: str, whole: Whole) -> None:
     effect = CATALOGUE[cause]
     for candidate in some_of(cause, whole):
         assert candidate.cause == cause
-        typical = np.array([column.typical for column in candidate.columns])
-        told = effect.reading(candidate, typical)
+        prior_sd = np.array([column.prior_sd for column in candidate.columns])
+        told = effect.describe(candidate, prior_sd)
         assert told and "nan" not in told and "inf " not in told
         for finer in candidate.refine() if candidate.refine else ():
             assert finer.place == candidate.place

@@ -60,9 +60,9 @@ def test_one_unit_has_one_limit(facts: SessionFacts, coarse: float) -> None:
 def test_nothing_is_allowed_less_than_before(facts: SessionFacts) -> None:
     most: dict[str, tuple[float, str]] = defaultdict(lambda: (0.0, ""))
     for cause, column in bounded(facts):
-        assert largest(column) >= TIMES_TYPICAL * column.typical * (1 - 1e-9), cause
-        most[column.unit] = max(most[column.unit], (column.typical, cause))
+        assert largest(column) >= TIMES_TYPICAL * column.prior_sd * (1 - 1e-9), cause
+        most[column.unit] = max(most[column.unit], (column.prior_sd, cause))
     for unit, cause in SETS_IT.items():
-        typical, name = most[unit]
+        prior_sd, name = most[unit]
         assert name == cause
-        assert largest(Column("", unit, typical)) == pytest.approx(TIMES_TYPICAL * typical)
+        assert largest(Column("", unit, prior_sd)) == pytest.approx(TIMES_TYPICAL * prior_sd)

@@ -365,7 +365,7 @@ def test_a_cause_does_what_its_physics_say(cause: str, whole: Whole) -> None:
         own = rows[list(signatures.columns_of(number)), : 3 * len(whole.plain.q)]
         plain = np.zeros_like(own)
         for i, column in enumerate(candidate.columns):
-            amount = FRACTION * column.typical
+            amount = FRACTION * column.prior_sd
             up, down = (PHYSICS[cause](candidate, i, whole, s * amount)[:, :3, 3] for s in (1, -1))
             plain[i] = ((up - down) / (2 * amount)).ravel()
         if cause == "thermal_gradient":  # about two axes across the link, whichever they are

@@ -48,7 +48,7 @@ def test_the_cause_is_named_sized_and_written(truth: Truth) -> None:
     given = _sessions(folder / "calib", arm)
     calibration = calibrate(given, arm).calibration if given else None
     diagnosis = diagnose(_sessions(folder / "train", arm), arm, calibration)
-    first = diagnosis.found[0]
+    first = diagnosis.findings[0]
     assert first.candidate.cause == truth.cause
     assert str(first.candidate.location) in truth.places
     assert first.probability > 0.9

@@ -112,10 +112,10 @@ def _judged(
     after_um: float,
     seconds: float,
 ) -> Judged:
-    places = [found.candidate.place for found in diagnosis.found]
+    places = [found.candidate.place for found in diagnosis.findings]
     if diagnosis.outliers:
         places.append(("outliers", "rows"))
-    rivals = [r.candidate.place for found in diagnosis.found for r in found.rivals]
+    rivals = [r.candidate.place for found in diagnosis.findings for r in found.rivals]
     truths = [(plant.cause, plant.location) for plant in plants]
     wrong = [p for p in places if p[0] != "unknown" and p not in truths]
     return Judged(
@@ -130,7 +130,7 @@ def _judged(
         len(wrong),
         tuple(
             found.candidate.depends_on
-            for found in diagnosis.found
+            for found in diagnosis.findings
             if found.candidate.cause == "unknown"
         ),
         tuple(_amplitude_errors(plants, diagnosis)),
@@ -186,7 +186,7 @@ def at_rests(first: Fit, error_mm: np.ndarray) -> np.ndarray:
 def _amplitude_errors(plants: tuple[Plant, ...], diagnosis: Diagnosis) -> list[float]:
     """Found minus planted size of what was found in its place, in standard uncertainties."""
     errors = []
-    for i, found in enumerate(diagnosis.found):
+    for i, found in enumerate(diagnosis.findings):
         for plant in plants:
             if found.candidate.place != (plant.cause, plant.location):
                 continue

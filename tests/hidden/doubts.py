@@ -128,5 +128,5 @@ def settle(folder: Path, seed: int, case: Doubtful) -> tuple[Diagnosis, Settled 
 def resolved(diagnosis: Diagnosis, plant: Plant) -> bool:
     """The cause is found at its place, surely, and nothing is in doubt any more."""
     truth = (plant.cause, plant.location)
-    sure = [f.candidate.place for f in diagnosis.found if f.probability > SURE]
+    sure = [f.candidate.place for f in diagnosis.findings if f.probability > SURE]
     return truth in sure and most_doubtful(diagnosis) is None

@@ -73,9 +73,9 @@ def said(diagnosis: Diagnosis) -> tuple[Said, ...]:
             found.probability,
             found.candidate.depends_on,
             any(name == "instant" for name, *_ in found.candidate.setting),
-            gain.shown,
+            gain.is_confirmed,
         )
-        for found, gain in zip(diagnosis.found, diagnosis.gains, strict=True)
+        for found, gain in zip(diagnosis.findings, diagnosis.gains, strict=True)
     )
 
 

@@ -110,13 +110,13 @@ def ask(task: Task) -> Asked:
 
 
 def _said(diagnosis: Diagnosis) -> tuple[tuple[str, str, float], ...]:
-    return tuple((*found.candidate.place, found.probability) for found in diagnosis.found)
+    return tuple((*found.candidate.place, found.probability) for found in diagnosis.findings)
 
 
 def judge(task: Task) -> Outcome:
     plants = plants_for(task)
     judged = run_case(task.seed, plants, NOISES.get(task.kind, NOISES["gaussian"]))
-    places = [f.candidate.place for f in judged.diagnosis.found]
+    places = [f.candidate.place for f in judged.diagnosis.findings]
     if judged.diagnosis.outliers:
         places.append(("outliers", "rows"))
     return Outcome(
@@ -134,7 +134,7 @@ def judge(task: Task) -> Outcome:
         judged.before_um,
         judged.after_um,
         judged.oracle_um,
-        (*(f.p_value for f in judged.diagnosis.found), judged.diagnosis.search.remaining_p),
+        (*(f.p_value for f in judged.diagnosis.findings), judged.diagnosis.search.remaining_p),
         judged.seconds,
     )
 

@@ -170,7 +170,7 @@ def _told(diagnosis: Diagnosis) -> tuple[Told, ...]:
             f.candidate.depends_on,
             f.explained.share if f.explained else 1.0,
         )
-        for f in diagnosis.found
+        for f in diagnosis.findings
     )
 
 
@@ -428,7 +428,7 @@ def real_arm(name: str) -> RealArm:
         shown = np.random.default_rng(5).permutation(since.n) < since.n * 2 // 3
         measured, holdout = since.rows(shown), since.rows(~shown)
         as_it_is = diagnose([measured], arm, extended)
-        known = tuple(f.candidate.place for f in as_it_is.found)
+        known = tuple(f.candidate.place for f in as_it_is.findings)
         return RealArm(arm, extended, [measured], [holdout], joints, arcsec, known)
 
 

@@ -16,13 +16,13 @@ from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.refit import Refits, solve_again
-from armd.compensation.diagnose.heldout.borne_out import (
+from armd.compensation.diagnose.heldout.gain import gain
+from armd.compensation.diagnose.heldout.judge import Look
+from armd.compensation.diagnose.heldout.validated import (
     choose,
     may_go_on_otherwise,
     stands_alone,
 )
-from armd.compensation.diagnose.heldout.gain import gain
-from armd.compensation.diagnose.heldout.judge import Look
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.diagnose.report.verdict import um, verdict
 from armd.compensation.effects import location
@@ -39,7 +39,7 @@ GROUPS = np.repeat(np.arange(40), 5)
 
 
 def search_of(*findings: Candidate) -> Any:
-    return SimpleNamespace(last=SimpleNamespace(findings=findings), found=findings)
+    return SimpleNamespace(last=SimpleNamespace(findings=findings), findings=findings)
 
 
 def cause(k: int) -> Candidate:
@@ -61,7 +61,7 @@ def test_a_harmful_finding_is_not_written_though_the_one_after_it_helps() -> Non
     chosen = choose(
         search_of(cause(1), cause(2), cause(3)), [Look(squares_of(worth), GROUPS)], [True] * 3
     )
-    assert chosen.some == (0, 2)
+    assert chosen.numbers == (0, 2)
 
 
 def test_a_drift_that_makes_later_readings_worse_is_told_and_not_written() -> None:
@@ -73,10 +73,10 @@ def test_a_drift_that_makes_later_readings_worse_is_told_and_not_written() -> No
     findings, able = search_of(drift, cause(2)), [True, True]
     later = squares_of({(): 4.0, (0,): 4.1, (1,): 9.0, (0, 1): 9.1})
     chosen = choose(findings, [look], able, later=later)
-    assert (chosen.some, chosen.unforeseen) == ((1,), (0,))
+    assert (chosen.numbers, chosen.contradicted_later) == ((1,), (0,))
     later = squares_of({(): 4.0, (0,): 3.9, (1,): 9.0, (0, 1): 9.1})
     chosen = choose(findings, [look], able, later=later)
-    assert (chosen.some, chosen.unforeseen) == ((0, 1), ())
+    assert (chosen.numbers, chosen.contradicted_later) == ((0, 1), ())
 
 
 def test_a_temperature_that_stands_in_for_a_drift_is_asked_for_later_readings_too() -> None:
@@ -93,9 +93,9 @@ def test_a_temperature_that_stands_in_for_a_drift_is_asked_for_later_readings_to
     look = Look(squares_of(worth | {(0, 1, 2): 2.6}), GROUPS)
     later = squares_of({some: 4.0 + sum(some) for some in (*worth, (0, 1, 2))})
     chosen = choose(search_of(drift, expansion, cause(3)), [look], [True] * 3, later=later)
-    assert (chosen.some, chosen.unforeseen) == ((2,), (1,))
+    assert (chosen.numbers, chosen.contradicted_later) == ((2,), (1,))
     chosen = choose(search_of(drift, expansion, cause(3)), [look], [True] * 3)
-    assert chosen.some == (1, 2)
+    assert chosen.numbers == (1, 2)
 
 
 def test_later_readings_are_asked_beside_whatever_goes_on_nobody_knows_how() -> None:
@@ -118,7 +118,7 @@ def test_later_readings_are_asked_beside_whatever_goes_on_nobody_knows_how() -> 
 def test_what_helps_beside_a_later_one_only_gets_its_turn_again() -> None:
     worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 2.0}
     chosen = choose(search_of(cause(1), cause(2)), [Look(squares_of(worth), GROUPS)], [True] * 2)
-    assert chosen.some == (0, 1)
+    assert chosen.numbers == (0, 1)
 
 
 def test_a_set_that_helps_together_carries_nothing_along_that_harms() -> None:
@@ -130,7 +130,7 @@ def test_a_set_that_helps_together_carries_nothing_along_that_harms() -> None:
     chosen = choose(
         search_of(cause(1), cause(2), cause(3)), [Look(squares_of(worth), GROUPS)], [True] * 3
     )
-    assert chosen.some == (0, 1)
+    assert chosen.numbers == (0, 1)
     assert set(chosen.doubts) == {2}
 
 
@@ -142,7 +142,7 @@ def test_readings_held_out_make_doubtful_what_they_contradict() -> None:
         chosen = choose(
             search_of(cause(1), cause(2)), [Look(squares_of(worth), GROUPS)], [True] * 2
         )
-        assert chosen.some == (0,)
+        assert chosen.numbers == (0,)
         assert chosen.doubts == {1: pytest.approx(1.0 if expected is None else expected)}
 
 
@@ -166,7 +166,7 @@ def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_t
     looks, findings = [Look(squares_of(worth), GROUPS)], search_of(cause(1), cause(2))
     assert choose(findings, looks, [True] * 2).gains == {}
     chosen = choose(findings, looks, [True] * 2, repeated_tells=False)
-    assert (chosen.some, chosen.by) == ((0, 1), "placements left out")
+    assert (chosen.numbers, chosen.by) == ((0, 1), "placements left out")
     rms_um = {some: 1e3 * np.sqrt(squares_of(worth)(some, False).mean()) for some in worth}
     for i, (before, after) in enumerate((((), (0,)), ((0,), (0, 1)))):
         assert chosen.gains[i].before_um == pytest.approx(rms_um[before])
@@ -175,19 +175,19 @@ def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_t
 
 def test_nothing_is_written_that_could_not_be_found_again() -> None:
     chosen = choose(search_of(cause(1)), [Look(squares_of({(): 4.0, (0,): 3.0}), GROUPS)], [False])
-    assert chosen.some == ()
+    assert chosen.numbers == ()
 
 
 def test_what_one_placement_shows_its_targets_bear_out() -> None:
     """Without that placement nobody knows of it: no gain there is no word against it."""
     silent, shown, harm = ({(): 4.0, (0,): after} for after in (4.0, 2.0, 4.5))
     one, first = Look(squares_of(shown), GROUPS), search_of(cause(1))
-    assert choose(first, [Look(squares_of(silent), GROUPS), one], [True]).some == (0,)
-    assert choose(first, [Look(squares_of(harm), GROUPS), one], [True]).some == ()
+    assert choose(first, [Look(squares_of(silent), GROUPS), one], [True]).numbers == (0,)
+    assert choose(first, [Look(squares_of(harm), GROUPS), one], [True]).numbers == ()
     looks = [Look(squares_of(harm), GROUPS), one]
     deaf = choose(first, looks, [True], lambda _finding, _some: True)
-    assert deaf.some == (0,)
-    assert deaf.gains[0].shown
+    assert deaf.numbers == (0,)
+    assert deaf.gains[0].is_confirmed
 
 
 def test_placements_hear_a_finding_that_only_another_one_hides_from_them() -> None:
@@ -199,8 +199,8 @@ def test_placements_hear_a_finding_that_only_another_one_hides_from_them() -> No
     def beside_the_other(finding: int, some: tuple[int, ...]) -> bool:
         return finding == 0 and 1 in some
 
-    assert choose(findings, looks, [True] * 2, beside_the_other).some == ()
-    assert choose(findings, looks, [True] * 2, lambda finding, _: finding == 0).some == (0,)
+    assert choose(findings, looks, [True] * 2, beside_the_other).numbers == ()
+    assert choose(findings, looks, [True] * 2, lambda finding, _: finding == 0).numbers == (0,)
 
 
 def test_gross_readings_have_no_voice_but_a_finding_that_makes_them_worse_is_not_written() -> None:
@@ -213,8 +213,8 @@ def test_gross_readings_have_no_voice_but_a_finding_that_makes_them_worse_is_not
             gross, 4000.0 * (worse if some else 1.0), usual(some, growth)
         )
 
-    assert choose(search_of(cause(1)), [Look(squares(1.0), GROUPS)], [True]).some == (0,)
-    assert choose(search_of(cause(1)), [Look(squares(1.2), GROUPS)], [True]).some == ()
+    assert choose(search_of(cause(1)), [Look(squares(1.0), GROUPS)], [True]).numbers == (0,)
+    assert choose(search_of(cause(1)), [Look(squares(1.2), GROUPS)], [True]).numbers == ()
 
 
 def test_the_first_links_growth_is_written_only_where_held_out_readings_bear_it_out() -> None:
@@ -222,11 +222,11 @@ def test_the_first_links_growth_is_written_only_where_held_out_readings_bear_it_
     for grown, expected in ((0.7, True), (1.0, False), (1.3, False)):
         looks = [Look(squares_of(worth, grown), GROUPS)]
         chosen = choose(search_of(cause(1)), looks, [True], growth=True)
-        assert (chosen.some, chosen.growth) == ((0,), expected)
+        assert (chosen.numbers, chosen.growth) == ((0,), expected)
         assert chosen.after.sum() < chosen.before.sum()
     none = [Look(squares_of({(): 4.0, (0,): 4.0}, 0.5), GROUPS)]
     chosen = choose(search_of(cause(1)), none, [True], growth=True)
-    assert (chosen.some, chosen.growth) == ((), False)
+    assert (chosen.numbers, chosen.growth) == ((), False)
     assert (chosen.after == chosen.before).all()
 
 
@@ -235,8 +235,8 @@ def test_a_look_that_is_deaf_to_the_first_links_growth_does_not_speak_of_it() ->
     worth = {(): 4.0, (0,): 3.0}
     for by_target, expected in ((0.99, True), (1.01, False)):
         looks = [Look(squares_of(worth, grown), GROUPS) for grown in (1.2, by_target)]
-        chosen = choose(search_of(cause(1)), looks, [True], growth=True, deaf_to_growth=True)
-        assert (chosen.some, chosen.growth) == ((0,), expected)
+        chosen = choose(search_of(cause(1)), looks, [True], growth=True, cannot_see_growth=True)
+        assert (chosen.numbers, chosen.growth) == ((0,), expected)
         assert chosen.after.sum() == pytest.approx(0.75 * chosen.before.sum())
         heard = choose(search_of(cause(1)), looks, [True], growth=True)
         assert not heard.growth
@@ -246,12 +246,12 @@ def test_a_shape_is_not_written_without_its_cause() -> None:
     shape = Candidate("unknown", location.shape_of("encoder_scale", location.joint(1)), (), ("q1",))
     worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 4.4}
     chosen = choose(search_of(cause(1), shape), [Look(squares_of(worth), GROUPS)], [True, True])
-    assert chosen.some == ()
+    assert chosen.numbers == ()
 
 
 def test_rounding_is_no_gain() -> None:
     before = np.full(len(GROUPS), 1e-2)
-    assert not gain(before, before * (1.0 - 1e-13), GROUPS).shown
+    assert not gain(before, before * (1.0 - 1e-13), GROUPS).is_confirmed
 
 
 @pytest.fixture(scope="module")
@@ -293,9 +293,9 @@ def test_with_nothing_borne_out_the_file_predicts_what_the_model_under_test_does
     healthy = planted(holdout, wave(2, -8.0))
     found = diagnose(sessions, arm, holdout=healthy)
     given, written = found.baseline.calibration, found.extended
-    assert len(found.found) == 1
+    assert len(found.findings) == 1
     assert found.written == ()
-    assert not found.gains[0].shown
+    assert not found.gains[0].is_confirmed
     assert (written.constants, written.terms) == (given.constants, given.terms)
     assert written.provenance["diagnosis"]["not_borne_out"] == ["encoder_eccentricity joint 2"]
     result = as_json(found, "ext.json")

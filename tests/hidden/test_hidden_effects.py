@@ -58,7 +58,7 @@ def _name(plant: Plant) -> str:
 
 def _found_where_it_was_hidden(plant: Plant, design: Design) -> None:
     judged = run_case(101, [plant], design=design)
-    found = [f.candidate.place for f in judged.diagnosis.found]
+    found = [f.candidate.place for f in judged.diagnosis.findings]
     assert judged.named == (True,), found
     assert judged.false_causes == 0, found
     possible = judged.before_um**2 - judged.oracle_um**2
@@ -87,13 +87,13 @@ def test_a_lag_is_named_on_ramps_that_began_before_the_sessions(seed: int) -> No
     """What its start leaves fades in each session, and one length is late by less than the other:
     both were taken for drifts of joints."""
     judged = run_case(seed, [Plant("thermal_lag", "link 2", 1500.0)], design=DESIGNS["ramps"])
-    assert [f.candidate.place for f in judged.diagnosis.found] == [("thermal_lag", "link 2")]
+    assert [f.candidate.place for f in judged.diagnosis.findings] == [("thermal_lag", "link 2")]
     assert judged.after_um < 1.05 * judged.oracle_um
 
 
 def test_clean_data_are_met_with_silence_and_an_unchanged_model() -> None:
     judged = run_case(202, [], design=SMALL)
-    assert judged.diagnosis.found == ()
+    assert judged.diagnosis.findings == ()
     assert judged.diagnosis.outliers == ()
     assert judged.diagnosis.extended == judged.diagnosis.baseline.calibration
 
@@ -103,7 +103,7 @@ def test_clean_data_are_met_with_silence_and_an_unchanged_model() -> None:
 @pytest.mark.parametrize("seed", [300, long_case(301), long_case(302)])
 def test_neither_heavy_tails_nor_slow_drift_are_a_cause(noise: str, seed: int) -> None:
     judged = run_case(seed, [], NOISES[noise])
-    assert judged.diagnosis.found == ()
+    assert judged.diagnosis.findings == ()
     assert judged.diagnosis.outliers == ()
 
 
@@ -144,7 +144,7 @@ def test_a_wrong_certificate_is_like_no_other_cause_and_as_large_as_it_is() -> N
     """What certificates leave uncertain is noise: it must not swallow the target's own error."""
     judged = run_case(305, [Plant("artefact_length", "target B7", 30.0)], design=SMALL)
     assert judged.named == (True,)
-    (found,) = judged.diagnosis.found
+    (found,) = judged.diagnosis.findings
     assert found.rivals == ()
     sessions = judged.diagnosis.sessions
     share = np.mean([s.artefact.target_names[i] == "B7" for s in sessions for i in s.target])
@@ -228,7 +228,7 @@ def test_a_confounded_design_gives_alternatives() -> None:
     plant = Plant("encoder_scale", "joint 3", 5.0)
     judged = run_case(606, [plant], design=replace(DESIGNS["short range"]))
     assert judged.among == (True,)
-    assert any(found.rivals for found in judged.diagnosis.found)
+    assert any(found.rivals for found in judged.diagnosis.findings)
 
 
 @pytest.mark.slow

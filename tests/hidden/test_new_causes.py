@@ -43,8 +43,8 @@ def diagnosed(seed: int, plant: Plant) -> Diagnosis:
 )
 def test_it_is_found_named_and_sized(plant: Plant, size: float) -> None:
     found = diagnosed(31, plant)
-    assert {f.candidate.place for f in found.found} == {(plant.cause, plant.location)}
-    assert found.found[0].probability > 0.95
+    assert {f.candidate.place for f in found.findings} == {(plant.cause, plant.location)}
+    assert found.findings[0].probability > 0.95
     assert 0 in found.written
     values, covariance = found.search.last.amplitudes[0], found.search.last.covariances[0]
     length = float(np.linalg.norm(values))
@@ -67,15 +67,15 @@ def test_what_no_calibration_can_hold_is_told_and_not_written(
     plant: Plant, size: float | None, word: str
 ) -> None:
     found = diagnosed(32, plant)
-    assert [f.candidate.place for f in found.found] == [(plant.cause, plant.location)]
+    assert [f.candidate.place for f in found.findings] == [(plant.cause, plant.location)]
     assert found.written == ()
-    assert found.gains[0].shown
+    assert found.gains[0].is_confirmed
     assert "No calibration can contain 1: reported, and not written." in verdict(found)
     given, written = found.baseline.calibration, found.extended
     assert (written.constants, written.terms) == (given.constants, given.terms)
     (value,) = found.search.last.amplitudes[0]
     sigma = float(np.sqrt(found.search.last.covariances[0][0, 0]))
-    assert word in found.found[0].candidate.columns[0].name
+    assert word in found.findings[0].candidate.columns[0].name
     if size is None:
         assert abs(value) == pytest.approx(1e-3 * plant.size, rel=0.2)
     else:

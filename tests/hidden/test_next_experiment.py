@@ -84,14 +84,14 @@ def test_one_other_temperature_leaves_a_shift_in_doubt_and_another_one_rules_it_
     case = Doubtful("one temperature", plant, replace(warm, before=4, earlier=Design()))
     before, settled = settle(tmp_path, 5, case)
     assert settled is not None
-    places = {c.place for c in (before.found[0].candidate, *settled.doubt.rivals)}
+    places = {c.place for c in (before.findings[0].candidate, *settled.doubt.rivals)}
     assert places >= {("joint_thermal", "joint 3"), ("geometry_shift", "joint 3")}
     # The table asks for the temperatures that the links will have, warmed by themselves.
     asked = settled.proposed.states.temperature_c
     *first, following = (s.states.temperature_c for s in settled.after.sessions)
     assert np.abs(asked - following).max() < 1.0
     assert np.abs(asked[0, 2] - np.vstack(first)[:, 2]).min() > 1.5
-    (found,) = settled.after.found
+    (found,) = settled.after.findings
     assert found.candidate.place == ("joint_thermal", "joint 3") and found.probability > 0.9
     likely = [rival.candidate for rival in found.rivals if rival.probability > 0.02]
     assert all("time_s" in rival.depends_on for rival in likely)

@@ -55,6 +55,7 @@ def test_scores_are_those_of_one_dense_problem(problem) -> None:
     assert scores.statistic[0] > 50.0
 
 
+@pytest.mark.slow
 def test_a_part_left_out_of_the_sums_is_left_out_of_the_problem(problem) -> None:
     current, arm, candidates = problem
     signatures = compile_candidates(candidates[::40], current.linear, arm)
@@ -111,8 +112,8 @@ def test_a_survey_by_parts_is_the_one_of_all_rows_and_of_all_but_a_part(problem)
     few = compile_candidates(candidates[20::400], current.linear, arm)
     finding = next(c for c in candidates if c.place == ("encoder_eccentricity", "joint 3"))
     found = solve_again(current, [finding], arm)
-    parted = PartedSurvey.of(with_findings_unsolved(found, [], arm), signatures, arm)
-    surveys = [(parted.beside(found), found), (parted.under(current), current)]
+    parted = PartedSurvey.from_fit(with_findings_unsolved(found, [], arm), signatures, arm)
+    surveys = [(parted.with_findings(found), found), (parted.without_findings(current), current)]
     folds = folds_of(current.linear.rests)
     outs = [folds == 0, folds == 1]
     for part, refits in enumerate(refits_without(current, outs)):

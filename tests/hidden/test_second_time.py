@@ -65,13 +65,13 @@ def history() -> History:
         )
         plain = calibrate(before, arm).calibration
         first = diagnose(planted(before, SINCE_LONG), arm)
-        assert [f.candidate.place for f in first.found] == [("encoder_eccentricity", "joint 2")]
+        assert [f.candidate.place for f in first.findings] == [("encoder_eccentricity", "joint 2")]
         return History(arm, before, later[:5], later[5:], holdout, plain, first.extended)
 
 
 def size_of(diagnosis: Diagnosis, cause: str, location: str) -> tuple[float, float]:
     """Amplitude of the only finding, and its standard uncertainty, arc seconds."""
-    assert [f.candidate.place for f in diagnosis.found] == [(cause, location)]
+    assert [f.candidate.place for f in diagnosis.findings] == [(cause, location)]
     values, covariance = diagnosis.search.last.amplitudes[0], diagnosis.search.last.covariances[0]
     size = float(np.linalg.norm(values))
     sigma = float(np.sqrt(values @ covariance @ values)) / size
@@ -92,7 +92,7 @@ def gains_as_possible(
     mended = rms_um(planted(holdout, *before, since), arm, diagnosis.extended)
     assert sick**2 - mended**2 > 0.9 * (sick**2 - healthy**2)
     (gain,) = diagnosis.gains
-    assert gain.shown
+    assert gain.is_confirmed
     assert gain.before_um**2 - gain.after_um**2 > 0.5 * (sick**2 - healthy**2)
 
 
@@ -116,14 +116,14 @@ def test_an_effect_that_was_not_written_is_no_other_cause_later(history: History
     named an ellipse and a wobble, one of them surely, for what the constants left of the disc."""
     arm, since = history.arm, wave(2, 6.0)
     first = diagnose(planted(history.first, since), arm)
-    assert [f.candidate.place for f in first.found] == [("encoder_eccentricity", "joint 2")]
+    assert [f.candidate.place for f in first.findings] == [("encoder_eccentricity", "joint 2")]
     last, sessions = first.search.last, first.sessions
     without = Refits(last).with_subset(())
     plain = extended(without, arm, sessions, left_out=last.findings)
     written = saying_what_is_open(plain, last, (), arm, sessions)
     assert rms_um(history.holdout, arm, written) == rms_um(history.holdout, arm, plain)
     found = diagnose(planted(history.second, since), arm, written)
-    assert [f.candidate.place for f in found.found] == [("encoder_eccentricity", "joint 2")]
+    assert [f.candidate.place for f in found.findings] == [("encoder_eccentricity", "joint 2")]
 
 
 @pytest.mark.slow
@@ -139,7 +139,7 @@ def test_a_shifted_length_is_known_no_better_than_its_shift(history: History) ->
     }
     under = given.model_copy(update=known)
     found = diagnose(planted(history.second, SINCE_LONG), history.arm, under)
-    assert [f.candidate.place for f in found.found] == [("geometry_shift", "joint 3")]
+    assert [f.candidate.place for f in found.findings] == [("geometry_shift", "joint 3")]
     at = found.extended.covariance_of.index("a_3")
     sigma = float(np.sqrt(found.extended.covariance[at][at]))
     # The written model is fitted about the length found, the search's about the one given: 1 %.

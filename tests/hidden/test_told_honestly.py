@@ -59,6 +59,7 @@ def first(session: Session, n: int) -> Session:
     return session.rows(np.arange(session.n) < n)
 
 
+@pytest.mark.slow
 @parametrize_default("n", [1, 2])
 def test_readings_that_their_placement_explains_are_refused(measured: Measured, n: int) -> None:
     arm, calibration = measured.arm, measured.calibration
@@ -79,14 +80,14 @@ def test_many_copies_of_one_reading_are_one(measured: Measured) -> None:
 @pytest.mark.slow
 def test_silence_of_few_readings_is_no_comfort(measured: Measured) -> None:
     few = diagnose([first(measured.sessions[0], 5)], measured.arm, measured.calibration)
-    assert not few.found
+    assert not few.findings
     assert "hardly any cause could have shown" in verdict(few)
 
 
 @pytest.mark.slow
 def test_silence_says_what_would_have_shown(measured: Measured) -> None:
     clean = diagnose(measured.sessions, measured.arm, measured.calibration)
-    assert not clean.found
+    assert not clean.findings
     shown = clean.search.would_show
     # A slip of 15 arc seconds is found in these (10 were, elsewhere); nothing is seen of a force.
     assert shown["encoder_slip"] > 10.0
@@ -113,7 +114,7 @@ def test_a_size_within_its_own_uncertainty_is_told_as_such(found: Diagnosis) -> 
 
 @pytest.mark.slow
 def test_what_has_no_name_has_no_causes_parameters(found: Diagnosis) -> None:
-    (one,) = found.found
+    (one,) = found.findings
     nameless = replace(one, candidate=replace(one.candidate, cause="unknown"))
     last = as_told(found.search.last, [nameless])
     (candidate,) = last.findings
@@ -135,7 +136,7 @@ def test_a_correction_of_one_artefact_is_not_anothers(measured: Measured) -> Non
 def test_what_is_found_on_an_artefact_is_written_with_its_name(measured: Measured) -> None:
     sessions = [_expanding(session, 20e-6) for session in measured.sessions]
     diagnosis = diagnose(sessions, measured.arm, measured.calibration)
-    assert [f.candidate.cause for f in diagnosis.found] == ["artefact_expansion"]
+    assert [f.candidate.cause for f in diagnosis.findings] == ["artefact_expansion"]
     correction = diagnosis.extended.artefact
     assert correction is not None
     assert correction.artefacts == [sessions[0].artefact.name]
@@ -174,7 +175,7 @@ def test_a_walk_is_not_told_where_two_causes_do_the_same(tmp_path: Path) -> None
     case = generate_case(tmp_path, 807, plants, Design(before=6, holdout=0))
     arm = load_arm(case.arm)
     before, sessions = ([load_session(p, arm) for p in own] for own in (case.before, case.sessions))
-    told = diagnose(sessions, arm, calibrate(before, arm).calibration).found
+    told = diagnose(sessions, arm, calibrate(before, arm).calibration).findings
     assert ("link_expansion", "link 4") in [finding.candidate.place for finding in told]
     assert not any(
         finding.candidate.cause == "geometry_shift" and finding.probability >= 0.95

@@ -152,6 +152,7 @@ def test_readings_without_a_temperature_are_left_out_and_counted(
     assert figures["rms_um"] < 4
 
 
+@pytest.mark.slow
 def test_evaluate_without_a_needed_temperature_names_session_and_column(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -277,6 +278,7 @@ def test_poses_that_say_nothing_are_refused(
     assert "readings: found 1 poses" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_quiet_says_no_remarks(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

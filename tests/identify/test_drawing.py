@@ -78,6 +78,7 @@ def test_what_is_far_off_is_remarked(
     assert ("arm.toml is far off" in result.certificate.reason) == bool(far)
 
 
+@pytest.mark.slow
 def test_a_remark_has_its_units_and_its_reason() -> None:
     (length,) = calibrated(SHORT).off_drawing
     assert length.in_words().startswith("arm.toml may be wrong: a_2 (joint 2) is 340.00 mm there")

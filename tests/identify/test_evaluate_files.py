@@ -89,6 +89,7 @@ def in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pieces, "PIECE_BYTES", 1 << 17)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_pieces")
 @pytest.mark.parametrize("known", [False, True])
 def test_same_as_in_memory(tmp_path: Path, known: bool) -> None:

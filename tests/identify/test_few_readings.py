@@ -9,13 +9,14 @@ from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.errors import BadInput
 from support import synthetic
+from support.selection import parametrize_default
 
 ARM = synthetic.arm(9)
 OPTIONS = Options(thermal_order=0)
 
 
-@pytest.mark.parametrize(
-    ("readings", "placements", "targets"), [(15, 1, 4), (15, 2, 1), (61, 20, 2)]
+@parametrize_default(
+    ("readings", "placements", "targets"), [(15, 1, 4), (15, 2, 1), (61, 20, 2)], default=2
 )
 def test_a_nine_joint_arm_gains_tenfold(readings: int, placements: int, targets: int) -> None:
     rng = np.random.default_rng(0)

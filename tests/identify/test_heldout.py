@@ -41,7 +41,7 @@ def test_readings_of_a_tracker(readings: int, wrong: int) -> None:
         result = calibrate([one], ARM, Options(thermal_order=0))
         printed.append(result.heldout_rms_um)
         without.append(result.heldout.without_far_um)
-        assert result.heldout.n_far == len(result.fit.weighed_down) >= wrong // 2
+        assert result.heldout.n_far == len(result.fit.down_weighted) >= wrong // 2
         assert (" without the " in result.heldout.in_words()) == (result.heldout.n_far > 0)
         found = evaluate([other], ARM, result.calibration)
         elsewhere.append(float(np.sqrt(np.mean(found.distance_um**2))))

@@ -189,6 +189,7 @@ def test_two_bad_sessions_are_both_named(
     assert "inches" in told[0] and "B1 and B8" in told[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("by", "unit", "said"),
     [(np.degrees(1.0), "rad", 'angle_unit = "deg" would fit'), (1.0, "deg", "like radians")],
@@ -325,6 +326,7 @@ def changed_once(
     return told
 
 
+@pytest.mark.slow
 @parametrize_default("moved_mm", [(0.2, -0.3, 0.6), (4.0, 1.0, -35.0)])
 def test_another_stylus_is_told_with_its_offset(moved_mm: tuple[float, float, float]) -> None:
     told = changed_once(dict(zip(("tip_x", "tip_y", "tip_z"), moved_mm, strict=True)))
@@ -372,6 +374,7 @@ def test_one_bad_reading_is_no_bad_session(
     assert "outliers" in told and "does not fit" not in told
 
 
+@pytest.mark.slow
 def test_an_arm_that_hardly_moves_explains_nothing(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

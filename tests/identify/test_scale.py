@@ -54,6 +54,7 @@ def size_of(found: Identification, truth: np.ndarray) -> tuple[float, float]:
     return error, float(np.sqrt(along @ found.covariance @ along))
 
 
+@pytest.mark.slow
 @parametrize_default("encoder_rad", [5e-5, 5e-4, 1e-3])
 def test_a_larger_scatter_does_not_shrink_the_arm(encoder_rad: float) -> None:
     rng = np.random.default_rng(5)

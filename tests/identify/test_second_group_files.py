@@ -25,6 +25,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @parametrize_default("names", [["T14"], ["T14", "T20"], ["T14", "T20", "T26"]])
 def test_check_names_the_rows_of_another_tip(
     measured: Path, capsys: pytest.CaptureFixture[str], names: list[str]

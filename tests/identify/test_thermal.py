@@ -91,6 +91,7 @@ def test_expansion_that_bends_is_order_2() -> None:
     assert calibrated(with_coefficients(length_terms(ARM, [1, 2]), 5e-3, 3e-4)).thermal_order == 2
 
 
+@pytest.mark.slow
 def test_an_angle_that_moves_with_temperature_is_taken_up() -> None:
     lengths = with_coefficients(length_terms(ARM, [1]), 5e-3)
     angles = with_coefficients(angle_terms(ARM, "theta"), 2.0 * ARCSEC)
@@ -198,6 +199,7 @@ def test_placements_close_to_the_next_are_not_all_of_one_temperature() -> None:
     assert found.rms_um < 10.0
 
 
+@pytest.mark.slow
 @parametrize_default(("per_k", "width_k", "order"), [(2e-5, 2.1, 1), (0.0, 2.1, 0), (2e-5, 0.6, 0)])
 def test_close_temperatures_tell_expansion_where_there_is_some(
     per_k: float, width_k: float, order: int

@@ -147,6 +147,7 @@ def test_forty_arms_lie_within_their_stated_uncertainty_as_often_as_stated(
         assert abs(np.mean(sizes)) < MOST_SIGMA * np.std(sizes) / np.sqrt(len(sizes))
 
 
+@pytest.mark.slow
 def test_a_length_certified_wrong_is_contradicted(tmp_path: Path) -> None:
     """Two blocks on one arm: what the one says of its size, the other's certificate must keep."""
     workshop = Workshop(3)
@@ -221,7 +222,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", list(REFUSED))
+@parametrize_default("name", list(REFUSED), default=3)
 def test_surfaces_that_nobody_can_place_are_refused_by_name(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -199,6 +199,7 @@ def test_good_readings_name_their_own(readings: Observations) -> None:
     assert not len(wrong_names(readings, as_drawn(readings)).reading)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_just_those_that_are_renamed_are_found(readings: Observations, data: st.DataObject) -> None:

@@ -68,7 +68,7 @@ class Drawn:
         self.first = onset
         self._begins, self._before = (month[i].mean_unix_s for i in (onset, onset - 1))
         counts = [len(cause.candidate.columns) for cause in causes]
-        self._typical = np.array([c.typical for cause in causes for c in cause.candidate.columns])
+        self._typical = np.array([c.prior_sd for cause in causes for c in cause.candidate.columns])
         self._block = slice(sum(counts[: self.cause]), sum(counts[: self.cause + 1]))
         self._size = float(rng.choice(SIZES)) * rng.normal(size=counts[self.cause])
         self._all_along = rng.choice(ALL_ALONG) * rng.normal(size=len(self._typical))

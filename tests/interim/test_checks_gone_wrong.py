@@ -80,6 +80,7 @@ def in_the_air(checks: Path, which: dict[int, float]) -> Edit:
     return edit
 
 
+@pytest.mark.slow
 @parametrize_default(
     "which",
     [{7: 0.3}, {7: 4.0}, {7: 70.0}, {7: 350.0}, {3: 4.0, 12: 4.0}, {3: 350.0, 12: -300.0}],

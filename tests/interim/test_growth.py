@@ -91,6 +91,7 @@ def test_growth_is_neither_a_change_nor_dirt(measured: Path, tmp_path: Path, cap
     assert result["changes"] == []
 
 
+@pytest.mark.slow
 def test_the_growth_is_reported_and_written(measured: Path, tmp_path: Path, capsys: Any) -> None:
     """Beside the simulator's materials; and on all sessions, of which the checks had an eighth."""
     result = judged(measured, tmp_path / "h", checks(measured, tmp_path), capsys)
@@ -155,6 +156,7 @@ def warming(folder: Path, count: int, repeats: int, seed: int) -> list[str]:
     return [str(folder / plan.name) for plan, _ in plans]
 
 
+@pytest.mark.slow
 def test_a_check_that_warms_up_while_it_is_measured_is_in_control(
     measured: Path, tmp_path: Path, capsys: Any
 ) -> None:

@@ -162,6 +162,7 @@ def test_tomorrows_poses_tell_a_doubtful_cause_from_its_rival(
     assert np.linalg.norm(left) > 0.05 * np.linalg.norm(scale)
 
 
+@pytest.mark.slow
 def test_without_a_doubt_there_are_no_poses(tmp_path: Path) -> None:
     judged(tmp_path, "--days", "4")
     with pytest.raises(BadInput, match="--poses"):

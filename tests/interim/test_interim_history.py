@@ -173,6 +173,7 @@ def test_what_is_remembered_of_earlier_checks_decides_nothing(copy: Path) -> Non
     assert watched.is_file()
 
 
+@pytest.mark.slow
 def test_before_the_change_the_state_is_in_control(checks: Path, tmp_path: Path) -> None:
     assert add(checks, tmp_path / "h", 1, 2, 3, 4, 5) == 0
     result = reported(tmp_path / "h")
@@ -354,6 +355,7 @@ def test_a_history_kept_with_another_catalogue_is_judged_by_todays(
     assert told[1] == pytest.approx(told[0], abs=1e-3)  # but for the digits that a file keeps
 
 
+@pytest.mark.slow
 def test_a_head_without_a_line_is_a_history_not_begun(checks: Path, tmp_path: Path) -> None:
     history = tmp_path / "history"
     history.mkdir()
@@ -505,6 +507,7 @@ def test_two_that_add_at_once_wait_for_each_other(checks: Path, kept: Path, tmp_
     assert [check["name"] for check in reported(history)["checks"]] == ["day-03"]
 
 
+@pytest.mark.slow
 def test_the_page_names_units_and_the_change(kept: Path, tmp_path: Path) -> None:
     assert run("report", "--history", kept, "--report", tmp_path / "r.html") == 1
     page = (tmp_path / "r.html").read_text()

@@ -196,6 +196,7 @@ def test_any_edit_makes_another_state_of_the_code(tmp_path: Path) -> None:
     assert len({*found, hash_sources(renamed)}) == len(weighed) + 2
 
 
+@pytest.mark.slow
 @parametrize_default("late", [0, 5, 13, 25, 38])
 def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late: int) -> None:
     """What was remembered without it says what a search that remembers nothing says."""

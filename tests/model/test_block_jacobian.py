@@ -11,6 +11,7 @@ from armd.compensation.kernel.block_jacobian import (
 )
 from armd.compensation.kernel.memory import BLOCK
 from armd.compensation.model.kinematics import forward
+from support.selection import parametrize_default
 
 
 def difference(q: np.ndarray, parameters: np.ndarray, column: int) -> np.ndarray:
@@ -26,7 +27,7 @@ def difference(q: np.ndarray, parameters: np.ndarray, column: int) -> np.ndarray
     return (4 * slopes[1] - slopes[0]) / 3
 
 
-@pytest.mark.parametrize("n_joints", [3, 6, 9])
+@parametrize_default("n_joints", [6, 3, 9])
 def test_they_are_the_slopes_of_the_tip(n_joints: int) -> None:
     rng = np.random.default_rng(n_joints)
     m = 5  # the last block of a table is not full

@@ -41,6 +41,7 @@ def test_left_out():
 }
 
 
+@pytest.mark.slow
 def test_the_end_of_a_run_reports_what_was_heavy_left_out_and_not_judged(tmp_path: Path) -> None:
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)

@@ -16,7 +16,7 @@ HISTORY = "interim/test_interim_history.py"
 POINTS = "interim/test_points_over_time.py"
 #: Module → the tests that hold it. They write and read whole histories; or stand beside such tests.
 HELD_BY = {
-    "diagnose/heldout/borne_out": "hidden/test_borne_out.py",  # by squares made up
+    "diagnose/heldout/validated": "hidden/test_borne_out.py",  # by squares made up
     "interim/checks/keeping": HISTORY,
     "interim/points/history": POINTS,
     "interim/points/judge": POINTS,

@@ -16,6 +16,7 @@ from armd.daemon.cli import main, parsers
 from armd.daemon.commands.groups import COMMANDS
 from armd.simulator import options, sessions
 from armd.terminal.loudness import OWN_FAULT
+from armd.terminal.parser import Parser
 
 ARM = """schema = "armd.arm/1"
 serial_number = "A"
@@ -31,24 +32,22 @@ a_mm = 200.0
 LINE = re.compile(r"armd: +\d+\.\d\d s  \S.*")
 
 
-def leaves(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
-    groups = [one for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
-    for group in groups:
-        for below in group.choices.values():
-            yield from leaves(below)
-    if not groups:
+def leaves(parser: Parser) -> Iterator[Parser]:
+    for below in parser.subcommands.values():
+        yield from leaves(below)
+    if not parser.subcommands:
         yield parser
 
 
 def test_every_command_takes_them_alike() -> None:
     _, commands = parsers(COMMANDS.keys() - {"simulate"})
     del commands["simulate"]  # a program of its own, with two command lines
-    simulated = argparse.ArgumentParser()
+    simulated = Parser()
     sessions.add_arguments(simulated)
     every = [leaf for one in commands.values() for leaf in leaves(one)]
     assert len(every) > len(commands)  # interim has two
     for parser in [*every, simulated, options.make_parser()]:
-        names = {name: action.dest for name, action in parser._option_string_actions.items()}
+        names = {name: a.dest for a in parser.arguments for name in a.option_strings}
         assert names["-q"] == names["--quiet"] == "quiet", parser.prog
         assert names["-v"] == names["--verbose"] == "verbose", parser.prog
 
@@ -82,6 +81,7 @@ def test_verbose_says_files_and_steps_with_the_time(
     assert logging.getLogger("armd").handlers == []
 
 
+@pytest.mark.slow
 def test_each_step_once_and_what_was_written(tmp_path: Path) -> None:
     simulate = [sys.executable, "-m", "armd", "simulate", "--session", "isothermal", "-o", "m"]
     told = subprocess.run([*simulate, "-v"], cwd=tmp_path, capture_output=True, text=True).stderr

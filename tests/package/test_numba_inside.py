@@ -154,6 +154,7 @@ print(*(name for name in sys.modules if name == "armd.compiled.numba_inside" or 
 """
 
 
+@pytest.mark.slow
 def test_plain_numba_uses_none_of_it_and_keeps_nothing(tmp_path: Path) -> None:
     (tmp_path / "plain.py").write_text(PLAIN)
     environment = {"ARMD_PLAIN_NUMBA": "1", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}

@@ -72,6 +72,7 @@ def test_broken_commands_are_reported_once_and_the_list_is_printed(broken: Path)
     assert all(line.endswith("; skipped") for line in lines)
 
 
+@pytest.mark.slow
 def test_a_name_of_armds_own_keeps_its_meaning(broken: Path, tmp_path: Path) -> None:
     """No package is even looked for."""
     done = armd_with(broken, "run", str(tmp_path / "missing.toml"))
@@ -145,6 +146,7 @@ print([name for name in sys.modules if name.startswith("armd.plugins")])
 """
 
 
+@pytest.mark.slow
 def test_a_daemon_of_armds_own_drivers_looks_for_no_package(tmp_path: Path) -> None:
     path = daemon_file(tmp_path, 'kind = "serial"\nport = "/dev/x"')
     command = [sys.executable, "-c", START, str(path)]

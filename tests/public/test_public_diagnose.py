@@ -137,6 +137,7 @@ def test_what_cannot_be_designed_is_refused(measured: MeasuredArm, session: armd
         armd.design(measured.arm_file, session, artefact={"name": "bar"})
 
 
+@pytest.mark.slow
 def test_the_report_of_a_calibration_read_has_no_sessions(
     measured: MeasuredArm, session: armd.Session, tmp_path: Path
 ) -> None:

@@ -65,7 +65,7 @@ def ur10(folder: Path, console: Console) -> list[str]:
         seconds = time.monotonic() - started
         diagnoses[series] = diagnosis
         _findings(f"UR10 series {series}", diagnosis, console)
-        places = [f.candidate.place for f in diagnosis.found]
+        places = [f.candidate.place for f in diagnosis.findings]
         joints = {where for cause, where in places if cause == "encoder_periodic"}
         before = rms_mm([heldouts[series]], arm, diagnosis.baseline.calibration)
         after = rms_mm([heldouts[series]], arm, diagnosis.extended)
@@ -80,7 +80,7 @@ def ur10(folder: Path, console: Console) -> list[str]:
 def _findings(title: str, diagnosis: Diagnosis, console: Console) -> None:
     """Every finding with its gain on readings held out."""
     table = Table(title, "where", "P", "held out, mm", "gain, 95 %, mm", "")
-    for found, gain in zip(diagnosis.found, diagnosis.gains, strict=True):
+    for found, gain in zip(diagnosis.findings, diagnosis.gains, strict=True):
         low, high = (value / 1e3 for value in gain.interval_um)
         table.add_row(
             found.candidate.cause,
@@ -88,7 +88,7 @@ def _findings(title: str, diagnosis: Diagnosis, console: Console) -> None:
             f"{found.probability:.2f}",
             f"{gain.before_um / 1e3:.4f} → {gain.after_um / 1e3:.4f}",
             f"{low:+.4f} to {high:+.4f}",
-            "" if gain.shown else "not confirmed",
+            "" if gain.is_confirmed else "not confirmed",
         )
     console.print(table)
 
@@ -202,7 +202,7 @@ def kinova(folder: Path, console: Console) -> list[str]:
     for cause in sorted(UNTIMED):
         if cause in diagnosis.search.untold:
             console.print(f"Kinova: {cause} cannot be told; it needs {needs_of(cause)}")
-    named = {f.candidate.cause for f in diagnosis.found}
+    named = {f.candidate.cause for f in diagnosis.findings}
     told = UNTIMED - set(diagnosis.search.untold) | (UNTIMED & named)
     return [f"Kinova: {cause} without its evidence" for cause in sorted(told)]
 

@@ -44,7 +44,7 @@ def test_a_strong_wave_is_not_an_oval_disc_off_its_shape(
     arm, extended, since = diagnosed
     measured, fresh, untouched = parts(since, wave(1, 48.0, 4))
     found = diagnose(measured, arm, extended)
-    strongest = found.found[0]
+    strongest = found.findings[0]
     assert strongest.candidate.place == ("encoder_periodic", "joint 1")
     assert ("order", 4.0, "1/turn") in strongest.candidate.setting
     assert strongest.probability > 0.95
@@ -81,7 +81,7 @@ def test_a_real_arm_has_something_new(
     measured, fresh, untouched = parts(since, *effect)
     healthy = rms_um([untouched], arm, extended)
     found = diagnose(measured, arm, under)
-    assert (cause, location) in [f.candidate.place for f in found.found]
+    assert (cause, location) in [f.candidate.place for f in found.findings]
     sick, mended = rms_um(fresh, arm, under), rms_um(fresh, arm, found.extended)
     assert sick**2 - mended**2 > 0.9 * (sick**2 - healthy**2)
     assert max(gain.before_um - gain.after_um for gain in found.gains) > 1.0
@@ -110,7 +110,7 @@ def test_a_degree_is_no_wonder_on_an_arm_of_degrees(
     arm, extended, since = seated
     measured, fresh, untouched = parts(since, wave(joint, size, order))
     found = diagnose(measured, arm, extended)
-    assert [f.candidate.place for f in found.found] == [(cause, f"joint {joint}")]
+    assert [f.candidate.place for f in found.findings] == [(cause, f"joint {joint}")]
     healthy = rms_um([untouched], arm, extended)
     sick, mended = rms_um(fresh, arm, extended), rms_um(fresh, arm, found.extended)
     assert sick**2 - mended**2 > 0.9 * (sick**2 - healthy**2)

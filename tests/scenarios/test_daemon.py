@@ -257,6 +257,7 @@ def test_sigterm_ends_it_within_3_s_and_takes_the_token_away(
         assert not [reply for reply in session.liveliness().get(alive) if reply.ok]
 
 
+@pytest.mark.slow
 def test_commands_are_refused_unless_enabled_and_a_killed_daemon_needs_no_cleaning(
     tmp_path: Path,
 ) -> None:

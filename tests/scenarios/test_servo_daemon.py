@@ -182,6 +182,7 @@ def test_torque_and_trouble_are_told_in_words(tmp_path, family):
     assert not servos.writes
 
 
+@pytest.mark.slow
 def test_a_missing_id_is_named_and_its_rows_are_invalid(tmp_path):
     with FakeServos(Feetech, tmp_path, (1, 2, 3)) as servos:
         servos.silent.add(3)

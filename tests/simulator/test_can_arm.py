@@ -17,6 +17,7 @@ from armd.drivers.can import objects
 from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
+from support.selection import parametrize_default
 from support.simulated_arm import SimulatedArm, simulated_arm
 
 SYNC_HZ = 50
@@ -86,7 +87,7 @@ def exchange(bus: can.BusABC, n: int) -> list[Message]:
     return heard
 
 
-@pytest.mark.parametrize("interface", ["socketcand", "slcan", "udp_multicast"])
+@parametrize_default("interface", ["socketcand", "slcan", "udp_multicast"])
 def test_every_sync_latches_the_true_arm(interface: str, tmp_path: Path) -> None:
     options = []
     if interface == "udp_multicast":
@@ -118,23 +119,28 @@ def test_every_sync_latches_the_true_arm(interface: str, tmp_path: Path) -> None
     assert error_um.max() < 50.0
 
 
+@pytest.mark.slow
 def test_the_arm_may_produce_sync(tmp_path: Path) -> None:
-    wire = ("--can", "socketcand")
+    """Nobody answers more often than asked; where the machine starves, SYNCs come in bursts."""
+    wanted = 10
+    joints = range(0x181, 0x187)
     with (
-        simulated_arm(tmp_path, "--sync-producer", wire=wire, rate_hz=SYNC_HZ, seconds=30) as arm,
+        simulated_arm(
+            tmp_path, "--sync-producer", wire=("--can", "socketcand"), rate_hz=SYNC_HZ, seconds=30
+        ) as arm,
         host(arm, "socketcand") as bus,
     ):
-        end = time.monotonic() + 1.0
-        ids = []
-        while time.monotonic() < end:
+        end = time.monotonic() + 25.0
+        ids: list[int] = []
+        while min(map(ids.count, joints)) < wanted and time.monotonic() < end:
             if (message := bus.recv(0.1)) is not None:
                 ids.append(message.arbitration_id)
-    first = ids.index(objects.SYNC_ID)
-    syncs = ids[first:].count(objects.SYNC_ID)
-    assert 10 < syncs <= SYNC_HZ + 5
-    # Bus order: the answers to a SYNC come before the next one.
-    for start in [i for i, can_id in enumerate(ids) if can_id == objects.SYNC_ID][:-1]:
-        assert ids[start + 1] in (0x181, 0x701)
+    ids = ids[ids.index(objects.SYNC_ID) :]
+    syncs = np.cumsum(np.equal(ids, objects.SYNC_ID))
+    for joint in joints:
+        answers = np.cumsum(np.equal(ids, joint))
+        assert answers[-1] >= wanted
+        assert np.all(answers <= syncs)
 
 
 @pytest.mark.slow

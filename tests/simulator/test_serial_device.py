@@ -234,6 +234,7 @@ def test_counts_and_truth_are_of_one_arm(run: tuple[SimulatedArm, Heard]) -> Non
     assert error_um.max() < 25.0
 
 
+@pytest.mark.slow
 def test_answers_with_its_clock(tmp_path: Path) -> None:
     ask = wire.encode_ping(77) + wire.encode_identify() + b"junk\0"
     with simulated_arm(tmp_path, "--serial-number", "OTHER-7", rate_hz=200, seconds=2) as arm:
@@ -267,6 +268,7 @@ def test_drops_whole_packets_when_nobody_reads(tmp_path: Path) -> None:
     assert heard.bad == 0
 
 
+@pytest.mark.slow
 def test_counter_wraps(tmp_path: Path) -> None:
     (tmp_path / "scenario.toml").write_text(f"first_seq = {(1 << 32) - 100}\n")
     with simulated_arm(tmp_path, "--scenario", str(tmp_path / "scenario.toml"), seconds=0.5) as arm:
@@ -310,6 +312,7 @@ def test_bad_usage_is_named(
     assert message in captured.err
 
 
+@pytest.mark.slow
 def test_armd_simulate_is_the_simulator() -> None:
     """Its own help, its own exit codes, also through `armd`."""
     armd = [sys.executable, "-m", "armd.daemon.cli", "simulate"]

@@ -84,6 +84,7 @@ def test_dynamixel_sdk_reads_what_is_true(tmp_path):
         port.closePort()
 
 
+@pytest.mark.slow
 def test_feetech_sdk_reads_what_is_true(tmp_path):
     sdk = pytest.importorskip("scservo_sdk")
     with simulated_arm(tmp_path, wire=("--servo", "feetech")) as arm:
@@ -105,6 +106,7 @@ def test_feetech_sdk_reads_what_is_true(tmp_path):
         port.closePort()
 
 
+@pytest.mark.slow
 @parametrize_default("kind", ["feetech", "dynamixel"])
 def test_rustypot_reads_what_is_true(tmp_path, kind):
     rustypot = pytest.importorskip("rustypot")
@@ -119,6 +121,7 @@ def test_rustypot_reads_what_is_true(tmp_path, kind):
             time.sleep(0.1)
 
 
+@pytest.mark.slow
 @parametrize_default("kind", ["feetech", "dynamixel"])
 def test_armd_brings_all_joints_to_the_instant_of_the_row(tmp_path, kind):
     """On a slow line, where the last joint is read some 8 ms after the first, in motion."""
@@ -148,7 +151,7 @@ def raw_port(path):
         yield port
 
 
-@pytest.mark.parametrize(("kind", "codec"), [("feetech", feetech), ("dynamixel", dynamixel)])
+@parametrize_default(("kind", "codec"), [("feetech", feetech), ("dynamixel", dynamixel)])
 def test_the_line_is_as_slow_as_a_real_one(tmp_path, kind, codec):
     address, length, gap_us = (56, 8, 50) if kind == "feetech" else (132, 15, 40)
     request = codec.sync_read(IDS, address, length)

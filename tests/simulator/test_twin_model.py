@@ -152,7 +152,7 @@ def test_calibrations_that_a_diagnosis_extended_agree(seed: int) -> None:
         own = [candidate for candidate in of_the_arm if candidate.cause == cause]
         chosen = own[rng.integers(len(own))]
         for column in chosen.columns:
-            written = column.make_terms(20.0 * column.typical * rng.normal())
+            written = column.make_terms(20.0 * column.prior_sd * rng.normal())
             terms += [term.model_dump(mode="json") for term in written]
     calibration = calibrated(arm, terms, rng)
     assert agree_within_mm(arm, calibration, states_of(arm, rng)) < 1e-9

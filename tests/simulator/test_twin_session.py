@@ -315,6 +315,7 @@ def test_options_that_do_not_fit_are_refused(
     assert words[1] in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_files_that_are_wrong_are_named_and_nothing_is_written(
     folder: Callable[[str], Measured], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

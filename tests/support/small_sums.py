@@ -35,7 +35,7 @@ def sums_of(b: np.ndarray, x: np.ndarray, r: np.ndarray, variance: np.ndarray) -
         first=first,
         count=np.array(counts),
         kinds=tuple(map(kind, CANDIDATES)),
-        typical=TYPICAL,
+        prior_sd=TYPICAL,
         reach=REACH,
         columns_of=lambda i: range(first[i], first[i] + counts[i]),
     )

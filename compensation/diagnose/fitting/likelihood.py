@@ -109,8 +109,8 @@ class Restricted:
 
 
 def _clear_of_free(products: F64, free: I64, drift: I64, remaining: I64) -> tuple[int, F64]:
-    """Rank of the columns *free*; products of *drift* and *rest* columns, clear of these, where the
-    products of the *rest* among each other are only what is taken of them."""
+    """Rank of the columns *free*; products of *drift* and *remaining* columns, clear of these,
+    where the products of the *remaining* among each other are only what is taken of them."""
     columns = np.concatenate([drift, remaining])
     root = _root_of_free(products[np.ix_(free, free)], np.diag(products)[free])
     towards = root.T @ products[np.ix_(free, columns)]
@@ -123,7 +123,7 @@ def _clear_of_free(products: F64, free: I64, drift: I64, remaining: I64) -> tupl
 
 def _root_of_free(gram: F64, squared_norms: F64) -> F64:
     """(f, r) makes columns orthonormal by their products (f, f); a gauge among them leaves no
-    trace. *square* (f,): their squared lengths before anything was eliminated."""
+    trace. *squared_norms* (f,): their squared lengths before anything was eliminated."""
     size = np.sqrt(squared_norms)
     size[size == 0.0] = 1.0
     root: F64 = (

@@ -48,10 +48,10 @@ from armd.compensation.diagnose.problem.whitening import RestNoise, first_turn_r
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.estimate.postures import counts_as, shared_part
-from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights, monstrous
+from armd.compensation.estimate.robust import MEDIAN_CHI2, WINSOR_AT, huber_weights, monstrous
 from armd.compensation.estimate.surfaces import project_on_normals
 
-MIDDLE_TO_MEAN = AXES / MEDIAN_D2
+MIDDLE_TO_MEAN = AXES / MEDIAN_CHI2
 
 
 def target_nuisance(linear: Linear) -> tuple[F64, F64]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from armd.arrays import I64
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.estimate.regions import in_region
-from armd.compensation.estimate.robust import OUTLIER_D2, far_off, outlying
+from armd.compensation.estimate.robust import DOWNWEIGHT_CHI2, far_off, outlying
 
 
 def find_outliers(current: Fit) -> tuple[I64, float]:
     """Rests gone wrong, and the smallest family-wise p."""
     rests = current.linear.rests
     squares = current.noise.squares(current.left_mm)
-    region = in_region(far_off(squares, OUTLIER_D2), rests.observations.states.q)
+    region = in_region(far_off(squares, DOWNWEIGHT_CHI2), rests.observations.states.q)
     return outlying(squares, region)

@@ -49,8 +49,7 @@ def with_findings_unsolved(fit: Fit, findings: Sequence[Candidate], arm: Arm) ->
 
 
 class Refits:
-    """One fit's linear problem with some of its findings only: the rows are summed once, or were,
-    to *equations*."""
+    """One fit's linear problem with some of its findings only; its rows are summed only once."""
 
     def __init__(self, fit: Fit, equations: tuple[LinearModel, F64] | None = None) -> None:
         self._fit = fit
@@ -99,7 +98,7 @@ def refits_without(fit: Fit, left_out: Sequence[Mask]) -> list[Refits]:
 def solve_shared_again(fit: Fit, findings: Sequence[Candidate], arm: Arm, eliminated: Mask) -> Fit:
     """As `solve_again`, with columns for what placements share only, as `refits_without` has them.
 
-    *alone*: which columns are fitted along, of those that there are without findings.
+    *eliminated*: which columns are fitted along, of those that there are without findings.
     """
     unsolved = with_findings_unsolved(fit, findings, arm)
     first, stop = unsolved.layout.identified.stop, unsolved.layout.mount.start
@@ -125,7 +124,7 @@ def _of_shared(fit: Fit, eliminated: Mask) -> Fit:
 def _shared_equations(
     fit: Fit, shared: Fit, eliminated: Mask, left_out: Sequence[Mask]
 ) -> list[tuple[LinearModel, F64]]:
-    """Linear problem and right side of the columns *shared*, the known fit's others *alone* being
+    """Linear problem and right side of the columns *shared*, the fit's *eliminated* columns being
     fitted along, without the rests of each of *left_out*."""
     noise = fit.noise
     systems = fit.nuisance.columns.products_clear_of(

@@ -56,7 +56,7 @@ def cross_validate(
     last = result.last
     folds = folds_of(last.linear.rests)
     points = last.linear.rests.points
-    squares = [np.zeros(points.n) for _ in range(len(result.found) + 1)]
+    squares = [np.zeros(points.n) for _ in range(len(result.findings) + 1)]
     parts = [int(part) for part in np.unique(folds)]
     refits = refits_without(with_findings_unsolved(last, [], arm), [folds == p for p in parts])
     work = work or WorkBudget()
@@ -66,12 +66,12 @@ def cross_validate(
         for part, refit, share in zip(parts, refits, shares, strict=True)
     ]
     give_back_freed()
-    found = in_order(lambda start: _without(*start, folds, result, parted, arm), starts)
-    for done, (part, of_steps) in enumerate(zip(parts, found, strict=True), 1):
+    squares_of_parts = in_order(lambda start: _without(*start, folds, result, parted, arm), starts)
+    for done, (part, of_steps) in enumerate(zip(parts, squares_of_parts, strict=True), 1):
         give_back_freed()
         progress("gain", GAIN_BEGINS + GAIN_TAKES * done / len(parts))
-        for square, own in zip(squares, of_steps, strict=True):
-            square[folds[: points.n] == part] = own
+        for square, part_squares in zip(squares, of_steps, strict=True):
+            square[folds[: points.n] == part] = part_squares
     for share in shares:
         work.take(share)
     return CrossValidated(squares, groups_of(points))
@@ -93,24 +93,26 @@ def _without(
     if parted is None:  # nothing was found
         return squares
     first = scored = parted.without(part, current)
-    while len(squares) <= len(result.found):
+    while len(squares) <= len(result.findings):
         if not work.may_go_on:
             work.skip(f"{REPEATED_FROM} {len(squares)} on")
-            squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
+            squares += [squares[-1]] * (len(result.findings) + 1 - len(squares))
             break
         work.add(scored.n_products, REPEATED_WORK)
-        found = next_finding(scored, result.tests)
-        if found is None:  # nothing is gained by what the search on all readings found further
-            squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
+        candidate = next_finding(scored, result.tests)
+        if candidate is None:  # nothing is gained by what the search on all readings found further
+            squares += [squares[-1]] * (len(result.findings) + 1 - len(squares))
             break
-        tried = solve_shared_again(last, join_finding(current.findings, found), arm, parted.alone)
+        tried = solve_shared_again(
+            last, join_finding(current.findings, candidate), arm, parted.is_eliminated
+        )
         if not (stays_near(tried, arm) and all(map(possible, tried.findings, tried.amplitudes))):
-            squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
+            squares += [squares[-1]] * (len(result.findings) + 1 - len(squares))
             break
         current = tried
         squares.append(left_out(current, out, arm))
         give_back_freed()
-        if len(squares) <= len(result.found):
+        if len(squares) <= len(result.findings):
             projection = first.projection.with_findings_of(current)
             scored = ScoredCandidates(projection, projection.sums_with(first.sums))
     return squares

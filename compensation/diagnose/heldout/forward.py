@@ -33,18 +33,18 @@ def later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F64]:
     part = parts_in_time(last.linear.rests.observations)
     time_s = last.linear.rests.observations.states.time_s
     refits = []
-    for known in KNOWN_PARTS:
-        out = part >= known
+    for n_parts in KNOWN_PARTS:
+        out = part >= n_parts
         if not 0 < out.sum() < len(out):
             continue
-        held = _held_from(last, float(time_s[~out].max()), arm)
-        refits += [(out, refit) for refit in refits_without(held, [out])]
+        frozen = _held_from(last, float(time_s[~out].max()), arm)
+        refits += [(out, refit) for refit in refits_without(frozen, [out])]
 
-    def squares(some: Sequence[int], growth: bool) -> F64:
-        found = [np.zeros(0)]
+    def squares(numbers: Sequence[int], growth: bool) -> F64:
+        squared = [np.zeros(0)]
         for out, refit in refits:
-            found.append(left_out(refit.with_subset(some), out, arm, growth))
-        return np.concatenate(found)
+            squared.append(left_out(refit.with_subset(numbers), out, arm, growth))
+        return np.concatenate(squared)
 
     return squares
 
@@ -71,8 +71,8 @@ def _held_from(last: Fit, until_s: float, arm: Arm) -> Fit:
     stopped = replace(states, time_s=np.minimum(states.time_s, until_s))
     rests = replace(linear.rests, observations=replace(observations, states=stopped))
     columns = last.nuisance.columns
-    for candidate, at in zip(last.findings, last.layout.findings, strict=True):
+    for candidate, span in zip(last.findings, last.layout.findings, strict=True):
         if is_drift(candidate):
             stood = finding_columns(replace(linear, rests=rests), [candidate], arm)
-            columns = columns.replaced(at, stood)
+            columns = columns.replaced(span, stood)
     return replace(last, nuisance=Nuisance(columns, last.nuisance.variance))

@@ -31,15 +31,15 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
 
 
-def gains(squares: Sequence[F64], groups: I64, kept: Mask) -> list[Gain]:
+def gains(squares: Sequence[F64], groups: I64, is_used: Mask) -> list[Gain]:
     """Gains from step to step of squared residuals (n,) mm², resampled by *groups* (n,).
 
-    *kept* (n,): rows of the last figure; the others are what an outlier finding names.
+    *is_used* (n,): rows of the last figure; the others are what an outlier finding names.
     """
     last = len(squares) - 1
     every = np.ones(len(groups), dtype=bool)
     return [
-        gain(squares[j - 1], squares[j], groups, kept if j == last else every)
+        gain(squares[j - 1], squares[j], groups, is_used if j == last else every)
         for j in range(1, len(squares))
     ]
 
@@ -58,15 +58,15 @@ def gain(before: F64, after: F64, groups: I64, use: Mask | None = None, seed: in
     low, high = np.quantile(1e3 * change, _tails(len(names)))
     rms = _rms(before), _rms(after[use])
     better = rms[1] < (1.0 - LEAST_GAIN_SHARE) * rms[0]
-    shown = better and (low > 0 or _most_improve(index, before, after))
-    return Gain(*rms, (float(low), float(high)), bool(shown))
+    is_confirmed = better and (low > 0 or _most_improve(index, before, after))
+    return Gain(*rms, (float(low), float(high)), bool(is_confirmed))
 
 
 def capped(before: F64, after: F64) -> tuple[F64, F64]:
     """Squared residuals with single readings counting at most `MOST_SQUARES` of the usual one's:
     a decision that gross errors cannot outvote."""
-    most = MOST_SQUARES * min(float(np.median(before)), float(np.median(after)))
-    return np.minimum(before, most), np.minimum(after, most)
+    cap = MOST_SQUARES * min(float(np.median(before)), float(np.median(after)))
+    return np.minimum(before, cap), np.minimum(after, cap)
 
 
 def _most_improve(index: I64, before: F64, after: F64) -> bool:
@@ -117,35 +117,37 @@ def left_out(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
     error. An arm that a fit makes larger or smaller is held to its own scale.
     """
     n = 3 * len(out)
-    kept = _of_the_arm(current, growth)
+    columns_used = _of_the_arm(current, growth)
     if current.baseline.is_given and not current.findings:
-        kept = kept[kept >= current.layout.identified.stop]
+        columns_used = columns_used[columns_used >= current.layout.identified.stop]
     amplitudes = np.zeros(len(current.solution))
-    amplitudes[kept] = current.solution[kept]
-    taken = current.nuisance.columns.times(amplitudes)[:n]
-    for at, strange, columns in as_written(current, out):
-        known = current.nuisance.columns.dense(at)[strange]
-        taken[strange] += (columns - known) @ current.solution[at]
-    left = current.raw_residual[:n] - taken
+    amplitudes[columns_used] = current.solution[columns_used]
+    predicted = current.nuisance.columns.times(amplitudes)[:n]
+    for span, strange, columns in as_written(current, out):
+        fitted_columns = current.nuisance.columns.dense(span)[strange]
+        predicted[strange] += (columns - fitted_columns) @ current.solution[span]
+    residual = current.raw_residual[:n] - predicted
     # A gross error must not carry its placement away from all the others.
-    clipped = current.residual[:n] - taken
+    clipped = current.residual[:n] - predicted
     points = out & ~current.linear.rests.observations.turned
     for rests, values in current.linear.nuisance.apart:
         rows = (3 * rests[points[rests]][:, None] + np.arange(3)).ravel()
-        own = values[points[rests]].reshape(len(rows), values.shape[2])
-        own = own[:, own.any(axis=0)]
-        left[rows] -= own @ np.linalg.lstsq(own, clipped[rows], rcond=RANK_SHARE)[0]
-    square: F64 = (left.reshape(-1, 3)[points] ** 2).sum(axis=1) * scale_kept(current, arm) ** 2
+        pose_columns = values[points[rests]].reshape(len(rows), values.shape[2])
+        pose_columns = pose_columns[:, pose_columns.any(axis=0)]
+        residual[rows] -= (
+            pose_columns @ np.linalg.lstsq(pose_columns, clipped[rows], rcond=RANK_SHARE)[0]
+        )
+    square: F64 = (residual.reshape(-1, 3)[points] ** 2).sum(axis=1) * scale_kept(current, arm) ** 2
     return square
 
 
 def _of_the_arm(last: Fit, growth: bool) -> I64:
     """Columns whose solution carries over to other placements: the arm's, and the findings'."""
-    at = last.layout
+    layout = last.layout
     return np.concatenate(
         [
-            np.arange(at.identified.start, at.identified.stop),
-            *(np.arange(f.start, f.stop) for f in at.findings),
-            np.arange(at.mount.start, at.mount.stop if growth else at.mount.start),
+            np.arange(layout.identified.start, layout.identified.stop),
+            *(np.arange(f.start, f.stop) for f in layout.findings),
+            np.arange(layout.mount.start, layout.mount.stop if growth else layout.mount.start),
         ]
     )

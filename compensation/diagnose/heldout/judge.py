@@ -26,40 +26,43 @@ class Look:
 
 #: Findings in a model, by number, and whether the first link grows in it.
 Composition = tuple[tuple[int, ...], bool]
-#: Whether the first look cannot hear a finding, by number, beside the findings in a model.
-Deaf = Callable[[int, tuple[int, ...]], bool]
+#: Whether the first look cannot show a finding, by number, beside the findings in a model.
+IsUninformative = Callable[[int, tuple[int, ...]], bool]
 
 
 class Judge:
-    """Holds models of *last* against each other; each held-out error is worked out once."""
+    """Compares models of one fit's findings; each held-out error is worked out once."""
 
     def __init__(
         self,
         last: Fit,
         looks: Sequence[Look],
-        deaf: Deaf,
+        is_uninformative: IsUninformative,
         later: Callable[[Sequence[int], bool], F64] | None,
     ) -> None:
-        self._last, self._looks, self._deaf, self._later = last, looks, deaf, later
-        self._known: dict[Composition, list[F64]] = {}
+        self._last, self._looks = last, looks
+        self._is_uninformative, self._later = is_uninformative, later
+        self._errors: dict[Composition, list[F64]] = {}
 
     def errors(self, model: Composition) -> list[F64]:
         """Squared residuals held out, by each look."""
-        if model not in self._known:
-            self._known[model] = [look.squares(*model) for look in self._looks]
-        return self._known[model]
+        if model not in self._errors:
+            self._errors[model] = [look.squares(*model) for look in self._looks]
+        return self._errors[model]
 
-    def foreseen(self, before: Composition, after: Composition) -> bool:
+    def predicts_later_no_worse(self, before: Composition, after: Composition) -> bool:
         """Whether what goes with time or temperature in *after* only makes nothing worse that was
         measured later: where something drifts, a temperature may stand in for the time."""
-        new = {*after[0]} - {*before[0]}
-        if self._later is None or not any(is_slow(self._last.findings[i]) for i in new):
+        added = {*after[0]} - {*before[0]}
+        if self._later is None or not any(is_slow(self._last.findings[i]) for i in added):
             return True
         old_mm2, new_mm2 = capped(self._later(*before), self._later(*after))
         return float(new_mm2.sum()) <= float(old_mm2.sum())
 
-    def shown_by(self, before: Composition, after: Composition) -> tuple[int, Gain] | None:
-        """The first look that bears out what is new, and its gain."""
+    def find_confirming_look(
+        self, before: Composition, after: Composition
+    ) -> tuple[int, Gain] | None:
+        """The first look that confirms what is new, and its gain."""
         pairs = [
             (old, new, look.groups)
             for old, new, look in zip(
@@ -69,47 +72,47 @@ class Judge:
         decided = [gain(*capped(old, new), groups) for old, new, groups in pairs]
         of_all = [gain(*pair) for pair in pairs]
         new = {*after[0]} - {*before[0]}
-        heard = not new or not all(self._deaf(i, after[0]) for i in new)
-        if heard and (decided[0].interval_um[1] < 0.0 or _harms(of_all[0])):
+        is_informative = not new or not all(self._is_uninformative(i, after[0]) for i in new)
+        if is_informative and (decided[0].interval_um[1] < 0.0 or _harms(of_all[0])):
             return None
-        for k, found in enumerate(decided):
-            if found.shown and not _harms(of_all[k]):
-                return k, replace(of_all[k], shown=True)
+        for k, decision in enumerate(decided):
+            if decision.is_confirmed and not _harms(of_all[k]):
+                return k, replace(of_all[k], is_confirmed=True)
         return None
 
-    def gain_of(self, finding: int, some: tuple[int, ...], growth: bool) -> Gain:
-        """By the first look, from those of *some* that were found before a finding to it, too."""
-        earlier = tuple(i for i in some if i < finding)
+    def compute_gain_of(self, finding: int, numbers: tuple[int, ...], growth: bool) -> Gain:
+        """By the first look, the gain of a finding beside those of *numbers* found before it."""
+        earlier = tuple(i for i in numbers if i < finding)
         old, new = (self.errors((model, growth))[0] for model in (earlier, (*earlier, finding)))
         return gain(old, new, self._looks[0].groups)
 
-    def harmful(self, finding: int, without: Composition, beside: Composition) -> bool:
-        """Whether the first look, if it can hear a finding, predicts better *without* it."""
-        if self._deaf(finding, beside[0]):
+    def is_harmful(self, finding: int, reduced: Composition, full: Composition) -> bool:
+        """Whether the first look, if it can show a finding, predicts better without it."""
+        if self._is_uninformative(finding, full[0]):
             return False
-        without_mm2, with_mm2 = capped(self.errors(without)[0], self.errors(beside)[0])
+        without_mm2, with_mm2 = capped(self.errors(reduced)[0], self.errors(full)[0])
         return float(without_mm2.sum()) < float(with_mm2.sum())
 
-    def doubt(self, finding: int, without: Composition, beside: Composition) -> float:
+    def compute_odds_factor(self, finding: int, reduced: Composition, full: Composition) -> float:
         """Factor, at most 1, for the odds of a finding with which the first look predicts worse
         beyond doubt: the likelihood ratio of what it holds out, or that the arm changed."""
-        if self._deaf(finding, beside[0]):
+        if self._is_uninformative(finding, full[0]):
             return 1.0
-        old, new = capped(self.errors(without)[0], self.errors(beside)[0])
+        old, new = capped(self.errors(reduced)[0], self.errors(full)[0])
         if gain(old, new, self._looks[0].groups).interval_um[1] >= 0.0:
             return 1.0
         variance_mm2 = max(float(old.mean()) / self._looks[0].axes, TINY_MM2)  # of one direction
         nats = 0.5 * float((new - old).sum()) / variance_mm2
         return max(math.exp(-max(nats, 0.0)), CHANGED_PRIOR)
 
-    def predicts_better(self, some: tuple[int, ...]) -> bool:
-        """Whether the last look predicts better where the first link grows beside *some*, all
+    def predicts_better(self, numbers: tuple[int, ...]) -> bool:
+        """Whether the last look predicts better where the first link grows beside *numbers*, all
         readings together no worse."""
-        old, new = (self.errors((some, growth))[-1] for growth in (False, True))
-        some_old, some_new = capped(old, new)
-        better = float(some_new.sum()) < float(some_old.sum())
+        old, new = (self.errors((numbers, growth))[-1] for growth in (False, True))
+        capped_old, capped_new = capped(old, new)
+        better = float(capped_new.sum()) < float(capped_old.sum())
         return better and not _harms(gain(old, new, self._looks[-1].groups))
 
 
-def _harms(found: Gain) -> bool:
-    return found.after_um > (1.0 + MOST_WORSE) * found.before_um
+def _harms(gained: Gain) -> bool:
+    return gained.after_um > (1.0 + MOST_WORSE) * gained.before_um

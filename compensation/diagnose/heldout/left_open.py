@@ -29,29 +29,29 @@ from armd.compensation.model.calibration import Calibration
 
 
 def saying_what_is_open(
-    written: Calibration, last: Fit, some: Sequence[int], arm: Arm, sessions: Sequence[Session]
+    written: Calibration, last: Fit, numbers: Sequence[int], arm: Arm, sessions: Sequence[Session]
 ) -> Calibration:
-    """The *written* calibration, with *some* of the findings, and what the others leave open."""
-    others = [i for i in range(len(last.findings)) if i not in some]
-    if not others:
+    """The *written* calibration, with *numbers* of the findings, and what the others leave open."""
+    unwritten = [i for i in range(len(last.findings)) if i not in numbers]
+    if not unwritten:
         return written
     refits = Refits(last)
     names = [
         name for name in written.covariance_of if name in last.baseline.calibration.covariance_of
     ]
     now = identified(written, names)
-    ways: list[dict[str, Any]] = []
-    if not some:  # nothing new is known of what was open before
-        ways += written.provenance["diagnosis"].get("earlier", {}).get(LEFT_OPEN, [])
-    for i in others:
-        with_it = extended(refits.with_subset([*some, i]), arm, sessions)
+    openings: list[dict[str, Any]] = []
+    if not numbers:  # nothing new is known of what was open before
+        openings += written.provenance["diagnosis"].get("earlier", {}).get(LEFT_OPEN, [])
+    for i in unwritten:
+        with_it = extended(refits.with_subset([*numbers, i]), arm, sessions)
         moves: F64 = identified(with_it, names) - now
         finding = last.findings[i]
-        ways.append(
+        openings.append(
             {
                 "finding": f"{finding.cause} {finding.location}",
                 "moves": dict(zip(names, np.round(moves, MOVE_DIGITS).tolist(), strict=True)),
             }
         )
-    diagnosis = {**written.provenance["diagnosis"], LEFT_OPEN: ways}
+    diagnosis = {**written.provenance["diagnosis"], LEFT_OPEN: openings}
     return written.model_copy(update={"provenance": {**written.provenance, "diagnosis": diagnosis}})

@@ -18,10 +18,10 @@ def refuted_findings(diagnosis: Diagnosis) -> tuple[Candidate, ...]:
     """The named findings that are not written since held-out readings are predicted worse with
     them beyond doubt, or later readings worse."""
     return tuple(
-        found.candidate
-        for i, (found, gain) in enumerate(zip(diagnosis.found, diagnosis.gains, strict=True))
-        if found.candidate.cause != "unknown" and i not in diagnosis.written
-        if i in diagnosis.unforeseen or gain.interval_um[1] < 0.0
+        finding.candidate
+        for i, (finding, gain) in enumerate(zip(diagnosis.findings, diagnosis.gains, strict=True))
+        if finding.candidate.cause != "unknown" and i not in diagnosis.written
+        if i in diagnosis.contradicted_later or gain.interval_um[1] < 0.0
     )
 
 
@@ -31,7 +31,9 @@ def is_refuted(candidate: Candidate, refuted: Sequence[Candidate]) -> bool:
     by = _goes_by(candidate)
     nameless = candidate.cause == "unknown" and by != ""
     return any(
-        by == _goes_by(one) and (nameless or candidate.place == one.place) for one in refuted
+        by == _goes_by(refuted_candidate)
+        and (nameless or candidate.place == refuted_candidate.place)
+        for refuted_candidate in refuted
     )
 
 
@@ -43,9 +45,9 @@ def predicts_better(another: Diagnosis, diagnosis: Diagnosis) -> bool:
 def refuted_in_words(refuted: Sequence[Candidate]) -> str:
     """What is said of findings that another diagnosis has replaced."""
     names = (
-        f"{one.cause} ({one.location}{', by ' if one.depends_on else ''}"
-        f"{', '.join(one.depends_on)})"
-        for one in refuted
+        f"{candidate.cause} ({candidate.location}{', by ' if candidate.depends_on else ''}"
+        f"{', '.join(candidate.depends_on)})"
+        for candidate in refuted
     )
     return f"Held-out readings refuted {', '.join(names)}: the diagnosis is without that."
 

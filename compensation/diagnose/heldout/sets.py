@@ -23,11 +23,11 @@ def left_out_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int]
     refits = refits_without(last, outs)
     points = last.linear.rests.points.n  # which stand first
 
-    def squares(some: Sequence[int], growth: bool) -> F64:
-        found = np.zeros(points)
+    def squares(numbers: Sequence[int], growth: bool) -> F64:
+        squared = np.zeros(points)
         for out, refit in zip(outs, refits, strict=True):
-            found[out[:points]] = left_out(refit.with_subset(some), out, arm, growth)
-        return found
+            squared[out[:points]] = left_out(refit.with_subset(numbers), out, arm, growth)
+        return squared
 
     return squares
 
@@ -53,6 +53,6 @@ def in_standard_errors(before: F64, after: F64, groups: I64) -> float:
 
 def _squares(about: Fit, findings: Sequence[Candidate], arm: Arm) -> F64:
     """Squared residuals (n,) mm² of rests, the amplitudes of placements other than theirs."""
-    known = solve_again(about, findings, arm)
-    squares = left_out_in_turn(known, arm, folds_of(about.linear.rests))
+    solved = solve_again(about, findings, arm)
+    squares = left_out_in_turn(solved, arm, folds_of(about.linear.rests))
     return squares(range(len(findings)), False)

@@ -18,12 +18,12 @@ def is_sized(candidate: Candidate) -> bool:
 
 def is_curve(candidate: Candidate) -> bool:
     """Whether it is such a function over the turn of one joint."""
-    return CATALOGUE[candidate.cause].curve_reading is not None and is_sized(candidate)
+    return CATALOGUE[candidate.cause].describe_curve is not None and is_sized(candidate)
 
 
 def most_plausible(column: Column) -> float:
     """Standard deviation of an amplitude under the broadest prior that the catalogue has for it."""
-    return min(max(SCALES), column.reach) * column.typical
+    return min(max(SCALES), column.reach) * column.prior_sd
 
 
 def amplitude_variance(candidate: Candidate, size: float) -> F64:
@@ -37,4 +37,4 @@ def amplitude_variance(candidate: Candidate, size: float) -> F64:
         if candidate.cause == "unknown":
             return np.full(len(candidate.columns), np.inf)
         return np.square([most_plausible(column) for column in candidate.columns])
-    return np.array([(size * column.typical) ** 2 for column in candidate.columns])
+    return np.array([(size * column.prior_sd) ** 2 for column in candidate.columns])

@@ -32,7 +32,7 @@ class Signatures:
     changes: tuple[ArtefactChange | None, ...]  # per column
     keys: tuple[str, ...]  # (B,) what says a basis function
     bases: F64  # (B, n) basis values
-    typical: F64  # (K,)
+    prior_sd: F64  # (K,)
     reach: F64  # (K,)
 
     @property
@@ -76,7 +76,7 @@ class Signatures:
         return rows
 
     def products(self, jacobian: F64, vectors: F64, rests: slice | I64) -> F64:
-        """(K, u) products with *others* (n, 3, u) over some *rests*, changes of the artefact not
+        """(K, u) products with *vectors* (n, 3, u) over some *rests*, changes of the artefact not
         included; from a Jacobian (P, n, 3) of these rests."""
         product: F64 = self.weights @ self.of_pairs(jacobian, vectors, rests)
         return product
@@ -111,8 +111,8 @@ class Signatures:
         return grams
 
     def with_more(self, added: Signatures) -> Signatures:
-        """These candidates, then *more*; of its basis functions those that these have are theirs:
-        of many readings a copy of all is hundreds of megabytes."""
+        """These candidates, then those *added*; of its basis functions those that these have are
+        theirs: of many readings a copy of all is hundreds of megabytes."""
         keys, values = list(self.keys), [self.bases]
         for key, row in zip(added.keys, added.bases, strict=True):
             if key not in keys:
@@ -133,7 +133,7 @@ class Signatures:
             (*self.changes, *added.changes),
             tuple(keys),
             np.concatenate(values) if len(values) > 1 else self.bases,
-            np.concatenate([self.typical, added.typical]),
+            np.concatenate([self.prior_sd, added.prior_sd]),
             np.concatenate([self.reach, added.reach]),
         )
 
@@ -196,7 +196,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
 
     parts: list[tuple[Part, ...]] = []
     changes: list[ArtefactChange | None] = []
-    typical, reach, first, count = [], [], [], []
+    prior_sd, reach, first, count = [], [], [], []
     for candidate in candidates:
         if len({column.artefact is None for column in candidate.columns}) > 1:
             raise ValueError(f"{candidate.cause}: some columns change the artefact, others do not")
@@ -215,7 +215,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
                 ]
             parts.append(tuple(of_column))
             changes.append(column.artefact)
-            typical.append(column.typical)
+            prior_sd.append(column.prior_sd)
             reach.append(column.reach)
     model = linear.model
     states = linear.rests.observations.states
@@ -244,7 +244,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
         tuple(changes),
         tuple(basis_of),
         values,
-        np.array(typical),
+        np.array(prior_sd),
         np.array(reach),
     )
 

@@ -95,6 +95,6 @@ def _goes_with_temperature(candidate: Candidate) -> bool:
 def _hardly_changed(before: Acting, now: Acting) -> bool:
     if before.candidate != now.candidate:
         return False
-    typical = np.array([column.typical for column in now.candidate.columns])
-    old, new = (np.array(cause.amplitudes) / typical for cause in (before, now))
+    prior_sd = np.array([column.prior_sd for column in now.candidate.columns])
+    old, new = (np.array(cause.amplitudes) / prior_sd for cause in (before, now))
     return bool(np.abs(new - old).max() <= COLUMNS_CHANGED * np.abs(new).max())

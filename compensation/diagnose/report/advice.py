@@ -15,38 +15,38 @@ class Doubt:
     """A finding that these data leave open, and what else it could be."""
 
     index: int  # among the diagnosis' findings
-    found: Finding
+    finding: Finding
     rivals: tuple[Candidate, ...]  # the most probable one first
     share: tuple[float, ...]  # probability of each
 
     @property
     def words(self) -> str:
         """What an experiment is to do about it."""
-        return f"tell {_named(self.found.candidate)} from {_named(self.rivals[0])}"
+        return f"tell {_named(self.finding.candidate)} from {_named(self.rivals[0])}"
 
 
 def most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
     """The finding an experiment should settle first; None when none is in doubt."""
     doubts = []
-    for i, found in enumerate(diagnosis.found):
-        rivals = [r for r in found.rivals if not alike(r.candidate, found.candidate)]
-        if rivals and found.probability < SURE:
-            doubts.append(_doubt(i, found, rivals[0]))
-    return min(doubts, key=lambda doubt: doubt.found.probability, default=None)
+    for i, finding in enumerate(diagnosis.findings):
+        rivals = [r for r in finding.rivals if not alike(r.candidate, finding.candidate)]
+        if rivals and finding.probability < SURE:
+            doubts.append(_doubt(i, finding, rivals[0]))
+    return min(doubts, key=lambda doubt: doubt.finding.probability, default=None)
 
 
-def _doubt(index: int, found: Finding, first: Rival) -> Doubt:
+def _doubt(index: int, finding: Finding, first: Rival) -> Doubt:
     """The finding against its likeliest rival and all other variants of what it may be."""
-    others = [(c, share) for c, share in found.variants if c is not first.candidate]
-    rivals = (first.candidate, *(candidate for candidate, _ in others))
-    return Doubt(index, found, rivals, (first.probability, *(share for _, share in others)))
+    variants = [(c, share) for c, share in finding.variants if c is not first.candidate]
+    rivals = (first.candidate, *(candidate for candidate, _ in variants))
+    return Doubt(index, finding, rivals, (first.probability, *(share for _, share in variants)))
 
 
-def alike(one: Candidate, other: Candidate) -> bool:
+def alike(first: Candidate, second: Candidate) -> bool:
     """One cause at one place, or two structures without a name in the same variables: an
     experiment need not part them."""
-    unnamed = one.cause == other.cause == "unknown" and one.depends_on == other.depends_on
-    return unnamed or one.place == other.place
+    unnamed = first.cause == second.cause == "unknown" and first.depends_on == second.depends_on
+    return unnamed or first.place == second.place
 
 
 def next_experiment(diagnosis: Diagnosis) -> str:
@@ -56,15 +56,15 @@ def next_experiment(diagnosis: Diagnosis) -> str:
         return unrecorded
     doubt = most_doubtful(diagnosis)
     if doubt is not None:
-        cause = doubt.found.candidate.cause
+        cause = doubt.finding.candidate.cause
         return f"To {doubt.words}: {CATALOGUE[cause].experiment}; `armd design` picks the poses."
     if diagnosis.outliers:
         return "Measure the readings named as outliers again; the rest needs nothing."
-    if diagnosis.found:
-        found = diagnosis.found[-1].candidate
+    if diagnosis.findings:
+        candidate = diagnosis.findings[-1].candidate
         return (
-            f"To confirm {_named(found)} with the extended calibration: "
-            f"{CATALOGUE[found.cause].experiment}."
+            f"To confirm {_named(candidate)} with the extended calibration: "
+            f"{CATALOGUE[candidate.cause].experiment}."
         )
     if diagnosis.significant_rest:
         on = ", ".join(diagnosis.search.remaining_depends_on) or "what these data do not show"
@@ -81,17 +81,17 @@ def next_experiment(diagnosis: Diagnosis) -> str:
 def _unrecorded(diagnosis: Diagnosis) -> str:
     """What to record beside the angles, where what is left may be what only that tells."""
     facts, untold = diagnosis.search.facts, diagnosis.search.untold
-    wanted = [
-        what
-        for what, known in (("the time", facts.timed), ("the joint rates", facts.rates))
-        if not known
+    missing = [
+        quantity
+        for quantity, is_recorded in (("the time", facts.timed), ("the joint rates", facts.rates))
+        if not is_recorded
     ]
     by_motion = [cause for cause, effect in CATALOGUE.items() if effect.by_motion]
     of_them = [cause.replace("_", " ") for cause in by_motion if cause in untold]
-    if not (wanted and of_them):
+    if not (missing and of_them):
         return ""
     return (
-        f"Record {' and '.join(wanted)} of each reading, and measure the same poses from both "
+        f"Record {' and '.join(missing)} of each reading, and measure the same poses from both "
         f"sides of each joint: what is left may be a cause that these data cannot tell "
         f"({', '.join(of_them)})."
     )

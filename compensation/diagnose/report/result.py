@@ -28,10 +28,10 @@ from armd.compensation.effects.location import ROWS
 def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
     """The whole result as plain data."""
     findings = [
-        _finding(diagnosis, i, found, gain)
-        for i, (found, gain) in enumerate(zip(diagnosis.found, diagnosis.gains, strict=True))
+        _finding(diagnosis, i, finding, gain)
+        for i, (finding, gain) in enumerate(zip(diagnosis.findings, diagnosis.gains, strict=True))
     ]
-    findings = [*(_touched(diagnosis, one) for one in diagnosis.touched), *findings]
+    findings = [*(_touched(diagnosis, step) for step in diagnosis.touched), *findings]
     if diagnosis.outliers and diagnosis.outlier_gain is not None:
         findings.append(_outliers(diagnosis, diagnosis.outlier_gain))
     unexplained = max(diagnosis.remaining_rms_um**2 - diagnosis.noise_floor_um**2, 0.0)
@@ -52,13 +52,13 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "depends_on": list(diagnosis.search.remaining_depends_on)
             if diagnosis.significant_rest
             else [],
-            "by_target": [asdict(one) for one in _few(target_steps(diagnosis.search.last))],
+            "by_target": [asdict(step) for step in _few(target_steps(diagnosis.search.last))],
         },
         "noise": {
             name: float(getattr(diagnosis.search.last.noise, name))
             for name in ("encoder_rad", "repeat_mm", "drift_mm")
         },
-        "readings": {"told": list(diagnosis.told)},
+        "readings": {"told": list(diagnosis.remarks)},
         "skipped": list(diagnosis.skipped),
         "verdict": verdict(diagnosis),
         "cannot_tell": [
@@ -74,9 +74,9 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
     }
 
 
-def _few(of: list[TargetStep]) -> list[TargetStep]:
+def _few(target_steps: list[TargetStep]) -> list[TargetStep]:
     """None where there are too many to read."""
-    return of if len(of) <= MOST_PARTS else []
+    return target_steps if len(target_steps) <= MOST_PARTS else []
 
 
 def needs_of(cause: str) -> str:
@@ -86,15 +86,15 @@ def needs_of(cause: str) -> str:
     )
 
 
-def _finding(diagnosis: Diagnosis, index: int, found: Finding, gain: Gain) -> dict[str, Any]:
-    candidate = found.candidate
+def _finding(diagnosis: Diagnosis, index: int, finding: Finding, gain: Gain) -> dict[str, Any]:
+    candidate = finding.candidate
     effect = CATALOGUE[candidate.cause]
     return {
         "cause": candidate.cause,
         "location": place_of(candidate),
         "parameters": parameters_of(diagnosis, index),
-        "probability": found.probability,
-        "p_value": found.p_value,
+        "probability": finding.probability,
+        "p_value": finding.p_value,
         "alternatives": [
             {
                 "cause": rival.candidate.cause,
@@ -102,16 +102,16 @@ def _finding(diagnosis: Diagnosis, index: int, found: Finding, gain: Gain) -> di
                 "probability": rival.probability,
                 "angle_deg": rival.angle_deg,
             }
-            for rival in found.rivals
+            for rival in finding.rivals
         ],
         "gain": _gain(gain),
         "size_known": size_known(diagnosis, index),
         "in_extended_calibration": index in diagnosis.written,
         "depends_on": list(candidate.depends_on),
-        "signal_to_noise": float(np.sqrt(found.statistic)),
+        "signal_to_noise": float(np.sqrt(finding.statistic)),
         "tip_rms_um": tip_rms_um(diagnosis, index),
-        "explains": _explains(found.explained),
-        "reading": reading_of(diagnosis, index),
+        "explains": _explains(finding.explained),
+        "reading": describe_finding(diagnosis, index),
         "reason": effect.reason,
         "confounded_with": effect.confounded_with,
     }
@@ -144,18 +144,18 @@ def place_of(candidate: Candidate) -> str:
     return "-" if candidate.cause == "unknown" else str(candidate.location)
 
 
-def reading_of(diagnosis: Diagnosis, index: int) -> str:
+def describe_finding(diagnosis: Diagnosis, index: int) -> str:
     """What the amplitudes mean, in words."""
     candidate = diagnosis.search.last.findings[index]
-    of_curve = CATALOGUE[candidate.cause].curve_reading
+    of_curve = CATALOGUE[candidate.cause].describe_curve
     if of_curve is not None and is_curve(candidate):
         rms, _, order = curve_size(diagnosis, index)
         return of_curve(candidate, rms, order)
-    effect = CATALOGUE[diagnosis.found[index].candidate.cause]
-    text = effect.reading(candidate, diagnosis.search.last.amplitudes[index])
+    effect = CATALOGUE[diagnosis.findings[index].candidate.cause]
+    text = effect.describe(candidate, diagnosis.search.last.amplitudes[index])
     if effect.by_weight and any(joint.mass_kg is None for joint in diagnosis.arm.joint):
         text += " (masses that arm.toml does not give are assumed)"
-    explained = diagnosis.found[index].explained
+    explained = diagnosis.findings[index].explained
     if explained is not None and explained.guess and effect.cause != "unknown":
         on = " and ".join(explained.variables) or "the readings"
         share = f"{100 * explained.share:.0f} %"
@@ -172,7 +172,7 @@ def _gain(gain: Gain) -> dict[str, Any]:
         "heldout_rms_um_before": gain.before_um,
         "heldout_rms_um_after": gain.after_um,
         "interval_um": list(gain.interval_um),
-        "shown": gain.shown,
+        "shown": gain.is_confirmed,
     }
 
 
@@ -221,7 +221,7 @@ def _outliers(diagnosis: Diagnosis, gain: Gain) -> dict[str, Any]:
         "alternatives": [],
         "gain": _gain(gain),
         "depends_on": [],
-        "reading": effect.reading(Candidate("outliers", ROWS, (), ()), np.zeros(len(rows))),
+        "reading": effect.describe(Candidate("outliers", ROWS, (), ()), np.zeros(len(rows))),
         "reason": effect.reason,
         "confounded_with": effect.confounded_with,
     }

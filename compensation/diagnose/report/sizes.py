@@ -17,9 +17,9 @@ def size_known(diagnosis: Diagnosis, index: int) -> bool:
     Something is significant; where several amplitudes do the same, none of them need be known.
     """
     last = diagnosis.search.last
-    typical = np.array([column.typical for column in last.findings[index].columns])
-    size = last.amplitudes[index] / typical
-    covariance = last.covariances[index] / np.outer(typical, typical)
+    prior_sd = np.array([column.prior_sd for column in last.findings[index].columns])
+    size = last.amplitudes[index] / prior_sd
+    covariance = last.covariances[index] / np.outer(prior_sd, prior_sd)
     square = float(size @ size)
     return square**2 > SIZE_SIGMAS**2 * float(size @ covariance @ size)
 
@@ -57,20 +57,20 @@ def curve_size(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
     joint = candidate.location.joint
     assert joint is not None  # a curve is over the turn of one
     q = last.linear.rests.observations.states.q[:, joint - 1]
-    seen = np.unique(np.round(np.degrees(q))) * np.pi / 180.0
+    angles = np.unique(np.round(np.degrees(q))) * np.pi / 180.0
     orders = orders_of(candidate)
-    waves = np.array([wave(order * seen) for order in orders for wave in (np.sin, np.cos)])
+    waves = np.array([wave(order * angles) for order in orders for wave in (np.sin, np.cos)])
     level = waves - waves.mean(axis=1, keepdims=True)
     curve = last.amplitudes[index] @ level
     rms = max(float(np.sqrt((curve**2).mean())), LEAST_POSITIVE)
-    slope = level @ curve / (len(seen) * rms)
+    slope = level @ curve / (len(angles) * rms)
     sigma = float(np.sqrt(max(slope @ last.covariances[index] @ slope, 0.0)))
-    left = []
+    squared_errors = []
     for pair in waves.reshape(len(orders), 2, -1):
-        columns = np.vstack([pair, np.ones(len(seen))]).T
+        columns = np.vstack([pair, np.ones(len(angles))]).T
         fitted = columns @ np.linalg.lstsq(columns, curve, rcond=None)[0]
-        left.append(float(((curve - fitted) ** 2).sum()))
-    return rms, sigma, orders[int(np.argmin(left))]
+        squared_errors.append(float(((curve - fitted) ** 2).sum()))
+    return rms, sigma, orders[int(np.argmin(squared_errors))]
 
 
 def row(name: str, value: float, unit: str, sigma: float) -> dict[str, str | float]:

@@ -33,11 +33,11 @@ def verdict(diagnosis: Diagnosis) -> str:
     sentences = []
     refused, moved = _refused(diagnosis), _moved(diagnosis)
     gains = diagnosis.gains
-    unforeseen = diagnosis.unforeseen
+    contradicted_later = diagnosis.contradicted_later
     numbered = partial(_numbers, diagnosis)
-    told_only = [i for i, found in enumerate(diagnosis.found) if found.candidate.told_only]
-    unwritten = {*unforeseen, *told_only}
-    doubtful = numbered(i for i, g in enumerate(gains) if not g.shown and i not in unwritten)
+    told_only = [i for i, finding in enumerate(diagnosis.findings) if finding.candidate.told_only]
+    unwritten = {*contradicted_later, *told_only}
+    doubtful = numbered(i for i, g in enumerate(gains) if not g.is_confirmed and i not in unwritten)
     if not gains:
         sentences.append(
             "No cause was found in the arm." if diagnosis.touched else "No cause was found."
@@ -59,18 +59,20 @@ def verdict(diagnosis: Diagnosis) -> str:
             sentences += _of_growth(diagnosis)
         if doubtful:
             sentences.append(f"Held-out readings do not confirm {doubtful}: leads, not facts.")
-        if unforeseen:
+        if contradicted_later:
             sentences.append(
-                f"What goes with time, {numbered(unforeseen)}, is not in it: fitted to the earlier "
-                "readings, it makes the later ones worse. Measure longer."
+                f"What goes with time, {numbered(contradicted_later)}, is not in it: fitted to the "
+                "earlier readings, it makes the later ones worse. Measure longer."
             )
         if told_only:
             numbers = numbered(told_only)
             sentences.append(f"No calibration can contain {numbers}: reported, and not written.")
         guesses = numbered(
             i
-            for i, found in enumerate(diagnosis.found)
-            if found.candidate.cause != "unknown" and found.explained and found.explained.guess
+            for i, finding in enumerate(diagnosis.findings)
+            if finding.candidate.cause != "unknown"
+            and finding.explained
+            and finding.explained.guess
         )
         if guesses:
             sentences.append(
@@ -91,8 +93,8 @@ def verdict(diagnosis: Diagnosis) -> str:
         sentences.append(f"Something significant is left; it depends on {on}.")
         same = [
             i
-            for i, found in enumerate(diagnosis.found)
-            if set(found.candidate.depends_on) & set(diagnosis.search.remaining_depends_on)
+            for i, finding in enumerate(diagnosis.findings)
+            if set(finding.candidate.depends_on) & set(diagnosis.search.remaining_depends_on)
         ]
         if same:
             sentences.append(f"The form of {numbered(same)} is in doubt.")
@@ -112,7 +114,7 @@ def verdict(diagnosis: Diagnosis) -> str:
             *refused,
             *moved,
             *map(touched_in_words, diagnosis.touched),
-            *diagnosis.told,
+            *diagnosis.remarks,
         ]
         if text
     )
@@ -135,9 +137,9 @@ def _of_growth(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def _numbers(diagnosis: Diagnosis, of: Iterable[int]) -> str:
+def _numbers(diagnosis: Diagnosis, indices: Iterable[int]) -> str:
     """Findings as they are listed for a person, from 1: moved artefacts come first."""
-    return ", ".join(str(len(diagnosis.touched) + i + 1) for i in of)
+    return ", ".join(str(len(diagnosis.touched) + i + 1) for i in indices)
 
 
 def _listed(diagnosis: Diagnosis) -> int:
@@ -147,31 +149,31 @@ def _listed(diagnosis: Diagnosis) -> int:
 
 def _what_stays(diagnosis: Diagnosis) -> str:
     """Residuals beyond the noise in which nothing is significant, beside findings."""
-    left, floor = diagnosis.remaining_rms_um, diagnosis.noise_floor_um
-    if left <= BEYOND_NOISE * floor:
+    rms, floor = diagnosis.remaining_rms_um, diagnosis.noise_floor_um
+    if rms <= BEYOND_NOISE * floor:
         return ""
     return (
-        f"Yet {um(left)} µm remain under the extended calibration; the noise alone would leave "
+        f"Yet {um(rms)} µm remain under the extended calibration; the noise alone would leave "
         f"{um(floor)} µm."
     )
 
 
 def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
     """What residuals without a finding are, *but* for what the verdict says else."""
-    left, floor = diagnosis.rms_um, diagnosis.noise_floor_um
+    rms, floor = diagnosis.rms_um, diagnosis.noise_floor_um
     absorbing = _absorbing(diagnosis)
     remain = 1e3 * float(np.sqrt((diagnosis.search.last.points_left_mm**2).sum(axis=1).mean()))
-    if absorbing and left > BEYOND_NOISE * floor >= remain:
+    if absorbing and rms > BEYOND_NOISE * floor >= remain:
         return (
-            f"The residuals, {um(left)} µm, are more than noise of {um(floor)} µm makes: they are "
+            f"The residuals, {um(rms)} µm, are more than noise of {um(floor)} µm makes: they are "
             f"explained by {absorbing}; {um(remain)} µm remain beside that."
         )
-    if left > BEYOND_NOISE * floor:
-        partly = bool(absorbing) and left > BEYOND_NOISE * remain
+    if rms > BEYOND_NOISE * floor:
+        partly = bool(absorbing) and rms > BEYOND_NOISE * remain
         explained = f"a part is explained by {absorbing}; " if partly else ""
         unexplained = f"the {um(remain)} µm that remain" if partly else "them"
         return (
-            f"Yet the residuals, {um(left)} µm, are not what noise of {um(floor)} µm makes: "
+            f"Yet the residuals, {um(rms)} µm, are not what noise of {um(floor)} µm makes: "
             f"{explained}nothing in the catalogue, nor any smooth structure, explains "
             f"{unexplained}.{_few(diagnosis)}"
         )
@@ -196,15 +198,16 @@ def _few(diagnosis: Diagnosis) -> str:
     last = diagnosis.search.last
     off_mm = np.linalg.norm(last.points_left_mm, axis=1)
     usual_mm = float(np.median(off_mm))
-    far = int((off_mm > FAR_TIMES * usual_mm).sum())
-    if not far:
+    n_far = int((off_mm > FAR_TIMES * usual_mm).sum())
+    if not n_far:
         return ""
-    of = last.linear.rests.observations
+    observations = last.linear.rests.observations
     farthest = ", ".join(
-        f"{of.row_name(i)} ({off_mm[i]:.3g} mm)" for i in np.argsort(-off_mm)[: min(far, MOST_TOLD)]
+        f"{observations.row_name(i)} ({off_mm[i]:.3g} mm)"
+        for i in np.argsort(-off_mm)[: min(n_far, MOST_TOLD)]
     )
     return (
-        f" Half of all readings lie within {um(1e3 * usual_mm)} µm, {far} more than {FAR_TIMES:g}"
+        f" Half of all readings lie within {um(1e3 * usual_mm)} µm, {n_far} more than {FAR_TIMES:g}"
         f" times as far off, most of all {farthest}: look at these first."
     )
 
@@ -228,16 +231,18 @@ def _could_show(diagnosis: Diagnosis) -> str:
 
 def _refused(diagnosis: Diagnosis) -> list[str]:
     return [
-        f"{_named(one.candidate)} was refused, although the residuals would fall: {one.reason}."
-        for one in diagnosis.search.refused
+        f"{_named(refusal.candidate)} was refused, although the residuals would fall: "
+        f"{refusal.reason}."
+        for refusal in diagnosis.search.refused
     ]
 
 
 def _moved(diagnosis: Diagnosis) -> list[str]:
     return [
-        f"At {one.placement}, {one.target}, the first {one.after} rests stand {um(one.step_um)} µm "
-        f"from the other {one.rests - one.after}: seat, artefact or arm moved between."
-        for one in steps(target_steps(diagnosis.search.last))
+        f"At {step.placement}, {step.target}, the first {step.after} rests stand "
+        f"{um(step.step_um)} µm from the other {step.rests - step.after}: "
+        "seat, artefact or arm moved between."
+        for step in steps(target_steps(diagnosis.search.last))
     ]
 
 
@@ -255,9 +260,9 @@ def um(value: float) -> str:
 
 def touched_in_words(touched: Touched) -> str:
     """What was moved, where and when."""
-    what = CATALOGUE["artefact_moved"].reading(touched.candidate, touched.amplitudes)
-    when = "" if np.isnan(touched.instant_unix_s) else f", {clock(touched.instant_unix_s)}"
+    move = CATALOGUE["artefact_moved"].describe(touched.candidate, touched.amplitudes)
+    instant = "" if np.isnan(touched.instant_unix_s) else f", {clock(touched.instant_unix_s)}"
     return (
-        f"In {touched.session}, {touched.placement}, before row {touched.row}{when}, {what}: its "
-        "readings count as two placements; the arm did not cause it."
+        f"In {touched.session}, {touched.placement}, before row {touched.row}{instant}, {move}: "
+        "its readings count as two placements; the arm did not cause it."
     )

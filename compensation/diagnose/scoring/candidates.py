@@ -53,33 +53,39 @@ class ScoredCandidates:
     def without(self, index: int) -> Scores:
         """Of all candidates, one finding and its shape taken out of the model."""
         parts = np.delete(self._parts, index, axis=0)
-        return self.freed(index).without(np.any(parts, axis=0) | self._of_other_models(index))
+        return self.score_without_finding(index).without(
+            np.any(parts, axis=0) | self._of_other_models(index)
+        )
 
-    def alone(self, index: int) -> Scores:
+    def score_findings(self, index: int) -> Scores:
         """Of the findings themselves as candidates, one of them taken out of the model."""
-        return self._of_findings.freed(index)
+        return self._of_findings.score_without_finding(index)
 
-    def as_needed(self, index: int) -> Scores:
+    def score_findings_without_acting(self, index: int) -> Scores:
         """The same, what acts through that finding taken out, too: with that in the model, and how
         a lag's sessions began open, little of what it acts through would seem to be there."""
-        return self._of_findings.freed(index, *through_it(self.fit.findings, index))
+        return self._of_findings.score_without_finding(
+            index, *numbers_acting_through(self.fit.findings, index)
+        )
 
-    def freed(self, index: int, *acting: int) -> Scores:
+    def score_without_finding(self, index: int, *acting: int) -> Scores:
         """Of all candidates, one finding and its shape taken out, and others *acting* through it;
         also of parts of the others."""
         return score(self.sums, self._columns_of(index, *acting))
 
-    def bent(self, index: int, others: Sequence[Candidate]) -> F64:
-        """What each of *others*, one finding and its shape taken out of the model, gains in log
+    def gain_of_shapes(self, index: int, candidates: Sequence[Candidate]) -> F64:
+        """What each of *candidates*, one finding and its shape taken out of the model, gains in log
         evidence if its own shape may be off, as that finding's may."""
-        both, gained = with_own_shapes(others, self.projection, self._columns_of(index))
-        may_be_off = np.array([b is not c for b, c in zip(both, others, strict=True)], dtype=bool)
+        with_shapes, gained = with_own_shapes(candidates, self.projection, self._columns_of(index))
+        may_be_off = np.array(
+            [b is not c for b, c in zip(with_shapes, candidates, strict=True)], dtype=bool
+        )
         return np.where(may_be_off, np.logaddexp(0.0, gained), 0.0)
 
     def _columns_of(self, index: int, *acting: int) -> I64:
         """Among the shared columns, those of a finding and its shape, and of others *acting*."""
-        own = [self.projection.shapes.without(self.fit, i) for i in (index, *acting)]
-        columns: I64 = self.projection.place[np.concatenate(own)]
+        columns_by_finding = [self.projection.shapes.without(self.fit, i) for i in (index, *acting)]
+        columns: I64 = self.projection.place[np.concatenate(columns_by_finding)]
         return columns
 
     @cached_property
@@ -90,16 +96,16 @@ class ScoredCandidates:
         """(C,) which candidates act through findings that are not in the model, or not through all
         that are; one finding taken out."""
         candidates = self.sums.signatures.candidates
-        held = np.zeros(len(candidates), dtype=bool)
-        there = {c.place for i, c in enumerate(self.fit.findings) if i != index}
-        able = [(i, c) for i, c in enumerate(candidates) if c.through is not None]
-        for number, candidate in able:
-            if all(found.candidate.place in there for found in candidate.through or ()):
-                plain = [i for i, c in able if not c.through and c.is_like(candidate)]
-                held[plain if candidate.through else []] = True
+        is_barred = np.zeros(len(candidates), dtype=bool)
+        places = {c.place for i, c in enumerate(self.fit.findings) if i != index}
+        acting_candidates = [(i, c) for i, c in enumerate(candidates) if c.through is not None]
+        for number, candidate in acting_candidates:
+            if all(acting.candidate.place in places for acting in candidate.through or ()):
+                alike = [i for i, c in acting_candidates if not c.through and c.is_like(candidate)]
+                is_barred[alike if candidate.through else []] = True
             else:
-                held[number] = True
-        return held
+                is_barred[number] = True
+        return is_barred
 
     @cached_property
     def _parts(self) -> Mask:
@@ -115,23 +121,27 @@ class ScoredCandidates:
         """
         candidate = self.fit.findings[index]
         if is_shape(candidate):
-            evidence = float(self.alone(index).log_evidence[index])
+            evidence = float(self.score_findings(index).log_evidence[index])
             return float(np.log(SHAPE_PRIOR)) + evidence - scores.log_total
         of_place = np.array([c.place == candidate.place for c in scores.signatures.candidates])
         if not np.isfinite(scores.log_evidence[of_place]).any():
             return -np.inf
         log_weight = float(logsumexp(scores.log_posterior()[of_place]))
         best = float(scores.log_evidence[of_place].max())
-        own = float(self.alone(index).log_evidence[index])
+        evidence_own = float(self.score_findings(index).log_evidence[index])
         shape = next((c for c in self.fit.findings if c.location == shape_place(candidate)), None)
         shape = shape or self.projection.shapes.candidates[index]
         if shape is not None:  # in the model or not, it belongs to it
-            both = _bent(candidate, shape)
-            bent = float(score_candidates(self.projection, [both]).freed(index).log_evidence[0])
-            own = float(np.logaddexp(own, bent + np.log(SHAPE_PRIOR)))
+            with_shape = _with_shape(candidate, shape)
+            shaped_evidence = float(
+                score_candidates(self.projection, [with_shape])
+                .score_without_finding(index)
+                .log_evidence[0]
+            )
+            evidence_own = float(np.logaddexp(evidence_own, shaped_evidence + np.log(SHAPE_PRIOR)))
         elif may_have_begun_anyhow(candidate):
-            own += float(self.bent(index, [candidate])[0])
-        return log_weight + max(own - best, 0.0)
+            evidence_own += float(self.gain_of_shapes(index, [candidate])[0])
+        return log_weight + max(evidence_own - best, 0.0)
 
 
 def with_own_shapes(
@@ -144,17 +154,25 @@ def with_own_shapes(
     The shape of a lag is how its sessions began. With that open, it may be a slower one.
     """
     slower = [(i, s) for i, c in enumerate(candidates) for s in slower_than(c)]
-    of = np.array([*range(len(candidates)), *(i for i, _ in slower)])
+    candidate_of = np.array([*range(len(candidates)), *(i for i, _ in slower)])
     every = [*candidates, *(s for _, s in slower)]
     straight = score_candidates(projection, every).sums
-    known = estimates(straight, without)
-    both = [_bent(c, _own_shape(c, own, projection)) for c, own in zip(every, known, strict=True)]
-    free, held = (
+    amplitudes = estimates(straight, without)
+    with_shapes = [
+        _with_shape(c, _own_shape(c, values, projection))
+        for c, values in zip(every, amplitudes, strict=True)
+    ]
+    free, straight_evidence = (
         score(sums, without).log_evidence
-        for sums in (score_candidates(projection, both).sums, straight)
+        for sums in (score_candidates(projection, with_shapes).sums, straight)
     )
-    best = [max(np.flatnonzero(of == i), key=lambda k: free[k]) for i in range(len(candidates))]
-    return [both[k] for k in best], free[best] - held[: len(best)] + np.log(SHAPE_PRIOR)
+    best = [
+        max(np.flatnonzero(candidate_of == i), key=lambda k: free[k])
+        for i in range(len(candidates))
+    ]
+    return [with_shapes[k] for k in best], free[best] - straight_evidence[: len(best)] + np.log(
+        SHAPE_PRIOR
+    )
 
 
 def slower_than(candidate: Candidate) -> list[Candidate]:
@@ -170,7 +188,7 @@ def _own_shape(candidate: Candidate, amplitudes: F64, projection: Projection) ->
     return shape_candidate(candidate, amplitudes, projection.arm.n_joints)
 
 
-def _bent(candidate: Candidate, shape: Candidate | None) -> Candidate:
+def _with_shape(candidate: Candidate, shape: Candidate | None) -> Candidate:
     """A candidate together with its shape, if it has one.
 
     A cause may be many times its typical size. Its shape is off by a share of it and no further: a
@@ -178,8 +196,8 @@ def _bent(candidate: Candidate, shape: Candidate | None) -> Candidate:
     """
     if shape is None:
         return candidate
-    own = (replace(column, reach=1.0) for column in shape.columns)
-    return replace(candidate, columns=(*candidate.columns, *own))
+    shape_columns = (replace(column, reach=1.0) for column in shape.columns)
+    return replace(candidate, columns=(*candidate.columns, *shape_columns))
 
 
 def score_candidates(
@@ -204,21 +222,21 @@ class PartedSurvey:
     sums: Sequence[Sums]  # of each part by itself
 
     @classmethod
-    def of(cls, fit: Fit, signatures: Signatures, arm: Arm) -> PartedSurvey:
+    def from_fit(cls, fit: Fit, signatures: Signatures, arm: Arm) -> PartedSurvey:
         """Of a *fit* without findings, by one pass over the rows."""
         projection = make_projection(fit, arm, folds_of(fit.linear.rests))
         return cls(projection, projection.sums_by_part(signatures))
 
     @property
-    def alone(self) -> Mask:
+    def is_eliminated(self) -> Mask:
         """Which of the nuisance columns without findings are eliminated, cell by cell."""
-        return self.projection.alone
+        return self.projection.is_eliminated
 
-    def under(self, fit: Fit) -> ScoredCandidates:
+    def without_findings(self, fit: Fit) -> ScoredCandidates:
         """All parts, under a *fit* without findings about the same point."""
         return ScoredCandidates(replace(self.projection, fit=fit), total(self.sums))
 
-    def beside(self, fit: Fit) -> ScoredCandidates:
+    def with_findings(self, fit: Fit) -> ScoredCandidates:
         """All parts, with the findings of the *fit*, which is about the same point, in the
         model."""
         projection = self.projection.with_findings_of(fit)
@@ -227,8 +245,8 @@ class PartedSurvey:
     def without(self, part: int, fit: Fit) -> ScoredCandidates:
         """All parts but one, for a *fit* without findings of what placements share, whose whitener
         is zero there."""
-        others = [sums for i, sums in enumerate(self.sums) if i != part]
-        return ScoredCandidates(self.projection.without(part, fit), total(others))
+        remaining = [sums for i, sums in enumerate(self.sums) if i != part]
+        return ScoredCandidates(self.projection.without(part, fit), total(remaining))
 
 
 def weakest(projection: Projection) -> tuple[int, float]:
@@ -236,22 +254,26 @@ def weakest(projection: Projection) -> tuple[int, float]:
     its number, and the log of its p value. An exchange is as significant as what goes by the
     exchanged sensors, and would not be there without."""
     findings = projection.fit.findings
-    own = score_candidates(projection, findings)
+    scored = score_candidates(projection, findings)
     log_p = []
     for i in range(len(findings)):
-        others = through_it(findings, i)
-        falling = [j for j in others if CATALOGUE[findings[j].cause].by_temperature]
-        freed = [(i, *others), *((j, *through_it(findings, j)) for j in falling)]
-        log_p.append(min(float(own.freed(*some).log_p[some[0]]) for some in freed))
-    least = int(np.argmax(log_p))
-    return least, log_p[least]
+        acting = numbers_acting_through(findings, i)
+        falling = [j for j in acting if CATALOGUE[findings[j].cause].by_temperature]
+        freed = [(i, *acting), *((j, *numbers_acting_through(findings, j)) for j in falling)]
+        log_p.append(
+            min(
+                float(scored.score_without_finding(*numbers).log_p[numbers[0]]) for numbers in freed
+            )
+        )
+    weakest_index = int(np.argmax(log_p))
+    return weakest_index, log_p[weakest_index]
 
 
-def through_it(findings: Sequence[Candidate], index: int) -> list[int]:
+def numbers_acting_through(findings: Sequence[Candidate], index: int) -> list[int]:
     """Numbers of the findings that act through another."""
     place = findings[index].place
     return [
         i
-        for i, other in enumerate(findings)
-        if any(found.candidate.place == place for found in other.through or ())
+        for i, finding in enumerate(findings)
+        if any(acting.candidate.place == place for acting in finding.through or ())
     ]

@@ -18,7 +18,7 @@ class Cell:
     part: int
     rests: I64
     rows: slice | I64
-    own: F64  # (rows, l): own @ own.T is what they take of anything whitened
+    absorbing: F64  # (rows, l): absorbing @ absorbing.T is what they take of anything whitened
 
 
 @dataclass(frozen=True)
@@ -29,30 +29,30 @@ class ArtefactColumns:
     columns: I64  # (c,) their numbers among all candidates', ascending
     white: Blocks  # of c columns
 
-    def at(self, cell: Cell) -> tuple[I64, F64]:
+    def columns_in(self, cell: Cell) -> tuple[I64, F64]:
         """Which columns are not zero in a cell, by their numbers among all, and what they are
         there (rows, ·)."""
-        here, rows = self._at(cell)
-        return self.columns[here], rows
+        indices, rows = self._indices_in(cell)
+        return self.columns[indices], rows
 
     def add_products(self, cell: Cell, candidates: I64, gram: F64) -> None:
         """Add to *gram* (C, m, m) the products in a cell within candidates, by the numbers (C, m)
         of their columns."""
-        here, rows = self._at(cell)
-        numbers = self.columns[here]
+        indices, rows = self._indices_in(cell)
+        numbers = self.columns[indices]
         begin = np.searchsorted(numbers, candidates[:, 0])
         end = np.searchsorted(numbers, candidates[:, -1] + 1)
         for i in np.flatnonzero(end > begin):
-            some = slice(begin[i], end[i])
-            at = numbers[some] - candidates[i, 0]
-            gram[i][np.ix_(at, at)] += rows[:, some].T @ rows[:, some]
+            span = slice(begin[i], end[i])
+            positions = numbers[span] - candidates[i, 0]
+            gram[i][np.ix_(positions, positions)] += rows[:, span].T @ rows[:, span]
 
-    def _at(self, cell: Cell) -> tuple[I64, F64]:
+    def _indices_in(self, cell: Cell) -> tuple[I64, F64]:
         if len(cell.rests):
             piece = self.white.at(cell.rests)
             return piece.columns, flat(piece.values)
-        here = np.flatnonzero(self.white.distances.any(axis=0))
-        return here, self.white.distances[:, here]
+        indices = np.flatnonzero(self.white.distances.any(axis=0))
+        return indices, self.white.distances[:, indices]
 
 
 def flat(values: F64) -> F64:
@@ -65,30 +65,30 @@ def by_part(white: Blocks, part_of: I64) -> Iterator[tuple[int, Piece]]:
     """Each placement's rests by the part (n,) of the data that they belong to."""
     for piece in white.pieces:
         for part in np.unique(part_of[piece.rests]):
-            own = part_of[piece.rests] == part
-            here = piece.values[own].any(axis=(0, 1))
-            values = piece.values[own][:, :, here]
-            yield int(part), Piece(piece.rests[own], piece.columns[here], values)
+            is_in_part = part_of[piece.rests] == part
+            nonzero = piece.values[is_in_part].any(axis=(0, 1))
+            values = piece.values[is_in_part][:, :, nonzero]
+            yield int(part), Piece(piece.rests[is_in_part], piece.columns[nonzero], values)
 
 
 def cleared(white: F64, cells: Sequence[Cell]) -> F64:
     """Whitened columns (N, m) clear of what the cells' own columns absorb."""
-    clear = white.copy()
+    remaining = white.copy()
     for cell in cells:
-        clear[cell.rows] -= cell.own @ (cell.own.T @ white[cell.rows])
-    return clear
+        remaining[cell.rows] -= cell.absorbing @ (cell.absorbing.T @ white[cell.rows])
+    return remaining
 
 
 def products_of_parts(white: F64, clear: F64, cells: Sequence[Cell], parts: int) -> tuple[F64, F64]:
     """Products (parts, m, u) of whitened columns (N, m) with *clear* ones (N, u), and the squared
     lengths (parts, m) of the former."""
     products = np.zeros((parts, white.shape[1], clear.shape[1]))
-    square = np.zeros((parts, white.shape[1]))
+    squared_lengths = np.zeros((parts, white.shape[1]))
     for cell in cells:
-        there = white[cell.rows]
-        products[cell.part] += there.T @ clear[cell.rows]
-        square[cell.part] += (there**2).sum(axis=0)
-    return products, square
+        rows = white[cell.rows]
+        products[cell.part] += rows.T @ clear[cell.rows]
+        squared_lengths[cell.part] += (rows**2).sum(axis=0)
+    return products, squared_lengths
 
 
 def rows_of(rests: I64) -> I64:

@@ -30,16 +30,18 @@ def compare(
     candidate: Candidate, rivals: Sequence[Candidate], current: Fit, arm: Arm
 ) -> list[Likeness]:
     """How alike *candidate*, one of the fit's findings, and each of *rivals* are."""
-    own = finding(current.findings.index(candidate))
+    block_name = finding(current.findings.index(candidate))
     blocks = finding_columns(current.linear, [candidate, *rivals], arm)
-    products = _products(np.hstack([current.residual[:, None], *blocks]), current, own)
+    products = _products(np.hstack([current.residual[:, None], *blocks]), current, block_name)
     edges = np.cumsum([1, *(block.shape[1] for block in blocks)])
-    mine, *others = (slice(low, high) for low, high in itertools.pairwise(edges))
+    mine, *of_rivals = (slice(low, high) for low, high in itertools.pairwise(edges))
     basis = _orthonormal(products, mine)
     likenesses = []
-    for other in others:
-        rival = _orthonormal(products, other)
-        likenesses.append(Likeness(_angle(products, basis, rival), _left(products, mine, rival)))
+    for columns_of_rival in of_rivals:
+        rival = _orthonormal(products, columns_of_rival)
+        likenesses.append(
+            Likeness(_angle(products, basis, rival), _remaining_p(products, mine, rival))
+        )
     return likenesses
 
 
@@ -55,28 +57,28 @@ def _products(columns: F64, current: Fit, without: str) -> F64:
     size[size == 0.0] = 1.0
     size[0] = 1.0  # the residual
     keep = current.layout.blocks.but([without])
-    taken = current.problem.only(keep).project(current.across(columns)[keep])
-    products: F64 = (white.T @ white - taken.T @ taken) / np.outer(size, size)
+    absorbed = current.problem.only(keep).project(current.across(columns)[keep])
+    products: F64 = (white.T @ white - absorbed.T @ absorbed) / np.outer(size, size)
     return products
 
 
-def _orthonormal(products: F64, of: slice) -> F64:
-    """Combinations (m, r) of all columns that span those *of*, orthonormal in *products*."""
-    values, vectors = np.linalg.eigh(products[of, of])
-    kept = values > ABSORBED
-    basis = np.zeros((len(products), int(kept.sum())))
-    basis[of] = vectors[:, kept] / np.sqrt(values[kept])
+def _orthonormal(products: F64, span: slice) -> F64:
+    """Combinations (m, r) of all columns that span those of *span*, orthonormal in *products*."""
+    values, vectors = np.linalg.eigh(products[span, span])
+    positive = values > ABSORBED
+    basis = np.zeros((len(products), int(positive.sum())))
+    basis[span] = vectors[:, positive] / np.sqrt(values[positive])
     return basis
 
 
-def _left(products: F64, mine: slice, other: F64) -> float:
-    """Tail of χ² for what *mine* explains of the residual, the first column, beside *other*."""
-    clear = np.eye(len(products)) - other @ (other.T @ products)
-    beside = clear.T @ products @ clear
-    basis = _orthonormal(beside, mine)
+def _remaining_p(products: F64, mine: slice, rival: F64) -> float:
+    """Tail of χ² for what *mine* explains of the residual, the first column, beside *rival*."""
+    projector = np.eye(len(products)) - rival @ (rival.T @ products)
+    remaining = projector.T @ products @ projector
+    basis = _orthonormal(remaining, mine)
     if basis.shape[1] == 0:
         return 1.0
-    return float(chdtrc(basis.shape[1], float(((basis.T @ beside[:, 0]) ** 2).sum())))
+    return float(chdtrc(basis.shape[1], float(((basis.T @ remaining[:, 0]) ** 2).sum())))
 
 
 def _angle(products: F64, a: F64, b: F64) -> float:

@@ -43,18 +43,21 @@ class Sums:
     length: F64  # (K,) squared lengths of X before clearing
     xx: dict[int, tuple[I64, F64]]  # columns per candidate → candidates, (c, m, m)
 
-    def with_more(self, more: Sums) -> Sums:
-        """Of these candidates, then those of *more*, beside the same shared columns."""
+    def with_more(self, added: Sums) -> Sums:
+        """Of these candidates, then those *added*, beside the same shared columns."""
         xx, before = dict(self.xx), len(self.signatures.candidates)
-        for m, (members, products) in more.xx.items():
-            own, known = xx.get(m, (members[:0], products[:0]))
-            xx[m] = np.append(own, before + members), np.concatenate([known, products])
+        for m, (members, products) in added.xx.items():
+            numbers, before_products = xx.get(m, (members[:0], products[:0]))
+            xx[m] = (
+                np.append(numbers, before + members),
+                np.concatenate([before_products, products]),
+            )
         return replace(
             self,
-            signatures=self.signatures.with_more(more.signatures),
-            bx=np.hstack([self.bx, more.bx]),
-            xr=np.append(self.xr, more.xr),
-            length=np.append(self.length, more.length),
+            signatures=self.signatures.with_more(added.signatures),
+            bx=np.hstack([self.bx, added.bx]),
+            xr=np.append(self.xr, added.xr),
+            length=np.append(self.length, added.length),
             xx=xx,
         )
 
@@ -70,8 +73,8 @@ def total(parts: Sequence[Sums]) -> Sums:
         sum((part.xr for part in parts[1:]), start=first.xr),
         sum((part.length for part in parts[1:]), start=first.length),
         {
-            m: (members, sum((part.xx[m][1] for part in parts[1:]), start=own))
-            for m, (members, own) in first.xx.items()
+            m: (members, sum((part.xx[m][1] for part in parts[1:]), start=products))
+            for m, (members, products) in first.xx.items()
         },
     )
 
@@ -98,13 +101,13 @@ class Scores:
         weighted: F64 = self.log_evidence + self.log_prior
         return weighted
 
-    def without(self, held: Mask) -> Scores:
-        """With the candidates *held* (C,) counted as absorbed."""
+    def without(self, barred: Mask) -> Scores:
+        """With the candidates *barred* (C,) counted as absorbed."""
         return replace(
             self,
-            freedom=np.where(held, 0, self.freedom),
-            log_p=np.where(held, 0.0, self.log_p),
-            log_evidence=np.where(held, -np.inf, self.log_evidence),
+            freedom=np.where(barred, 0, self.freedom),
+            log_p=np.where(barred, 0.0, self.log_p),
+            log_evidence=np.where(barred, -np.inf, self.log_evidence),
         )
 
     def explain_as_well(self, statistic: float) -> Mask:
@@ -140,39 +143,45 @@ class Scores:
     def log_places(self) -> dict[tuple[str, str], float]:
         """Log posterior probability of every (cause, location)."""
         log, numbers = self.log_posterior(), dict[tuple[str, str], int]()
-        of = [numbers.setdefault(c.place, len(numbers)) for c in self.signatures.candidates]
-        most = np.full(len(numbers), -np.inf)
-        np.maximum.at(most, of, log)
-        most[np.isneginf(most)] = 0.0
+        place_of = [numbers.setdefault(c.place, len(numbers)) for c in self.signatures.candidates]
+        largest = np.full(len(numbers), -np.inf)
+        np.maximum.at(largest, place_of, log)
+        largest[np.isneginf(largest)] = 0.0
         with np.errstate(divide="ignore"):  # all of a place are absorbed
-            sums = most + np.log(np.bincount(of, np.exp(log - most[of]), len(numbers)))
+            sums = largest + np.log(
+                np.bincount(place_of, np.exp(log - largest[place_of]), len(numbers))
+            )
         return dict(zip(numbers, map(float, sums), strict=True))
 
 
 def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
     """Statistics of all candidates, the shared columns *without* left out of the model."""
-    kept = np.setdiff1d(np.arange(sums.shared.layout.n), list(without))
-    t, u = _clear(sums, sums.shared.only(kept), kept)
+    columns = np.setdiff1d(np.arange(sums.shared.layout.n), list(without))
+    t, u = _project_out(sums, sums.shared.only(columns), columns)
     n = len(sums.signatures.candidates)
     statistic, freedom, evidence = np.zeros(n), np.zeros(n, dtype=np.int64), np.zeros(n)
     typical_snr = np.zeros(n)
     for m, (members, raw) in sums.xx.items():
-        which = sums.signatures.first[members][:, None] + np.arange(m)
-        size = np.sqrt(np.maximum(sums.length[which], 0.0))  # rounding may be below
+        numbers = sums.signatures.first[members][:, None] + np.arange(m)
+        size = np.sqrt(np.maximum(sums.length[numbers], 0.0))  # rounding may be below
         size[size == 0.0] = 1.0
-        tc = t[which] / size[:, :, None]  # (c, m, r)
+        tc = t[numbers] / size[:, :, None]  # (c, m, r)
         gram = raw / (size[:, :, None] * size[:, None, :]) - tc @ tc.transpose(0, 2, 1)
         values, vectors = np.linalg.eigh(gram)
-        kept = values > ABSORBED
-        turned = np.einsum("cij,ci->cj", vectors, u[which] / size)
-        with_root = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
+        is_independent = values > ABSORBED
+        turned = np.einsum("cij,ci->cj", vectors, u[numbers] / size)
+        with_root = np.where(
+            is_independent, 1.0 / np.sqrt(np.where(is_independent, values, 1.0)), 0.0
+        )
         statistic[members] = ((turned * with_root) ** 2).sum(axis=1)
-        freedom[members] = kept.sum(axis=1)
-        typical = sums.signatures.typical[which] * size
-        reach = sums.signatures.reach[which]
-        square = (np.einsum("cii->ci", gram) * typical**2).mean(axis=1)
-        typical_snr[members] = np.where(kept.any(axis=1), np.sqrt(np.maximum(square, 0.0)), 0.0)
-        evidence[members] = log_bayes_factors(gram, u[which] / size, typical, reach)
+        freedom[members] = is_independent.sum(axis=1)
+        prior_sd = sums.signatures.prior_sd[numbers] * size
+        reach = sums.signatures.reach[numbers]
+        mean_squares = (np.einsum("cii->ci", gram) * prior_sd**2).mean(axis=1)
+        typical_snr[members] = np.where(
+            is_independent.any(axis=1), np.sqrt(np.maximum(mean_squares, 0.0)), 0.0
+        )
+        evidence[members] = log_bayes_factors(gram, u[numbers] / size, prior_sd, reach)
     log_p = np.where(freedom > 0, log_tail(statistic, np.maximum(freedom, 1)), 0.0)
     evidence[freedom == 0] = -np.inf
     log_p = np.where(sums.signatures.count > MOST_COUNTED, np.minimum(log_p, -evidence), log_p)
@@ -182,22 +191,22 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
 def estimates(sums: Sums, without: Iterable[int] = ()) -> list[F64]:
     """Amplitudes of each candidate, alone beside what absorbs, the shared columns *without* left
     out of the model."""
-    kept = np.setdiff1d(np.arange(sums.shared.layout.n), list(without))
-    t, u = _clear(sums, sums.shared.only(kept), kept)
-    found: list[F64] = [np.empty(0)] * len(sums.signatures.candidates)
+    columns = np.setdiff1d(np.arange(sums.shared.layout.n), list(without))
+    t, u = _project_out(sums, sums.shared.only(columns), columns)
+    amplitudes: list[F64] = [np.empty(0)] * len(sums.signatures.candidates)
     for members, raw in sums.xx.values():
         for i, gram in zip(members, raw, strict=True):
-            own = sums.signatures.columns_of(int(i))
-            clear = gram - t[own] @ t[own].T
-            found[i] = -np.linalg.pinv(clear, rcond=ABSORBED, hermitian=True) @ u[own]
-    return found
+            numbers = sums.signatures.columns_of(int(i))
+            cleared = gram - t[numbers] @ t[numbers].T
+            amplitudes[i] = -np.linalg.pinv(cleared, rcond=ABSORBED, hermitian=True) @ u[numbers]
+    return amplitudes
 
 
-def _clear(sums: Sums, model: LinearModel, kept: I64) -> tuple[F64, F64]:
-    """What a *model* of the shared columns *kept* takes of X: its coordinates (K, b) along an
+def _project_out(sums: Sums, model: LinearModel, columns: I64) -> tuple[F64, F64]:
+    """What a *model* of the shared *columns* takes of X: its coordinates (K, b) along an
     orthonormal basis of them; and what of the products of X with the residual is left, (K,)."""
-    t = model.project(sums.bx[kept]).T
-    return t, sums.xr - t @ model.project(sums.br[kept])
+    t = model.project(sums.bx[columns]).T
+    return t, sums.xr - t @ model.project(sums.br[columns])
 
 
 def log_tail(statistic: F64, freedom: I64) -> F64:
@@ -206,12 +215,12 @@ def log_tail(statistic: F64, freedom: I64) -> F64:
         return np.asarray(np.log(chdtrc(freedom, statistic)), dtype=np.float64)
 
 
-def log_bayes_factors(gram: F64, side: F64, typical: F64, reach: F64) -> F64:
+def log_bayes_factors(gram: F64, side: F64, prior_sd: F64, reach: F64) -> F64:
     """(c,) of candidates against nothing, from products (c, m, m) of their columns and (c, m) with
     the residual; amplitudes a priori normal about zero with the catalogue's size."""
     logs = []
     for scale, share in SCALES.items():
-        prior = np.minimum(scale, reach) * typical
+        prior = np.minimum(scale, reach) * prior_sd
         g = gram * prior[:, :, None] * prior[:, None, :] + np.eye(gram.shape[1])
         b = side * prior
         solved = np.linalg.solve(g, b[:, :, None])[:, :, 0]
@@ -237,13 +246,13 @@ def _log_prior(scores: Scores) -> F64:
     common = {cause: CATALOGUE[cause].commonness for cause in places if cause != "unknown"}
     named = max(sum(common.values()), ROUNDING)
     prior = np.full(len(scores.freedom), -np.inf)
-    for i, own in zip(alive, kinds, strict=True):
-        cause, location, *_ = own
-        known = (1 - UNKNOWN_PRIOR) * common.get(cause, 0.0) / named
-        share = UNKNOWN_PRIOR if cause == "unknown" else known
-        prior[i] = np.log(share / (places[cause] * of_place[cause, location] * grid[own]))
+    for i, kind in zip(alive, kinds, strict=True):
+        cause, location, *_ = kind
+        named_share = (1 - UNKNOWN_PRIOR) * common.get(cause, 0.0) / named
+        share = UNKNOWN_PRIOR if cause == "unknown" else named_share
+        prior[i] = np.log(share / (places[cause] * of_place[cause, location] * grid[kind]))
     expected = [i for i in alive if scores.signatures.candidates[i].expected]
-    ways = Counter(kinds_of[i][:2] for i in expected) if expected else Counter()
+    kinds_of_place = Counter(kinds_of[i][:2] for i in expected) if expected else Counter()
     for i in expected:
-        prior[i] = np.log(EXPECTED_PRIOR / ways[kinds_of[i][:2]])
+        prior[i] = np.log(EXPECTED_PRIOR / kinds_of_place[kinds_of[i][:2]])
     return prior

@@ -43,19 +43,19 @@ class Sequence:
     posture: I64  # (n,) in that order: copies of one share more than what lasts
 
     @classmethod
-    def of(cls, placement: I64, time_s: F64, posture: I64 | None = None) -> Sequence:
+    def from_rests(cls, placement: I64, time_s: F64, posture: I64 | None = None) -> Sequence:
         """By each rest's placement (n,), time (n,) and *posture* (n,), of its own without."""
         order = np.lexsort((time_s, placement))
         posture = np.arange(len(order)) if posture is None else posture
         return cls(order, placement[order], time_s[order], posture[order])
 
-    def pairs(self, apart: int) -> tuple[I64, F64]:
-        """First rests (positions in the order) of pairs so many rests *apart* in one placement, and
-        the seconds between them."""
-        end = len(self.order) - apart
-        together = self.placement[apart:] == self.placement[:end]
-        first = np.flatnonzero(together & (self.posture[apart:] != self.posture[:end]))
-        return first, self.time_s[first + apart] - self.time_s[first]
+    def pairs(self, lag: int) -> tuple[I64, F64]:
+        """First rests (positions in the order) of pairs *lag* rests apart in one placement, and the
+        seconds between them."""
+        end = len(self.order) - lag
+        together = self.placement[lag:] == self.placement[:end]
+        first = np.flatnonzero(together & (self.posture[lag:] != self.posture[:end]))
+        return first, self.time_s[first + lag] - self.time_s[first]
 
 
 @dataclass(frozen=True)
@@ -80,49 +80,52 @@ class Lasting:
     absorbed: Several[tuple[I64, F64]] = ()
 
     @classmethod
-    def of(cls, rests: Rests, sources: F64, absorbed: Several[tuple[I64, F64]]) -> Lasting:
+    def from_rests(cls, rests: Rests, sources: F64, absorbed: Several[tuple[I64, F64]]) -> Lasting:
         """Of rests in the order of their observations."""
         observations = rests.observations
         # Orientations follow each other, and points do.
-        apart = observations.turned * len(observations.placement_names)
-        placement, time_s = observations.placement + apart, observations.states.time_s
-        sequence = Sequence.of(placement, time_s, rests.posture)
+        group = observations.turned * len(observations.placement_names)
+        placement, time_s = observations.placement + group, observations.states.time_s
+        sequence = Sequence.from_rests(placement, time_s, rests.posture)
         return cls(sources, sequence, absorbed)
 
-    def memory(self, left: F64) -> NoiseMemory | None:
-        """The memory of what is *left* (n, 3), in units of its noise; None: none beyond doubt."""
-        one, two = self._pairs
-        of_sources = np.einsum("nis,ni->ns", self.sources, left)
-        products = float((of_sources[one] * of_sources[two]).sum())
-        square = float((left**2).sum()) * self._alike
-        if not square > 0.0:
+    def memory(self, residual: F64) -> NoiseMemory | None:
+        """The memory of the *residual* (n, 3), in units of its noise; None: none beyond doubt."""
+        first, second = self._neighbours
+        of_sources = np.einsum("nis,ni->ns", self.sources, residual)
+        products = float((of_sources[first] * of_sources[second]).sum())
+        squared_norm = float((residual**2).sum()) * self._alike
+        if not squared_norm > 0.0:
             return None
-        seen = products / square * self._size
-        shown, share = self._shown(0.0)
-        if share <= LEAST_CORRELATION or (seen - shown) * np.sqrt(self._alike) < CORRELATION_SIGMAS:
+        measured = products / squared_norm * self._size
+        expected_of_none, share = self._expect_shown(0.0)
+        if (
+            share <= LEAST_CORRELATION
+            or (measured - expected_of_none) * np.sqrt(self._alike) < CORRELATION_SIGMAS
+        ):
             return None
-        expected, kept = self._curve
+        expected, variance_shares = self._curve
         rising = slice(int(np.argmax(expected)) + 1)  # what lasts still longer shows less
         tried = np.array([0.0, *CORRELATIONS_TRIED])
-        correlation = float(np.interp(seen, expected[rising], tried[rising]))
+        correlation = float(np.interp(measured, expected[rising], tried[rising]))
         if correlation < LEAST_CORRELATION:  # so much is absorbed that none would show
             return None
-        variance = float(kept[0] / np.interp(correlation, tried, kept))
+        variance = float(variance_shares[0] / np.interp(correlation, tried, variance_shares))
         return NoiseMemory(-self._usual_s / float(np.log(correlation)), variance)
 
     @cached_property
-    def _pairs(self) -> tuple[I64, I64]:
+    def _neighbours(self) -> tuple[I64, I64]:
         """Rests and the next ones, where these are not far off; none without times."""
         first, gap_s = self.sequence.pairs(1)
         if not np.isfinite(gap_s).all() or not len(gap_s) or not np.median(gap_s) > 0.0:
             return first[:0], first[:0]
-        near = first[gap_s <= LONGEST_GAPS * np.median(gap_s)]
-        return self.sequence.order[near], self.sequence.order[near + 1]
+        close = first[gap_s <= LONGEST_GAPS * np.median(gap_s)]
+        return self.sequence.order[close], self.sequence.order[close + 1]
 
     @cached_property
     def _usual_s(self) -> float:
-        one, two = self._pairs
-        return float((self._time_s[two] - self._time_s[one]).mean())
+        first, second = self._neighbours
+        return float((self._time_s[second] - self._time_s[first]).mean())
 
     @cached_property
     def _time_s(self) -> F64:
@@ -134,8 +137,10 @@ class Lasting:
     @cached_property
     def _alike(self) -> float:
         """What products of rests with the next ones would be if the sources stayed."""
-        one, two = self._pairs
-        return float((np.einsum("nis,njs->nij", self.sources[one], self.sources[two]) ** 2).sum())
+        first, second = self._neighbours
+        return float(
+            (np.einsum("nis,njs->nij", self.sources[first], self.sources[second]) ** 2).sum()
+        )
 
     @cached_property
     def _size(self) -> float:
@@ -144,37 +149,41 @@ class Lasting:
     @cached_property
     def _curve(self) -> tuple[F64, F64]:
         """For no correlation and those `TRIED`, what is shown of it, and of the variance."""
-        shown, kept = np.array(
-            [self._shown(correlation) for correlation in (0.0, *CORRELATIONS_TRIED)]
+        expected, variance_shares = np.array(
+            [self._expect_shown(correlation) for correlation in (0.0, *CORRELATIONS_TRIED)]
         ).T
-        return shown, kept
+        return expected, variance_shares
 
-    def _shown(self, correlation: float) -> tuple[float, float]:
+    def _expect_shown(self, correlation: float) -> tuple[float, float]:
         """The correlation that what is left shows of a *correlation*, and the share of the
         variance."""
-        product = square = 0.0
+        product = removed = 0.0
         following = np.full(len(self.sources), -1)
-        following[self._pairs[0]] = self._pairs[1]
-        for rests, own in self.absorbed:
-            if not 0 < len(rests) <= MOST_MEMORY_RESTS or not own.size:
+        following[self._neighbours[0]] = self._neighbours[1]
+        for rests, columns in self.absorbed:
+            if not 0 < len(rests) <= MOST_MEMORY_RESTS or not columns.size:
                 continue  # certified lengths have errors of their own, and no rests
             sources = self.sources[rests]
-            white = own
+            white = columns
             if correlation > 0.0:
                 gap = np.abs(np.subtract.outer(self._time_s[rests], self._time_s[rests]))
                 covariance = np.einsum("nis,mjs->nimj", sources, sources)
                 covariance *= (correlation ** (gap / self._usual_s))[:, None, :, None]
-                white = covariance.reshape(len(own), len(own)) @ own
-            u, v = own.reshape(len(rests), 3, -1), white.reshape(len(rests), 3, -1)
-            half = v - 0.5 * u @ (own.T @ white)  # U Uᵀ V + V U Uᵀ − U Uᵀ V U Uᵀ is U Hᵀ + H Uᵀ
-            square += 2.0 * float((u * half).sum())
-            where = {rest: k for k, rest in enumerate(rests.tolist())}
-            steps = [(k, where[m]) for k, m in enumerate(following[rests].tolist()) if m in where]
-            one, two = np.array(steps, dtype=np.int64).reshape(-1, 2).T
-            taken = u[one] @ half[two].transpose(0, 2, 1) + half[one] @ u[two].transpose(0, 2, 1)
-            stayed = np.einsum("nis,njs->nij", sources[one], sources[two])
-            product += float((taken * stayed).sum())
-        share = max(1.0 - square / self._size, LEAST_CORRELATION)
+                white = covariance.reshape(len(columns), len(columns)) @ columns
+            u, v = columns.reshape(len(rests), 3, -1), white.reshape(len(rests), 3, -1)
+            half = v - 0.5 * u @ (columns.T @ white)  # U Uᵀ V + V U Uᵀ − U Uᵀ V U Uᵀ is U Hᵀ + H Uᵀ
+            removed += 2.0 * float((u * half).sum())
+            index_of = {rest: k for k, rest in enumerate(rests.tolist())}
+            steps = [
+                (k, index_of[m]) for k, m in enumerate(following[rests].tolist()) if m in index_of
+            ]
+            k_first, k_next = np.array(steps, dtype=np.int64).reshape(-1, 2).T
+            removed_products = u[k_first] @ half[k_next].transpose(0, 2, 1) + half[k_first] @ u[
+                k_next
+            ].transpose(0, 2, 1)
+            stayed = np.einsum("nis,njs->nij", sources[k_first], sources[k_next])
+            product += float((removed_products * stayed).sum())
+        share = max(1.0 - removed / self._size, LEAST_CORRELATION)
         return (correlation - product / self._alike) / share, share
 
 
@@ -183,12 +192,12 @@ def variance_of_sums(weights: F64, sources: F64, tau_s: float, sequence: Sequenc
     (n, 3, m) and its *sources* (n, 3, s), over the same of independent rests."""
     of_sources = np.einsum("nis,nim->nsm", sources, weights)
     ordered = of_sources[sequence.order].reshape(len(weights), -1)
-    alone = float((ordered**2).sum())
-    total = alone
-    for apart in range(1, len(weights)):
-        first, gap_s = sequence.pairs(apart)
+    independent = float((ordered**2).sum())
+    total = independent
+    for lag in range(1, len(weights)):
+        first, gap_s = sequence.pairs(lag)
         share = np.exp(-gap_s / tau_s)
         if share.max(initial=0.0) < LEAST_CORRELATION:
             break
-        total += 2.0 * float(share @ (ordered[first] * ordered[first + apart]).sum(axis=1))
-    return total / max(alone, LEAST_POSITIVE)
+        total += 2.0 * float(share @ (ordered[first] * ordered[first + lag]).sum(axis=1))
+    return total / max(independent, LEAST_POSITIVE)

@@ -67,8 +67,8 @@ class Projection:
     @cached_property
     def lasting(self) -> Lasting:
         """By what noise shows that it lasts from rest to rest."""
-        linear, absorbed = self.fit.linear, [(cell.rests, cell.own) for cell in self.cells]
-        return Lasting.of(linear.rests, self.fit.noise.sources(linear.joints), absorbed)
+        linear, absorbed = self.fit.linear, [(cell.rests, cell.absorbing) for cell in self.cells]
+        return Lasting.from_rests(linear.rests, self.fit.noise.sources(linear.joints), absorbed)
 
     def clear_of_all(self, columns: F64) -> tuple[F64, F64]:
         """Columns (N, m), whitened, and the same clear of all that absorbs, the shapes included."""
@@ -82,7 +82,7 @@ class Projection:
         return cleared(self.fit.noise.whiten(columns), self.cells)
 
     @property
-    def alone(self) -> Mask:
+    def is_eliminated(self) -> Mask:
         """Which of the fit's nuisance columns are eliminated, in cells of their own."""
         eliminated: Mask = self.place[: self.fit.layout.blocks.n] < 0
         return eliminated
@@ -91,42 +91,50 @@ class Projection:
         """Without the rests of a part, for a *fit* of the shared columns whose whitener is zero
         there."""
         nothing = self.parts[part].of_no_rows()
-        clear = self.clear.copy()
+        cleared_rows = self.clear.copy()
         for cell in self.cells:
             if cell.part == part:
-                clear[cell.rows] = 0.0
+                cleared_rows[cell.rows] = 0.0
         return replace(
             self,
             fit=fit,
             cells=tuple(cell for cell in self.cells if cell.part != part),
             place=self.place[self.place >= 0],
             parts=tuple(nothing if i == part else model for i, model in enumerate(self.parts)),
-            clear=clear,
+            clear=cleared_rows,
             side=self.side * (np.arange(len(self.parts)) != part)[:, None],
         )
 
     def with_findings_of(self, fit: Fit) -> Projection:
         """The same rows with a fit's findings and their shapes among what absorbs; none were."""
-        at = fit.layout.identified.stop
+        start = fit.layout.identified.stop
         stop = fit.layout.mount.start
         shapes = with_shapes(fit, self.arm)
-        more = np.hstack([fit.nuisance.columns.dense(slice(at, stop)), shapes.matrix])
-        variance = np.concatenate([fit.nuisance.variance[at:stop], shapes.variance])
-        white = fit.noise.whiten(more)
-        clear = cleared(white, self.cells)
-        b, m = self.shared.layout.n, more.shape[1]
-        all_clear = np.hstack([self.clear[:, :-1], clear, self.clear[:, -1:]])
-        products, square = products_of_parts(white, all_clear, self.cells, len(self.parts))
+        added = np.hstack([fit.nuisance.columns.dense(slice(start, stop)), shapes.matrix])
+        variance = np.concatenate([fit.nuisance.variance[start:stop], shapes.variance])
+        white = fit.noise.whiten(added)
+        cleared_added = cleared(white, self.cells)
+        b, m = self.shared.layout.n, added.shape[1]
+        all_clear = np.hstack([self.clear[:, :-1], cleared_added, self.clear[:, -1:]])
+        products, squared_lengths = products_of_parts(white, all_clear, self.cells, len(self.parts))
         numbers = b + np.arange(m)
-        findings, of_shapes = numbers[: stop - at], numbers[stop - at :]
+        findings, of_shapes = numbers[: stop - start], numbers[stop - start :]
         return replace(
             self,
             fit=fit,
             shapes=shapes,
-            place=np.concatenate([self.place[:at], findings, self.place[at:], of_shapes]),
+            place=np.concatenate([self.place[:start], findings, self.place[start:], of_shapes]),
             parts=tuple(
-                model.joined("findings and shapes", own[:, b:-1], own[:, :b].T, variance, length)
-                for model, own, length in zip(self.parts, products, square, strict=True)
+                model.joined(
+                    "findings and shapes",
+                    part_products[:, b:-1],
+                    part_products[:, :b].T,
+                    variance,
+                    length,
+                )
+                for model, part_products, length in zip(
+                    self.parts, products, squared_lengths, strict=True
+                )
             ),
             clear=all_clear,
             side=np.hstack([self.side, products[:, :, -1]]),
@@ -136,10 +144,10 @@ class Projection:
         """Products with all candidates' columns: one pass over the rows, all parts as one."""
         cells = tuple(replace(cell, part=0) for cell in self.cells)
         side = self.side.sum(axis=0, keepdims=True)
-        (found,) = replace(self, cells=cells, parts=(self.shared,), side=side).sums_by_part(
+        (joined,) = replace(self, cells=cells, parts=(self.shared,), side=side).sums_by_part(
             signatures
         )
-        return found
+        return joined
 
     def sums_by_part(self, signatures: Signatures) -> list[Sums]:
         """The same of each part by itself."""
@@ -164,48 +172,50 @@ class Projection:
         *grams*, what each cell's own columns take of a candidate's is taken."""
         products = np.zeros((len(self.parts), signatures.n_columns, self.clear.shape[1]))
         pairs = np.zeros((len(self.parts), signatures.n_pairs, self.clear.shape[1]))
-        for cell, found in self._of_pairs(signatures):
-            own = cell.own.shape[1]
-            pairs[cell.part] += found[:, own:]
-            taken = signatures.weights @ found[:, :own]
-            here, change = changes.at(cell)
-            taken[here] += change.T @ cell.own
-            products[cell.part, here] += change.T @ self.clear[cell.rows]
+        for cell, pair_products in self._of_pairs(signatures):
+            n_own = cell.absorbing.shape[1]
+            pairs[cell.part] += pair_products[:, n_own:]
+            absorbed = signatures.weights @ pair_products[:, :n_own]
+            indices, change = changes.columns_in(cell)
+            absorbed[indices] += change.T @ cell.absorbing
+            products[cell.part, indices] += change.T @ self.clear[cell.rows]
             for m, (members, gram) in grams.items():
-                clear = taken[signatures.first[members][:, None] + np.arange(m)]
-                gram[cell.part] -= clear @ clear.transpose(0, 2, 1)
-        for part, found in enumerate(pairs):
-            products[part] += signatures.weights @ found
+                absorbed_columns = absorbed[signatures.first[members][:, None] + np.arange(m)]
+                gram[cell.part] -= absorbed_columns @ absorbed_columns.transpose(0, 2, 1)
+        for part, pair_products in enumerate(pairs):
+            products[part] += signatures.weights @ pair_products
         return products
 
     def _of_pairs(self, signatures: Signatures) -> Iterator[tuple[Cell, F64]]:
         """Of each cell `Signatures.of_pairs` with the cell's own columns, then the shared ones and
         the residual. Cells are summed in their order, however many processors there are."""
 
-        def of(cell: Cell) -> F64:
-            others = np.hstack([cell.own, self.clear[cell.rows]])
+        def sum_cell(cell: Cell) -> F64:
+            columns = np.hstack([cell.absorbing, self.clear[cell.rows]])
             if not len(cell.rests):
-                return np.zeros((signatures.n_pairs, others.shape[1]))
-            by_axis = others.reshape(-1, 3, others.shape[1])
+                return np.zeros((signatures.n_pairs, columns.shape[1]))
+            by_axis = columns.reshape(-1, 3, columns.shape[1])
             return signatures.of_pairs(self._at_rests[:, cell.rests], by_axis, cell.rests)
 
-        return zip(self.cells, in_order(of, self.cells), strict=True)
+        return zip(self.cells, in_order(sum_cell, self.cells), strict=True)
 
-    def sums_with(self, known: Sums) -> Sums:
-        """Products with all candidates' columns, where those with the first shared columns are
-        *known*: those with the others."""
-        b = known.bx.shape[0]
-        signatures = known.signatures
-        more = self.clear[:, b:-1]
+    def sums_with(self, sums: Sums) -> Sums:
+        """Products with all candidates' columns, where *sums* holds those with the first
+        shared columns: those with the others, too."""
+        b = sums.bx.shape[0]
+        signatures = sums.signatures
+        added = self.clear[:, b:-1]
         n = self.fit.linear.rests.n
-        found = signatures.products(self._at_rests, more[: 3 * n].reshape(n, 3, -1), slice(None))
+        products = signatures.products(
+            self._at_rests, added[: 3 * n].reshape(n, 3, -1), slice(None)
+        )
         changes = self._changes(signatures)
-        found[changes.columns] += changes.white.across(more)
+        products[changes.columns] += changes.white.across(added)
         return replace(
-            known,
+            sums,
             shared=self.shared,
             br=self.side.sum(axis=0),
-            bx=np.vstack([known.bx, found.T]),
+            bx=np.vstack([sums.bx, products.T]),
         )
 
     @cached_property
@@ -225,23 +235,26 @@ class Projection:
         """Squared lengths (parts, K) of all columns, and products within each candidate."""
         counts = map(int, np.unique(signatures.count))
         members = {m: np.flatnonzero(signatures.count == m) for m in counts}
-        grams = {m: (of, np.zeros((len(self.parts), len(of), m, m))) for m, of in members.items()}
+        grams = {
+            m: (numbers, np.zeros((len(self.parts), len(numbers), m, m)))
+            for m, numbers in members.items()
+        }
         for part, rests in self._rests_of_parts().items():
             for m, gram in signatures.grams(self._at_rests[:, rests], rests).items():
                 grams[m][1][part] = gram
         lengths = np.zeros((len(self.parts), signatures.n_columns))
-        for m, (of, gram) in grams.items():
-            columns = signatures.first[of][:, None] + np.arange(m)
+        for m, (numbers, gram) in grams.items():
+            columns = signatures.first[numbers][:, None] + np.arange(m)
             for cell in self.cells:
                 changes.add_products(cell, columns, gram[cell.part])
             lengths[:, columns] = np.einsum("pcii->pci", gram)
         return lengths, grams
 
     def _rests_of_parts(self) -> dict[int, slice | I64]:
-        found: dict[int, list[I64]] = {}
+        rests_of: dict[int, list[I64]] = {}
         for cell in self.cells:
-            found.setdefault(cell.part, []).append(cell.rests)
-        return {part: as_slice(np.sort(np.concatenate(of))) for part, of in found.items()}
+            rests_of.setdefault(cell.part, []).append(cell.rests)
+        return {part: as_slice(np.sort(np.concatenate(rests))) for part, rests in rests_of.items()}
 
 
 def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projection:
@@ -267,16 +280,18 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     local = may_be_own & (touched <= 1)
     cells = []
     for part, piece in places:
-        here = local[piece.columns]
-        there = flat(piece.values[:, :, here])
-        alone = LinearModel.of_rows([("own", there, variance[piece.columns[here]])])
+        is_local = local[piece.columns]
+        rows_of_cell = flat(piece.values[:, :, is_local])
+        local_model = LinearModel.of_rows(
+            [("own", rows_of_cell, variance[piece.columns[is_local]])]
+        )
         rows = slice(3 * n, size) if piece is of_lengths else as_slice(rows_of(piece.rests))
-        cells.append(Cell(part, piece.rests, rows, there @ alone.factor))
+        cells.append(Cell(part, piece.rests, rows, rows_of_cell @ local_model.factor))
     common = white.dense(np.flatnonzero(~local[: white.size]))
-    others = fit.noise.whiten(np.hstack([shapes.matrix, fit.residual[:, None]]))
-    shared = np.hstack([common, others])
-    clear = cleared(shared, cells)
-    products, square = products_of_parts(shared[:, :-1], clear, cells, parts + 1)
+    always_shared = fit.noise.whiten(np.hstack([shapes.matrix, fit.residual[:, None]]))
+    shared = np.hstack([common, always_shared])
+    cleared_shared = cleared(shared, cells)
+    products, squared_lengths = products_of_parts(shared[:, :-1], cleared_shared, cells, parts + 1)
     layout = Layout((*fit.layout.blocks.sizes, ("shapes", shapes.matrix.shape[1])))
     layout = layout.only(np.flatnonzero(~local))
     return Projection(
@@ -287,9 +302,9 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
         np.ascontiguousarray(fit.noise.whiten(fit.linear.jacobian.T).T),
         np.where(local, -1, np.cumsum(~local) - 1),
         tuple(
-            LinearModel.of_products(layout, own[:, :-1], variance[~local], square=length)
-            for own, length in zip(products, square, strict=True)
+            LinearModel.of_products(layout, part_products[:, :-1], variance[~local], square=length)
+            for part_products, length in zip(products, squared_lengths, strict=True)
         ),
-        clear,
+        cleared_shared,
         products[:, :, -1],
     )

@@ -28,30 +28,33 @@ def unclipped(candidates: Sequence[Candidate], weight: F64, projection: Projecti
 
     Zero where it could not matter: for those of a log *weight* (C,) too far below the best.
     """
-    _, left = projection.clear_of_all(_residuals(projection))
-    in_tails = _huber(left[:, 0], projection) - _huber(left[:, 1], projection)
-    near = weight >= weight.max() - MOST_GAINED * in_tails
-    more = np.zeros(len(candidates))
-    if near.sum() > 1:
+    _, residuals = projection.clear_of_all(_residuals(projection))
+    in_tails = _huber(residuals[:, 0], projection) - _huber(residuals[:, 1], projection)
+    is_close = weight >= weight.max() - MOST_GAINED * in_tails
+    gains = np.zeros(len(candidates))
+    if is_close.sum() > 1:
         nothing = _absorbing(projection)
-        alone = nothing.robust()
-        before = alone.loss - nothing.square_of_clipped()
-        for i in map(int, np.flatnonzero(near)):
-            both = nothing.joined(candidates[i])
-            more[i] = before - (both.robust(alone.less).loss - both.square_of_clipped())
-    return more
+        without_candidate = nothing.robust()
+        before = without_candidate.loss - nothing.square_of_clipped()
+        for i in map(int, np.flatnonzero(is_close)):
+            with_candidate = nothing.joined(candidates[i])
+            gains[i] = before - (
+                with_candidate.robust(without_candidate.weight_loss).loss
+                - with_candidate.square_of_clipped()
+            )
+    return gains
 
 
 def clipped_about(candidate: Candidate, projection: Projection) -> Projection:
     """The projection, its residual clipped about the fit with a candidate in the model."""
     fit = projection.fit
-    left = _absorbing(projection).joined(candidate).robust().left
-    size = np.linalg.norm(left, axis=1) * fit.noise.stretch
-    less = left * (1.0 - huber_weights(size))[:, None]
+    whitened_residual = _absorbing(projection).joined(candidate).robust().residual
+    size = np.linalg.norm(whitened_residual, axis=1) * fit.noise.stretch
+    excess = whitened_residual * (1.0 - huber_weights(size))[:, None]
     residual = fit.raw_residual.copy()
     clipped = size > WINSOR_AT
-    residual[: 3 * len(left)].reshape(-1, 3)[clipped] -= np.linalg.solve(
-        fit.noise.whitener[clipped], less[clipped][:, :, None]
+    residual[: 3 * len(whitened_residual)].reshape(-1, 3)[clipped] -= np.linalg.solve(
+        fit.noise.whitener[clipped], excess[clipped][:, :, None]
     )[:, :, 0]
     return replace(projection, fit=replace(fit, residual=residual))
 
@@ -61,12 +64,12 @@ def _residuals(projection: Projection) -> F64:
     return np.stack([projection.fit.raw_residual, projection.fit.residual], axis=1)
 
 
-def _huber(left: F64, projection: Projection) -> float:
+def _huber(residual: F64, projection: Projection) -> float:
     """Huber's loss of residuals (N,), of each rest's components together."""
     end = 3 * projection.fit.linear.rests.n
     stretch = projection.fit.noise.stretch
-    size = np.linalg.norm(left[:end].reshape(-1, 3), axis=1) * stretch
-    return huber_loss(size, stretch) + 0.5 * float((left[end:] ** 2).sum())
+    size = np.linalg.norm(residual[:end].reshape(-1, 3), axis=1) * stretch
+    return huber_loss(size, stretch) + 0.5 * float((residual[end:] ** 2).sum())
 
 
 @dataclass(frozen=True)
@@ -75,8 +78,8 @@ class _Robust:
     its weight is less than one (n,)."""
 
     loss: float
-    left: F64
-    less: F64
+    residual: F64
+    weight_loss: F64
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class _Problem:
 
     projection: Projection
     absorbing: F64  # (N, b)
-    own: F64  # (N, m)
+    candidate_columns: F64  # (N, m)
     model: LinearModel
     residuals: F64  # (N, 2) as measured, and clipped
     sides: F64  # (b + m, 2) products with these
@@ -95,13 +98,18 @@ class _Problem:
         """With a candidate's columns, amplitudes of up to the largest plausible size."""
         projection = self.projection
         columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
-        own = projection.clear_of_cells(columns)
-        most = np.array([most_plausible(column) for column in candidate.columns])
+        candidate_columns = projection.clear_of_cells(columns)
+        largest_amplitudes = np.array([most_plausible(column) for column in candidate.columns])
         return replace(
             self,
-            own=own,
-            model=self.model.joined("candidate", own.T @ own, self.absorbing.T @ own, most**2),
-            sides=np.vstack([self.sides, own.T @ self.residuals]),
+            candidate_columns=candidate_columns,
+            model=self.model.joined(
+                "candidate",
+                candidate_columns.T @ candidate_columns,
+                self.absorbing.T @ candidate_columns,
+                largest_amplitudes**2,
+            ),
+            sides=np.vstack([self.sides, candidate_columns.T @ self.residuals]),
         )
 
     def square_of_clipped(self) -> float:
@@ -111,28 +119,28 @@ class _Problem:
         clipped = self.residuals[:, 1]
         return 0.5 * float(clipped @ clipped - towards @ towards)
 
-    def robust(self, less: F64 | None = None) -> _Robust:
-        """The fit of least Huber's loss to what was measured, by reweighting; *less* (n,): by how
-        much rests weigh less than one to begin with. The loss has one minimum only."""
+    def robust(self, weight_loss: F64 | None = None) -> _Robust:
+        """The fit of least Huber's loss to what was measured, by reweighting; *weight_loss* (n,):
+        by how much rests weigh less than one to begin with. The loss has one minimum only."""
         n = self.projection.fit.linear.rests.n
-        less = np.zeros(n) if less is None else less
+        weight_loss = np.zeros(n) if weight_loss is None else weight_loss
         raw, b = self.residuals[:, 0], self.absorbing.shape[1]
-        best = _Robust(np.inf, raw[: 3 * n].reshape(-1, 3), less)
+        best = _Robust(np.inf, raw[: 3 * n].reshape(-1, 3), weight_loss)
         for _ in range(REWEIGHTINGS):
-            rows = np.flatnonzero(np.repeat(less > 0, 3))
-            clear = np.hstack([self.absorbing[rows], self.own[rows]])
-            taken = clear * np.repeat(less[less > 0], 3)[:, None]
-            weighted = replace(self.model, gram=self.model.gram - taken.T @ clear)
-            solution = weighted.explain(self.sides[:, 0] - taken.T @ raw[rows])
-            left = raw - self.absorbing @ solution[:b] - self.own @ solution[b:]
-            held = float(solution**2 @ (1.0 / self.model.variance))
-            loss = _huber(left, self.projection) + 0.5 * held
+            rows = np.flatnonzero(np.repeat(weight_loss > 0, 3))
+            columns = np.hstack([self.absorbing[rows], self.candidate_columns[rows]])
+            weighted_columns = columns * np.repeat(weight_loss[weight_loss > 0], 3)[:, None]
+            weighted = replace(self.model, gram=self.model.gram - weighted_columns.T @ columns)
+            solution = weighted.explain(self.sides[:, 0] - weighted_columns.T @ raw[rows])
+            residual = raw - self.absorbing @ solution[:b] - self.candidate_columns @ solution[b:]
+            prior = float(solution**2 @ (1.0 / self.model.variance))
+            loss = _huber(residual, self.projection) + 0.5 * prior
             gained = best.loss - loss
-            of_rests = left[: 3 * n].reshape(-1, 3)
+            of_rests = residual[: 3 * n].reshape(-1, 3)
             size = np.linalg.norm(of_rests, axis=1) * self.projection.fit.noise.stretch
-            less = 1.0 - huber_weights(size)
+            weight_loss = 1.0 - huber_weights(size)
             if gained > 0.0:
-                best = _Robust(loss, of_rests, less)
+                best = _Robust(loss, of_rests, weight_loss)
             if gained < LEAST_GAINED:
                 break
         return best
@@ -140,10 +148,10 @@ class _Problem:
 
 def _absorbing(projection: Projection) -> _Problem:
     """What placements share of what absorbs."""
-    clear = projection.clear[:, :-1]
+    columns = projection.clear[:, :-1]
     # Columns clear of the cells are what is weighed here: their own lengths are the yardstick.
     shared = projection.shared
     model = LinearModel.of_products(shared.layout, projection.within, shared.variance)
     residuals = projection.clear_of_cells(_residuals(projection))
-    nothing = np.empty((len(clear), 0))
-    return _Problem(projection, clear, nothing, model, residuals, clear.T @ residuals)
+    nothing = np.empty((len(columns), 0))
+    return _Problem(projection, columns, nothing, model, residuals, columns.T @ residuals)

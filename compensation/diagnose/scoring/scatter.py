@@ -31,24 +31,24 @@ from armd.compensation.estimate.linear.bordered import root_along_known
 
 def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     """Log of the p value of a candidate's score, its variance from the rests' own residuals."""
-    plain, clear, residual, size = _cleared(candidate, projection)
-    gram = plain.T @ clear
+    white, cleared, residual, size = _cleared(candidate, projection)
+    gram = white.T @ cleared
     root = root_along_known(gram, ABSORBED)
     if not root.shape[1]:
         return 0.0
-    score = root.T @ (plain.T @ residual)
+    score = root.T @ (white.T @ residual)
     m, n = len(score), 3 * projection.fit.linear.rests.n
-    weights = clear @ root
+    weights = cleared @ root
     rests = weights[:n].reshape(-1, 3, m)
-    left = (residual - weights @ score)[:n].reshape(-1, 3)
+    residual_rests = (residual - weights @ score)[:n].reshape(-1, 3)
     posture = projection.fit.linear.rests.posture  # copies of one speak with one voice
     leverage = np.bincount(posture, (rests**2).sum(axis=(1, 2)))
-    pulls = by_posture(np.einsum("nia,ni->na", rests, left), posture)
+    pulls = by_posture(np.einsum("nia,ni->na", rests, residual_rests), posture)
     pulls /= 1.0 - np.minimum(leverage, MOST_LEVERAGE)[:, None]
     # What rests share (a certified target, drift) has the variance that is stated.
     scatter = float((pulls**2).sum() + m - leverage.sum()) / m  # 1: as the noise says
     lasting = projection.lasting
-    if memory := lasting.memory(left):
+    if memory := lasting.memory(residual_rests):
         larger = variance_of_sums(rests, lasting.sources, memory.tau_s, lasting.sequence)
         scatter *= max(memory.variance * larger, 1.0)
     # How many rests speak, effectively
@@ -58,9 +58,9 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     tail = float(fdtrc(m, freedom, float(score @ score) / (m * scatter)))
     log_p = float(np.log(max(tail, LEAST_P)))
     if m > MOST_COUNTED:  # with noise as large as these rests scatter
-        side = plain.T @ residual / np.sqrt(max(scatter, 1.0))
-        typical, reach = np.array([(c.typical, c.reach) for c in candidate.columns]).T
-        evidence = log_bayes_factors(gram[None], side[None], (typical * size)[None], reach[None])
+        side = white.T @ residual / np.sqrt(max(scatter, 1.0))
+        prior_sd, reach = np.array([(c.prior_sd, c.reach) for c in candidate.columns]).T
+        evidence = log_bayes_factors(gram[None], side[None], (prior_sd * size)[None], reach[None])
         log_p = min(log_p, -float(evidence[0]))
     return log_p
 
@@ -84,7 +84,7 @@ def _cleared(candidate: Candidate, projection: Projection) -> tuple[F64, F64, F6
     """A candidate's whitened columns (N, m) of unit length, the same clear of what absorbs (the
     findings' shapes included), the residual (N,) clear, and the lengths (m,) that they had."""
     columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
-    white, clear = projection.clear_of_all(np.hstack([columns, projection.fit.residual[:, None]]))
+    white, cleared = projection.clear_of_all(np.hstack([columns, projection.fit.residual[:, None]]))
     size = np.sqrt((white[:, :-1] ** 2).sum(axis=0))
     size = np.where(size > 0.0, size, 1.0)
-    return white[:, :-1] / size, clear[:, :-1] / size, clear[:, -1], size
+    return white[:, :-1] / size, cleared[:, :-1] / size, cleared[:, -1], size

@@ -50,36 +50,38 @@ class Shapes:
 
     def without(self, current: Fit, index: int) -> list[int]:
         """The nuisance columns of a finding and its shape, be that a finding itself."""
-        own = current.findings[index]
+        shaped = current.findings[index]
         return [
             *self.columns[index],
             *(
                 column
-                for other, at in zip(current.findings, current.layout.findings, strict=True)
-                if other is own or other.location == shape_place(own)
-                for column in range(at.start, at.stop)
+                for finding, span in zip(current.findings, current.layout.findings, strict=True)
+                if finding is shaped or finding.location == shape_place(shaped)
+                for column in range(span.start, span.stop)
             ),
         ]
 
 
 def with_shapes(current: Fit, arm: Arm) -> Shapes:
     """The shapes of all findings that have none in the model yet."""
-    known = {c.location for c in current.findings}
+    locations = {c.location for c in current.findings}
     candidates = tuple(
-        None if shape_place(c) in known else shape_candidate(c, values, arm.n_joints)
+        None if shape_place(c) in locations else shape_candidate(c, values, arm.n_joints)
         for c, values in zip(current.findings, current.amplitudes, strict=True)
     )
-    bent = iter(finding_columns(current.linear, [c for c in candidates if c is not None], arm))
+    shape_columns = iter(
+        finding_columns(current.linear, [c for c in candidates if c is not None], arm)
+    )
     blocks = [
         uneven(current.linear, current.noise, c, values, arm) / SHAPE_OFF
         if shape is None
-        else next(bent)
+        else next(shape_columns)
         for shape, c, values in zip(candidates, current.findings, current.amplitudes, strict=True)
     ]
-    at, columns = current.nuisance.columns.size, []
+    first, columns = current.nuisance.columns.size, []
     for block in blocks:
-        columns.append(range(at, at + block.shape[1]))
-        at += block.shape[1]
+        columns.append(range(first, first + block.shape[1]))
+        first += block.shape[1]
     nothing = np.empty((len(current.residual), 0))
     joined = np.hstack([nothing, *blocks])
     return Shapes(joined, np.full(joined.shape[1], SHAPE_OFF**2), candidates, tuple(columns))
@@ -90,7 +92,7 @@ def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Can
     joints = _joints(candidate, n_joints)
     if not joints or is_sized(candidate) or may_be_uneven(candidate):  # has any shape
         return None
-    own = [
+    terms = [
         term
         for column, value in zip(candidate.columns, amplitudes, strict=True)
         for term in column.make_terms(np.sqrt(2.0) * float(value))
@@ -106,7 +108,7 @@ def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Can
             f"share × {wave.kind} {wave.order}q{wave.joint}",
             "1",
             SHAPE_OFF,
-            tuple(term.model_copy(update={"basis": [*term.basis, wave]}) for term in own),
+            tuple(term.model_copy(update={"basis": [*term.basis, wave]}) for term in terms),
         )
         for wave in waves
     )

@@ -40,19 +40,19 @@ from armd.compensation.model.slow_factors import After, Period, Relaxation, Temp
 from armd.compensation.model.terms import Factor, Term
 
 
-def uneven(linear: Linear, noise: RestNoise, found: Candidate, amplitudes: F64, arm: Arm) -> F64:
+def uneven(linear: Linear, noise: RestNoise, finding: Candidate, amplitudes: F64, arm: Arm) -> F64:
     """Columns (N, m) in mm, for amplitudes of unit variance; none for what is neither."""
-    if not may_be_uneven(found):
+    if not may_be_uneven(finding):
         return np.zeros((len(linear.residual), 0))
-    of = _unsettled if begins_unsettled(found) else _strayed
-    columns = np.stack(of(linear, found, amplitudes, arm), axis=1)
-    shown: F64 = columns[:, np.linalg.norm(noise.whiten(columns), axis=0) > LEAST_UNEVEN]
-    return shown
+    make_columns = _unsettled if begins_unsettled(finding) else _strayed
+    columns = np.stack(make_columns(linear, finding, amplitudes, arm), axis=1)
+    visible: F64 = columns[:, np.linalg.norm(noise.whiten(columns), axis=0) > LEAST_UNEVEN]
+    return visible
 
 
-def may_be_uneven(found: Candidate) -> bool:
+def may_be_uneven(finding: Candidate) -> bool:
     """Whether it is a drift, or a lag."""
-    return begins_unsettled(found) or (is_drift(found) and _of_time_alone(found))
+    return begins_unsettled(finding) or (is_drift(finding) and _of_time_alone(finding))
 
 
 def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> list[F64]:
@@ -62,35 +62,35 @@ def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> lis
     for group in _together(drift):
         sizes = [share * compute_swing(drift, amplitudes, name) for name in group]
         # Those of one kind (a base's shifts) went their ways by chance: each may stray as far.
-        most = float(np.sqrt(np.mean(np.square(sizes))))
+        common_size = float(np.sqrt(np.mean(np.square(sizes))))
         for name in group:
-            at = arm.layout.index(name)
-            columns += [most * linear.signature(at, values) for values in functions.T]
+            index = arm.layout.index(name)
+            columns += [common_size * linear.signature(index, values) for values in functions.T]
     return columns
 
 
-def begins_unsettled(found: Candidate) -> bool:
+def begins_unsettled(finding: Candidate) -> bool:
     """Whether what it had come to before a session began, which nobody measured, matters in it."""
-    return found.cause == "thermal_lag"
+    return finding.cause == "thermal_lag"
 
 
-def may_have_begun_anyhow(found: Candidate) -> bool:
+def may_have_begun_anyhow(finding: Candidate) -> bool:
     """Whether it is weighed with the beginnings of its sessions open: a lag of lengths.
 
     What turns goes by a difference of two links; with its beginnings open, a lag of the one does
     what a lag of the other does.
     """
-    terms = (term for column in found.columns for term in column.terms)
-    return begins_unsettled(found) and not any(_turns(term.parameter) for term in terms)
+    terms = (term for column in finding.columns for term in column.terms)
+    return begins_unsettled(finding) and not any(_turns(term.parameter) for term in terms)
 
 
 def unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> Candidate:
     """What fades in each session, as a candidate of its own: amplitudes of unit variance."""
     observations = linear.rests.observations
-    most = [(name, mm) for name, (_, mm) in _behind(linear, lag, amplitudes, arm).items()]
+    largest_mm = [(name, mm) for name, (_, mm) in _behind(linear, lag, amplitudes, arm).items()]
     numbers = np.unique(observations.session)
     times = [observations.states.time_s[observations.session == number] for number in numbers]
-    sessions = sorted((float(own.min()), float(own.max())) for own in times)
+    sessions = sorted((float(time_s.min()), float(time_s.max())) for time_s in times)
     columns = []
     for (start_s, end_s), after in zip(sessions, [*sessions[1:], None], strict=True):
         for longer in LONGER_LAGS:
@@ -98,7 +98,7 @@ def unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> Cand
             terms = [
                 term
                 for share, factor in pieces
-                for term in tie([(name, share * mm) for name, mm in most], factor)
+                for term in tie([(name, share * mm) for name, mm in largest_mm], factor)
             ]
             columns.append(Column("what fades", "1", 1.0, tuple(terms), reach=1.0))
     return Candidate("unknown", shape_of(lag.cause, lag.location), tuple(columns), lag.depends_on)
@@ -111,8 +111,8 @@ def _fading(
     settles = Relaxation(since_unix_s=start_s, until_unix_s=end_s, time_constant_s=time_constant_s)
     pieces: list[tuple[float, Factor]] = [(1.0, After(instant_unix_s=start_s)), (-1.0, settles)]
     if after_s is not None:
-        left = math.exp(-(end_s - start_s) / time_constant_s)
-        pieces.append((-left, After(instant_unix_s=after_s)))
+        remaining = math.exp(-(end_s - start_s) / time_constant_s)
+        pieces.append((-remaining, After(instant_unix_s=after_s)))
     return pieces
 
 
@@ -151,11 +151,13 @@ def _behind(
     values = basis_values(terms, states, arm, model.reference_c, model.constants)
     behind = {}
     for name in dict.fromkeys(term.parameter for term in terms):
-        own = [i for i, term in enumerate(terms) if term.parameter == name]
-        course = amplitudes[0] * (values[:, own] @ np.array([terms[i].coefficient for i in own]))
-        late = sum(terms[i].coefficient for i in own if _is_late(terms[i]))
-        most = float(np.copysign(np.abs(course).max(), late * amplitudes[0]))
-        behind[name] = course, most
+        indices = [i for i, term in enumerate(terms) if term.parameter == name]
+        course = amplitudes[0] * (
+            values[:, indices] @ np.array([terms[i].coefficient for i in indices])
+        )
+        late = sum(terms[i].coefficient for i in indices if _is_late(terms[i]))
+        largest_mm = float(np.copysign(np.abs(course).max(), late * amplitudes[0]))
+        behind[name] = course, largest_mm
     return behind
 
 
@@ -186,7 +188,7 @@ def _principal(time_s: F64) -> F64:
         times = times[np.linspace(0, len(times) - 1, WALK_MOMENTS).round().astype(int)]
     since = (times - times[0]) / max(float(times[-1] - times[0]), ROUNDING)
     values, vectors = np.linalg.eigh(np.minimum(since[:, None], since[None, :]))
-    some = slice(-MOST_FUNCTIONS, None)
-    scaled = vectors[:, some] * np.sqrt(np.maximum(values[some], 0.0))
+    span = slice(-MOST_FUNCTIONS, None)
+    scaled = vectors[:, span] * np.sqrt(np.maximum(values[span], 0.0))
     functions: F64 = np.stack([np.interp(time_s, times, column) for column in scaled.T], axis=1)
     return functions

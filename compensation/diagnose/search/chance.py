@@ -21,36 +21,36 @@ from armd.compensation.diagnose.scoring.shape import shape_place
 from armd.compensation.diagnose.scoring.threshold import family_wise
 
 
-def beside_lasting_noise(
-    found: Sequence[Finding], scored: ScoredCandidates, tests: int
+def limit_by_lasting_noise(
+    findings: Sequence[Finding], scored: ScoredCandidates, tests: int
 ) -> tuple[Finding, ...]:
     """The findings of a fit, no surer than their p values by the scatter of the rests allow, where
     the noise lasts."""
     projection = scored.projection
-    if not found or not _lasts(projection):
-        return tuple(found)
-    told = []
-    for finding, candidate in zip(found, scored.fit.findings, strict=True):
+    if not findings or not _lasts(projection):
+        return tuple(findings)
+    limited = []
+    for finding, candidate in zip(findings, scored.fit.findings, strict=True):
         fit = scored.fit
-        others = [
+        remaining = [
             c for c in fit.findings if c is not candidate and c.location != shape_place(candidate)
         ]
-        without = make_projection(solve_again(fit, others, projection.arm), projection.arm)
+        without = make_projection(solve_again(fit, remaining, projection.arm), projection.arm)
         p = float(family_wise(log_p_by_scatter(candidate, without), tests))
-        told.append(replace(finding, probability=finding.probability * surest(p)))
-    return tuple(told)
+        limited.append(replace(finding, probability=finding.probability * highest_probability(p)))
+    return tuple(limited)
 
 
-def surest(p: float) -> float:
+def highest_probability(p_value: float) -> float:
     """The highest probability that something is there which a p value allows, as likely as not
     before: the Bayes factor of nothing is at least −e p ln p (Sellke, Bayarri and Berger, American
     Statistician 55, 2001)."""
-    if p >= np.exp(-1.0):
+    if p_value >= np.exp(-1.0):
         return EVEN_CHANCE
-    return 1.0 / (1.0 - np.e * p * np.log(p)) if p > 0.0 else 1.0
+    return 1.0 / (1.0 - np.e * p_value * np.log(p_value)) if p_value > 0.0 else 1.0
 
 
 def _lasts(projection: Projection) -> bool:
     n = projection.fit.linear.rests.n
-    _, clear = projection.clear_of_all(projection.fit.residual[:, None])
-    return projection.lasting.memory(clear[: 3 * n].reshape(n, 3)) is not None
+    _, cleared = projection.clear_of_all(projection.fit.residual[:, None])
+    return projection.lasting.memory(cleared[: 3 * n].reshape(n, 3)) is not None

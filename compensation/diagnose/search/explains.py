@@ -32,18 +32,18 @@ def explain(last: Fit, statistics: Sequence[float], scores: Scores, tests: int) 
     """
     every = [_checks(last, i) for i in range(len(last.findings))]
     count = max(sum(len(checks) for checks in every), 1)
-    found = []
+    explanations = []
     for i, (candidate, checks) in enumerate(zip(last.findings, every, strict=True)):
         varies = max((c.excess for c in checks if c.p_value < ALPHA / count), default=0.0)
-        beside, variables = _beside(candidate, last.findings, statistics, scores, tests)
-        own = max(statistics[i] - len(candidate.columns), 0.0)
-        left = max(varies, beside)
-        share = own / (own + left) if left > 0.0 else 1.0
-        found.append(Explained(share, variables, checks))
-    return found
+        unnamed, variables = _explained_beside(candidate, last.findings, statistics, scores, tests)
+        explained = max(statistics[i] - len(candidate.columns), 0.0)
+        unexplained = max(varies, unnamed)
+        share = explained / (explained + unexplained) if unexplained > 0.0 else 1.0
+        explanations.append(Explained(share, variables, checks))
+    return explanations
 
 
-def _beside(
+def _explained_beside(
     candidate: Candidate,
     findings: Sequence[Candidate],
     statistics: Sequence[float],
@@ -52,42 +52,46 @@ def _beside(
 ) -> tuple[float, tuple[str, ...]]:
     """What functions without a name explain (χ²) in a cause's variables beside it, be they found
     or left out, and what the same name takes in other variables; and all these variables."""
-    own = set(candidate.depends_on)
+    variables = set(candidate.depends_on)
     names = dict.fromkeys(candidate.depends_on)
-    if candidate.cause == "unknown" or not own:
+    if candidate.cause == "unknown" or not variables:
         return 0.0, tuple(names)
     total = 0.0
-    for other, statistic in zip(findings, statistics, strict=True):
-        if other is not candidate and _is_of_the_rest(candidate, other):
-            total += max(statistic - len(other.columns), 0.0)
-            names.update(dict.fromkeys(other.depends_on))
-    more = [
-        (float(scores.statistic[i] - scores.freedom[i]), other)
-        for i, other in enumerate(scores.signatures.candidates)
-        if other.cause == "unknown"
-        and own & set(other.depends_on)
-        and _moves_the_same(candidate, other)
+    for rival, statistic in zip(findings, statistics, strict=True):
+        if rival is not candidate and _is_of_the_rest(candidate, rival):
+            total += max(statistic - len(rival.columns), 0.0)
+            names.update(dict.fromkeys(rival.depends_on))
+    unnamed = [
+        (float(scores.statistic[i] - scores.freedom[i]), rival)
+        for i, rival in enumerate(scores.signatures.candidates)
+        if rival.cause == "unknown"
+        and variables & set(rival.depends_on)
+        and _moves_the_same(candidate, rival)
         and significant(scores.log_p[i], tests)
     ]
-    if more:
-        left, other = max(more, key=lambda pair: pair[0])
-        total += left
-        names.update(dict.fromkeys(other.depends_on))
+    if unnamed:
+        excess, rival = max(unnamed, key=lambda pair: pair[0])
+        total += excess
+        names.update(dict.fromkeys(rival.depends_on))
     return total, tuple(names)
 
 
-def _is_of_the_rest(candidate: Candidate, other: Candidate) -> bool:
+def _is_of_the_rest(candidate: Candidate, finding: Candidate) -> bool:
     """Whether a finding accounts for what a cause of its variables would, were that its name.
 
     So does a form that it has not in the catalogue, and so do more causes of its name and place in
     some of its variables: what errs with two angles in no form that has a name looks like several.
     """
-    own, others = set(candidate.depends_on), set(other.depends_on)
-    if is_shape(other):
-        return other.location == shape_place(candidate)
-    if other.cause == "unknown":
-        return bool(variables_of(other) & own) and _moves_the_same(candidate, other)
-    return other.place == candidate.place and bool(others & own) and others != own
+    variables, finding_variables = set(candidate.depends_on), set(finding.depends_on)
+    if is_shape(finding):
+        return finding.location == shape_place(candidate)
+    if finding.cause == "unknown":
+        return bool(variables_of(finding) & variables) and _moves_the_same(candidate, finding)
+    return (
+        finding.place == candidate.place
+        and bool(finding_variables & variables)
+        and finding_variables != variables
+    )
 
 
 def _moves_the_same(candidate: Candidate, unknown: Candidate) -> bool:
@@ -99,37 +103,37 @@ def _moves_the_same(candidate: Candidate, unknown: Candidate) -> bool:
 
 def variables_of(unknown: Candidate) -> set[str]:
     """What an unknown structure depends on, the angle of the joint that it moves included."""
-    where = unknown.location
-    return {*unknown.depends_on, *([f"q{where.joint}"] if where.kind == "parameter" else [])}
+    location = unknown.location
+    return {*unknown.depends_on, *([f"q{location.joint}"] if location.kind == "parameter" else [])}
 
 
 def _checks(last: Fit, index: int) -> tuple[PartCheck, ...]:
     n = last.linear.rests.n
     moves = last.net_signature(index)
     signature = last.noise.whiten_rests(moves)
-    left = (last.residual - last.fitted)[: 3 * n].reshape(n, 3)
-    white = last.noise.whiten_rests(left)
-    shown = (signature**2).sum(axis=1)
-    more = (signature * white).sum(axis=1)
-    if not shown.sum() > 0.0:
+    residual = (last.residual - last.fitted)[: 3 * n].reshape(n, 3)
+    white = last.noise.whiten_rests(residual)
+    squared_norms = (signature**2).sum(axis=1)
+    products = (signature * white).sum(axis=1)
+    if not squared_norms.sum() > 0.0:
         return ()
     checks = []
     for by, labels, names in _partitions(last, last.findings[index]):
-        size = np.bincount(labels, shown, len(names))
-        told = np.flatnonzero(size > LEAST_PART_SHOWN * shown.sum())
-        if len(told) < 2:
+        size = np.bincount(labels, squared_norms, len(names))
+        shown_parts = np.flatnonzero(size > LEAST_PART_SHOWN * squared_norms.sum())
+        if len(shown_parts) < 2:
             continue
-        change = np.bincount(labels, more, len(names))[told] / size[told]
-        square = float((change**2 * size[told]).sum())
-        freedom = len(told) - 1
+        change = np.bincount(labels, products, len(names))[shown_parts] / size[shown_parts]
+        chi_square = float((change**2 * size[shown_parts]).sum())
+        freedom = len(shown_parts) - 1
         checks.append(
             PartCheck(
                 by,
-                tuple(names[k] for k in told),
+                tuple(names[k] for k in shown_parts),
                 1.0 + change,
-                1.0 / np.sqrt(size[told]),
-                float(chdtrc(freedom, square)),
-                max(square - freedom, 0.0),
+                1.0 / np.sqrt(size[shown_parts]),
+                float(chdtrc(freedom, chi_square)),
+                max(chi_square - freedom, 0.0),
             )
         )
     return tuple(checks)

@@ -31,14 +31,14 @@ from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.unknown import remove_name
 
 
-def judge(scored: ScoredCandidates, found: Sequence[Finding], tests: int) -> tuple[Finding, ...]:
-    """Every finding, *found* given all the others, as it is told."""
-    explained = explain(scored.fit, [f.statistic for f in found], scored.scores, tests)
-    told = [
-        replace(f, explained=own, probability=_as_sure(f, own))
-        for f, own in zip(_honest(found), explained, strict=True)
+def judge(scored: ScoredCandidates, findings: Sequence[Finding], tests: int) -> tuple[Finding, ...]:
+    """Every finding, given all the others, as it is reported."""
+    explained = explain(scored.fit, [f.statistic for f in findings], scored.scores, tests)
+    judged = [
+        replace(f, explained=explanation, probability=_as_sure(f, explanation))
+        for f, explanation in zip(_honest(findings), explained, strict=True)
     ]
-    return tuple(told)
+    return tuple(judged)
 
 
 def _as_sure(finding: Finding, explained: Explained) -> float:
@@ -47,14 +47,14 @@ def _as_sure(finding: Finding, explained: Explained) -> float:
     return finding.probability * (explained.share if named and explained.guess else 1.0)
 
 
-def weighed(scored: ScoredCandidates, tests: int) -> list[Finding]:
+def weigh_findings(scored: ScoredCandidates, tests: int) -> list[Finding]:
     """Every finding, given all the others, under the name that it has in the fit."""
-    return [_found(scored, i, tests) for i in range(len(scored.fit.findings))]
+    return [_weigh_finding(scored, i, tests) for i in range(len(scored.fit.findings))]
 
 
-def _found(scored: ScoredCandidates, index: int, tests: int) -> Finding:
+def _weigh_finding(scored: ScoredCandidates, index: int, tests: int) -> Finding:
     candidate = scored.fit.findings[index]
-    own, scores = scored.as_needed(index), scored.without(index)
+    of_findings, scores = scored.score_findings_without_acting(index), scored.without(index)
     logs = scores.log_places()
     logs |= _steps_at_its_instant(scored, index, scores)
     _let_rivals_bend(logs, scored, index, scores)
@@ -63,8 +63,8 @@ def _found(scored: ScoredCandidates, index: int, tests: int) -> Finding:
     probability = {place: math.exp(weight - total) for place, weight in logs.items()}
     return Finding(
         candidate,
-        max(float(family_wise(own.log_p[index], tests)), LEAST_P),
-        float(own.statistic[index]),
+        max(float(family_wise(of_findings.log_p[index], tests)), LEAST_P),
+        float(of_findings.statistic[index]),
         probability[candidate.place],
         _rivals(candidate, probability, scores, scored),
         _variants(candidate, scores),
@@ -77,8 +77,8 @@ def _let_rivals_bend(
     """To the log posterior weights of the likeliest rivals, what they gain if they are not quite of
     the catalogue's form: a finding is weighed with its own shape, and so are they. Else a disc that
     is not quite a sine would surely be another's."""
-    own = scored.fit.findings[index]
-    if is_shape(own):
+    finding = scored.fit.findings[index]
+    if is_shape(finding):
         return
     posterior, candidates = scores.log_posterior(), scores.signatures.candidates
     rivals: dict[tuple[str, str], Candidate] = {}
@@ -86,13 +86,13 @@ def _let_rivals_bend(
         candidate = candidates[i]
         if len(rivals) == MOST_RIVALS or not np.isfinite(posterior[i]):
             break
-        if candidate.cause != "unknown" and candidate.place != own.place:
+        if candidate.cause != "unknown" and candidate.place != finding.place:
             rivals.setdefault(candidate.place, candidate)
     if not rivals:
         return
-    gained = scored.bent(index, list(rivals.values()))
-    for place, more in zip(rivals, gained, strict=True):
-        logs[place] += float(more)
+    gained = scored.gain_of_shapes(index, list(rivals.values()))
+    for place, gain in zip(rivals, gained, strict=True):
+        logs[place] += float(gain)
 
 
 def _steps_at_its_instant(
@@ -101,41 +101,43 @@ def _steps_at_its_instant(
     """Log posterior weights of places where something may step, at the refined instant of a finding
     that does: by the grid's instants alone a rival would seem improbable for being early."""
     candidate = scored.fit.findings[index]
-    when = candidate.instant_unix_s
-    if when is None:
+    instant_unix_s = candidate.instant_unix_s
+    if instant_unix_s is None:
         return {}
     grid: dict[tuple[str, ...], list[Candidate]] = {}
     for step in scores.signatures.candidates:
         if _is_grid_step(step) and step.place != candidate.place:
             grid.setdefault(kind(step), []).append(step)
-    steps = [nearest_step(when, of_kind) for of_kind in grid.values()]
+    steps = [nearest_step(instant_unix_s, of_kind) for of_kind in grid.values()]
     if not steps:
         return {}
-    evidence = score_candidates(scored.projection, steps).freed(index).log_evidence
+    evidence = score_candidates(scored.projection, steps).score_without_finding(index).log_evidence
     posterior = scores.log_posterior()
-    found = {}
+    weights = {}
     for place in dict.fromkeys(step.place for step in steps):
-        own = np.array([c.place == place for c in scores.signatures.candidates])
-        if not np.isfinite(scores.log_evidence[own]).any():
+        is_of_place = np.array([c.place == place for c in scores.signatures.candidates])
+        if not np.isfinite(scores.log_evidence[is_of_place]).any():
             continue
-        there = max(e for e, step in zip(evidence, steps, strict=True) if step.place == place)
-        more = max(float(there - scores.log_evidence[own].max()), 0.0)
-        found[place] = float(logsumexp(posterior[own])) + more
-    return found
+        best_evidence = max(
+            e for e, step in zip(evidence, steps, strict=True) if step.place == place
+        )
+        gain = max(float(best_evidence - scores.log_evidence[is_of_place].max()), 0.0)
+        weights[place] = float(logsumexp(posterior[is_of_place])) + gain
+    return weights
 
 
 def _is_grid_step(candidate: Candidate) -> bool:
     return candidate.refine is not None and candidate.instant_unix_s is not None
 
 
-def nearest_step(when: float, steps: Sequence[Candidate]) -> Candidate:
+def nearest_step(instant_unix_s: float, steps: Sequence[Candidate]) -> Candidate:
     """Of steps on the grid, the one nearest to an instant, refined to be nearer."""
 
-    def apart(step: Candidate) -> float:
-        return abs(step.setting[0][1] - when)
+    def distance_s(step: Candidate) -> float:
+        return abs(step.setting[0][1] - instant_unix_s)
 
-    nearest = min(steps, key=apart)
-    return min([nearest, *(nearest.refine() if nearest.refine else ())], key=apart)
+    nearest = min(steps, key=distance_s)
+    return min([nearest, *(nearest.refine() if nearest.refine else ())], key=distance_s)
 
 
 def _rivals(
@@ -154,14 +156,14 @@ def _rivals(
         rival = _at_the_instant_of(candidate, of_place, scores.signatures.candidates[best], scores)
         rivals.append((rival, probability[place]))
     alike = compare(candidate, [rival for rival, _ in rivals], scored.fit, scored.projection.arm)
-    told = [
+    reported = [
         Rival(rival, share, likeness.angle_deg)
         for (rival, share), likeness in zip(rivals, alike, strict=True)
         if share >= LEAST_PROBABILITY
         or (likeness.left_p > INDISTINGUISHABLE_P and rival.cause != "unknown")
     ]
-    named = [rival for rival in told[MOST_RIVALS:] if rival.candidate.cause != "unknown"]
-    return (*told[:MOST_RIVALS], *named[:1])  # functions without a name crowd out no cause
+    named = [rival for rival in reported[MOST_RIVALS:] if rival.candidate.cause != "unknown"]
+    return (*reported[:MOST_RIVALS], *named[:1])  # functions without a name crowd out no cause
 
 
 def _variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidate, float], ...]:
@@ -170,12 +172,12 @@ def _variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidate, fl
     posterior = scores.log_posterior()
     variants: dict[tuple[object, ...], tuple[Candidate, float]] = {}
     for i in np.argsort(-posterior):
-        other, share = scores.signatures.candidates[i], float(np.exp(posterior[i]))
+        variant, share = scores.signatures.candidates[i], float(np.exp(posterior[i]))
         if share < LEAST_WORTH_EXCLUDING or len(variants) == MOST_COMPARED:
             break
-        of = (*kind(other), *(() if other.refine else other.setting))
-        if of != (*kind(candidate), *(() if candidate.refine else candidate.setting)):
-            variants.setdefault(of, (other, share))
+        variant_key = (*kind(variant), *(() if variant.refine else variant.setting))
+        if variant_key != (*kind(candidate), *(() if candidate.refine else candidate.setting)):
+            variants.setdefault(variant_key, (variant, share))
     return tuple(variants.values())
 
 
@@ -183,22 +185,26 @@ def _at_the_instant_of(
     candidate: Candidate, of_place: Sequence[bool], best: Candidate, scores: Scores
 ) -> Candidate:
     """A rival step is compared at the finding's own, refined instant."""
-    when = candidate.instant_unix_s
-    if when is None or not _is_grid_step(best):
+    instant_unix_s = candidate.instant_unix_s
+    if instant_unix_s is None or not _is_grid_step(best):
         return best
-    steps = [c for c, own in zip(scores.signatures.candidates, of_place, strict=True) if own]
-    return nearest_step(when, [c for c in steps if kind(c) == kind(best)])
+    steps = [
+        c
+        for c, is_of_place in zip(scores.signatures.candidates, of_place, strict=True)
+        if is_of_place
+    ]
+    return nearest_step(instant_unix_s, [c for c in steps if kind(c) == kind(best)])
 
 
-def likelier_rival(found: Finding) -> Candidate | None:
+def likelier_rival(finding: Finding) -> Candidate | None:
     """The most probable alternative, where it is likelier than what is told."""
-    best = max(found.rivals, key=lambda rival: rival.probability, default=None)
-    if best is None or is_shape(found.candidate):
+    best = max(finding.rivals, key=lambda rival: rival.probability, default=None)
+    if best is None or is_shape(finding.candidate):
         return None
-    return best.candidate if best.probability > found.probability else None
+    return best.candidate if best.probability > finding.probability else None
 
 
-def _honest(found: Sequence[Finding]) -> tuple[Finding, ...]:
+def _honest(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Return no name for a part of what is unknown, nor one that is less likely than another.
 
     What has no name, and is less likely than causes that the search has refused for their size or
@@ -207,45 +213,52 @@ def _honest(found: Sequence[Finding]) -> tuple[Finding, ...]:
     Where an unknown structure is clearly likelier, or one that was found is stronger in the same
     variables or at the same joint, the name only was the nearest one.
     """
-    unknown = [f for f in found if f.candidate.cause == "unknown" and not is_shape(f.candidate)]
+    unknown = [f for f in findings if f.candidate.cause == "unknown" and not is_shape(f.candidate)]
 
-    def told(finding: Finding) -> Finding:
-        own = finding.candidate
-        others = [r for r in finding.rivals if r.probability > finding.probability]
-        if own.cause == "unknown":
+    def rename(finding: Finding) -> Finding:
+        candidate = finding.candidate
+        likelier_rivals = [r for r in finding.rivals if r.probability > finding.probability]
+        if candidate.cause == "unknown":
             replaceable = likelier_rival(finding) is not None
-            return _without_a_name(finding, others, own.depends_on) if replaceable else finding
+            return (
+                _without_a_name(finding, likelier_rivals, candidate.depends_on)
+                if replaceable
+                else finding
+            )
         likelier = [r for r in finding.rivals if r.candidate.cause == "unknown"]
         if sum(r.probability for r in likelier) > CLEARLY * finding.probability:
             return _without_a_name(finding, likelier[:1], likelier[0].candidate.depends_on)
         if likelier_rival(finding) is not None:
-            return _without_a_name(finding, others, own.depends_on)
+            return _without_a_name(finding, likelier_rivals, candidate.depends_on)
         part = any(
-            u.statistic > finding.statistic and variables_of(u.candidate) & set(own.depends_on)
+            u.statistic > finding.statistic
+            and variables_of(u.candidate) & set(candidate.depends_on)
             for u in unknown
         )
-        return _without_a_name(finding, (), own.depends_on) if part else finding
+        return _without_a_name(finding, (), candidate.depends_on) if part else finding
 
-    return tuple(told(f) for f in found)
+    return tuple(rename(f) for f in findings)
 
 
 def _without_a_name(
-    finding: Finding, others: Sequence[Rival], variables: tuple[str, ...]
+    finding: Finding, rivals: Sequence[Rival], variables: tuple[str, ...]
 ) -> Finding:
-    """What is told instead of a name: a structure in the variables of the cause and of *others*,
+    """What is told instead of a name: a structure in the variables of the cause and of *rivals*,
     any of which it may be; so probable is it that it is one of them."""
-    names = dict.fromkeys([*variables, *(v for r in others for v in r.candidate.depends_on)])
+    names = dict.fromkeys([*variables, *(v for r in rivals for v in r.candidate.depends_on)])
     candidate = replace(finding.candidate, cause="unknown", depends_on=tuple(names))
-    together = finding.probability + sum(rival.probability for rival in others)
+    together = finding.probability + sum(rival.probability for rival in rivals)
     return replace(finding, candidate=candidate, probability=min(together, 1.0))
 
 
-def as_told(fit: Fit, found: Sequence[Finding]) -> Fit:
+def as_told(fit: Fit, reported: Sequence[Finding]) -> Fit:
     """The fit with what is told without a name nameless: no parameter of it, and no term of an
     extended calibration, is called by a cause's name."""
     named = tuple(
-        remove_name(own, told.candidate) if told.candidate.cause == "unknown" else own
-        for own, told in zip(fit.findings, found, strict=True)
+        remove_name(candidate, finding.candidate)
+        if finding.candidate.cause == "unknown"
+        else candidate
+        for candidate, finding in zip(fit.findings, reported, strict=True)
     )
     shapes = {shape_place(a): shape_place(b) for a, b in zip(fit.findings, named, strict=True)}
     findings = tuple(replace(c, location=shapes.get(c.location, c.location)) for c in named)

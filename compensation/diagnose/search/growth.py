@@ -49,8 +49,8 @@ def with_growth(
     weighed = _or_newer(_fitted(current, closed, findings, start, arm), len(grown), arm, tests)
     findings = list(weighed.findings)
     named = {t.parameter for c in grown for column in c.columns for t in column.terms}
-    others = without_growth(current.baseline, named)
-    last = _fitted(current, others, findings, weighed.amplitudes, arm)
+    remaining_baseline = without_growth(current.baseline, named)
+    last = _fitted(current, remaining_baseline, findings, weighed.amplitudes, arm)
     return None if refused(last, about, arm) else (weighed, last)
 
 
@@ -64,11 +64,14 @@ def _or_newer(weighed: Fit, grown: int, arm: Arm, tests: int) -> Fit:
     findings, start = [*newer, *weighed.findings[grown:]], list(weighed.amplitudes)
     fitted = _fitted(weighed, weighed.baseline, findings, start, arm)
     while len(fitted.findings) > grown:
-        least, log_p = weakest(make_projection(fitted, arm))
-        if least < grown or significant(log_p, tests):
+        weakest_index, log_p = weakest(make_projection(fitted, arm))
+        if weakest_index < grown or significant(log_p, tests):
             break
-        kept = [i for i in range(len(fitted.findings)) if i != least]
-        findings, start = [fitted.findings[i] for i in kept], [fitted.amplitudes[i] for i in kept]
+        remaining = [i for i in range(len(fitted.findings)) if i != weakest_index]
+        findings, start = (
+            [fitted.findings[i] for i in remaining],
+            [fitted.amplitudes[i] for i in remaining],
+        )
         fitted = _fitted(fitted, fitted.baseline, findings, start, arm)
     fewer = len(fitted.findings) < len(weighed.findings)
     as_quiet = fitted.noise.own_mm < AS_QUIET_GROWN * weighed.noise.own_mm
@@ -95,35 +98,35 @@ class _Growth:
     """The links' ways to grow against what a fit leaves, clear of all that absorbs."""
 
     def __init__(self, about: Fit, links: Sequence[Sequence[Candidate]], arm: Arm) -> None:
-        self.links = [list(ways) for ways in links]
-        every = [candidate for ways in self.links for candidate in ways]
+        self.links = [list(options) for options in links]
+        every = [candidate for options in self.links for candidate in options]
         blocks = finding_columns(about.linear, every, arm)
         projection = make_projection(about, arm)
-        white, clear = projection.clear_of_all(np.hstack(blocks))
+        white, cleared = projection.clear_of_all(np.hstack(blocks))
         residual = about.noise.whiten(about.residual[:, None])
-        self._gram, self._side = white.T @ clear, (clear.T @ residual)[:, 0]
-        self._typical = np.array([column.typical for c in every for column in c.columns])
+        self._gram, self._side = white.T @ cleared, (cleared.T @ residual)[:, 0]
+        self._prior_sd = np.array([column.prior_sd for c in every for column in c.columns])
         edges = np.cumsum([0, *(block.shape[1] for block in blocks)])
         numbers = iter(range(len(every)))
         self._columns = [
-            [np.arange(edges[i], edges[i + 1]) for i in (next(numbers) for _ in ways)]
-            for ways in self.links
+            [np.arange(edges[i], edges[i + 1]) for i in (next(numbers) for _ in options)]
+            for options in self.links
         ]
 
     def log_weight(self, chosen: Sequence[int | None]) -> float:
         """Log evidence and prior of a way to grow (or none) for each link."""
         prior = sum(
-            np.log((1.0 - EXPECTED_PRIOR) if way is None else EXPECTED_PRIOR / len(ways))
-            for way, ways in zip(chosen, self.links, strict=True)
+            np.log((1.0 - EXPECTED_PRIOR) if option is None else EXPECTED_PRIOR / len(options))
+            for option, options in zip(chosen, self.links, strict=True)
         )
-        at = self._of(chosen)
-        if not at.size:
+        columns = self._columns_of(chosen)
+        if not columns.size:
             return float(prior)
         evidence = log_bayes_factors(
-            self._gram[np.ix_(at, at)][None],
-            self._side[at][None],
-            self._typical[at][None],
-            np.full((1, len(at)), np.inf),
+            self._gram[np.ix_(columns, columns)][None],
+            self._side[columns][None],
+            self._prior_sd[columns][None],
+            np.full((1, len(columns)), np.inf),
         )
         return float(prior + evidence[0])
 
@@ -132,29 +135,36 @@ class _Growth:
         chosen, weight = list(start), self.log_weight(start)
         for _ in range(MOST_GROWTH_ROUNDS):
             before = list(chosen)
-            for link, ways in enumerate(self.links):
-                for way in (None, *range(len(ways))):
-                    other = [*chosen[:link], way, *chosen[link + 1 :]]
-                    if (likelier := self.log_weight(other)) > weight:
-                        chosen, weight = other, likelier
+            for link, options in enumerate(self.links):
+                for option in (None, *range(len(options))):
+                    changed = [*chosen[:link], option, *chosen[link + 1 :]]
+                    if (likelier := self.log_weight(changed)) > weight:
+                        chosen, weight = changed, likelier
             if chosen == before:
                 break
         return chosen
 
     def log_p(self, link: int, chosen: Sequence[int | None]) -> float:
         """Log p value of a link's growth beside the others chosen."""
-        others = self._of([*chosen[:link], None, *chosen[link + 1 :]])
-        at = self._of([None if i != link else way for i, way in enumerate(chosen)])
-        taken = np.linalg.pinv(self._gram[np.ix_(others, others)], hermitian=True)
-        across = self._gram[np.ix_(at, others)] @ taken
-        gram = self._gram[np.ix_(at, at)] - across @ self._gram[np.ix_(others, at)]
-        side = self._side[at] - across @ self._side[others]
+        other_columns = self._columns_of([*chosen[:link], None, *chosen[link + 1 :]])
+        columns = self._columns_of(
+            [None if i != link else option for i, option in enumerate(chosen)]
+        )
+        inverse = np.linalg.pinv(self._gram[np.ix_(other_columns, other_columns)], hermitian=True)
+        across = self._gram[np.ix_(columns, other_columns)] @ inverse
+        gram = (
+            self._gram[np.ix_(columns, columns)]
+            - across @ self._gram[np.ix_(other_columns, columns)]
+        )
+        side = self._side[columns] - across @ self._side[other_columns]
         statistic = float(side @ np.linalg.pinv(gram, hermitian=True) @ side)
-        return float(log_tail(np.array([statistic]), np.array([len(at)]))[0])
+        return float(log_tail(np.array([statistic]), np.array([len(columns)]))[0])
 
-    def _of(self, chosen: Sequence[int | None]) -> I64:
-        own = [self._columns[link][way] for link, way in enumerate(chosen) if way is not None]
-        return np.concatenate([np.empty(0, dtype=np.int64), *own])
+    def _columns_of(self, chosen: Sequence[int | None]) -> I64:
+        blocks = [
+            self._columns[link][option] for link, option in enumerate(chosen) if option is not None
+        ]
+        return np.concatenate([np.empty(0, dtype=np.int64), *blocks])
 
 
 def _grown(about: Fit, links: Sequence[Sequence[Candidate]], arm: Arm) -> list[Candidate]:
@@ -164,10 +174,12 @@ def _grown(about: Fit, links: Sequence[Sequence[Candidate]], arm: Arm) -> list[C
     chosen = max(map(growth.likeliest, starts), key=growth.log_weight)
     while True:
         log_p = {
-            link: growth.log_p(link, chosen) for link, way in enumerate(chosen) if way is not None
+            link: growth.log_p(link, chosen)
+            for link, option in enumerate(chosen)
+            if option is not None
         }
         weakest = max(log_p, key=lambda link: log_p[link], default=None)
         if weakest is None or significant(log_p[weakest], len(links)):
             break
         chosen[weakest] = None
-    return [links[link][way] for link, way in enumerate(chosen) if way is not None]
+    return [links[link][option] for link, option in enumerate(chosen) if option is not None]

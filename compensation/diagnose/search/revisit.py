@@ -33,8 +33,8 @@ from armd.compensation.diagnose.problem.signatures import compile_candidates, ki
 from armd.compensation.diagnose.scoring.candidates import (
     PartedSurvey,
     ScoredCandidates,
+    numbers_acting_through,
     slower_than,
-    through_it,
     weakest,
 )
 from armd.compensation.diagnose.scoring.evidence import Scores
@@ -91,42 +91,42 @@ class Revisit:
         self._scored, self._arm, self._tests = scored, arm, tests
         self._choose, self._through, self._work = choose, through, work or WorkBudget()
         self._fit = scored.fit
-        self._first = parted.under(solve_again(self._fit, [], arm))
+        self._first = parted.without_findings(solve_again(self._fit, [], arm))
 
-    def others(self) -> list[RivalSet]:
+    def find_rival_sets(self) -> list[RivalSet]:
         """Other sets of no more amplitudes, the likeliest first."""
         findings = self._fit.findings
-        own, found = self._log_weight(findings), {}
+        weight, rival_sets = self._log_weight(findings), {}
         for i, finding in enumerate(findings):
             if is_shape(finding):
                 continue
             for out, barred in self._taken_out(i):
-                away = {j for k in out for j in (k, *through_it(findings, k))}
+                away = {j for k in out for j in (k, *numbers_acting_through(findings, k))}
                 shapes = {shape_place(findings[k]) for k in out}
-                others = [
+                remaining = [
                     c for j, c in enumerate(findings) if j not in away and c.location not in shapes
                 ]
                 for first in self._firsts(i, barred):
                     if not self._work.may_try_sets:
                         self._work.skip("the rest of the sets of causes to try instead")
                         break
-                    tried = self._filled([*others, *first], barred)
-                    many = _amplitudes(tried) > _amplitudes(findings)
-                    if many or _places(tried) == _places(findings):
+                    tried = self._filled([*remaining, *first], barred)
+                    has_more = _amplitudes(tried) > _amplitudes(findings)
+                    if has_more or _places(tried) == _places(findings):
                         continue
-                    of = frozenset((c.place, c.depends_on, c.setting) for c in tried)
-                    found[of] = RivalSet(tuple(tried), self._log_weight(tried) - own)
-        return sorted(found.values(), key=lambda one: -one.likelier)
+                    set_key = frozenset((c.place, c.depends_on, c.setting) for c in tried)
+                    rival_sets[set_key] = RivalSet(tuple(tried), self._log_weight(tried) - weight)
+        return sorted(rival_sets.values(), key=lambda rival_set: -rival_set.likelier)
 
     def _taken_out(self, index: int) -> list[tuple[list[int], Which]]:
         """Which findings are taken out for one's sake, and what may not come again then: itself;
         and where its place is told twice, both, for one that goes by something else may do."""
         findings, finding = self._fit.findings, self._fit.findings[index]
-        ways = [([index], barred) for barred in _barred(finding)]
+        removals = [([index], barred) for barred in _barred(finding)]
         alike = [j for j, c in enumerate(findings) if c.place == finding.place]
         if len(alike) > 1 and alike[0] == index:
-            ways.append((alike, lambda c: any(c.is_like(findings[j]) for j in alike)))
-        return ways
+            removals.append((alike, lambda c: any(c.is_like(findings[j]) for j in alike)))
+        return removals
 
     def _firsts(self, index: int, barred: Which) -> list[list[Candidate]]:
         """What to begin with in the place of a finding: whatever the search would add; of what
@@ -134,17 +134,19 @@ class Revisit:
         not the likeliest one and another. Nothing, where nothing explains a good part of it."""
         scores, finding = self._scored.without(index), self._fit.findings[index]
         candidates = scores.signatures.candidates
-        own = float(self._scored.alone(index).statistic[index])
-        able = scores.explain_as_well(own) & (scores.freedom > 0)
-        able &= np.array([not barred(c) for c in candidates])
-        if not able.any():
+        statistic = float(self._scored.score_findings(index).statistic[index])
+        is_able = scores.explain_as_well(statistic) & (scores.freedom > 0)
+        is_able &= np.array([not barred(c) for c in candidates])
+        if not is_able.any():
             return []
         if not follows_anything(finding):
             return [[]]
-        able &= ~self._held(candidates, barred) & np.array([not _is_free(c) for c in candidates])
+        is_able &= ~self._barred_candidates(candidates, barred) & np.array(
+            [not _is_free(c) for c in candidates]
+        )
         posterior = scores.log_posterior()
         kinds: dict[tuple[str, ...], list[Candidate]] = {}
-        for i in sorted(np.flatnonzero(able), key=lambda i: -posterior[i]):
+        for i in sorted(np.flatnonzero(is_able), key=lambda i: -posterior[i]):
             kinds.setdefault(kind(candidates[i]), [candidates[i]])
         return [[], *list(kinds.values())[:MOST_FIRST]]
 
@@ -156,25 +158,27 @@ class Revisit:
         for _ in range(MOST_IN_PLACE):
             scored = self._survey(findings)
             self._work.add(scored.n_products, TRIAL_WORK)
-            held = self._held(scored.sums.signatures.candidates, barred)
-            more = self._choose(scored.projection, scored.scores.without(held), self._tests)
-            if more is None:
+            is_barred = self._barred_candidates(scored.sums.signatures.candidates, barred)
+            candidate = self._choose(
+                scored.projection, scored.scores.without(is_barred), self._tests
+            )
+            if candidate is None:
                 break
-            findings = join_finding(findings, more)
+            findings = join_finding(findings, candidate)
         while findings:
-            least, log_p = weakest(self._projection(findings))
+            weakest_index, log_p = weakest(self._projection(findings))
             if significant(log_p, self._tests):
                 break
-            findings = findings[:least] + findings[least + 1 :]
+            findings = findings[:weakest_index] + findings[weakest_index + 1 :]
         return findings
 
-    def _held(self, candidates: Sequence[Candidate], barred: Which) -> Mask:
+    def _barred_candidates(self, candidates: Sequence[Candidate], barred: Which) -> Mask:
         """(C,) which do not join: what is barred or has no name, and what acts through the causes
         of the set there is, which others have at other amplitudes or not at all."""
-        known = len(self._first.sums.signatures.candidates)
+        n_first = len(self._first.sums.signatures.candidates)
         return np.array(
             [
-                barred(c) or c.cause == "unknown" or (i < known and bool(c.through))
+                barred(c) or c.cause == "unknown" or (i < n_first and bool(c.through))
                 for i, c in enumerate(candidates)
             ]
         )
@@ -187,9 +191,9 @@ class Revisit:
         """The catalogue beside findings, with what acts through these."""
         projection = self._projection(findings)
         sums = projection.sums_with(self._first.sums)
-        if more := self._through(projection.fit):
+        if acting := self._through(projection.fit):
             linear = projection.fit.linear
-            sums = sums.with_more(projection.sums(compile_candidates(more, linear, self._arm)))
+            sums = sums.with_more(projection.sums(compile_candidates(acting, linear, self._arm)))
         return ScoredCandidates(projection, sums)
 
     def _projection(self, findings: Sequence[Candidate]) -> Projection:
@@ -237,13 +241,13 @@ def _log_weight(
     nothing: Fit, findings: Sequence[Candidate], projection: Projection, scores: Scores
 ) -> float:
     """The same about a fit of no findings, by its projection."""
-    straight, bent = _with_shapes(nothing, findings, projection)
+    straight, shaped = _with_shapes(nothing, findings, projection)
     for i, finding in enumerate(findings):
         for slower in slower_than(finding):
-            others = [*findings[:i], slower, *findings[i + 1 :]]
-            bent = max(bent, _with_shapes(nothing, others, projection)[1])
+            slower_set = [*findings[:i], slower, *findings[i + 1 :]]
+            shaped = max(shaped, _with_shapes(nothing, slower_set, projection)[1])
     prior = sum(_log_prior(c, scores) for c in findings)
-    return float(np.logaddexp(straight, bent + math.log(SHAPE_PRIOR))) + prior
+    return float(np.logaddexp(straight, shaped + math.log(SHAPE_PRIOR))) + prior
 
 
 def _with_shapes(
@@ -251,15 +255,19 @@ def _with_shapes(
 ) -> tuple[float, float]:
     """Log evidence × prior of the amplitudes of findings, straight and with their shapes open."""
     fitted = solve_again(nothing, findings, projection.arm)
-    own = [n for at in fitted.layout.findings for n in range(at.start, at.stop)]
+    columns_of_findings = [
+        n for span in fitted.layout.findings for n in range(span.start, span.stop)
+    ]
     shapes = with_shapes(fitted, projection.arm)
-    columns = np.hstack([fitted.nuisance.columns.dense(np.array(own, dtype=int)), shapes.matrix])
-    white, clear = projection.clear_of_all(columns)
-    gram, side = white.T @ clear, clear.T @ nothing.noise.whiten(nothing.residual)
+    columns = np.hstack(
+        [fitted.nuisance.columns.dense(np.array(columns_of_findings, dtype=int)), shapes.matrix]
+    )
+    white, cleared = projection.clear_of_all(columns)
+    gram, side = white.T @ cleared, cleared.T @ nothing.noise.whiten(nothing.residual)
     variance, log_prior = _amplitudes_a_priori(fitted)
     straight = _log_evidence(gram, side, variance)
-    bent = _log_evidence(gram, side, np.concatenate([variance, shapes.variance]))
-    return straight + log_prior, bent + log_prior
+    shaped = _log_evidence(gram, side, np.concatenate([variance, shapes.variance]))
+    return straight + log_prior, shaped + log_prior
 
 
 def _log_evidence(gram: F64, side: F64, variance: F64) -> float:
@@ -275,20 +283,20 @@ def _log_evidence(gram: F64, side: F64, variance: F64) -> float:
 def _amplitudes_a_priori(fitted: Fit) -> tuple[F64, float]:
     """Variances of all findings' amplitudes, and log of the prior of the scales chosen."""
     variances, log_prior = [np.empty(0)], 0.0
-    for candidate, values, at in zip(
+    for candidate, values, span in zip(
         fitted.findings, fitted.amplitudes, fitted.layout.findings, strict=True
     ):
         if is_sized(candidate):  # the data have their size
-            variances.append(fitted.nuisance.variance[at])
+            variances.append(fitted.nuisance.variance[span])
             continue
-        typical = np.array([column.typical for column in candidate.columns])
+        prior_sd = np.array([column.prior_sd for column in candidate.columns])
         reach = np.array([column.reach for column in candidate.columns])
         able = []
         for scale, share in SCALES.items():
-            size = np.minimum(scale, reach) * typical
+            size = np.minimum(scale, reach) * prior_sd
             log_density = -0.5 * ((values / size) ** 2).sum() - np.log(size).sum()
             able.append((math.log(share) + log_density, size, share))
-        _, size, share = max(able, key=lambda one: one[0])
+        _, size, share = max(able, key=lambda entry: entry[0])
         variances.append(size**2)
         log_prior += math.log(share)
     return np.concatenate(variances), log_prior
@@ -300,7 +308,7 @@ def _log_prior(candidate: Candidate, scores: Scores) -> float:
         return math.log(SHAPE_PRIOR)
     alike: dict[bool, list[float]] = {True: [], False: []}
     for i in np.flatnonzero(scores.freedom > 0):
-        other = scores.signatures.candidates[i]
-        if other.cause == candidate.cause:
-            alike[kind(other) == kind(candidate)].append(float(scores.log_prior[i]))
+        rival = scores.signatures.candidates[i]
+        if rival.cause == candidate.cause:
+            alike[kind(rival) == kind(candidate)].append(float(scores.log_prior[i]))
     return max(alike[True]) if alike[True] else min(alike[False], default=math.log(UNKNOWN_PRIOR))

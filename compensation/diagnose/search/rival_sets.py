@@ -22,8 +22,8 @@ from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
 
-def beside_rival_sets(
-    found: Sequence[Finding],
+def limit_by_rival_sets(
+    findings: Sequence[Finding],
     last: Fit,
     rivals: Sequence[tuple[Sequence[Candidate], float]],
     arm: Arm,
@@ -34,25 +34,31 @@ def beside_rival_sets(
     findings of the fit *last*, normal about the truth (pseudo-BMA+: Yao, Vehtari, Simpson, Gelman
     2018, Bayesian Analysis 13, 917).
     """
-    own = {c.place for c in last.findings}
-    told = []
-    for finding, candidate in zip(found, last.findings, strict=True):
+    places = {c.place for c in last.findings}
+    weighed = []
+    for finding, candidate in zip(findings, last.findings, strict=True):
         instead: list[tuple[Candidate, float]] = []
         every = 0.0
         for candidates, better in rivals:
-            others = [c for c in candidates if c.place not in own and not is_shape(c)]
+            instead_candidates = [
+                c for c in candidates if c.place not in places and not is_shape(c)
+            ]
             chance = min(float(ndtr(better)), MOST_RIVAL_SET)
             lacks = candidate.place not in {c.place for c in candidates}
-            if not (lacks and others) or is_shape(candidate) or chance < LEAST_PROBABILITY:
+            if (
+                not (lacks and instead_candidates)
+                or is_shape(candidate)
+                or chance < LEAST_PROBABILITY
+            ):
                 continue
             odds = chance / (1.0 - chance)
             every += odds
-            instead += [(other, odds) for other in others]
-        told.append(_with(finding, candidate, instead, every, last, arm))
-    return tuple(told)
+            instead += [(rival, odds) for rival in instead_candidates]
+        weighed.append(_with_rivals(finding, candidate, instead, every, last, arm))
+    return tuple(weighed)
 
 
-def _with(
+def _with_rivals(
     finding: Finding,
     candidate: Candidate,
     instead: Sequence[tuple[Candidate, float]],
@@ -66,13 +72,16 @@ def _with(
         return finding
     share = finding.probability / (1.0 + every)
     likely: dict[tuple[str, str], tuple[Candidate, float]] = {}
-    for other, odds in instead:
-        likely[other.place] = other, likely.get(other.place, (other, 0.0))[1] + share * odds
-    alike = compare(candidate, [other for other, _ in likely.values()], last, arm)
-    more = [
-        Rival(other, probability, likeness.angle_deg)
-        for (other, probability), likeness in zip(likely.values(), alike, strict=True)
+    for alternative, odds in instead:
+        likely[alternative.place] = (
+            alternative,
+            likely.get(alternative.place, (alternative, 0.0))[1] + share * odds,
+        )
+    alike = compare(candidate, [alternative for alternative, _ in likely.values()], last, arm)
+    added = [
+        Rival(alternative, probability, likeness.angle_deg)
+        for (alternative, probability), likeness in zip(likely.values(), alike, strict=True)
     ]
-    kept = [rival for rival in finding.rivals if rival.candidate.place not in likely]
-    ordered = sorted([*kept, *more], key=lambda rival: -rival.probability)
+    remaining = [rival for rival in finding.rivals if rival.candidate.place not in likely]
+    ordered = sorted([*remaining, *added], key=lambda rival: -rival.probability)
     return replace(finding, probability=share, rivals=tuple(ordered))

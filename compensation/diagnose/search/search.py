@@ -38,12 +38,12 @@ from armd.compensation.diagnose.scoring.candidates import (
 )
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.threshold import family_wise, significant
-from armd.compensation.diagnose.search.chance import beside_lasting_noise
+from armd.compensation.diagnose.search.chance import limit_by_lasting_noise
 from armd.compensation.diagnose.search.findings import (
     as_told,
     judge,
     likelier_rival,
-    weighed,
+    weigh_findings,
 )
 from armd.compensation.diagnose.search.growth import with_growth
 from armd.compensation.diagnose.search.refusals import Refusals
@@ -54,12 +54,12 @@ from armd.compensation.diagnose.search.revisit import (
     log_weight,
     may_be_others,
 )
-from armd.compensation.diagnose.search.rival_sets import beside_rival_sets
+from armd.compensation.diagnose.search.rival_sets import limit_by_rival_sets
 from armd.compensation.diagnose.search.selection import (
     choose,
-    going_on,
     key_of,
     next_finding,
+    next_set,
     strongest_left,
     with_their_causes,
 )
@@ -123,7 +123,7 @@ class Search:
         current = first
         untold = scored.scores.silent(set(catalogue.CATALOGUE) - NOT_SOUGHT)
         would_show = scored.scores.shown_at_typical_size()
-        seen: set[str] = set()
+        tried_keys: set[str] = set()
         for step in range(MOST_SEARCH_STEPS):
             self._progress(f"{len(current.findings)} found", step / MOST_SEARCH_STEPS)
             if len(current.findings) >= MOST_FINDINGS:
@@ -132,17 +132,17 @@ class Search:
                 self._work.skip(f"more than {counted(len(current.findings), 'cause')}")
                 break
             best = next_finding(scored, self._tests)
-            findings = None if best is None else going_on(best, scored, seen, self._tests)
+            findings = None if best is None else next_set(best, scored, tried_keys, self._tests)
             if best is None or findings is None:  # nothing is wanted, or a circle
                 if self._refusals.ask_again(key_of(current.findings)):
                     scored = self._survey(current)
                     continue
-                another = self._revisited(current, scored, seen)
+                another = self._revisited(current, scored, tried_keys)
                 if another is current:
                     break
                 current, scored = another, self._survey(another)
                 continue
-            seen.add(key_of(findings))
+            tried_keys.add(key_of(findings))
             fitted = self._fit(findings, current)
             if reason := refused(fitted, current, self.arm):
                 self._refusals.add(best, reason, key_of(current.findings))
@@ -155,19 +155,24 @@ class Search:
                 current, scored = self._swapped(current, scored)
                 if current is before:
                     break
-        current, scored, own = self._as_likely(current, scored, seen)
-        left, log_p = strongest_left(scored, self._tests)
-        told = beside_lasting_noise(judge(scored, own, self._tests), scored, self._tests)
-        found = self._beside_rival_sets(told, current, scored)
-        searched = as_told(current, found)
+        current, scored, findings_weighed = self._as_likely(current, scored, tried_keys)
+        strongest, log_p = strongest_left(scored, self._tests)
+        limited = limit_by_lasting_noise(
+            judge(scored, findings_weighed, self._tests), scored, self._tests
+        )
+        reported = self._limit_by_rival_sets(limited, current, scored)
+        searched = as_told(current, reported)
         last = searched
         if grown := with_growth(searched, self._refusals.candidates, self.arm, self._tests):
             growth, last = grown
-            there = [i for i, c in enumerate(searched.findings) if c in last.findings]
-            if len(there) < len(found):
-                found = tuple(found[i] for i in there)
-                searched = self._fit([searched.findings[i] for i in there], searched)
-            found = (*self._growth_told(growth)[: len(last.findings) - len(there)], *found)
+            remaining = [i for i, c in enumerate(searched.findings) if c in last.findings]
+            if len(remaining) < len(reported):
+                reported = tuple(reported[i] for i in remaining)
+                searched = self._fit([searched.findings[i] for i in remaining], searched)
+            reported = (
+                *self._judge_growth(growth)[: len(last.findings) - len(remaining)],
+                *reported,
+            )
             self._survey(last)
         return SearchResult(
             self.facts,
@@ -175,21 +180,21 @@ class Search:
             searched,
             last,
             partial(self._steps, first, last),
-            found,
+            reported,
             scored.scores,
             self._tests,
             float(family_wise(log_p, self._tests)),
-            left.depends_on,
+            strongest.depends_on,
             untold,
             would_show,
-            tuple(self._refusals.told),
+            tuple(self._refusals.refused),
         )
 
-    def explain(self, most: int) -> Fit:
-        """Add one cause after another, at *most* so many, without looking back at any."""
+    def explain(self, most_findings: int) -> Fit:
+        """Add one cause after another, at most *most_findings*, without looking back at any."""
         scored = self.first
         current = scored.fit
-        for step in range(most):
+        for step in range(most_findings):
             best = choose(scored.projection, scored.scores, self._tests)
             if best is None:
                 break
@@ -198,15 +203,15 @@ class Search:
                 self._refusals.add(best, reason, key_of(current.findings))
             else:
                 current = fitted
-            if step + 1 < most:
+            if step + 1 < most_findings:
                 scored = self._survey(current)
         return current
 
-    def _growth_told(self, grown: Fit) -> Sequence[Finding]:
+    def _judge_growth(self, grown: Fit) -> Sequence[Finding]:
         """What is told of a fit's findings, growth among them, each beside all the others."""
         scored = self._survey(grown)
-        told = judge(scored, weighed(scored, self._tests), self._tests)
-        return beside_lasting_noise(told, scored, self._tests)
+        judged = judge(scored, weigh_findings(scored, self._tests), self._tests)
+        return limit_by_lasting_noise(judged, scored, self._tests)
 
     def _steps(self, first: Fit, last: Fit) -> list[Fit]:
         """With none, the first, the first two … of the *last* fit's findings: with none the
@@ -218,23 +223,23 @@ class Search:
         return [first, *(self._fit(last.findings[:i], last) for i in between), last]
 
     def _as_likely(
-        self, current: Fit, scored: ScoredCandidates, seen: set[str]
+        self, current: Fit, scored: ScoredCandidates, tried_keys: set[str]
     ) -> tuple[Fit, ScoredCandidates, list[Finding]]:
         """With each finding renamed that is less likely than one of its alternatives, all others
         given, as long as that leads somewhere new; and the findings then. What has no name takes
         one that predicts readings held out better."""
-        told = weighed(scored, self._tests)
+        weighed_findings = weigh_findings(scored, self._tests)
         for _ in range(MOST_FINDINGS):
-            for found in told:
-                rival = likelier_rival(found)
+            for finding in weighed_findings:
+                rival = likelier_rival(finding)
                 if rival is None or rival.cause == "unknown":
                     continue
-                others = [c for c in current.findings if c is not found.candidate]
-                findings = with_their_causes(join_finding(others, rival))
-                if key_of(findings) in seen:
+                remaining = [c for c in current.findings if c is not finding.candidate]
+                findings = with_their_causes(join_finding(remaining, rival))
+                if key_of(findings) in tried_keys:
                     continue
-                seen.add(key_of(findings))
-                if found.candidate.cause == "unknown":
+                tried_keys.add(key_of(findings))
+                if finding.candidate.cause == "unknown":
                     better = self._held_out(current, current.findings, findings)
                     if better < -CONTRADICTED:
                         continue
@@ -244,24 +249,27 @@ class Search:
                 renamed = self._pruned(renamed)
                 if any(map(rival.is_like, renamed.findings)):
                     current, scored = renamed, self._survey(renamed)
-                    told = weighed(scored, self._tests)
+                    weighed_findings = weigh_findings(scored, self._tests)
                     break
             else:
                 break
-        return current, scored, told
+        return current, scored, weighed_findings
 
-    def _revisited(self, current: Fit, scored: ScoredCandidates, seen: set[str]) -> Fit:
+    def _revisited(self, current: Fit, scored: ScoredCandidates, tried_keys: set[str]) -> Fit:
         """With another set of findings, where one is as likely as it must be, about its own point
         too, and predicts readings held out as well as it must."""
-        for other in self._rival_sets(current, scored):
-            key, required = key_of(other.findings), required_of(other.findings, current.findings)
-            enough = required.held_out(other.likelier)
-            if key in seen or enough is None:
+        for rival_set in self._rival_sets(current, scored):
+            key, required = (
+                key_of(rival_set.findings),
+                required_of(rival_set.findings, current.findings),
+            )
+            enough = required.held_out(rival_set.likelier)
+            if key in tried_keys or enough is None:
                 continue
-            if self._held_out(current, current.findings, other.findings) < enough:
+            if self._held_out(current, current.findings, rival_set.findings) < enough:
                 continue
-            seen.add(key)
-            another = self._fit(other.findings, current)
+            tried_keys.add(key)
+            another = self._fit(rival_set.findings, current)
             if refused(another, current, self.arm):
                 continue
             another = self._pruned(another)
@@ -282,27 +290,27 @@ class Search:
             through = partial(acting_through, facts=self.facts, refused=self._refusals.places)
             tests, work = self._tests, self._work
             revisit = Revisit(scored, self.parted, self.arm, tests, choose, through, work)
-            self._rivals = key, revisit.others()
+            self._rivals = key, revisit.find_rival_sets()
         return self._rivals[1]
 
-    def _beside_rival_sets(
-        self, found: Sequence[Finding], current: Fit, scored: ScoredCandidates
+    def _limit_by_rival_sets(
+        self, findings: Sequence[Finding], current: Fit, scored: ScoredCandidates
     ) -> tuple[Finding, ...]:
         """The findings no surer than the sets without them allow that explain as well."""
         rivals = [
-            (other.findings, self._held_out(current, current.findings, other.findings))
-            for other in self._rival_sets(current, scored)
-            if other.likelier > -AS_WELL
+            (rival_set.findings, self._held_out(current, current.findings, rival_set.findings))
+            for rival_set in self._rival_sets(current, scored)
+            if rival_set.likelier > -AS_WELL
         ]
-        return beside_rival_sets(found, current, rivals, self.arm)
+        return limit_by_rival_sets(findings, current, rivals, self.arm)
 
     def _fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
         """A fit that starts where *before* ended."""
         findings = with_their_causes(findings)
-        known = {}
+        amplitudes_of = {}
         if before is not None:
-            known = dict(zip(map(id, before.findings), before.amplitudes, strict=True))
-        start = [known.get(id(c), np.zeros(len(c.columns))) for c in findings]
+            amplitudes_of = dict(zip(map(id, before.findings), before.amplitudes, strict=True))
+        start = [amplitudes_of.get(id(c), np.zeros(len(c.columns))) for c in findings]
         model = self.baseline.model if before is None else before.model
         noise = None if before is None else before.noise
         about = self.rests, self.arm, self.baseline, model
@@ -311,25 +319,25 @@ class Search:
     def _pruned(self, current: Fit) -> Fit:
         """Without findings that are not significant any more, the weakest first."""
         while current.findings:
-            least, log_p = weakest(make_projection(current, self.arm))
+            weakest_index, log_p = weakest(make_projection(current, self.arm))
             if significant(log_p, self._tests):
                 break
-            kept = [c for i, c in enumerate(current.findings) if i != least]
-            current = self._fit(kept, current)
+            remaining = [c for i, c in enumerate(current.findings) if i != weakest_index]
+            current = self._fit(remaining, current)
         return current
 
     def _swapped(self, current: Fit, scored: ScoredCandidates) -> tuple[Fit, ScoredCandidates]:
         """With a finding renamed where, all others given, another name is clearly likelier."""
         for i, candidate in enumerate(current.findings):
-            others = scored.without(i)
-            places = others.log_places()
+            scores = scored.without(i)
+            places = scores.log_places()
             best = max(places, key=lambda key: places[key])
             if best == candidate.place:
                 continue
-            if places[best] > math.log(CLEARLY) + scored.log_posterior_of(i, others):
+            if places[best] > math.log(CLEARLY) + scored.log_posterior_of(i, scores):
                 findings = with_their_causes([c for c in current.findings if c is not candidate])
                 without = solve_again(current, findings, self.arm)
-                rival = choose(make_projection(without, self.arm), others, self._tests)
+                rival = choose(make_projection(without, self.arm), scores, self._tests)
                 if rival is None or rival.place == candidate.place:
                     continue
                 fitted = self._fit(join_finding(findings, rival), without)
@@ -342,16 +350,16 @@ class Search:
 
     def _survey(self, current: Fit) -> ScoredCandidates:
         """The whole catalogue against what is left; where it is another one it is counted."""
-        every, refused = self._refusals.candidates, self._refusals.places
-        counted = self._sought is not None and self._sought[0] is every
+        candidates, refused = self._refusals.candidates, self._refusals.places
+        counted = self._sought is not None and self._sought[0] is candidates
         if self._sought is None or not counted:
-            self._sought = every, compile_candidates(every, current.linear, self.arm)
+            self._sought = candidates, compile_candidates(candidates, current.linear, self.arm)
         signatures = with_acting(self._sought[1], current, self.facts, refused, self.arm)
         self.parted = None  # many megabytes
         if current.findings:
             nothing = with_findings_unsolved(current, [], self.arm)
-            self.parted = PartedSurvey.of(nothing, signatures, self.arm)
-            scored = self.parted.beside(current)
+            self.parted = PartedSurvey.from_fit(nothing, signatures, self.arm)
+            scored = self.parted.with_findings(current)
         else:
             scored = score_candidates(make_projection(current, self.arm), signatures)
         if not counted:

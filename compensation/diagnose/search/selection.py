@@ -38,7 +38,7 @@ from armd.compensation.effects.effect import Candidate, join_finding
 def next_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
     """What joins the findings: a cause, or, where none does, the shape of one that is in."""
     cause = choose(scored.projection, scored.scores, tests)
-    return cause or shape_wanted(scored, tests)
+    return cause or choose_shape(scored, tests)
 
 
 def key_of(findings: Sequence[Candidate]) -> str:
@@ -68,19 +68,26 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
     total: dict[tuple[str, str], float] = {}
     for place, share in zip(places, np.exp(weight - weight.max()), strict=True):
         total[place] = total.get(place, 0.0) + float(share)
-    able = {int(i) for i in np.flatnonzero(significant(log_p, tests))}
+    significant_indices = {int(i) for i in np.flatnonzero(significant(log_p, tests))}
     refused: list[Candidate] = []
-    while able:
-        wanted = max((places[i] for i in able), key=lambda place: total[place])
-        best = max((i for i in able if places[i] == wanted), key=lambda i: weight[i])
+    while significant_indices:
+        likeliest_place = max(
+            (places[i] for i in significant_indices), key=lambda place: total[place]
+        )
+        best = max(
+            (i for i in significant_indices if places[i] == likeliest_place),
+            key=lambda i: weight[i],
+        )
         about = projection
         if log_p[best] < STRONG:
-            best = _if_bent(best, able.intersection(alike), candidates, clipped, projection)
+            best = _if_bent(
+                best, significant_indices.intersection(alike), candidates, clipped, projection
+            )
             about = clipped_about(candidates[best], projection)
         if significant(log_p_by_scatter(candidates[best], about), tests):
             return _likelier(candidates[best], refused, projection, tests)
         refused.append(candidates[best])
-        able.remove(best)
+        significant_indices.remove(best)
     return None
 
 
@@ -110,12 +117,12 @@ def _refined(scores: Scores, projection: Projection) -> tuple[list[Candidate], F
     weight, log_p = scores.log_posterior().copy(), scores.log_p.copy()
     finer = _finer(scores)
     strides = {i: _stride(values) for i, values in finer.items()}
-    some = {i: values[:: strides[i]] for i, values in finer.items()}
+    coarse = {i: values[:: strides[i]] for i, values in finer.items()}
     around: dict[int, list[Candidate]] = {}
-    for i, (evidence, own_log_p) in _scored(some, projection).items():
+    for i, (evidence, own_log_p) in _scored(coarse, projection).items():
         best = int(np.argmax(evidence))
         weight[i] += logsumexp(evidence) - np.log(len(evidence)) - scores.log_evidence[i]
-        candidates[i], log_p[i] = some[i][best], own_log_p[best]
+        candidates[i], log_p[i] = coarse[i][best], own_log_p[best]
         if (step := strides[i]) > 1:
             around[i] = finer[i][max((best - 1) * step + 1, 0) : (best + 1) * step]
     for i, (evidence, own_log_p) in _scored(around, projection).items():
@@ -151,9 +158,9 @@ def _with_own_tails(
     likeliest: dict[tuple[str, ...], int] = {}
     for i in alike[np.argsort(-weight[alike])]:
         likeliest.setdefault(kind(candidates[i]), int(i))
-    some = list(likeliest.values())[:MOST_ALIKE]
+    indices = list(likeliest.values())[:MOST_ALIKE]
     weight = weight.copy()
-    weight[some] += unclipped([candidates[i] for i in some], weight[some], projection)
+    weight[indices] += unclipped([candidates[i] for i in indices], weight[indices], projection)
     return weight
 
 
@@ -176,7 +183,7 @@ def _likelier(
 
 def _if_bent(
     best: int,
-    able: Iterable[int],
+    indices: Iterable[int],
     candidates: Sequence[Candidate],
     weight: F64,
     projection: Projection,
@@ -187,17 +194,17 @@ def _if_bent(
     better than the sine does; it is the disc all the same.
     """
     named: dict[tuple[str, str], int] = {}
-    for i in sorted(able, key=lambda i: -weight[i]):
+    for i in sorted(indices, key=lambda i: -weight[i]):
         if candidates[i].cause != "unknown" and len(named) < MOST_BENT:
             named.setdefault(candidates[i].place, i)
     causes = [candidates[i] for i in named.values()]
     if not causes:
         return best
-    bent, gained = with_own_shapes(causes, projection)
+    shaped, gained = with_own_shapes(causes, projection)
     numbers = [best, *named.values(), *named.values()]
     likely = weight[numbers]
-    likely[-len(bent) :] += gained
-    likely += unclipped([candidates[best], *causes, *bent], likely, projection)
+    likely[-len(shaped) :] += gained
+    likely += unclipped([candidates[best], *causes, *shaped], likely, projection)
     return numbers[int(np.argmax(likely))]
 
 
@@ -205,19 +212,19 @@ def _finer(scores: Scores) -> dict[int, list[Candidate]]:
     """Values around the best of each of the likeliest places that have a grid, and richer
     functions of the likeliest variables."""
     finer: dict[int, list[Candidate]] = {}
-    left = {False: MOST_REFINED, True: MOST_RICHER}
+    remaining = {False: MOST_REFINED, True: MOST_RICHER}
     enough = {False: -np.inf, True: scores.log_evidence.max() - AS_WELL}
-    seen: set[tuple[str, str]] = set()
+    places: set[tuple[str, str]] = set()
     for i in np.argsort(-scores.log_posterior()):
         candidate = scores.signatures.candidates[i]
         unknown = candidate.cause == "unknown"
-        if not any(left.values()) or scores.freedom[i] == 0:
+        if not any(remaining.values()) or scores.freedom[i] == 0:
             break
-        if candidate.refine is None or candidate.place in seen or not left[unknown]:
+        if candidate.refine is None or candidate.place in places or not remaining[unknown]:
             continue
         if scores.log_evidence[i] >= enough[unknown]:
-            seen.add(candidate.place)
-            left[unknown] -= 1
+            places.add(candidate.place)
+            remaining[unknown] -= 1
             finer[int(i)] = sorted([candidate, *candidate.refine()], key=_value)
     return finer
 
@@ -227,27 +234,27 @@ def _value(candidate: Candidate) -> float:
     return candidate.setting[0][1] if candidate.setting else 0.0
 
 
-def going_on(
-    best: Candidate, scored: ScoredCandidates, seen: Collection[str], tests: int
+def next_set(
+    best: Candidate, scored: ScoredCandidates, tried_keys: Collection[str], tests: int
 ) -> list[Candidate] | None:
     """The findings with one more, or with a shape where the look back undoes what that does; None
-    where it does either: both sets were *seen*."""
+    where it does either: both sets were tried."""
     findings = join_finding(scored.fit.findings, best)
-    if key_of(findings) in seen and (shape := shape_wanted(scored, tests)):
+    if key_of(findings) in tried_keys and (shape := choose_shape(scored, tests)):
         findings = join_finding(scored.fit.findings, shape)
-    return None if key_of(findings) in seen else findings
+    return None if key_of(findings) in tried_keys else findings
 
 
-def shape_wanted(scored: ScoredCandidates, tests: int) -> Candidate | None:
+def choose_shape(scored: ScoredCandidates, tests: int) -> Candidate | None:
     """The most significant of the findings' shapes, if any is."""
     shapes = scored.projection.shapes
-    wanted = {i: c for i, c in enumerate(shapes.candidates) if c is not None}
-    if not wanted:
+    shapes_by_finding = {i: c for i, c in enumerate(shapes.candidates) if c is not None}
+    if not shapes_by_finding:
         return None
-    sums = score_candidates(scored.projection, list(wanted.values())).sums
+    sums = score_candidates(scored.projection, list(shapes_by_finding.values())).sums
     log_p = {
         i: float(score(sums, scored.projection.place[shapes.columns[i]]).log_p[j])
-        for j, i in enumerate(wanted)
+        for j, i in enumerate(shapes_by_finding)
     }
     best = min(log_p, key=lambda i: log_p[i])
-    return wanted[best] if significant(log_p[best], tests) else None
+    return shapes_by_finding[best] if significant(log_p[best], tests) else None

@@ -43,17 +43,19 @@ from armd.compensation.diagnose.scoring.threshold import family_wise, significan
 from armd.compensation.diagnose.search.findings import nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
-from armd.compensation.estimate.robust import OUTLIER_D2, huber_loss, huber_weights
+from armd.compensation.estimate.robust import DOWNWEIGHT_CHI2, huber_loss, huber_weights
 from armd.compensation.model.arm import Arm
 
 
-def beside(last: Fit, signatures: Signatures, arm: Arm) -> ScoredCandidates | None:
+def score_without_base_steps(
+    last: Fit, signatures: Signatures, arm: Arm
+) -> ScoredCandidates | None:
     """The catalogue against a fit without the steps of the base that it found, beside a stronger
     cause perhaps; None where it found none."""
-    others = [c for c in last.findings if c.cause != "mount_drift" or not _steps(c)]
-    if len(others) == len(last.findings):
+    remaining = [c for c in last.findings if c.cause != "mount_drift" or not _steps(c)]
+    if len(remaining) == len(last.findings):
         return None
-    projection = make_projection(solve_again(last, others, arm), arm)
+    projection = make_projection(solve_again(last, remaining, arm), arm)
     return score_candidates(projection, signatures)
 
 
@@ -62,17 +64,17 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
     projection = scored.projection
     rests = projection.fit.linear.rests
     placements = rests.in_order.items()
-    coarse = [moved(p, k) for p, own in placements for k in _grid(_possible(rests, own))]
+    coarse = [moved(p, k) for p, rows in placements for k in _grid(_possible(rests, rows))]
     if not coarse:
         return None
-    own = score_candidates(projection, coarse).scores
-    best = int(np.argmax(own.log_evidence))
+    coarse_scores = score_candidates(projection, coarse).scores
+    best = int(np.argmax(coarse_scores.log_evidence))
     tests = len(scored.scores.freedom) + len(coarse)
-    if not significant(own.log_p[best], tests):
+    if not significant(coarse_scores.log_p[best], tests):
         return None
     candidate = _refined(coarse[best], projection)
-    _, pose, left = _as_measured(candidate, projection)
-    if not borne_by_enough(pose, left, _change(candidate).after):
+    _, pose, residual = _as_measured(candidate, projection)
+    if not borne_by_enough(pose, residual, _change(candidate).after):
         return None
     if not _best_of_all(candidate, scored):
         return None
@@ -86,11 +88,11 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
     if len(rivals) and evidence[0] < evidence[1:].max():
         return None
     share = softmax(evidence)
-    told = sorted(zip(rivals, share[1:], strict=True), key=lambda pair: -pair[1])
+    reported = sorted(zip(rivals, share[1:], strict=True), key=lambda pair: -pair[1])
     amplitudes = estimates(compared.sums)[0]
     columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
-    white, clear = about.clear_of_all(columns)
-    variance = np.diag(np.linalg.pinv(white.T @ clear, rcond=ABSORBED, hermitian=True))
+    white, cleared = about.clear_of_all(columns)
+    variance = np.diag(np.linalg.pinv(white.T @ cleared, rcond=ABSORBED, hermitian=True))
     change = _change(candidate)
     parted, session, row, instant = _parted(rests, change.index, change.after)
     name = rests.observations.placement_names[change.index]
@@ -104,7 +106,7 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
         np.sqrt(np.maximum(variance, 0.0)),
         max(float(family_wise(compared.scores.log_p[0], tests)), LEAST_P),
         float(share[0]),
-        tuple((rival, float(p)) for rival, p in told if p >= LEAST_PROBABILITY),
+        tuple((rival, float(p)) for rival, p in reported if p >= LEAST_PROBABILITY),
         parted,
     )
 
@@ -114,24 +116,24 @@ def _clipped_about(candidate: Candidate, projection: Projection) -> Projection:
     return make_projection(clipped_about(candidate, projection).fit, projection.arm)
 
 
-def _possible(rests: Rests, own: I64) -> I64:
-    """After how many of the rests *own* (in order) a step can be told from the arm's.
+def _possible(rests: Rests, in_time: I64) -> I64:
+    """After how many of the rests *in_time* (in order) a step can be told from the arm's.
 
     Without times a slip at that instant is no candidate, and so nothing can be told.
     """
-    if not np.isfinite(rests.observations.states.time_s[own]).all():
+    if not np.isfinite(rests.observations.states.time_s[in_time]).all():
         return np.zeros(0, dtype=np.int64)
-    at = np.flatnonzero(~rests.observations.turned[own])  # orientations follow their points
-    own = own[at]
-    target = rests.observations.target[own]
-    new = np.zeros(len(own), dtype=np.int64)
-    new[np.unique(target, return_index=True)[1]] = 1
-    last = np.zeros(len(own), dtype=np.int64)
-    last[len(own) - 1 - np.unique(target[::-1], return_index=True)[1]] = 1
-    after = np.arange(LEAST_RESTS_BESIDE, len(own) - LEAST_RESTS_BESIDE + 1)
-    before = np.cumsum(new)[after - 1]  # targets among the rests so far
+    points = np.flatnonzero(~rests.observations.turned[in_time])  # orientations follow their points
+    in_time = in_time[points]
+    target = rests.observations.target[in_time]
+    begins = np.zeros(len(in_time), dtype=np.int64)
+    begins[np.unique(target, return_index=True)[1]] = 1
+    last = np.zeros(len(in_time), dtype=np.int64)
+    last[len(in_time) - 1 - np.unique(target[::-1], return_index=True)[1]] = 1
+    after = np.arange(LEAST_RESTS_BESIDE, len(in_time) - LEAST_RESTS_BESIDE + 1)
+    before = np.cumsum(begins)[after - 1]  # targets among the rests so far
     still = np.cumsum(last[::-1])[::-1][after]  # and to come
-    possible: I64 = at[after[(before >= LEAST_TARGETS) & (still >= LEAST_TARGETS)]]
+    possible: I64 = points[after[(before >= LEAST_TARGETS) & (still >= LEAST_TARGETS)]]
     return possible
 
 
@@ -145,14 +147,14 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
     """The same placement's step at the instant that leaves the least (Huber's loss), its pose
     fitted before and after by what was measured: about another instant the right one is a tail."""
     number = _change(candidate).index
-    own, pose, left = _as_measured(candidate, projection)
+    in_time, pose, residual = _as_measured(candidate, projection)
 
     def loss(k: int) -> float:
         cut = 3 * k
-        parts = ((pose[:cut], left[:cut]), (pose[cut:], left[cut:]))
+        parts = ((pose[:cut], residual[:cut]), (pose[cut:], residual[cut:]))
         return sum(huber_loss(_distance(*part)) for part in parts)
 
-    possible = _possible(projection.fit.linear.rests, own)
+    possible = _possible(projection.fit.linear.rests, in_time)
     while True:  # a placement of thousands of rests is searched more and more finely
         step = max(len(possible) // TOUCHED_FINER, 1)
         best = min(possible[::step].tolist(), key=loss)
@@ -173,37 +175,41 @@ def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64
     if fit.findings:
         about = _clipped_about(candidate, projection).fit
         fit = solve_again(about, (*fit.findings, candidate), projection.arm)
-    own = fit.linear.rests.in_order[number]
-    rows = (3 * own[:, None] + np.arange(3)).ravel()
-    whitener = fit.noise.whitener[own]
+    in_time = fit.linear.rests.in_order[number]
+    rows = (3 * in_time[:, None] + np.arange(3)).ravel()
+    whitener = fit.noise.whitener[in_time]
     pose = finding_columns(fit.linear, [moved(number, 0)], projection.arm)[0][rows]
     pose = (whitener @ pose.reshape(-1, 3, 6)).reshape(-1, 6)
     # As measured: of what the fit explains, a wandering base has taken a part of the step.
-    known = [j for at in fit.layout.findings[:-1] for j in range(at.start, at.stop)]
-    columns = fit.nuisance.columns.dense(np.array(known, dtype=int))
-    explained = columns[rows] @ fit.solution[known]
+    columns_of_findings = [
+        j for span in fit.layout.findings[:-1] for j in range(span.start, span.stop)
+    ]
+    columns = fit.nuisance.columns.dense(np.array(columns_of_findings, dtype=int))
+    explained = columns[rows] @ fit.solution[columns_of_findings]
     raw = fit.raw_residual[rows] - explained
-    return own, pose, (whitener @ raw.reshape(-1, 3, 1)).ravel()
+    return in_time, pose, (whitener @ raw.reshape(-1, 3, 1)).ravel()
 
 
-def borne_by_enough(pose: F64, left: F64, after: int) -> bool:
+def borne_by_enough(pose: F64, residual: F64, after: int) -> bool:
     """Whether as many rests as tell where an artefact stood are where the poses before and after
     put them: one gross error among four buys a pose of its own.
 
-    *pose* (3 k, 6) and *left* (3 k,) whitened, of the placement's rests in order."""
+    *pose* (3 k, 6) and *residual* (3 k,) whitened, of the placement's rests in order."""
     parts = (slice(None, 3 * after), slice(3 * after, None))
-    sound = [int((_distance(pose[at], left[at]) ** 2 <= OUTLIER_D2).sum()) for at in parts]
+    sound = [
+        int((_distance(pose[part], residual[part]) ** 2 <= DOWNWEIGHT_CHI2).sum()) for part in parts
+    ]
     return min(sound) >= LEAST_RESTS_BESIDE
 
 
-def _distance(columns: F64, left: F64) -> F64:
+def _distance(columns: F64, residual: F64) -> F64:
     """(k,) how far whitened rests (3 k,) are from the pose that fits them, gross errors aside."""
-    weight = np.ones(len(left))
+    weight = np.ones(len(residual))
     size = np.zeros(0)
     for _ in range(REWEIGHTINGS):
         root = np.sqrt(weight)
-        solution = np.linalg.lstsq(columns * root[:, None], left * root, rcond=RANK_SHARE)[0]
-        size = np.linalg.norm((left - columns @ solution).reshape(-1, 3), axis=1)
+        solution = np.linalg.lstsq(columns * root[:, None], residual * root, rcond=RANK_SHARE)[0]
+        size = np.linalg.norm((residual - columns @ solution).reshape(-1, 3), axis=1)
         weight = np.repeat(huber_weights(size), 3)
     return size
 
@@ -225,10 +231,10 @@ def _best_of_all(candidate: Candidate, scored: ScoredCandidates) -> bool:
         for i in np.argsort(-catalogue.log_evidence)[: LIKELY_TIMES * TOUCHED_COMPARED]
         if not _steps(catalogue.signatures.candidates[i])
     ][:TOUCHED_COMPARED]
-    others = [catalogue.signatures.candidates[i] for i in likely]
-    own = score_candidates(scored.projection, [candidate]).scores.log_evidence
-    weight = np.append(own, catalogue.log_evidence[likely])
-    weight += unclipped([candidate, *others], weight, scored.projection)
+    causes = [catalogue.signatures.candidates[i] for i in likely]
+    step_evidence = score_candidates(scored.projection, [candidate]).scores.log_evidence
+    weight = np.append(step_evidence, catalogue.log_evidence[likely])
+    weight += unclipped([candidate, *causes], weight, scored.projection)
     return bool(weight[0] >= weight[1:].max(initial=-np.inf))
 
 
@@ -268,11 +274,14 @@ def _parted(
     begin = sum(session.n for session in rests.sessions[:number])
     session = rests.sessions[number]
     rows = later[rests.rest_of[begin : begin + session.n]]
-    own = int(session.placement[rows][0])
+    placement_number = int(session.placement[rows][0])
     parted = replace(
         session,
         placement=np.where(rows, len(session.placement_names), session.placement),
-        placement_names=[*session.placement_names, f"{session.placement_names[own]} (moved)"],
+        placement_names=[
+            *session.placement_names,
+            f"{session.placement_names[placement_number]} (moved)",
+        ],
     )
     first = int(np.flatnonzero(rows)[np.argmin(session.states.time_s[rows])])
     if np.isnan(session.states.time_s[first]):

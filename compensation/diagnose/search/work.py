@@ -24,7 +24,7 @@ from armd.compensation.diagnose.constants import (
 class WorkBudget:
     """What a diagnosis has computed so far, and what it skipped."""
 
-    most: float = MOST_PRODUCTS
+    limit: float = MOST_PRODUCTS
     done: float = 0.0
     of_sets: float = 0.0
     skipped: list[str] = field(default_factory=list)
@@ -39,13 +39,13 @@ class WorkBudget:
     def of_one_in(self, count: int) -> WorkBudget:
         """Return the work of one of *count* pieces that are computed beside each other: an equal
         part of what is left, or of what is kept for them."""
-        return WorkBudget(max(self.most - self.done, LEAST_REPEATED * self.most) / count)
+        return WorkBudget(max(self.limit - self.done, LEAST_REPEATED * self.limit) / count)
 
     def take(self, piece: WorkBudget) -> None:
         """Add what a piece has computed and skipped."""
         self.done += piece.done
-        for what in piece.skipped:
-            self.skip(what)
+        for description in piece.skipped:
+            self.skip(description)
 
     @classmethod
     def of_readings(cls, count: int) -> WorkBudget:
@@ -56,17 +56,17 @@ class WorkBudget:
     @property
     def may_try_sets(self) -> bool:
         """Whether other sets of causes may still be tried."""
-        return self.of_sets < MOST_OF_SETS * self.most and self.may_go_on
+        return self.of_sets < MOST_OF_SETS * self.limit and self.may_go_on
 
     @property
     def may_go_on(self) -> bool:
         """Whether anything more may be computed."""
-        return self.done < self.most
+        return self.done < self.limit
 
-    def skip(self, what: str) -> None:
+    def skip(self, description: str) -> None:
         """Note once what is not computed."""
-        if what not in self.skipped:
-            self.skipped.append(what)
+        if description not in self.skipped:
+            self.skipped.append(description)
 
     def in_words(self) -> list[str]:
         """Return a sentence for a person; none where nothing was skipped."""

@@ -13,13 +13,13 @@ from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
 DISC_DIAMETER_MM = 50.0  # of a typical arm's encoder, for the reading only
 
 
-def harmonic_columns(joint: int, order: int, typical: float) -> tuple[Column, ...]:
+def harmonic_columns(joint: int, order: int, prior_sd: float) -> tuple[Column, ...]:
     """sin and cos of an order of a joint's angle, added to its angle."""
     return tuple(
         Column(
             kind,
             "rad",
-            typical,
+            prior_sd,
             tie([(f"theta_{joint}", 1.0)], Harmonic(kind=kind, joint=joint, order=order)),
         )
         for kind in ("sin", "cos")
@@ -36,7 +36,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         )
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     angle = float(np.hypot(*amplitudes))
     offset_um = angle / ARC_SECOND * DISC_DIAMETER_MM / 412.0
     return (
@@ -52,6 +52,6 @@ EFFECT = Effect(
     "compliance of joint 2",
     "turn the joint through its whole range at one seat, the others held",
     candidates,
-    reading,
+    describe,
     as_coarse_as_the_arm=True,
 )

@@ -17,7 +17,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         yield Candidate("encoder_ellipticity", location.joint(k), columns, (f"q{k}",))
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     angle = float(np.hypot(*amplitudes))
     return f"the angle of {candidate.location} is wrong by {seconds_of_arc(angle)} twice a turn"
 
@@ -28,6 +28,6 @@ EFFECT = Effect(
     "eccentricity on a joint of short range",
     "turn the joint through its whole range at one seat",
     candidates,
-    reading,
+    describe,
     as_coarse_as_the_arm=True,
 )

@@ -32,7 +32,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             yield Candidate("encoder_periodic", location.joint(k), group, (f"q{k}",), setting)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     return (
         f"the angle of {candidate.location} is wrong by "
         f"{seconds_of_arc(float(np.hypot(*amplitudes[:2])))} {candidate.setting[0][1]:.0f} times "
@@ -40,7 +40,7 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     )
 
 
-def curve_reading(candidate: Candidate, rms_rad: float, order: int) -> str:
+def describe_curve(candidate: Candidate, rms_rad: float, order: int) -> str:
     """The same of a curve over the turn."""
     return (
         f"the angle of {candidate.location} is wrong by {seconds_of_arc(rms_rad)} (root mean "
@@ -55,7 +55,7 @@ EFFECT = Effect(
     "eccentricity of a neighbour when poses are few",
     "measure one seat at small steps of this joint, several to the shortest period",
     candidates,
-    reading,
+    describe,
     as_coarse_as_the_arm=True,
-    curve_reading=curve_reading,
+    describe_curve=describe_curve,
 )

@@ -16,7 +16,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         yield Candidate("encoder_scale", location.joint(k), (column,), (f"q{k}",))
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     return f"{candidate.location} shows {seconds_of_arc(amplitudes[0])} per radian too much or less"
 
 
@@ -26,6 +26,6 @@ EFFECT = Effect(
     "eccentricity where the joint turns less than 150°",
     "use the joint's whole range, over 150°",
     candidates,
-    reading,
+    describe,
     as_coarse_as_the_arm=True,
 )

@@ -28,7 +28,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         yield from steps(facts, "encoder_slip", location.joint(k), partial(columns, k))
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     size = seconds_of_arc(amplitudes[0])
     return f"the index of {candidate.location} slipped by {size}{describe_instant(candidate)}"
 
@@ -39,7 +39,7 @@ EFFECT = Effect(
     "drift of the base, for joint 1",
     "repeat a few poses measured before the moment named",
     candidates,
-    reading,
+    describe,
     "the time of each reading (time_s)",
     accident=True,
     by_motion=True,

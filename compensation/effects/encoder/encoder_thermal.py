@@ -45,7 +45,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             yield Candidate("encoder_thermal", location.joint(k), columns, depends, setting)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     times = "once" if candidate.setting[0][1] == 1.0 else "twice"
     return (
         f"the encoder disc of {candidate.location} errs {times} a turn by "
@@ -59,7 +59,7 @@ EFFECT = Effect(
     "eccentricity, where all was measured at one temperature",
     "turn the joint through its whole range at one seat, cold and warm",
     candidates,
-    reading,
+    describe,
     "temperatures of the joint that vary over the readings",
     as_coarse_as_the_arm=True,
     by_temperature=True,

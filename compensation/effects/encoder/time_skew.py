@@ -18,7 +18,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         yield Candidate("time_skew", location.joint(k), (column,), (f"w{k}",))
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     return f"the angle of {candidate.location} is {plain(abs(amplitudes[0]) * 1e6)} µs out of step"
 
 
@@ -28,7 +28,7 @@ EFFECT = Effect(
     "backlash, when all rates are alike",
     "measure one target in motion, slowly and fast",
     candidates,
-    reading,
+    describe,
     "joint rates at the readings (w1, w2, …), some of them taken in motion",
     by_motion=True,
 )

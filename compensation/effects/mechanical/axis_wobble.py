@@ -26,7 +26,7 @@ def _motions(facts: SessionFacts, joint: int) -> tuple[list[str], F64]:
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         names, weights = _motions(facts, k)
-        for motion, unit, typical, axes in (
+        for motion, unit, prior_sd, axes in (
             ("tilt", "rad", 3 * ARC_SECOND, (0, 1)),
             ("run-out", "mm", 5e-3, (2, 3)),
         ):
@@ -35,7 +35,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                     Column(
                         f"{motion} {'xy'[axis % 2]} {kind}",
                         unit,
-                        typical,
+                        prior_sd,
                         tie(
                             list(zip(names, weights[:, axis], strict=True)),
                             Harmonic(kind=kind, joint=k, order=order),
@@ -48,7 +48,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                 yield Candidate("axis_wobble", location.joint(k), columns, (f"q{k}",), setting)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     size = float(np.sqrt((amplitudes**2).sum() / 2))
     if candidate.columns[0].unit == "rad":
         description = f"tilts by {plain(size / ARC_SECOND)}″"
@@ -63,6 +63,6 @@ EFFECT = Effect(
     "eccentricity, for the last joint",
     "measure with a second, bent stylus",
     candidates,
-    reading,
+    describe,
     as_coarse_as_the_arm=True,
 )

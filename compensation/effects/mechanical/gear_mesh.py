@@ -63,7 +63,7 @@ def _mesh(joint: int, other_joint: int, own_turns: int, order: int) -> Candidate
     return Candidate("gear_mesh", location.joint(joint), columns, depends, setting)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     rolled = candidate.columns[0].name.removeprefix("sin")
     return (
         f"the angle of {candidate.location} errs by {seconds_of_arc(float(np.hypot(*amplitudes)))} "
@@ -77,7 +77,7 @@ EFFECT = Effect(
     "wobble of the other joint's axis, a cable led over both",
     "hold one joint, turn the other through its range, at one seat",
     candidates,
-    reading,
+    describe,
     as_coarse_as_the_arm=True,
     commonness=RARE,
 )

@@ -55,8 +55,8 @@ def _shifted(joint: int, name: str, *basis: After) -> tuple[Column]:
 def _drifting(facts: SessionFacts, joint: int, name: str) -> Iterator[Candidate]:
     def columns(function: Function) -> list[Column]:
         terms = function.terms([(f"{name}_{joint}", 1.0)])
-        typical = TYPICAL[name] / function.largest
-        return [Column(f"{name} {function.name}", _unit(name) + function.per, typical, terms)]
+        prior_sd = TYPICAL[name] / function.largest
+        return [Column(f"{name} {function.name}", _unit(name) + function.per, prior_sd, terms)]
 
     yield from drifts(facts, "geometry_shift", location.joint(joint), columns)
 
@@ -79,9 +79,9 @@ def _growing(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
     size = math.hypot(*(mm for _, mm in pairs))
 
     def columns(function: Function) -> list[Column]:
-        typical = TYPICAL["a"] / size / function.largest
+        prior_sd = TYPICAL["a"] / size / function.largest
         return [
-            Column(f"length {function.name}", "1" + function.per, typical, function.terms(pairs))
+            Column(f"length {function.name}", "1" + function.per, prior_sd, function.terms(pairs))
         ]
 
     yield from drifts(facts, "geometry_shift", location.joint(joint), columns)
@@ -103,7 +103,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         yield from _growing(facts, k)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     column, value = candidate.columns[0], float(amplitudes[0])
     if is_by_session(candidate):
         values, against = values_by_session(candidate, amplitudes)
@@ -134,7 +134,7 @@ EFFECT = Effect(
     "the tip's offset, for the last joint; the placement, for the first",
     "calibrate again at one temperature and compare",
     candidates,
-    reading,
+    describe,
     "the time of each reading (time_s), or a calibration to compare with",
     accident=True,
     as_coarse_as_the_arm=True,

@@ -18,7 +18,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         yield Candidate("joint_backlash", location.joint(k), (column,), (f"w{k}",))
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     return f"{candidate.location} has {seconds_of_arc(2 * amplitudes[0])} of play between its sides"
 
 
@@ -28,7 +28,7 @@ EFFECT = Effect(
     "an angle that is late (time skew), when rates differ little",
     "measure the same poses from both sides of each joint",
     candidates,
-    reading,
+    describe,
     "joint rates at the readings (w1, w2, …): their signs tell the side from which each joint came",
     by_motion=True,
     as_coarse_as_the_arm=True,

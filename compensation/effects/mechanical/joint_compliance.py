@@ -17,7 +17,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         yield Candidate("joint_compliance", location.joint(k), (column,), depends)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     return (
         f"{candidate.location} twists by {plain(abs(amplitudes[0]) * 1e6)} µrad per Nm of gravity"
     )
@@ -29,7 +29,7 @@ EFFECT = Effect(
     "eccentricity of joint 2",
     "repeat the poses with half a kilogram at the wrist",
     candidates,
-    reading,
+    describe,
     by_weight=True,
     as_coarse_as_the_arm=True,
 )

@@ -58,7 +58,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             yield Candidate("link_bending", location.link(k), (column,), depends)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     return f"{candidate.location} bends by {plain(abs(amplitudes[0]) * 1e6)} µrad per Nm at its end"
 
 
@@ -68,7 +68,7 @@ EFFECT = Effect(
     "compliance of the joint next to it",
     "repeat the poses with half a kilogram at the wrist",
     candidates,
-    reading,
+    describe,
     by_weight=True,
     as_coarse_as_the_arm=True,
 )

@@ -32,7 +32,7 @@ def candidates(_: SessionFacts) -> Iterator[Candidate]:
     return iter(())
 
 
-def reading(_: Candidate, amplitudes: F64) -> str:
+def describe(_: Candidate, amplitudes: F64) -> str:
     shift, turn = (float(np.linalg.norm(part)) * 1e3 for part in (amplitudes[:3], amplitudes[3:]))
     return f"the artefact was moved by {plain(shift)} µm and turned by {plain(turn)} mrad"
 
@@ -43,5 +43,5 @@ EFFECT = Effect(
     "a step of the base, a slip of joint 1",
     "measure three of its targets at the start and the end of every placement",
     candidates,
-    reading,
+    describe,
 )

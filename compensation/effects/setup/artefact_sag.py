@@ -19,7 +19,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             yield Candidate("artefact_sag", location.ARTEFACT, (column,), ("placement", "target"))
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     size = plain(1e3 * abs(amplitudes[0]))
     return (
         f"the artefact bends by {size} µm under its own weight {candidate.columns[0].name}, when "
@@ -34,6 +34,6 @@ EFFECT = Effect(
     "a certificate that is wrong, bending of a link",
     "measure the artefact level, on edge and upright",
     candidates,
-    reading,
+    describe,
     "certified positions, in placements that lean differently",
 )

@@ -45,10 +45,10 @@ def steady_drift(facts: SessionFacts) -> Candidate:
 
 
 def _along(function: Function) -> list[Column]:
-    def column(name: str, unit: str, typical: float) -> Column:
+    def column(name: str, unit: str, prior_sd: float) -> Column:
         terms = function.terms([(name, 1.0)])
         return Column(
-            f"{name} {function.name}", unit + function.per, typical / function.largest, terms
+            f"{name} {function.name}", unit + function.per, prior_sd / function.largest, terms
         )
 
     shifts = [column(n, "mm", TYPICAL_MM) for n in SHIFTS]
@@ -61,7 +61,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     yield from steps(facts, "mount_drift", location.BASE, _columns)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     if is_drift(candidate):
         shift, turn = (
             float(np.linalg.norm([compute_swing(candidate, amplitudes, name) for name in names]))
@@ -82,7 +82,7 @@ EFFECT = Effect(
     "a slip of joint 1; lag",
     "measure one seat at the start and the end of every placement",
     candidates,
-    reading,
+    describe,
     "the time of each reading (time_s)",
     accident=True,
     by_motion=True,

@@ -12,7 +12,7 @@ def candidates(_: SessionFacts) -> Iterator[Candidate]:
     return iter(())
 
 
-def reading(_: Candidate, amplitudes: F64) -> str:
+def describe(_: Candidate, amplitudes: F64) -> str:
     count = counted(len(amplitudes), "reading")
     return f"{count} far from where all others put them: measure again"
 
@@ -23,5 +23,5 @@ EFFECT = Effect(
     "heavy tails of the noise",
     "measure the named readings again",
     candidates,
-    reading,
+    describe,
 )

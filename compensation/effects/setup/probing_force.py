@@ -28,7 +28,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     yield Candidate("probing_force", location.TIP, columns, depends)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     along_um, across_um = np.abs([amplitudes[0], amplitudes.sum()]) * 1e3
     return (
         f"the tip yields {plain(across_um)} µm across the stylus and {plain(along_um)} µm along it"
@@ -41,6 +41,6 @@ EFFECT = Effect(
     "a wrong tip radius",
     "touch the same target from several directions, softly and hard",
     candidates,
-    reading,
+    describe,
     "the direction of approach at the readings (approach_x, …)",
 )

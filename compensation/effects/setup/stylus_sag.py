@@ -26,7 +26,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     yield Candidate("stylus_sag", location.TIP, (column,), depends)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     return f"the stylus hangs by {plain(1e3 * abs(amplitudes[0]))} µm at its tip when it is level"
 
 
@@ -36,6 +36,6 @@ EFFECT = Effect(
     "bending of the last links",
     "measure one seat with the stylus upright, level and at the slopes between",
     candidates,
-    reading,
+    describe,
     "a stylus of over 20 mm in the tip's offset",
 )

@@ -46,20 +46,20 @@ ASKEW = 0.2
 
 
 def _columns(*basis: After, across: float = 1.0) -> tuple[Column, ...]:
-    typical = {"x": across * TYPICAL_MM, "y": across * TYPICAL_MM, "z": TYPICAL_MM}
+    prior_sd = {"x": across * TYPICAL_MM, "y": across * TYPICAL_MM, "z": TYPICAL_MM}
     return tuple(
         Column(axis, "mm", size, tie([(f"tip_{axis}", 1.0)], *basis))
-        for axis, size in typical.items()
+        for axis, size in prior_sd.items()
     )
 
 
 def _along(function: Function) -> list[Column]:
-    typical = TYPICAL_MM / function.largest
+    prior_sd = TYPICAL_MM / function.largest
     return [
         Column(
             f"{axis} {function.name}",
             "mm" + function.per,
-            typical,
+            prior_sd,
             function.terms([(f"tip_{axis}", 1.0)]),
         )
         for axis in "xyz"
@@ -95,7 +95,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     yield from _in_each_session(facts)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     if is_by_session(candidate):
         return _read_by_session(candidate, amplitudes)
     if is_drift(candidate):
@@ -128,7 +128,7 @@ EFFECT = Effect(
     "constants of the last joint",
     "measure one seat from ten directions",
     candidates,
-    reading,
+    describe,
     "the time of each reading (time_s), or a calibration to compare with",
     accident=True,
 )

@@ -23,16 +23,16 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         own_weights = facts.weights(k)
         for weights in [own_weights] if own_weights else [{name: 1.0} for name in facts.sensors]:
             for name in ("theta", "alpha", "beta"):
-                for order, typical in TYPICAL_RAD.items():
+                for order, prior_sd in TYPICAL_RAD.items():
                     factor = temperature(weights, order=order)
                     unit = "rad/K" if order == 1 else f"rad/K^{order}"
-                    column = Column(name, unit, typical, tie([(f"{name}_{k}", 1.0)], factor))
+                    column = Column(name, unit, prior_sd, tie([(f"{name}_{k}", 1.0)], factor))
                     setting = (("order", float(order), "1"),)
                     place = location.joint(k)
                     yield Candidate("joint_thermal", place, (column,), tuple(weights), setting)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     order = int(candidate.setting[0][1])
     angle = amplitudes[0] * 5.0**order
     return (
@@ -47,7 +47,7 @@ EFFECT = Effect(
     "bending of the link by a gradient",
     "measure the same poses at two more temperatures",
     candidates,
-    reading,
+    describe,
     "temperatures that vary over the readings",
     by_temperature=True,
 )

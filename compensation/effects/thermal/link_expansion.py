@@ -58,7 +58,7 @@ def _name(lengths_mm: Sequence[tuple[str, float]]) -> str:
     return "stylus" if len(lengths_mm) > 1 else lengths_mm[0][0].split("_")[0]
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     values = [f"{plain(value * 1e6, sign='+')} µm" for value in amplitudes]
     names = [f" ({column.name.split()[0]})" for column in candidate.columns]
     growth = " and ".join(
@@ -73,7 +73,7 @@ EFFECT = Effect(
     "the artefact's expansion, when all links share it",
     "measure at two more temperatures, at least 6 K apart",
     candidates,
-    reading,
+    describe,
     "temperatures that vary over the readings, and a calibration to compare with: without one, the "
     "same readings identify it",
     by_temperature=True,

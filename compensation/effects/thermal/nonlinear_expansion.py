@@ -40,7 +40,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             yield Candidate("nonlinear_expansion", place, columns, tuple(weights), setting)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     orders = [int(column.unit.rpartition("^")[2]) for column in candidate.columns]
     off = sum(value * 5.0**order for value, order in zip(amplitudes, orders, strict=True))
     return (
@@ -55,7 +55,7 @@ EFFECT = Effect(
     "a higher thermal order of the calibration, which absorbs it",
     "measure at the two ends and the middle of the temperature range",
     candidates,
-    reading,
+    describe,
     "temperatures that vary over the readings, and the sensor of each joint in arm.toml",
     by_temperature=True,
 )

@@ -37,9 +37,9 @@ def _warmed(
     finest: bool = False,
 ) -> Candidate:
     use = Use(joint, by_rate, lag_s, parameters)
-    unit, typical = ("rad", TYPICAL_RAD) if quantity == "angle" else ("1", TYPICAL_STRAIN)
+    unit, prior_sd = ("rad", TYPICAL_RAD) if quantity == "angle" else ("1", TYPICAL_STRAIN)
     by = "rate" if by_rate else "way"
-    column = Column(f"{quantity} by {by}", f"{unit} per rad/s", typical, use=use)
+    column = Column(f"{quantity} by {by}", f"{unit} per rad/s", prior_sd, use=use)
 
     def rebuild(value: float) -> Candidate:
         return _warmed(joint, by_rate, value, quantity, parameters, True)
@@ -55,7 +55,7 @@ def _warmed(
     )
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     size = float(amplitudes[0])
     if candidate.columns[0].name.startswith("angle"):
         description = f"the angle of {candidate.location} moves by {seconds_of_arc(size)}"
@@ -73,6 +73,6 @@ EFFECT = Effect(
     "a drift, an angle that is late where one session was fast",
     "turn the joint fast for ten minutes, then measure one seat again and again",
     candidates,
-    reading,
+    describe,
     "times of all readings, and use that varies from one part of them to another",
 )

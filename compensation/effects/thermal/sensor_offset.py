@@ -55,8 +55,8 @@ def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterat
             for share, factor in function.pieces
             for term in terms
         )
-        typical = TYPICAL_DRIFT_K / function.largest
-        return [Column(f"offset {function.name}", "K" + function.per, typical, moving, reach=5.0)]
+        prior_sd = TYPICAL_DRIFT_K / function.largest
+        return [Column(f"offset {function.name}", "K" + function.per, prior_sd, moving, reach=5.0)]
 
     variables = (sensor, "time_s")
     yield from drifts(facts, "sensor_offset", location.sensors(sensor), columns, variables)
@@ -77,7 +77,7 @@ def _derivative(term: Term, sensor: str) -> Iterator[Term]:
     yield Term(parameter=term.parameter, basis=[*lower, *other_factors], coefficient=coefficient)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     if is_drift(candidate):
         return f"the error of {candidate.location} {describe_course(candidate)}"
     # what the model lacks is the true temperature minus the one read
@@ -90,7 +90,7 @@ EFFECT = Effect(
     "constants of the links on it",
     "let the arm rest overnight and compare all sensors",
     candidates,
-    reading,
+    describe,
     "a calibration to compare with, with terms of temperature",
     through_terms=list_acting_offsets,
 )

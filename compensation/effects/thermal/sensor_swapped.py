@@ -69,7 +69,7 @@ def _make_link_columns(facts: SessionFacts, a: str, b: str) -> tuple[Column, ...
     return tuple(columns) if len(columns) == 2 else ()
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     if len(amplitudes) == 1:
         return f"{candidate.location} are exchanged ({amplitudes[0]:.0%} of an exchange)"
     return f"the links on {candidate.location} follow each other's sensor"
@@ -81,6 +81,6 @@ EFFECT = Effect(
     "a link with one wrong sensor; lag",
     "warm one link by hand and watch which sensor answers",
     candidates,
-    reading,
+    describe,
     "temperatures of two sensors at least that vary against each other",
 )

@@ -66,7 +66,7 @@ def _across(vector: F64) -> F64:
     return across
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     size = float(np.hypot(*amplitudes))
     warm, cold = candidate.depends_on
     return (
@@ -81,7 +81,7 @@ EFFECT = Effect(
     "joints whose angle moves with temperature",
     "warm the arm from one side and measure before it evens out",
     candidates,
-    reading,
+    describe,
     "temperatures of two sensors at least that vary against each other",
     by_temperature=True,
 )

@@ -125,7 +125,7 @@ def through_terms(facts: SessionFacts, acting_terms: Sequence[Term]) -> Iterator
     yield from (c for c in candidates(facts, acting_terms) if c.through is not None)
 
 
-def reading(candidate: Candidate, amplitudes: F64) -> str:
+def describe(candidate: Candidate, amplitudes: F64) -> str:
     return f"{candidate.location} follows with a time constant of {_minutes(candidate)}"
 
 
@@ -139,7 +139,7 @@ EFFECT = Effect(
     "the artefact's expansion, and slow drift of the mount",
     "measure during a ramp of 4 K/h or more, up and down",
     candidates,
-    reading,
+    describe,
     "temperatures that vary over the readings, their times, and the sensor of each joint in "
     "arm.toml",
     through_terms=through_terms,

@@ -134,7 +134,7 @@ def find_usual_gap_d(time_d: F64) -> float:
 
 def stack_checks(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
     """*checks* in order of time."""
-    typical = np.array([c.typical for cause in causes for c in cause.candidate.columns])
+    typical = np.array([c.prior_sd for cause in causes for c in cause.candidate.columns])
     columns = [check.causes * typical for check in checks]
     share = max(ALL_ALONG)
     stated = _compressed(_aligned(checks))

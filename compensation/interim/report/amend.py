@@ -100,7 +100,7 @@ def _sizes(causes: Sequence[Cause], changes: Sequence[Change]) -> F64:
     for change in changes:
         if change.cause is None:
             continue
-        typical = np.array([c.typical for c in causes[change.cause].candidate.columns])
+        typical = np.array([c.prior_sd for c in causes[change.cause].candidate.columns])
         sizes.append((list_amplitude_sizes(change, len(typical)) * typical).ravel())
     return np.concatenate(sizes) if sizes else np.zeros(0)
 

@@ -160,8 +160,8 @@ def _over_time(epoch: Epoch, reported: ReportedChange) -> Figure:
         values, spread = _by_check(epoch, block, j)
         colour = COLOURS[j % len(COLOURS)]
         panel.errorbar(
-            moments.astype(object), factor * column.typical * values,
-            2 * factor * column.typical * spread, fmt="o", markersize=3, elinewidth=0.8,
+            moments.astype(object), factor * column.prior_sd * values,
+            2 * factor * column.prior_sd * spread, fmt="o", markersize=3, elinewidth=0.8,
             color=colour, alpha=0.6, label=f"{column.name}, {unit}, each check alone",
         )  # fmt: skip
         panel.plot(

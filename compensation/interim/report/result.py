@@ -170,7 +170,7 @@ def describe_change(reported: ReportedChange) -> str:
         size = plain(abs(float(reported.values[0])) / ARC_SECOND)
         text = f"the index of {candidate.location} slipped by {size}″"
     else:
-        text = CATALOGUE[candidate.cause].reading(candidate, reported.values)
+        text = CATALOGUE[candidate.cause].describe(candidate, reported.values)
     if reported.per_day is not None:
         days = abs(float(reported.values[0] / reported.per_day[0])) if reported.per_day[0] else 0.0
         text += f" by the last check, grown over {plain(days)} days"

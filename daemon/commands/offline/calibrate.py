@@ -105,9 +105,9 @@ def _print(result: Result, written: str) -> None:
         console.print(f"thermal order {result.thermal_order}")
     for line in result.unidentifiable:
         console.print(f"not identifiable: {line}")
-    if len(fit.weighed_down):
+    if len(fit.down_weighted):
         console.print(
-            f"{counted(len(fit.weighed_down), 'reading')} far off have less weight,"
+            f"{counted(len(fit.down_weighted), 'reading')} far off have less weight,"
             f" {len(fit.outliers)} of them outliers"
             + (f": {fit.outlier_words()}" if len(fit.outliers) else "")
         )

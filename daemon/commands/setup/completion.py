@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from armd.terminal.parser import Parser
+
 SHELLS = ("bash", "zsh", "fish")
 
 
@@ -28,12 +30,13 @@ def script(shell: str) -> str:
     return str(shtab.complete(parser, shell))
 
 
-def _complete_files(parser: argparse.ArgumentParser, files: object) -> None:
-    for action in parser._actions:  # argparse shows them nowhere else
-        if isinstance(action, argparse._SubParsersAction):
-            for below in action.choices.values():
-                _complete_files(below, files)
-        elif action.choices:
+def _complete_files(parser: Parser, files: object) -> None:
+    for below in parser.subcommands.values():
+        _complete_files(below, files)
+    for action in parser.arguments:
+        if action.choices is parser.subcommands:
+            continue
+        if action.choices:
             # A list, as shtab takes a dictionary for subcommands; without `"`, which is an inch and
             # which it does not quote.
             action.choices = [choice for choice in action.choices if choice != '"']

@@ -105,6 +105,6 @@ def test_without_limits_the_turn_is_left_and_reported(folder: Path, both) -> Non
 def test_a_gain_stays_a_gain(folder: Path, both) -> None:
     """It was reported as an eccentricity, with 0.991, and an unknown."""
     diagnosis = diagnose(both[1], load_arm(folder / "arm.toml"))
-    (found,) = diagnosis.found
+    (found,) = diagnosis.findings
     assert found.candidate.place == ("encoder_scale", "joint 3")
     assert found.probability > 0.99

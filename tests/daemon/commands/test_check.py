@@ -178,6 +178,7 @@ def test_what_is_wrong_is_named(
     assert ": found " in line and ", expected " in line
 
 
+@pytest.mark.slow
 def test_all_faults_of_all_files(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     damage(folder, "arm.toml", "a_mm = 400.0", "a_mm = 'x'\nb_mm = 1")
     assert check(folder / "arm.toml", folder / "scenario.toml", folder / "armd.toml") == 1

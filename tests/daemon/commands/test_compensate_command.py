@@ -215,6 +215,7 @@ def test_the_angles_change_least(tmp_path: Path, n: int, away_mm: float) -> None
         assert mine < np.linalg.norm(least.x) * (1 + 1e-4) + 1e-6
 
 
+@pytest.mark.slow
 def test_rows_that_have_no_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Too far away, a stretched arm, a bent one beside its stop; the others have theirs."""
     arm = make(tmp_path, 6, off=0.2)

@@ -41,7 +41,7 @@ def test_bash_completes_commands_options_and_choices(capsys: pytest.CaptureFixtu
 
 def test_every_shell_gets_every_command_and_option(capsys: pytest.CaptureFixture[str]) -> None:
     _, commands = parsers(COMMANDS.keys() - {"simulate"})
-    options = {word for one in commands.values() for word in one._option_string_actions}
+    options = {word for one in commands.values() for word in one.list_options()}
     assert len(options) > 60
     for shell in ("bash", "zsh", "fish"):
         script = said(capsys, "completion", shell)
@@ -64,7 +64,8 @@ def test_the_man_page_has_what_help_has(capsys: pytest.CaptureFixture[str]) -> N
     for name, command in commands.items():
         assert f".SS armd {name}\n" in page
         if name != "simulate":
-            assert [word for word in command._option_string_actions if word not in page] == []
+            spellings = [word for a in command.arguments for word in a.option_strings]
+            assert [word for word in spellings if word not in page] == []
     assert "  armd calibrate measured/T15 measured/T20 measured/T25 --arm arm.toml" in page
     assert "bad usage or bad input" in page
 

@@ -277,6 +277,7 @@ def test_the_page_names_what_may_matter(bench: Bench) -> None:
     assert "off by at most 0.5196 mm (95 %)" in page
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium to print with")
 def test_the_page_as_pdf(bench: Bench) -> None:
     bench.run("--pdf", str(bench.folder / "r.pdf"))

@@ -58,6 +58,7 @@ def test_wide_limits_are_met(
     assert "<link" not in text
 
 
+@pytest.mark.slow
 def test_a_narrow_limit_is_not(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -65,6 +66,7 @@ def test_a_narrow_limit_is_not(
     assert "verdict: FAILED" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_without_limits_no_verdict(measured: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert verify(measured) == 0
     output = capsys.readouterr().out

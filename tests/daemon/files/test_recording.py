@@ -283,6 +283,7 @@ def test_info_that_is_none(tmp_path, info):
         Recording(path)
 
 
+@pytest.mark.slow
 def test_an_arm_that_says_nothing_is_told_at_once_and_at_the_end(tmp_path):
     (tmp_path / "arm.toml").write_text(make_arm_toml())
     silent, out = tmp_path / "unplugged", tmp_path / "silent.mcap"

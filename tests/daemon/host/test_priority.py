@@ -67,6 +67,7 @@ def test_a_machine_with_one_processor_is_shared() -> None:
     assert [int(word) for word in done.stdout.split()] == [os.SCHED_OTHER] * 2, done.stderr
 
 
+@pytest.mark.slow
 def test_zenohs_sending_thread_goes_first_where_the_stream_does(tmp_path: Path) -> None:
     """And no other thread of the daemon's; found once a subscriber is there."""
     if not may_go_first():

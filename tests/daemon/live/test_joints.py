@@ -47,6 +47,7 @@ def unpack(payload: bytes) -> tuple[int, int, tuple[float, ...], tuple[float, ..
     return seq, stamp_ns, angles, struct.unpack_from(f"<{n}f", payload, 24 + 8 * n)
 
 
+@pytest.mark.slow
 def test_one_per_point_and_only_while_somebody_listens(tmp_path: Path) -> None:
     with (
         simulated_arm(tmp_path) as arm,

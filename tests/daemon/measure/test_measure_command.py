@@ -135,6 +135,7 @@ def test_interrupted_it_goes_on_with_the_same_command(command, tmp_path):
     assert [session.artefact.target_names[i] for i in session.target] == ["S1", "S2"] * 2
 
 
+@pytest.mark.slow
 def test_the_end_is_the_very_command(command, tmp_path):
     """Three readings calibrate no arm: `armd calibrate` says so, and its code is the answer."""
     presses = [at(ball, i) for i, ball in enumerate(BALLS, 1)]

@@ -82,6 +82,7 @@ def test_an_encoder_of_class_c1_is_read(tmp_path):
     assert np.abs(np.diff(counts, axis=0)).max() < TURN / 20  # a hand moves it, nothing jumps
 
 
+@pytest.mark.slow
 def test_an_encoder_that_tells_no_counts_per_turn_is_read_by_arm_tomls(tmp_path):
     with quirky_arm(tmp_path, "bare_c1") as port:
         samples, events = drive(
@@ -94,6 +95,7 @@ def test_an_encoder_that_tells_no_counts_per_turn_is_read_by_arm_tomls(tmp_path)
     assert np.abs(np.diff(counts, axis=0)).max() < TURN / 20
 
 
+@pytest.mark.slow
 def test_an_encoder_that_tells_no_counts_per_turn_needs_arm_tomls(tmp_path):
     def refused(samples, events):
         return any(event.kind == "foreign_arm" for event in events)
@@ -105,6 +107,7 @@ def test_an_encoder_that_tells_no_counts_per_turn_needs_arm_tomls(tmp_path):
     assert valid(samples) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quirk", LACKS)
 def test_an_encoder_of_another_maker_is_read_and_what_it_lacks_is_named(quirk, tmp_path):
     with quirky_arm(tmp_path, quirk) as port:
@@ -130,6 +133,7 @@ def test_an_alarm_that_is_in_no_process_data_makes_its_joint_invalid(tmp_path):
     assert "alarm" in alarms[0].text
 
 
+@pytest.mark.slow
 def test_a_serial_number_that_is_demanded_and_missing_is_a_foreign_arm(tmp_path):
     def refused(samples, events):
         return any(event.kind == "foreign_arm" for event in events)

@@ -140,6 +140,7 @@ def answered(port, call):
 WITHIN = np.array([1, 1, 1, 1, 5])
 
 
+@pytest.mark.slow
 def test_the_makers_library_and_armd_read_what_is_true(tmp_path, monkeypatch):
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
     sdk = pytest.importorskip("dynamixel_sdk")

@@ -50,6 +50,7 @@ class Second:
         return [*late, *statuses, second]
 
 
+@pytest.mark.slow
 @BOTH
 @WHEN
 @parametrize_default("servo", [1, 3], ids=["first", "last"])

@@ -176,6 +176,7 @@ def test_an_answer_late_by_a_cycle_is_never_taken_for_the_next(tmp_path, family)
     assert counters["late"] > 10
 
 
+@pytest.mark.slow
 @BOTH
 def test_stale_bytes_echo_and_noise_are_no_answers(tmp_path, family):
     with (
@@ -508,6 +509,7 @@ def test_a_pseudo_terminal_is_told_from_a_port(tmp_path):
     os.close(slave)
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_replay_of_the_frames_is_bit_identical(tmp_path, family):
     with (

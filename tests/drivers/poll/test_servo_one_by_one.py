@@ -194,6 +194,7 @@ def test_two_servos_of_one_id_are_told(tmp_path, family):
     assert len(taken.told("duplicate_id")) == 1
 
 
+@pytest.mark.slow
 @BOTH
 def test_an_echo_and_noise_are_no_answers(tmp_path, family):
     with (
@@ -253,6 +254,7 @@ class StandingStill:
         return os.write(*arguments)
 
 
+@pytest.mark.slow
 @parametrize_default("where", ["between two requests", "before an answer"])
 def test_no_point_leaves_at_a_wrong_instant_where_somebody_stands_still(
     tmp_path, monkeypatch, where
@@ -354,6 +356,7 @@ def test_the_trigger_and_other_thermometers_are_asked_too(tmp_path, family):
             take_valid(taken, 20)
 
 
+@pytest.mark.slow
 @BOTH
 def test_another_offset_is_noticed(tmp_path, family):
     with (

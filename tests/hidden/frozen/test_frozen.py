@@ -24,6 +24,8 @@ from hidden.frozen.revision import check_out, commit_of, is_dirty
 from hidden.frozen.run import Ran
 from hidden.frozen.score import compare, score
 
+from support.selection import parametrize_default
+
 TRUTH = Truth("single", 1, "", (Cause("encoder_scale", "joint 3", 12.0, variables=("q3",)),),
               oracle_um=5.0)  # fmt: skip
 
@@ -43,9 +45,7 @@ def test_there_are_three_hundred_cases_of_every_kind() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "kind", ["thermal-1", pytest.param("o-thermal-2", marks=pytest.mark.slow), "real", "field"]
-)
+@parametrize_default("kind", ["field", "thermal-1", "o-thermal-2", "real"])
 def test_a_case_is_drawn_alike_each_time(kind: str, tmp_path: Path) -> None:
     for place in ("one", "two"):
         draw_case(Wanted(kind, 0), 5, tmp_path / place)
