@@ -20,7 +20,7 @@ from armd.daemon.commands.groups import COMMANDS, FOLDERS, grouped_help
 from armd.daemon.commands.terminal import hush
 from armd.daemon.commands.usage import USAGE
 from armd.errors import ArmdError, BadInput, describe_os_error, fit_lines
-from armd.terminal.loudness import add_loudness, heard, own_fault
+from armd.terminal.loudness import add_loudness, report_own_fault, show_log
 from armd.terminal.parser import Parser
 from armd.terminal.suggest import did_you_mean
 
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"armd: {_command(argv)}: found {problem}, expected Linux", file=sys.stderr)
             return 2
         if package not in OFFLINE:
-            return own_fault(error)
+            return report_own_fault(error)
         from armd.daemon.missing import how_to_install
 
         needs = f"this needs it: {how_to_install(OFFLINE, package)}"
@@ -80,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except Exception as error:
-        return own_fault(error)
+        return report_own_fault(error)
 
 
 def _command(argv: Sequence[str] | None) -> str:
@@ -145,7 +145,7 @@ def _chosen(chosen: str | None, arguments: list[str], added: Mapping[str, AddedC
     assert chosen is not None  # argparse has refused everything else
     if unknown:
         commands[chosen].refuse(unknown)
-    with heard(namespace):
+    with show_log(namespace):
         return _work(chosen, namespace, added)
 
 

@@ -27,7 +27,7 @@ from armd.drivers.serial.wire import SERIAL_NUMBER_BYTES
 from armd.drivers.table import DRIVERS
 from armd.errors import ArmdError, BadInput
 from armd.files.inputs import MOST_TOML_BYTES, read_input
-from armd.files.schema import Strict, toml_data, validate
+from armd.files.schema import Strict, decode_toml, validate
 
 if TYPE_CHECKING:
     from armd.drivers.plugin import DriverPlugin
@@ -162,7 +162,7 @@ class Config:
 
 def load_config(path: str | Path) -> Config:
     """Read armd.toml and its arm.toml; raises `BadInput` naming file, key, found and expected."""
-    data = toml_data(path, read_input(path, MOST_TOML_BYTES))
+    data = decode_toml(path, read_input(path, MOST_TOML_BYTES))
     model = _model_of(path, data)
     try:
         file = validate(path, data, model)

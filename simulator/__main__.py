@@ -16,19 +16,19 @@ if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_
 from armd.errors import ArmdError, BadInput, describe_os_error, fit_lines
 from armd.files.inputs import read_input
 from armd.files.outputs import ARM, check_same
-from armd.files.schema import load_toml, toml_data
+from armd.files.schema import decode_toml, load_toml
 from armd.files.writing import write_whole
 from armd.simulator.canbus.device import CanArm
 from armd.simulator.canbus.timeline import GRID_HZ
 from armd.simulator.canbus.wires import BusEnd
 from armd.simulator.life import Life, begin_life
-from armd.simulator.live.device_clock import precise_timers
+from armd.simulator.live.device_clock import set_precise_timers
 from armd.simulator.live.led import OPERATOR, load_plan
 from armd.simulator.live.prefetch import Prefetch
 from armd.simulator.live.pty_port import PtyPort
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.live.truth_log import FaultLog, TruthFile
-from armd.simulator.microscribe.arm import arm_toml as microscribe_arm_toml
+from armd.simulator.microscribe.arm import make_arm_toml as microscribe_arm_toml
 from armd.simulator.microscribe.device import MicroScribeDevice
 from armd.simulator.options import (
     CAN_WIRES,
@@ -36,15 +36,15 @@ from armd.simulator.options import (
     USAGE,
     check_places,
     check_twin,
-    parser,
+    make_parser,
     read_scenario,
 )
 from armd.simulator.serial.device import SerialDevice
 from armd.simulator.servobus.arm import N as SERVO_JOINTS
-from armd.simulator.servobus.arm import arm_toml as servo_arm_toml
+from armd.simulator.servobus.arm import make_arm_toml as servo_arm_toml
 from armd.simulator.servobus.device import ServoBus
-from armd.simulator.truth.nominal import JOINTS, arm_toml
-from armd.terminal.loudness import heard, own_fault
+from armd.simulator.truth.nominal import JOINTS, make_arm_toml
+from armd.terminal.loudness import report_own_fault, show_log
 from armd.terminal.parser import Parser
 
 
@@ -53,10 +53,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         if any(word.partition("=")[0] == "--session" for word in arguments):
-            return measured_sessions(arguments)
-        options = parser().parse_args(arguments)
-        with heard(options):
-            return wired(options)
+            return measure_sessions(arguments)
+        options = make_parser().parse_args(arguments)
+        with show_log(options):
+            return run_on_wire(options)
     except ArmdError as error:
         for fault in (error, *getattr(error, "more", ())):
             print(f"armd: {fit_lines(fault)}", file=sys.stderr)
@@ -69,18 +69,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 0
     except Exception as error:
-        return own_fault(error)
+        return report_own_fault(error)
 
 
 def _check(path: Path) -> None:
     """A scenario, or the plan of a simulated operator; raises `BadInput`."""
-    if toml_data(path, read_input(path)).get("schema") == OPERATOR:
+    if decode_toml(path, read_input(path)).get("schema") == OPERATOR:
         load_plan(path)
     else:
         load_toml(path, Scenario)
 
 
-def wired(options: argparse.Namespace) -> int:
+def run_on_wire(options: argparse.Namespace) -> int:
     """An arm on a wire, as *options* say; raises `BadInput`."""
     if options.check is not None:
         _check(options.check)
@@ -109,7 +109,7 @@ def wired(options: argparse.Namespace) -> int:
         elif options.servo:
             text = servo_arm_toml(number, scenario.joints or SERVO_JOINTS)
         else:
-            text = arm_toml(number, joints=scenario.joints or len(JOINTS))
+            text = make_arm_toml(number, joints=scenario.joints or len(JOINTS))
         check_same(options.arm_out, text, ARM, options.force, [options.scenario])
         write_whole(options.arm_out, text)
     return run(scenario, options)
@@ -122,7 +122,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
         lived = begin_life(scenario, GRID_HZ if options.can else scenario.rate_hz, options)
         scenario = scenario.model_copy(update={"serial_number": lived.serial_number})
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    precise_timers()
+    set_precise_timers()
     with ExitStack() as cleanup:
         truth = cleanup.enter_context(closing(TruthFile(options.truth)))
         log = cleanup.enter_context(closing(FaultLog(options.fault_log)))
@@ -182,7 +182,7 @@ def can_wire(options: argparse.Namespace) -> BusEnd:
     return PythonCanWire(options.can, options.channel or CAN_WIRES[options.can])
 
 
-def sessions_parser() -> Parser:
+def make_sessions_parser() -> Parser:
     """The command line of `--session KIND`."""
     from armd.simulator import sessions  # as there
 
@@ -196,12 +196,12 @@ def sessions_parser() -> Parser:
     return command
 
 
-def measured_sessions(arguments: Sequence[str]) -> int:
+def measure_sessions(arguments: Sequence[str]) -> int:
     """`--session KIND`: no wire, but session folders."""
     from armd.simulator import sessions  # the wire must not wait for it
 
-    options = sessions_parser().parse_args(arguments)
-    with heard(options):
+    options = make_sessions_parser().parse_args(arguments)
+    with show_log(options):
         return sessions.run(options)
 
 

@@ -14,23 +14,23 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.files.writing import write_whole
-from armd.simulator.campaigns.hidden import NOISE, Design, campaigns
+from armd.simulator.campaigns.hidden import NOISE, Design, plan_campaigns
 from armd.simulator.measured.artefact import Artefact
 from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.measuring import (
     Measured,
     carry_out,
-    session_files,
+    make_session_files,
     take_readings,
     write_session,
 )
-from armd.simulator.measured.mess import in_the_workshop, on_the_desk
+from armd.simulator.measured.mess import spoil_campaign, spoil_files
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.placement import Placement
 from armd.simulator.measured.plan import Climate, SessionPlan
 from armd.simulator.plants.causes import plant_all
-from armd.simulator.plants.plant import Plant, depends_on
-from armd.simulator.truth.answers import true_constants, true_expansion
+from armd.simulator.plants.plant import Plant, list_columns
+from armd.simulator.truth.answers import list_true_constants, list_true_expansion
 from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.rotations import random_rotation
 
@@ -80,7 +80,7 @@ def generate_case(
     of `mess.KINDS`, in the sessions to diagnose.
     """
     design = design or Design()
-    healthy, later = campaigns(seed, design, noise)
+    healthy, later = plan_campaigns(seed, design, noise)
     rng = np.random.default_rng([seed, 0xCA5E])
 
     def make_plant_rng(i: int) -> np.random.Generator:
@@ -93,7 +93,7 @@ def generate_case(
     sick = later
     for i, plant in enumerate(plants):
         sick = plant_all(sick, [plant], make_plant_rng(i))
-    sick = in_the_workshop(sick, mess, np.random.default_rng([seed, 0x3E55]))
+    sick = spoil_campaign(sick, mess, np.random.default_rng([seed, 0x3E55]))
     earlier, present = list(carry_out(healthy, rng)), list(carry_out(sick, rng))
     measured = earlier + present
     folder.mkdir(parents=True, exist_ok=True)
@@ -118,16 +118,16 @@ def generate_case(
         noise_mm={
             m.plan.name: m.noise_mm + _certificate_error(m, later.rig.artefact) for m in measured
         },
-        constants=true_constants(later.rig.arm),
-        expansion=true_expansion(later.rig.arm),
+        constants=list_true_constants(later.rig.arm),
+        expansion=list_true_expansion(later.rig.arm),
         measured={m.plan.name: m for m in measured},
         present=sick,
     )
 
 
 def _write_mess(folder: Path, mess: str, sessions: list[Measured], seed: int) -> None:
-    texts = [session_files(session) for session in sessions]
-    texts = on_the_desk(mess, texts, np.random.default_rng([seed, 0xDE5C]))
+    texts = [make_session_files(session) for session in sessions]
+    texts = spoil_files(mess, texts, np.random.default_rng([seed, 0xDE5C]))
     for session, files in zip(sessions, texts, strict=True):
         for name, text in files.items():
             write_whole(folder / session.plan.name / name, text)
@@ -194,7 +194,7 @@ def _effect(
     error = {m.plan.name: _error(planted.rig, healthy.rig, m) for m in measured}
     rows = np.concatenate([v for name, v in error.items() if name.startswith("session")])
     rms_um = 1e3 * float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
-    return HiddenEffect(plant, depends_on(plant), error, rms_um)
+    return HiddenEffect(plant, list_columns(plant), error, rms_um)
 
 
 def _error(planted: Rig, healthy: Rig, measured: Measured) -> F64:
@@ -203,7 +203,7 @@ def _error(planted: Rig, healthy: Rig, measured: Measured) -> F64:
     Its prediction, from what encoders show and sensors tell, minus where it believes the target.
     """
     conditions, phi = measured.conditions, measured.phi
-    arm = planted.arm.carrying(measured.plan.payload_kg)
+    arm = planted.arm.with_payload(measured.plan.payload_kg)
     sensor_error_c = planted.read_sensors(measured.felt_c) - measured.felt_c
     believed = replace(conditions, link_c=conditions.link_c + sensor_error_c)
     error = healthy.arm.tip(arm.encoder_angles(phi, conditions), believed)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from armd.simulator.live.electronics import ArmParts, Electronics
 from armd.simulator.live.operator import Hand, Operator
-from armd.simulator.live.physics import Block, WarmUp, blocks
+from armd.simulator.live.physics import Block, WarmUp, generate_blocks
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import JOINTS
@@ -33,16 +33,16 @@ def begin_life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) ->
         return _begin_twin(scenario, rate_hz, options, warm_up)
     arm = TrueArm.default(scenario.seed, joints=scenario.joints or len(JOINTS))
     if options.plant:
-        from armd.simulator.plants.live import planted  # the wire must not wait for it
+        from armd.simulator.plants.live import plant_in_arm  # the wire must not wait for it
 
-        arm = planted(arm, options.plant, scenario.seed)
+        arm = plant_in_arm(arm, options.plant, scenario.seed)
     hand: Hand = Operator(arm, scenario.seed)
     if options.operator is not None:
         from armd.simulator.live.led import LedOperator, load_plan
 
         hand = LedOperator(arm, load_plan(options.operator), scenario.seed)
-    parts = ArmParts.of_the_demo_arm(arm.n_joints)
-    physics = blocks(arm, hand, rate_hz, scenario.ambient_c, warm_up)
+    parts = ArmParts.for_demo_arm(arm.n_joints)
+    physics = generate_blocks(arm, hand, rate_hz, scenario.ambient_c, warm_up)
     return Life(scenario.serial_number, physics, Electronics(scenario.seed, parts))
 
 
@@ -57,9 +57,9 @@ def _begin_twin(
 
     noise = FoundNoise() if options.noise_from is None else read_noise(options.noise_from)
     model = TwinModel(*read_twin(options.arm, options.twin))
-    parts = twins.parts_of(model.arm, noise, "can" if options.can else "serial")
+    parts = twins.make_parts(model.arm, noise, "can" if options.can else "serial")
     twin = twins.TwinArm(model, noise, scenario.seed)
-    comfort = twins.comfort_of(model.arm)
+    comfort = twins.find_comfort(model.arm)
     hand: Hand
     if options.operator is None:
         hand = Operator(twin, scenario.seed, comfort)
@@ -71,7 +71,7 @@ def _begin_twin(
             plan = led.plan.model_copy(update={"miss_um": 1e3 * noise.repeat_mm})
             led = replace(led, plan=plan)
         hand = LedOperator(twin, led, scenario.seed, (comfort.low, comfort.high))
-    physics = twins.twin_blocks(
+    physics = twins.generate_twin_blocks(
         twin, hand, rate_hz, twins.TwinHeat(twin, scenario.ambient_c, warm_up)
     )
     electronics = Electronics(scenario.seed, parts)

@@ -13,7 +13,7 @@ from armd.files.writing import check_folder
 from armd.simulator.live.faults import FAULTS, Wire, check_wire, parse_fault, random_faults
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.servobus.arm import N as SERVO_JOINTS
-from armd.simulator.servobus.arm import servo_ids
+from armd.simulator.servobus.arm import list_servo_ids
 from armd.simulator.truth.nominal import JOINTS
 from armd.terminal.loudness import add_loudness
 from armd.terminal.parser import Parser, Usage
@@ -38,7 +38,7 @@ USAGE = Usage(
 )  # fmt: skip
 
 
-def parser() -> Parser:
+def make_parser() -> Parser:
     command = Parser(
         prog=PROGRAM,
         description="A simulated arm as a device on the wire, in a process of its own.",
@@ -186,7 +186,7 @@ def read_scenario(options: argparse.Namespace) -> Scenario:
         wire = "servo"
     joints = scenario.joints or len(JOINTS)
     if wire == "servo":
-        joints = len(servo_ids(scenario.joints or SERVO_JOINTS))
+        joints = len(list_servo_ids(scenario.joints or SERVO_JOINTS))
     faults = [*scenario.fault, *(parse_fault(text) for text in options.fault)]
     if scenario.faults_per_minute:
         if scenario.seconds is None:

@@ -30,26 +30,26 @@ from armd.files.outputs import (
 from armd.files.writing import write_whole
 from armd.simulator.campaigns import calibration, hidden, interim, paper, verification
 from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Measured, carry_out, session_files
+from armd.simulator.measured.measuring import Measured, carry_out, make_session_files
 from armd.simulator.measured.noise import Noise
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.printed import bench
-from armd.simulator.truth.answers import true_constants, true_expansion
+from armd.simulator.truth.answers import list_true_constants, list_true_expansion
 from armd.terminal.arguments import factor, parse_integer, seed
-from armd.terminal.aside import aside, bar
+from armd.terminal.aside import aside, show_bar
 from armd.terminal.counted import counted
 from armd.terminal.loudness import add_loudness
 
 KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
-    "paper": paper.campaign,
-    "demo": calibration.demo,
-    "calibration": calibration.calibration,
-    "isothermal": calibration.isothermal,
-    "warmup": calibration.warmup,
-    "seats": calibration.seats,
-    "verify": verification.campaign,
-    "diagnosis": hidden.diagnosis,
+    "paper": paper.plan_paper,
+    "demo": calibration.plan_demo,
+    "calibration": calibration.plan_calibration,
+    "isothermal": calibration.plan_isothermal,
+    "warmup": calibration.plan_warm_up,
+    "seats": calibration.plan_seats,
+    "verify": verification.plan_verification,
+    "diagnosis": hidden.plan_diagnosis,
 }
 #: A printed hobby arm; its arm.toml is of `armd arm so101`.
 PRINTED = "so101"
@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
     if args.session == PRINTED:
         if args.plant or args.noise != 1.0:
             raise BadInput("--session so101", "--plant or --noise", "one", "neither of them")
-        with bar(aside(args), MEASURING) as show_share:
+        with show_bar(aside(args), MEASURING) as show_share:
             printed, texts, readings = bench.measure(
                 args.seed, lambda share: show_share(MEASURING, share)
             )
@@ -142,7 +142,7 @@ def run(args: argparse.Namespace) -> int:
     with aside(args).status(MEASURING):
         measured = write_campaign(folder, campaign, args.seed, args.force)
     if args.truth_out is not None:
-        truth = truth_of(campaign, plants, measured)
+        truth = describe_truth(campaign, plants, measured)
         write_whole(args.truth_out, json.dumps(truth, indent=1) + "\n")
     total = counted(sum(m.n for m in measured), "reading")
     print(f"{counted(len(measured), 'session')}, {total} in {folder}")
@@ -169,21 +169,21 @@ def _interim(args: argparse.Namespace) -> int:
     )
     noise = Noise().scaled(args.noise)
     measured = []
-    with bar(aside(args), MEASURING) as show_share:
+    with show_bar(aside(args), MEASURING) as show_share:
         for session in interim.carry_out(history, args.seed, noise):
             measured.append(session)
             show_share(MEASURING, len(measured) / days)
-    campaign = interim.campaign(args.seed, noise, history.artefact)
+    campaign = interim.plan_interim(args.seed, noise, history.artefact)
     _write_measured(args.output, campaign.arm_toml, measured, args.force)
     if args.truth_out is not None:
-        truth = truth_of(campaign, [h.plant for h in history.happenings], measured)
+        truth = describe_truth(campaign, [h.plant for h in history.happenings], measured)
         truth["happenings"] = [
             {
                 "cause": h.plant.cause,
                 "location": h.plant.location,
                 "size": h.plant.size,
-                "since": interim.instant(
-                    interim.begins(h, interim.use(days, args.seed))
+                "since": interim.find_instant(
+                    interim.find_first_day(h, interim.use(days, args.seed))
                 ).isoformat(),
                 "grows": h.grows,
             }
@@ -213,7 +213,7 @@ def _write_measured(folder: Path, arm_toml: str, measured: Sequence[Measured], f
     files = {folder / "arm.toml": arm_toml} | {
         folder / session.plan.name / name: text
         for session in measured
-        for name, text in session_files(session).items()
+        for name, text in make_session_files(session).items()
     }
     _write_files(files, folder, force)
 
@@ -228,7 +228,7 @@ def _write_files(files: dict[Path, str], folder: Path, force: bool) -> None:
         write_whole(path, text)
 
 
-def truth_of(
+def describe_truth(
     campaign: Campaign, plants: Sequence[Plant], measured: Sequence[Measured]
 ) -> dict[str, Any]:
     """The true settings as plain data: constants at the reference temperature, expansion, poses.
@@ -238,10 +238,10 @@ def truth_of(
     arm = campaign.rig.arm
     return {
         "plants": [f"{plant.cause}@{plant.location}={plant.size}" for plant in plants],
-        "constants": true_constants(arm),
+        "constants": list_true_constants(arm),
         "expansion_per_k": [
             {"parameter": name, "sensor": sensor, "mm_per_k": rate}
-            for name, sensor, rate in true_expansion(arm)
+            for name, sensor, rate in list_true_expansion(arm)
         ],
         "growth_per_k2": arm.materials.growth.tolist(),
         "sessions": {

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NONBLOCK
-from armd.terminal.suggest import suggest_path, within
+from armd.terminal.suggest import list_folder, suggest_path
 
 #: What a person or armd writes as JSON: a covariance of 300 parameters takes 2.5 MB.
 MOST_JSON_BYTES = 8 << 20
@@ -56,7 +56,7 @@ def open_input(path: str | Path) -> BufferedReader:
     kind = stat.S_IFMT(status.st_mode)
     if kind != stat.S_IFREG:
         os.close(handle)
-        has = within(Path(path)) if kind == stat.S_IFDIR else ""
+        has = list_folder(Path(path)) if kind == stat.S_IFDIR else ""
         raise BadInput(path, "the file", _KINDS.get(kind, "no file") + has, "a regular file")
     _log.info("reading %s, %d bytes", path, status.st_size)
     return os.fdopen(handle, "rb")

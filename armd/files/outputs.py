@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armd.errors import BadInput
-from armd.files.writing import check_folder, check_place, longest_name, same_place
+from armd.files.writing import check_folder, check_place, find_longest_name, is_same_place
 
 _HEAD_BYTES = 1 << 16
 _TAIL_BYTES = 64
@@ -123,7 +123,7 @@ def check_outputs(
             continue  # a device or pipe, which keeps nothing
         _check_not_read(path, option, read)
         for earlier_option, earlier_path in path_by_option.items():
-            if same_place(path, earlier_path):
+            if is_same_place(path, earlier_path):
                 raise BadInput(path, option, f"the file of {earlier_option}", "a file of its own")
         path_by_option[option] = path
         if not force:
@@ -154,7 +154,7 @@ def check_output_folder(folder: Path) -> None:
         return
     parent = next(above for above in folder.absolute().parents if os.path.lexists(above))
     check_folder(parent)
-    longest = longest_name(parent)
+    longest = find_longest_name(parent)
     if any(len(os.fsencode(name)) > longest for name in folder.parts):
         raise BadInput(folder, "the folder", "a name too long for its disk", "a shorter one")
 
@@ -186,7 +186,7 @@ def _describe_file(path: Path, head: bytes) -> str:
 
 
 def _check_not_read(path: Path, option: str, inputs: Iterable[Path]) -> None:
-    if any(same_place(path, file) for file in inputs):
+    if any(is_same_place(path, file) for file in inputs):
         raise BadInput(path, option, "an input of this run", "another file")
 
 

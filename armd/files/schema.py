@@ -15,8 +15,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd.errors import BadInput
 from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
-from armd.printable import invisible, printable
-from armd.terminal.suggest import few, hint, keys_at, nearest
+from armd.printable import find_invisible, printable
+from armd.terminal.suggest import few, find_nearest, hint, list_keys_at
 
 
 class Strict(BaseModel):
@@ -70,7 +70,7 @@ def load_json(path: str | Path, model: type[Content]) -> Content:
 
 def parse_toml(path: str | Path, content: bytes, model: type[Content]) -> Content:
     """Validate *content*, the bytes of the TOML file *path*; raises `BadInput`."""
-    return validate(path, toml_data(path, content), model)
+    return validate(path, decode_toml(path, content), model)
 
 
 def parse_json(path: str | Path, content: bytes, model: type[Content]) -> Content:
@@ -78,7 +78,7 @@ def parse_json(path: str | Path, content: bytes, model: type[Content]) -> Conten
     return validate(path, json_data(path, content), model)
 
 
-def toml_data(path: str | Path, content: bytes) -> dict[str, Any]:
+def decode_toml(path: str | Path, content: bytes) -> dict[str, Any]:
     """The tables of a TOML file, of no model yet; raises `BadInput`."""
     text = _text(path, content)
     dots = max(line.count(".") for line in text.split("\n"))
@@ -116,7 +116,7 @@ def json_data(path: str | Path, content: bytes) -> Any:
     """The value of a JSON file, of no model yet; raises `BadInput`."""
     text = _text(path, content)
     try:
-        return json_value(text)
+        return decode_json_text(text)
     except KeyTwice as error:
         raise BadInput(path, error.key, error.description, "it once") from error
     except json.JSONDecodeError as error:
@@ -139,7 +139,7 @@ class KeyTwice(ValueError):
         super().__init__(f"{key}: {self.description}")
 
 
-def json_value(text: str | bytes) -> Any:
+def decode_json_text(text: str | bytes) -> Any:
     """The value of a JSON text; raises `KeyTwice` where the last of two would count in silence,
     otherwise what `json.loads` does."""
     return json.loads(text, object_pairs_hook=_of_keys_once)
@@ -260,7 +260,7 @@ def _refuse_invisible(path: str | Path, data: object) -> None:
     name has any, and names go into messages and reports."""
     for key, value in _texts(data, ""):
         for text in (key, value):
-            if hidden := invisible(text):
+            if hidden := find_invisible(text):
                 expected = "text without control characters and marks that turn the writing"
                 raise BadInput(
                     path, printable(key) or "the file", f"the character {hidden}", expected
@@ -292,12 +292,12 @@ def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
         case "missing":
             *table, key = fault["loc"]
             present_keys = set(fault["input"]) if isinstance(fault["input"], dict) else set()
-            strange = sorted(present_keys.difference(keys_at(model, table)))
-            like = nearest(str(key), strange)
+            strange = sorted(present_keys.difference(list_keys_at(model, table)))
+            like = find_nearest(str(key), strange)
             return (f"{like!r} instead" if like else "nothing"), "this key"
         case "extra_forbidden":
             *table, key = fault["loc"]
-            known_keys = keys_at(model, table)
+            known_keys = list_keys_at(model, table)
             return "an unknown key", f"one of the documented keys{hint(str(key), known_keys)}"
         case "union_tag_not_found":
             return "nothing", "this key"

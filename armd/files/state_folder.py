@@ -8,7 +8,7 @@ from pathlib import Path
 import platformdirs
 
 
-def state_folder() -> Path:
+def find_state_folder() -> Path:
     """`$STATE_DIRECTORY` (systemd's), else `$XDG_STATE_HOME/armd`, else what the system has."""
     systemd_folder = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     return Path(systemd_folder) if systemd_folder else Path(platformdirs.user_state_dir("armd"))

@@ -37,7 +37,7 @@ _REFUSALS = {
 
 
 @contextmanager
-def whole_file(path: str | Path) -> Iterator[Path]:
+def replace_file(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside *path*; on a clean exit it becomes *path*.
 
     On an exception the temporary file is removed and an existing *path* stays as it was. Raises
@@ -90,9 +90,9 @@ def write_all(handle: int, data: bytes) -> None:
 
 
 def write_whole(path: str | Path, content: bytes | str) -> None:
-    """Write *content* to *path* whole or not at all; raises as `whole_file` does."""
+    """Write *content* to *path* whole or not at all; raises as `replace_file` does."""
     data = content.encode() if isinstance(content, str) else content
-    with whole_file(path) as part:
+    with replace_file(path) as part:
         part.write_bytes(data)
 
 
@@ -125,13 +125,13 @@ def check_place(path: str | Path) -> None:
                 raise BadInput(target, "the file", kind_in_words, "a file to write")
         if not _is_stream(target):
             check_folder(target.parent)
-            if len(os.fsencode(target.name)) > longest_name(target.parent):
+            if len(os.fsencode(target.name)) > find_longest_name(target.parent):
                 raise OSError(errno.ENAMETOOLONG, "")
             if kind == stat.S_IFREG and not os.access(target, os.W_OK):
                 raise BadInput(target, "the file", "it write-protected", "a file to write")
 
 
-def longest_name(folder: Path) -> int:
+def find_longest_name(folder: Path) -> int:
     """Of a file in it, in bytes; 255 where the system does not tell (Windows)."""
     return os.pathconf(folder, "PC_NAME_MAX") if hasattr(os, "pathconf") else 255
 
@@ -147,7 +147,7 @@ def check_folder(folder: Path) -> None:
             raise BadInput(folder, "the folder", obstacle, "a folder to write in")
 
 
-def same_place(path: Path, other_path: Path) -> bool:
+def is_same_place(path: Path, other_path: Path) -> bool:
     """Whether two paths are one file, by another name, through links or over a hard link."""
     if os.path.realpath(path) == os.path.realpath(other_path):
         return True

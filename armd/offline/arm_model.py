@@ -9,7 +9,7 @@ from typing import Any
 
 from armd.compensation.model.arm import Arm
 from armd.files.inputs import MOST_TOML_BYTES, read_input
-from armd.files.schema import parse_toml, toml_data
+from armd.files.schema import decode_toml, parse_toml
 from armd.files.writing import write_whole
 from armd.offline.display import Displayed, Facts
 
@@ -55,7 +55,7 @@ class ArmModel(Displayed):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the file's content as plain data, as `tomllib` reads it."""
-        return toml_data(self._path, self._data)
+        return decode_toml(self._path, self._data)
 
     def save(self, path: PathText) -> None:
         """Write the arm.toml, byte by byte as it was read.

@@ -11,7 +11,7 @@ import pyarrow as pa
 from armd.errors import BadInput
 
 
-def arrow_table(table: Any, name: str) -> pa.Table:
+def to_arrow_table(table: Any, name: str) -> pa.Table:
     """Return *table* as a `pyarrow.Table`; raises `BadInput`, which calls it *name*."""
     try:
         return _converted(table)

@@ -29,7 +29,7 @@ from armd.compensation.model.slow_factors import SlowFactor
 from armd.errors import BadInput
 from armd.files.schema import parse_json
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
-from armd.offline.arrow_input import arrow_table
+from armd.offline.arrow_input import to_arrow_table
 from armd.offline.calibration import Calibration, resolve_calibration
 from armd.offline.display import Displayed, Facts
 
@@ -108,7 +108,7 @@ class Corrector(Displayed):
         it has another; one row at least. Put them before the following rows and drop what comes of
         them. Raises `BadInput` where lags need the time and the table has none.
         """
-        rows = arrow_table(table, TABLE)
+        rows = to_arrow_table(table, TABLE)
         firsts = [max(rows.num_rows - 1, 0)]
         for name in self._arm.sensors:
             if name in rows.column_names:
@@ -122,7 +122,7 @@ class Corrector(Displayed):
         return rows.slice(min(firsts))
 
     def __call__(self, table: Any) -> Any:
-        readings = arrow_table(table, TABLE)
+        readings = to_arrow_table(table, TABLE)
         path, header = Path(TABLE), list(readings.column_names)
         check_header(path, header)
         added = COLUMNS if self._uncertainty else [*COLUMNS[:3], COLUMNS[-1]]

@@ -15,7 +15,7 @@ from armd.files.schema import validate
 from armd.offline.arm_model import ArmModel, PathText
 from armd.offline.arrow_table import ArrowTable
 from armd.offline.display import Facts, Reported
-from armd.offline.session import artefact_content
+from armd.offline.session import to_artefact_content
 from armd.terminal.counted import counted
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def design_without_sessions(
     seats = None
     if artefact is not None:
         source = "artefact" if isinstance(artefact, Mapping) else str(artefact)
-        seats = validate(source, {"artefact": artefact_content(artefact)}, ArtefactFile).artefact
+        seats = validate(source, {"artefact": to_artefact_content(artefact)}, ArtefactFile).artefact
         refuse_surfaces(seats, source, "`armd design`")
     experiment = design_first(content, parameters, readings, seats, bounds)
     return FirstDesignResult(experiment, arm, calibration, seats)

@@ -16,9 +16,9 @@ from armd.compensation.data.session_format import AngleUnit, ArtefactFile, Sessi
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.files.inputs import MOST_TOML_BYTES, read_input
-from armd.files.schema import toml_data, validate
+from armd.files.schema import decode_toml, validate
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
-from armd.offline.arrow_input import arrow_table
+from armd.offline.arrow_input import to_arrow_table
 from armd.offline.display import Displayed, Facts
 from armd.offline.session_source import FolderSource, SessionSource, TableSource
 
@@ -149,14 +149,16 @@ def make_session(
     3
     """
     model = resolve_arm(arm)
-    readings = arrow_table(table, IN_MEMORY)
+    readings = to_arrow_table(table, IN_MEMORY)
     start = EPOCH if started is None else started
     content = {
         "schema": "armd.session/1",
         "arm": model.serial_number,
         "started": start.isoformat() if isinstance(start, datetime.datetime) else start,
         "angle_unit": angle_unit,
-        "artefact": _unknown_points(readings) if artefact is None else artefact_content(artefact),
+        "artefact": _unknown_points(readings)
+        if artefact is None
+        else to_artefact_content(artefact),
     }
     file = validate(IN_MEMORY, content, SessionFile)
     source = TableSource(file, readings)
@@ -164,13 +166,13 @@ def make_session(
     return Session(source)
 
 
-def artefact_content(artefact: Mapping[str, Any] | PathText) -> dict[str, Any]:
+def to_artefact_content(artefact: Mapping[str, Any] | PathText) -> dict[str, Any]:
     """Return the content of `[artefact]`. Not public."""
     if isinstance(artefact, Mapping):
         table: dict[str, Any] = _to_builtin(artefact)
         return table
     path = Path(artefact)
-    data = toml_data(path, read_input(path, MOST_TOML_BYTES))
+    data = decode_toml(path, read_input(path, MOST_TOML_BYTES))
     is_session = data.get("schema") == "armd.session/1"
     model: type[SessionFile | ArtefactFile] = SessionFile if is_session else ArtefactFile
     content: dict[str, Any] = validate(path, data, model).artefact.model_dump(

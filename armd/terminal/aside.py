@@ -70,7 +70,7 @@ def tell_of_compiling() -> None:
 
 
 @contextmanager
-def bar(console: Console, text: str) -> Iterator[Callable[[str, float], None]]:
+def show_bar(console: Console, text: str) -> Iterator[Callable[[str, float], None]]:
     """A bar on a terminal, and nothing elsewhere; what it gives takes a text and a share."""
     columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
     tell = _teller()

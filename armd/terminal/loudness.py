@@ -46,7 +46,7 @@ def add_loudness(parser: argparse.ArgumentParser) -> None:
 
 
 @contextmanager
-def heard(args: argparse.Namespace) -> Iterator[None]:
+def show_log(args: argparse.Namespace) -> Iterator[None]:
     """While a command runs: with -v, what `LOG` is told stands on standard error."""
     if not args.verbose or sys.stderr is None:
         yield
@@ -90,7 +90,7 @@ def _once() -> Callable[[logging.LogRecord], bool]:
     return new
 
 
-def own_fault(error: Exception, culprit: str = "armd") -> int:
+def report_own_fault(error: Exception, culprit: str = "armd") -> int:
     """For what nobody foresaw: its traceback, without -v too, for it may not come again.
 
     *culprit*: whose code it was."""

@@ -7,12 +7,12 @@ import sys
 from rich.console import Console
 
 
-def plain_console() -> Console:
+def make_plain_console() -> Console:
     """A console for text with names that people chose: `S[/1]` and `:star:` are no markup."""
     return Console(markup=False, emoji=False)
 
 
-def moving_console(*, stderr: bool = False) -> Console:
+def make_moving_console(*, stderr: bool = False) -> Console:
     """A console whose spinners and panels move on a terminal alone, whatever FORCE_COLOR says.
 
     Jupyter sets FORCE_COLOR for what its cells start, and shows each frame as a line of its own.

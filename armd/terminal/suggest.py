@@ -23,11 +23,11 @@ MOST_COMPARED = 500
 
 def did_you_mean(word: str, known_names: Iterable[str]) -> str:
     """`: did you mean alpha_deg?`, or nothing."""
-    like = nearest(word, known_names)
+    like = find_nearest(word, known_names)
     return f": did you mean {like}?" if like else ""
 
 
-def nearest(word: str, known_names: Iterable[str]) -> str | None:
+def find_nearest(word: str, known_names: Iterable[str]) -> str | None:
     """The one of *known_names* that is most like *word*, if it is like it at all."""
     by_lower = {name.lower(): name for name in known_names}
     matches = difflib.get_close_matches(word.lower(), by_lower, 1, ALIKE)
@@ -42,11 +42,11 @@ def hint(word: str, known_names: Iterable[str]) -> str:
 
 def suggest_path(path: Path) -> str:
     """`: did you mean src/T20?` of a path that leads nowhere, or nothing."""
-    like = nearest(path.name, _names(path.parent))
+    like = find_nearest(path.name, _names(path.parent))
     return f": did you mean {path.parent / like}?" if like else ""
 
 
-def within(folder: Path) -> str:
+def list_folder(folder: Path) -> str:
     """` (it has arm.toml, armd.toml)`: the files of a folder, or nothing."""
     files = sorted(name for name in _names(folder) if (folder / name).is_file())
     return f" (it has {few(files)})" if files else ""
@@ -66,7 +66,7 @@ def few(names: Iterable[str]) -> str:
     return ", ".join(listed[:MOST_SHOWN]) + (", …" if len(listed) > MOST_SHOWN else "")
 
 
-def keys_at(model: type[BaseModel], location: Iterable[int | str]) -> list[str]:
+def list_keys_at(model: type[BaseModel], location: Iterable[int | str]) -> list[str]:
     """The keys that *model* knows in the table at *location*, a place as pydantic's errors say
     it: keys, numbers of list elements, tags of unions."""
     schema = model.model_json_schema(by_alias=True)

@@ -22,7 +22,7 @@ from armd.compensation.data.recorded import drop_published, is_recorded
 from armd.compensation.data.table_writing import table_writer, write_group
 from armd.errors import BadInput
 from armd.files.inputs import open_input
-from armd.files.writing import whole_file
+from armd.files.writing import replace_file
 
 #: Rows that are written together, as one group of a Parquet file: the file's end describes every
 #: group, and that is in memory until then.
@@ -46,7 +46,7 @@ def correct_file(
         raise BadInput(source, f"column {twice[0]}", "it already", "a table without it")
     types = corrector.select_columns(header)
     n = 0
-    with whole_file(target) as part:
+    with replace_file(target) as part:
         if csv_source:
             pieces = _csv_pieces(source, part, header, types, corrector)
         else:

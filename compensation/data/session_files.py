@@ -7,7 +7,7 @@ from pathlib import Path
 from armd.compensation.data.foreign.table import TABLES
 from armd.errors import BadInput
 from armd.terminal.counted import counted
-from armd.terminal.suggest import few, suggest_path, within
+from armd.terminal.suggest import few, list_folder, suggest_path
 
 READINGS = ("readings.csv", "readings.parquet")
 
@@ -36,7 +36,7 @@ def check_is_session(folder: Path) -> None:
         actual = "a folder within a session"
         raise BadInput(folder, "the session", actual, f"the session, {folder.parent}")
     raise BadInput(
-        folder, "the session", f"a folder without session.toml{within(folder)}", expected
+        folder, "the session", f"a folder without session.toml{list_folder(folder)}", expected
     )
 
 

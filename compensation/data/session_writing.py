@@ -14,7 +14,7 @@ import pyarrow.parquet
 from armd.compensation.data.session_files import READINGS
 from armd.compensation.data.session_format import SessionFile
 from armd.files.toml_text import toml_text
-from armd.files.writing import whole_file
+from armd.files.writing import replace_file
 
 
 def write_session(
@@ -33,11 +33,11 @@ def write_session(
     folder = Path(path)
     folder.mkdir(parents=True, exist_ok=True)
     table = pa.table({name: pa.array(values) for name, values in columns.items()})
-    with whole_file(folder / READINGS[parquet]) as part:
+    with replace_file(folder / READINGS[parquet]) as part:
         if parquet:
             pa.parquet.write_table(table, part)
         else:
             pa.csv.write_csv(table, part)
     (folder / READINGS[not parquet]).unlink(missing_ok=True)
-    with whole_file(folder / "session.toml") as part:
+    with replace_file(folder / "session.toml") as part:
         part.write_text(toml_text(file), encoding="utf-8")

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any
 
 from armd.plugins.entry_points import Group, Plugin, load_all, load_named
-from armd.terminal.loudness import ANSWERED, own_fault
+from armd.terminal.loudness import ANSWERED, report_own_fault
 
 GROUP: Group = "armd.commands"
 
@@ -40,7 +40,7 @@ class AddedCommand:
         except ANSWERED:
             raise
         except Exception as error:
-            return own_fault(error, f"package {self.plugin.package}")
+            return report_own_fault(error, f"package {self.plugin.package}")
 
 
 def added_command(name: str, built_in: Collection[str]) -> AddedCommand | None:

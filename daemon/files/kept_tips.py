@@ -19,7 +19,7 @@ from armd.daemon.config import Tip
 from armd.errors import BadInput
 from armd.files.inputs import MOST_TOML_BYTES, read_input
 from armd.files.schema import Strict, json_data, validate
-from armd.files.state_folder import state_folder
+from armd.files.state_folder import find_state_folder
 from armd.files.writing import write_whole
 
 LONGEST_NAME = 80
@@ -42,7 +42,7 @@ class KeptTips(Strict):
 
 def tips_file(serial: str) -> Path:
     """Of one arm."""
-    return state_folder() / "tips" / f"{quote(serial, safe=' ')}.json"
+    return find_state_folder() / "tips" / f"{quote(serial, safe=' ')}.json"
 
 
 def tips_in_force(serial: str, configured: Mapping[str, Tip]) -> dict[str, Tip]:

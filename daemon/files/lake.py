@@ -24,7 +24,7 @@ from armd.compensation.data.table_writing import table_writer, write_group
 from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
 from armd.files.outputs import check_output_folder
-from armd.files.writing import explain_os_errors, sync_folder, whole_file
+from armd.files.writing import explain_os_errors, replace_file, sync_folder
 
 #: Seconds of points that wait in memory for their file.
 FILE_S = 30.0
@@ -157,7 +157,7 @@ class Lake:
                 sync_folder(self.folder)
         seq, stamp_ns = table["seq"][0].as_py(), table[STAMP][0].as_py()
         path = folder / f"{stamp_ns}-{seq}.parquet"
-        with whole_file(path) as part, table_writer(path, part, path.suffix, self._schema) as out:
+        with replace_file(path) as part, table_writer(path, part, path.suffix, self._schema) as out:
             write_group(path, out, [table])
         self.rows += len(table)
         self.files += 1

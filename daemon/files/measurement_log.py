@@ -15,7 +15,7 @@ from pathlib import Path
 from urllib.parse import quote, unquote
 
 from armd.drivers.sample import Event
-from armd.files.state_folder import state_folder
+from armd.files.state_folder import find_state_folder
 from armd.files.writing import write_all
 
 SUFFIX = ".jsonl"
@@ -28,7 +28,7 @@ RETRY_S = 1.0
 
 def logs_folder() -> Path:
     """Of all arms of this machine, in the state folder."""
-    return state_folder() / "measurements"
+    return find_state_folder() / "measurements"
 
 
 def log_folder(serial: str) -> Path:

@@ -12,7 +12,7 @@ from urllib.parse import quote
 from armd.client import Arm
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.state_folder import state_folder
+from armd.files.state_folder import find_state_folder
 from armd.files.writing import explain_os_errors
 
 SCHEMA = "armd.tip/1"
@@ -23,7 +23,7 @@ MOST_BYTES = 64 << 20
 
 def history_file(serial: str) -> Path:
     """Of one arm."""
-    return state_folder() / "tips" / f"{quote(serial, safe=' ')}.jsonl"
+    return find_state_folder() / "tips" / f"{quote(serial, safe=' ')}.jsonl"
 
 
 def history(serial: str, name: str | None = None) -> list[dict[str, Any]]:

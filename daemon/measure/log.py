@@ -16,7 +16,7 @@ from armd.compensation.data.session_files import READINGS
 from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
 from armd.files.outputs import check_output_folder
-from armd.files.schema import KeyTwice, json_value
+from armd.files.schema import KeyTwice, decode_json_text
 from armd.files.writing import check_folder, explain_os_errors, sync_folder, write_all
 
 NAME = "measuring.jsonl"
@@ -123,7 +123,7 @@ def begun(folder: Path) -> Entry | None:
 def _parsed(path: Path, number: int, line: bytes, expected: str) -> Any:
     location = f"line {number}"
     try:
-        return json_value(line)
+        return decode_json_text(line)
     except KeyTwice as error:
         raise BadInput(path, f"{location}: {error.key}", error.description, "it once") from error
     except (ValueError, RecursionError) as error:

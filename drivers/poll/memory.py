@@ -16,7 +16,7 @@ from pydantic import Field
 from armd.drivers.poll.protocol.family import Family, Servo, differences
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_json
-from armd.files.state_folder import state_folder
+from armd.files.state_folder import find_state_folder
 from armd.files.writing import write_whole
 
 Geometries = dict[int, dict[str, Any]]  # by servo id, as `Servo.geometry` has them
@@ -35,7 +35,7 @@ class Memory:
     def __init__(self, serial_number: str, family: Family) -> None:
         self._serial_number = serial_number
         self._family = family
-        self.path = state_folder() / f"servos-{quote(serial_number, safe=' ')}.json"
+        self.path = find_state_folder() / f"servos-{quote(serial_number, safe=' ')}.json"
 
     def compare(self, servos: dict[int, Servo], accept: bool) -> dict[int, list[str]]:
         """What differs from the accepted, by servo id, each difference as a phrase; what is found

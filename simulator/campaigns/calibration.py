@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from armd.simulator.measured.artefact import Artefact, ball_beam, seat
+from armd.simulator.measured.artefact import Artefact, make_ball_beam, make_seat
 from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.noise import Noise
-from armd.simulator.measured.plan import Climate, SessionPlan, Visit, rounds
+from armd.simulator.measured.plan import Climate, SessionPlan, Visit, plan_rounds
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import SELF_HEATING_W
@@ -20,55 +20,59 @@ TEMPERATURES_C = (14, 20, 26, 32, 38)
 STEP_H = 8.0
 
 
-def demo(seed: int, noise: Noise) -> Campaign:
+def plan_demo(seed: int, noise: Noise) -> Campaign:
     """What `armd demo` identifies its calibration from: five temperatures, quickly made."""
     plans = [
-        SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), rounds(3, 3))
+        SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), plan_rounds(3, 3))
         for i, celsius in enumerate(TEMPERATURES_C)
     ]
     return _on_the_beam(seed, noise, plans)
 
 
-def calibration(seed: int, noise: Noise) -> Campaign:
+def plan_calibration(seed: int, noise: Noise) -> Campaign:
     """A thorough set: five temperatures, four placements and four articulations each."""
     plans = [
-        SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), rounds(4, 4))
+        SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), plan_rounds(4, 4))
         for i, celsius in enumerate(TEMPERATURES_C)
     ]
     return _on_the_beam(seed, noise, plans)
 
 
-def isothermal(seed: int, noise: Noise) -> Campaign:
+def plan_isothermal(seed: int, noise: Noise) -> Campaign:
     """Two sessions at one temperature: geometry only."""
     plans = [
-        SessionPlan(name, STEP_H * i, Climate(20.0), rounds(4, 4))
+        SessionPlan(name, STEP_H * i, Climate(20.0), plan_rounds(4, 4))
         for i, name in enumerate(("first", "second"))
     ]
     return _on_the_beam(seed, noise, plans)
 
 
-def warmup(seed: int, noise: Noise) -> Campaign:
+def plan_warm_up(seed: int, noise: Noise) -> Campaign:
     """From switching on a cold arm over three hours, and then with the room warming by 4 K/h."""
     power = 2.5 * SELF_HEATING_W
     plans = [
-        SessionPlan("warm-up", 0.0, Climate(20.0, power_w=power, cold=True), rounds(6, 3), 60.0),
-        SessionPlan("ramp", 6.0, Climate(20.0, 4.0, 0.5, power), rounds(4, 3), 60.0),
+        SessionPlan(
+            "warm-up", 0.0, Climate(20.0, power_w=power, cold=True), plan_rounds(6, 3), 60.0
+        ),
+        SessionPlan("ramp", 6.0, Climate(20.0, 4.0, 0.5, power), plan_rounds(4, 3), 60.0),
     ]
     return _on_the_beam(seed, noise, plans)
 
 
-def seats(seed: int, noise: Noise) -> Campaign:
+def plan_seats(seed: int, noise: Noise) -> Campaign:
     """Kinematic seats whose positions nobody knows, ten articulations each, two temperatures."""
     sessions: list[tuple[SessionPlan, Artefact]] = []
     for i, celsius in enumerate((20, 28)):
         visits = tuple(Visit(f"P{p + 1}", (), 10) for p in range(8))
         sessions.append(
-            (SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), visits), seat())
+            (SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), visits), make_seat())
         )
-    return Campaign(nominal.arm_toml(), Rig(TrueArm.default(seed), seat(), noise), sessions)
+    return Campaign(
+        nominal.make_arm_toml(), Rig(TrueArm.default(seed), make_seat(), noise), sessions
+    )
 
 
 def _on_the_beam(seed: int, noise: Noise, plans: list[SessionPlan]) -> Campaign:
-    beam = ball_beam(np.random.default_rng([seed, 0xBEA]))
+    beam = make_ball_beam(np.random.default_rng([seed, 0xBEA]))
     rig = Rig(TrueArm.default(seed), beam, noise)
-    return Campaign(nominal.arm_toml(), rig, [(plan, beam) for plan in plans])
+    return Campaign(nominal.make_arm_toml(), rig, [(plan, beam) for plan in plans])

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from armd.simulator.measured.artefact import Artefact, ball_frame
+from armd.simulator.measured.artefact import Artefact, make_ball_frame
 from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.noise import Noise
-from armd.simulator.measured.plan import Climate, SessionPlan, rounds
+from armd.simulator.measured.plan import Climate, SessionPlan, plan_rounds
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import Materials, TrueArm
 from armd.simulator.truth.nominal import SELF_HEATING_W
@@ -61,22 +61,22 @@ DESIGNS: dict[str, Design] = {
 }
 
 
-def diagnosis(seed: int, noise: Noise) -> Campaign:
+def plan_diagnosis(seed: int, noise: Noise) -> Campaign:
     """Sessions to try `armd diagnose` on: the standard design; plant what should be found."""
-    _, later = campaigns(seed, Design(), noise)
+    _, later = plan_campaigns(seed, Design(), noise)
     return later
 
 
-def campaigns(seed: int, design: Design, noise: Noise = NOISE) -> tuple[Campaign, Campaign]:
+def plan_campaigns(seed: int, design: Design, noise: Noise = NOISE) -> tuple[Campaign, Campaign]:
     """The sessions from before (healthy), and those to diagnose with the held-out ones.
 
     Both are of the same arm and artefact; names start with "before", "session" and "holdout".
     """
     rng = np.random.default_rng([seed, 0x41D])
-    frame = ball_frame(rng, BALL_UNCERTAINTY_MM)
+    frame = make_ball_frame(rng, BALL_UNCERTAINTY_MM)
     if not design.certified:
         frame = frame.uncertified()
-    low, high = nominal.limits_rad()
+    low, high = nominal.get_limits_rad()
     for joint, (from_deg, to_deg) in design.ranges_deg.items():
         low[joint - 1], high[joint - 1] = np.radians([from_deg, to_deg])
     arm = TrueArm.default(seed)
@@ -86,7 +86,7 @@ def campaigns(seed: int, design: Design, noise: Noise = NOISE) -> tuple[Campaign
     before = _plans("before", design.before, 0.0, design.earlier or design, rng)
     later = _plans("session", design.sessions, 400.0, design, rng)
     holdout = _plans("holdout", design.holdout, 400.0 + 4.0 * design.sessions, design, rng)
-    text = nominal.arm_toml()
+    text = nominal.make_arm_toml()
     return (
         Campaign(text, rig, _on(frame, before)),
         Campaign(text, rig, _on(frame, later + holdout)),
@@ -124,7 +124,7 @@ def _plans(
                 f"{name}-{i + 1}",
                 start_h + 4.0 * i,
                 climate,
-                rounds(1, design.articulations),
+                plan_rounds(1, design.articulations),
                 20.0,
                 design.fast_rad_s if i == fast else design.slow_rad_s,
                 design.payload_kg if i == loaded and not held_out else 0.0,

@@ -28,7 +28,7 @@ from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import SELF_HEATING_W
-from armd.simulator.truth.rotations import about, random_unit
+from armd.simulator.truth.rotations import random_unit, rotate_about
 
 #: The first check is so long after the arm was mounted, when it has been calibrated.
 FIRST_H = 75.0
@@ -85,7 +85,7 @@ def parse_bad(text: str) -> tuple[Bad, int]:
     raise BadInput("--bad", text, "this text", f"KIND@DAY, KIND one of {', '.join(BAD)}")
 
 
-def instant(day: float) -> datetime:
+def find_instant(day: float) -> datetime:
     """When a day's check may begin: a happening of that day has happened by then."""
     return MOUNTED + timedelta(hours=FIRST_H + 24.0 * (day - 1))
 
@@ -102,7 +102,7 @@ def use(days: int, seed: int) -> F64:
     return share
 
 
-def share(happening: Happening, day: float, used: F64) -> float:
+def compute_share(happening: Happening, day: float, used: F64) -> float:
     """How much of a happening is there at *day*."""
     if day < happening.day:
         return 0.0
@@ -113,19 +113,19 @@ def share(happening: Happening, day: float, used: F64) -> float:
     return float((now - at_onset) / max(1.0 - at_onset, 1e-12))
 
 
-def seats(rng: np.random.Generator) -> Artefact:
+def make_seats(rng: np.random.Generator) -> Artefact:
     """Three seats on a plate; where they are nobody knows."""
     seats_mm = np.array([[0.0, 0.0, 0.0], [180.0, 0.0, 40.0], [60.0, 160.0, 90.0]])
     seats_mm = seats_mm + rng.normal(0.0, 0.3, (3, 3))
     return Artefact("seats", ["S1", "S2", "S3"], np.full((3, 3), np.nan), seats_mm, 0.0, 0.0, 0.0)
 
 
-def sphere(rng: np.random.Generator) -> Artefact:
+def make_sphere(rng: np.random.Generator) -> Artefact:
     """A sphere on a stand, its centre unknown."""
     return Artefact("sphere", ["S1"], np.full((1, 3), np.nan), np.zeros((1, 3)), 0.0, 0.0, 0.0)
 
 
-def bar(rng: np.random.Generator) -> Artefact:
+def make_bar(rng: np.random.Generator) -> Artefact:
     """Two balls 500 mm apart on carbon, their distance certified to 0.5 µm."""
     true = np.array([[0.0, 0.0, 0.0], [500.0 + rng.normal(0.0, 0.05), 0.0, 0.0]])
     certified = float(np.round(true[1, 0] + rng.normal(0.0, 5e-4), 5))
@@ -134,16 +134,16 @@ def bar(rng: np.random.Generator) -> Artefact:
     return replace(artefact, lengths=[Length(("B1", "B2"), certified, 5e-4)])
 
 
-ARTEFACTS |= {"seats": (seats, 7), "sphere": (sphere, 15), "bar": (bar, 10)}
+ARTEFACTS |= {"seats": (make_seats, 7), "sphere": (make_sphere, 15), "bar": (make_bar, 10)}
 
 
-def campaign(seed: int, noise: Noise, artefact: str = "bar") -> Campaign:
+def plan_interim(seed: int, noise: Noise, artefact: str = "bar") -> Campaign:
     """The rig as it is on the first day; `carry_out` measures it."""
     rig_artefact = ARTEFACTS[artefact][0](np.random.default_rng([seed, 0x1A7]))
-    return Campaign(nominal.arm_toml(), Rig(TrueArm.default(seed), rig_artefact, noise), [])
+    return Campaign(nominal.make_arm_toml(), Rig(TrueArm.default(seed), rig_artefact, noise), [])
 
 
-def begins(happening: Happening, used: F64) -> float:
+def find_first_day(happening: Happening, used: F64) -> float:
     """The day from which something is there: wear begins when the arm is used, not at rest."""
     if not happening.grows:
         return happening.day
@@ -153,15 +153,15 @@ def begins(happening: Happening, used: F64) -> float:
     return happening.day if not len(after) else max(happening.day, float(after[0] - 1))
 
 
-def arm_at(
+def draw_arm_at(
     seed: int, happenings: Sequence[Happening], day: float, used: F64, drawn: int | None = None
 ) -> TrueArm:
     """The arm of *seed* as it is on a day, with all that has happened to it; *drawn*: the seed of
     what is drawn of the happenings, if another."""
-    today = campaign(seed, Noise())
+    today = plan_interim(seed, Noise())
     plan = SessionPlan("", 0.0, Climate(), (Visit("P1"),))
     for number, happening in enumerate(happenings):
-        size = share(happening, day, used)
+        size = compute_share(happening, day, used)
         draws = [seed if drawn is None else drawn, 0x9147, number]
         today = _planted(today, happening.plant, size, draws, plan)
     return today.rig.arm
@@ -181,7 +181,7 @@ def carry_out(
             raise BadInput("--bad", kind, f"day {day}", f"1 to {history.days}")
     luck = seed if drawn is None else drawn
     rng = np.random.default_rng([luck, 0x17E2])
-    begun = campaign(seed, noise, history.artefact)
+    begun = plan_interim(seed, noise, history.artefact)
     artefact, count = begun.rig.artefact, ARTEFACTS[history.artefact][1]
     reach = reach_of(begun.rig, rng)
     used = use(history.days, luck)
@@ -194,7 +194,7 @@ def carry_out(
         plan = SessionPlan(f"day-{day:02}", start_h, climate, (visit,), interval_s=6.0)
         today = begun
         for number, happening in enumerate(history.happenings):
-            size = share(happening, float(day), used)
+            size = compute_share(happening, float(day), used)
             today = _planted(today, happening.plant, size, [luck, 0x9147, number], plan)
         rig = today.rig
         for kind, its_day in history.bad:
@@ -254,7 +254,7 @@ def _poses(
 
 def _put_again(stand: Placement, rng: np.random.Generator) -> Placement:
     """The artefact on its mark on the table, as well as a hand puts it there."""
-    turn = about(np.array([0.0, 0.0, rng.normal(0.0, np.radians(1.0))]))
+    turn = rotate_about(np.array([0.0, 0.0, rng.normal(0.0, np.radians(1.0))]))
     return replace(
         stand, rotation=turn @ stand.rotation, origin_mm=stand.origin_mm + rng.normal(0.0, 2.0, 3)
     )

@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from armd.simulator.measured.artefact import Artefact, ball_beam
+from armd.simulator.measured.artefact import Artefact, make_ball_beam
 from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.measuring import Measured, measure, reach_of
 from armd.simulator.measured.noise import Noise
-from armd.simulator.measured.plan import Climate, SessionPlan, rounds
+from armd.simulator.measured.plan import Climate, SessionPlan, plan_rounds
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import Materials, TrueArm
 from armd.simulator.truth.effects import BendingStylus, EccentricDisc
@@ -37,7 +37,7 @@ LEFT_ECCENTRICITY_UM, LEFT_STYLUS_UM = 0.04, 0.5
 STEP_H = 8.0
 
 
-def campaign(seed: int, noise: Noise) -> Campaign:
+def plan_paper(seed: int, noise: Noise) -> Campaign:
     rng = np.random.default_rng([seed, 0x9A9E])
     arm = TrueArm.default(seed)
     n = arm.n_joints
@@ -48,17 +48,17 @@ def campaign(seed: int, noise: Noise) -> Campaign:
         for joint in range(1, n + 1)
     ]
     arm = arm.with_effects(*discs, BendingStylus(LEFT_STYLUS_UM))
-    beam = ball_beam(rng)
+    beam = make_ball_beam(rng)
     earlier = _before_ageing(arm, beam, rng)
     sessions = []
     for i, celsius in enumerate(TEMPERATURES_C):
         climate = Climate(float(celsius))
-        plan = SessionPlan(f"T{celsius}", STEP_H * i, climate, rounds(5, 4))
+        plan = SessionPlan(f"T{celsius}", STEP_H * i, climate, plan_rounds(5, 4))
         heldout = SessionPlan(
-            f"heldout-T{celsius}", STEP_H * i + 2.0, climate, rounds(4, 4), held_out=True
+            f"heldout-T{celsius}", STEP_H * i + 2.0, climate, plan_rounds(4, 4), held_out=True
         )
         sessions += [(plan, beam), (heldout, beam)]
-    text = nominal.arm_toml(rows=earlier.rows, tip=earlier.tip_offset)
+    text = nominal.make_arm_toml(rows=earlier.rows, tip=earlier.tip_offset)
     return Campaign(text, Rig(arm, beam, noise), sessions)
 
 
@@ -68,7 +68,7 @@ def _before_ageing(arm: TrueArm, beam: Artefact, rng: np.random.Generator) -> Tr
     rig = Rig(arm, beam, Noise().scaled(0.0))
     reach = reach_of(rig, rng)
     trials = [
-        measure(rig, SessionPlan("trial", 0.0, Climate(celsius), rounds(8, 4)), reach, rng)
+        measure(rig, SessionPlan("trial", 0.0, Climate(celsius), plan_rounds(8, 4)), reach, rng)
         for celsius in (16.0, 20.0, 25.0, 30.0)
     ]
     inert = replace(arm, materials=Materials.without_expansion())

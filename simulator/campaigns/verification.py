@@ -45,19 +45,19 @@ EVERYWHERE = (260.0, 1120.0)  # from the shoulder
 ACROSS = (200.0, 1150.0)  # from the column's axis
 
 
-def campaign(seed: int, noise: Noise) -> Campaign:
+def plan_verification(seed: int, noise: Noise) -> Campaign:
     rng = np.random.default_rng([seed, 0x150])
     arm = TrueArm.default(seed)
     rows = arm.rows.copy()
     rows[:, 1:3] += rng.normal(0.0, CERTIFIED_MM, (arm.n_joints, 2))
     rows[:, [0, 3]] += rng.normal(0.0, CERTIFIED_ARCSEC * ARC_SECOND, (arm.n_joints, 2))
-    artefact = artefacts(rng)
-    plan = SessionPlan("verify", 0.0, Climate(20.0), visits(artefact), 10.0)
-    text = nominal.arm_toml(rows=rows, tip=arm.tip_offset)
+    artefact = make_artefacts(rng)
+    plan = SessionPlan("verify", 0.0, Climate(20.0), plan_visits(artefact), 10.0)
+    text = nominal.make_arm_toml(rows=rows, tip=arm.tip_offset)
     return Campaign(text, Rig(arm, artefact, noise), [(plan, artefact)])
 
 
-def artefacts(rng: np.random.Generator) -> Artefact:
+def make_artefacts(rng: np.random.Generator) -> Artefact:
     """Sphere, bars and seats as the targets of one session; only lengths are certified."""
     diameter = SPHERE_MM + rng.normal(0.0, 0.002)
     true: dict[str, F64] = {
@@ -95,7 +95,7 @@ def artefacts(rng: np.random.Generator) -> Artefact:
     )
 
 
-def visits(artefact: Artefact) -> tuple[Visit, ...]:
+def plan_visits(artefact: Artefact) -> tuple[Visit, ...]:
     """All placements, test after test."""
 
     def starting(prefix: str) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ class SimulatedNode:
     def __init__(self, node_id: int, eds: Traversable, tpdos: int) -> None:
         self.node_id = node_id
         self._tpdos = tpdos
-        self._objects = Objects(eds, node_id, self.measured, self._before_write)
+        self._objects = Objects(eds, node_id, self.read_measured, self._before_write)
         self._sdo: Any = SdoServer(
             can.SDO_REQUEST_BASE + node_id, can.SDO_REPLY_BASE + node_id, self._objects
         )
@@ -47,7 +47,7 @@ class SimulatedNode:
         self.no_pdo = False
         self.boot()
 
-    def measured(self, index: int, sub_index: int) -> int | None:
+    def read_measured(self, index: int, sub_index: int) -> int | None:
         """The present value of an object; None for one that only stores what was written."""
         if index == can.ERROR_REGISTER:
             return self.error_register

@@ -24,7 +24,7 @@ class Encoder(SimulatedNode):
         self.warnings = 0
         super().__init__(node_id, EDS / "encoder.eds", tpdos=1)
 
-    def measured(self, index: int, sub_index: int) -> int | None:
+    def read_measured(self, index: int, sub_index: int) -> int | None:
         match index:
             case can.POSITION:
                 return self.count
@@ -34,7 +34,7 @@ class Encoder(SimulatedNode):
                 return self.warnings
             case can.UNITS_PER_TURN | can.TOTAL_RANGE | can.PHYSICAL_RESOLUTION:
                 return None if self._turn == COUNTS_PER_TURN else self._turn  # the EDS has that
-        return super().measured(index, sub_index)
+        return super().read_measured(index, sub_index)
 
 
 class Thermometer(SimulatedNode):
@@ -44,9 +44,9 @@ class Thermometer(SimulatedNode):
         self.celsius: F64 = np.full(can.CHANNELS_PER_MODULE, np.nan)
         super().__init__(node_id, EDS / "temperature.eds", tpdos=4)
 
-    def measured(self, index: int, sub_index: int) -> int | None:
+    def read_measured(self, index: int, sub_index: int) -> int | None:
         if index not in (can.PROCESS_VALUE, can.CHANNEL_STATUS) or sub_index == 0:
-            return super().measured(index, sub_index)
+            return super().read_measured(index, sub_index)
         celsius = float(self.celsius[sub_index - 1])
         invalid = bool(np.isnan(celsius))
         if index == can.CHANNEL_STATUS:

@@ -10,7 +10,7 @@ from contextlib import suppress
 import can
 
 from armd.errors import BadInput
-from armd.simulator.canbus.wires import Frame, monotonic_ns
+from armd.simulator.canbus.wires import Frame, to_monotonic_ns
 
 LOOPBACK = socket.inet_aton("127.0.0.1")
 
@@ -60,7 +60,7 @@ class PythonCanWire:
             message = self._bus.recv(timeout_s)
             while message is not None:
                 if not (message.is_extended_id or message.is_error_frame):
-                    arrival_ns = monotonic_ns(round(message.timestamp * 1e9))
+                    arrival_ns = to_monotonic_ns(round(message.timestamp * 1e9))
                     frames.append(Frame(message.arbitration_id, bytes(message.data), arrival_ns))
                 message = self._bus.recv(0)
         return frames

@@ -8,7 +8,7 @@ import struct
 import time
 from dataclasses import dataclass, field
 
-from armd.simulator.canbus.wires import Frame, monotonic_ns
+from armd.simulator.canbus.wires import Frame, to_monotonic_ns
 
 BUS = "can0"
 #: python-can expects "< ok >" alone in one read: a new client's frames wait this long.
@@ -114,7 +114,7 @@ class SocketcandWire:
         stamps = [TIMESPEC.unpack(note) for _, kind, note in notes if kind == SO_TIMESTAMPNS]
         arrived_ns = time.monotonic_ns()
         if stamps:
-            arrived_ns = monotonic_ns(stamps[-1][0] * 1_000_000_000 + stamps[-1][1])
+            arrived_ns = to_monotonic_ns(stamps[-1][0] * 1_000_000_000 + stamps[-1][1])
         client.received += data
         frames = []
         while (end := client.received.find(b">")) >= 0:

@@ -14,7 +14,7 @@ class Frame(NamedTuple):
     arrival_ns: int = 0  # CLOCK_MONOTONIC, of a frame received
 
 
-def monotonic_ns(unix_ns: int) -> int:
+def to_monotonic_ns(unix_ns: int) -> int:
     """The kernel's time stamp of an arrival (Unix time) on CLOCK_MONOTONIC, as of now."""
     return unix_ns - time.time_ns() + time.monotonic_ns()
 

@@ -40,7 +40,7 @@ class DeviceClock:
         return latch * 1_000_000 // self.rate_hz
 
 
-def precise_timers() -> None:
+def set_precise_timers() -> None:
     """Wake at deadlines, not up to 50 µs after them as Linux does to save power."""
     with suppress(OSError):  # a kernel without the file: deadlines are kept less well
         Path("/proc/self/timerslack_ns").write_text("1")

@@ -26,7 +26,7 @@ class ArmParts:
     sensor_c: float = SENSOR_NOISE_C
 
     @classmethod
-    def of_the_demo_arm(cls, joints: int) -> ArmParts:
+    def for_demo_arm(cls, joints: int) -> ArmParts:
         return cls((COUNTS_PER_TURN,) * joints, np.ones(joints))
 
     @property

@@ -25,7 +25,7 @@ from armd.simulator.measured.placement import Placement, place
 from armd.simulator.measured.poses import Reach, Unreachable, settle_on
 from armd.simulator.truth.arm import Movable
 from armd.simulator.truth.effects.effect import Conditions
-from armd.simulator.truth.rotations import about
+from armd.simulator.truth.rotations import rotate_about
 
 #: Peak speeds of a hand that is neither careful nor in a hurry; the plan's `haste` multiplies them.
 TIP_MM_S, JOINT_RAD_S = 400.0, 3.0
@@ -155,7 +155,7 @@ class LedOperator(Hand):
             0.0, 1e-9, led.plan.start_s or 1e-9, once[0].posture, 0.0 * once[0].posture, np.inf
         )
 
-    def following(self, before: Stretch, link_c: F64) -> Stretch:
+    def plan_next(self, before: Stretch, link_c: F64) -> Stretch:
         begin, start_s = before.begin + before.change, before.end_s
         stop = next(self._stops, None)
         if stop is None:
@@ -213,6 +213,6 @@ def _placed(
         return place(somewhere, local_mm, reach, rng)
     rotation = np.eye(3)
     for axis, degrees in enumerate(visit.rotation_deg):
-        rotation = about(np.radians(degrees) * np.eye(3)[axis]) @ rotation
+        rotation = rotate_about(np.radians(degrees) * np.eye(3)[axis]) @ rotation
     placement = Placement(visit.placement, rotation, np.array(visit.position_mm))
     return placement, reach.articulations(placement.to_base(local_mm), visit.rounds)

@@ -73,7 +73,7 @@ class Hand:
         now = self._stretch or self.first
         while done < len(time_s):
             if time_s[done] >= now.end_s:
-                now = self.following(now, link_c)
+                now = self.plan_next(now, link_c)
                 continue
             end = int(np.searchsorted(time_s, now.end_s, side="left"))
             piece = time_s[done:end]
@@ -83,7 +83,7 @@ class Hand:
         angles, rates, buttons = zip(*parts, strict=True)
         return np.concatenate(angles), np.concatenate(rates), np.concatenate(buttons)
 
-    def following(self, before: Stretch, link_c: F64) -> Stretch:
+    def plan_next(self, before: Stretch, link_c: F64) -> Stretch:
         """What comes after *before*, the links' temperatures then *link_c* (N,)."""
         raise NotImplementedError
 
@@ -110,9 +110,9 @@ class Comfort:
     high: F64
 
     @classmethod
-    def of_the_demo_arm(cls, joints: int) -> Comfort:
-        parts = nominal.parts(joints)
-        return cls(COMFORTABLE_RAD[parts], SPREAD_RAD[parts], *nominal.limits_rad(joints))
+    def for_demo_arm(cls, joints: int) -> Comfort:
+        parts = nominal.list_parts(joints)
+        return cls(COMFORTABLE_RAD[parts], SPREAD_RAD[parts], *nominal.get_limits_rad(joints))
 
 
 class Operator(Hand):
@@ -121,7 +121,7 @@ class Operator(Hand):
     def __init__(self, arm: Movable, seed: int, comfort: Comfort | None = None) -> None:
         """*comfort*: the demo arm's without."""
         self._rng = np.random.default_rng([seed, 0x09E])
-        comfort = comfort or Comfort.of_the_demo_arm(arm.n_joints)
+        comfort = comfort or Comfort.for_demo_arm(arm.n_joints)
         self._comfortable_rad, self._spread_rad = comfort.middle, comfort.spread
         self._low, self._high = comfort.low + MARGIN_RAD, comfort.high - MARGIN_RAD
         self._arm = arm
@@ -132,7 +132,7 @@ class Operator(Hand):
         super().__init__(arm, self._postures[0])
         self.first = replace(self.first, press_after_s=PRESS_AFTER_S)
 
-    def following(self, before: Stretch, link_c: F64) -> Stretch:
+    def plan_next(self, before: Stretch, link_c: F64) -> Stretch:
         begin = before.begin + before.change
         self._seat = int((self._seat + self._rng.integers(1, SEATS)) % SEATS)
         change = self._posture_at(self._seat, link_c) - begin

@@ -19,7 +19,7 @@ from armd.simulator.live.operator import Hand
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.heat import CAPACITY, TO_AIR, HeatField
-from armd.simulator.truth.nominal import SELF_HEATING_W, parts
+from armd.simulator.truth.nominal import SELF_HEATING_W, list_parts
 
 STEP_S = 0.05
 STEPS = 10  # in a block: temperatures are sent twice a second
@@ -59,7 +59,7 @@ class Heat:
     def __init__(self, ambient_c: float, warm_up: WarmUp | None, joints: int) -> None:
         self._field = HeatField(ambient_c, joints=joints)
         self._ambient_c = ambient_c
-        self._power: F64 = SELF_HEATING_W[parts(joints)]
+        self._power: F64 = SELF_HEATING_W[list_parts(joints)]
         self._haste = 1.0
         if warm_up is not None:
             rise = self._field.steady_c(ambient_c, self._power) - ambient_c
@@ -91,11 +91,11 @@ class Step(NamedTuple):
     sensor_c: F64  # (1, S)
 
 
-def blocks(
+def generate_blocks(
     arm: TrueArm, hand: Hand, rate_hz: int, ambient_c: float, warm_up: WarmUp | None
 ) -> Iterator[Block]:
     """The arm's life from time 0 on, sample k at k / rate_hz; never ends."""
-    life = steps(hand, Heat(ambient_c, warm_up, arm.n_joints), rate_hz)
+    life = generate_steps(hand, Heat(ambient_c, warm_up, arm.n_joints), rate_hz)
     while True:
         next_steps = zip(*itertools.islice(life, STEPS), strict=True)
         together = Step(*(np.concatenate(parts) for parts in next_steps))
@@ -114,7 +114,7 @@ def blocks(
         )
 
 
-def in_blocks(life: Iterator[tuple[Step, F64]]) -> Iterator[Block]:
+def group_in_blocks(life: Iterator[tuple[Step, F64]]) -> Iterator[Block]:
     """Blocks of steps and the true tips (n, 3) mm in them, of an arm that shows its angles."""
     while True:
         next_steps, tips = zip(*itertools.islice(life, STEPS), strict=True)
@@ -126,7 +126,7 @@ def in_blocks(life: Iterator[tuple[Step, F64]]) -> Iterator[Block]:
         )
 
 
-def steps(hand: Hand, heat: Heat, rate_hz: int) -> Iterator[Step]:
+def generate_steps(hand: Hand, heat: Heat, rate_hz: int) -> Iterator[Step]:
     """What hand and room do from time 0 on, `STEP_S` at a time; never ends."""
     n = max(1, round(STEP_S * rate_hz))
     for first in itertools.count(0, n):

@@ -130,7 +130,7 @@ class PtyPort:
             return 0
 
 
-def transit_ns() -> int:
+def measure_transit_ns() -> int:
     """What a few bytes take at the least through a pseudo-terminal of this machine, from the host's
     write until a simulator that waits for them has them."""
     port = PtyPort()

@@ -72,7 +72,7 @@ class FaultLog:
         detail = {"joint": fault.joint, "channel": fault.channel, "amount": fault.size}
         self.write("begin", fault=fault.name, **detail, **fields)
 
-    def withheld(self, reason: str, first_seq: int, last_seq: int) -> None:
+    def note_withheld(self, reason: str, first_seq: int, last_seq: int) -> None:
         """Note a run of latches, in order; runs that follow each other become one line."""
         if reason == self._reason and first_seq == self._last + 1:
             self._last = last_seq

@@ -140,14 +140,14 @@ class Artefact:
         return "\n".join(lines) + "\n"
 
 
-def ball_beam(rng: np.random.Generator) -> Artefact:
+def make_ball_beam(rng: np.random.Generator) -> Artefact:
     """Seven balls along a beam of 720 mm and three on an outrigger, certified to 0.1 µm."""
     balls = {f"B{i + 1}": (120.0 * i, 0.0, 0.0) for i in range(7)}
     balls |= {"B8": (240.0, 260.0, 0.0), "B9": (360.0, 180.0, 140.0), "B10": (480.0, 260.0, 0.0)}
     return Artefact.certified("ball beam", balls, rng)
 
 
-def ball_frame(rng: np.random.Generator, standard_uncertainty_mm: float = 0.0001) -> Artefact:
+def make_ball_frame(rng: np.random.Generator, standard_uncertainty_mm: float = 0.0001) -> Artefact:
     """Twenty balls on posts of several heights over a frame of 500 mm × 400 mm, of steel."""
     heights = (0.0, 160.0, 60.0, 220.0, 110.0)
     balls = {
@@ -168,7 +168,7 @@ def ball_frame(rng: np.random.Generator, standard_uncertainty_mm: float = 0.0001
     )
 
 
-def seat(name: str = "S1") -> Artefact:
+def make_seat(name: str = "S1") -> Artefact:
     """One kinematic seat, where it is unknown."""
     nowhere = np.full((1, 3), np.nan)
     return Artefact("kinematic seat", [name], nowhere, np.zeros((1, 3)), 0.0, 0.0, 0.0)

@@ -15,7 +15,7 @@ from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import SessionPlan
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.rotations import about
+from armd.simulator.truth.rotations import rotate_about
 
 #: Periods a turn of the encoders' error of interpolation.
 DISC_LINES = 2048
@@ -33,7 +33,7 @@ class Touched:
     def moved(self, points: F64) -> F64:
         """Points (n, 3) of the artefact as they stand afterwards, base frame, mm."""
         middle = points.mean(axis=0)
-        turned: F64 = middle + self.shift_mm + (points - middle) @ about(self.turn_rad).T
+        turned: F64 = middle + self.shift_mm + (points - middle) @ rotate_about(self.turn_rad).T
         return turned
 
 
@@ -44,7 +44,7 @@ class Rig:
     arm: TrueArm
     artefact: Artefact
     noise: Noise
-    limits_rad: tuple[F64, F64] = field(default_factory=nominal.limits_rad)
+    limits_rad: tuple[F64, F64] = field(default_factory=nominal.get_limits_rad)
     core_lag_s: F64 | None = None  # (N,)
     read_sensors: Callable[[F64], F64] = lambda celsius: celsius  # (n, S) felt → (n, S) told
     spoil: Callable[[np.random.Generator, int], F64] | None = None  # tip displacement (n, 3) mm

@@ -20,7 +20,7 @@ from armd.simulator.measured.artefact import Artefact
 from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.placement import Placement, place
 from armd.simulator.measured.plan import Climate, SessionPlan
-from armd.simulator.measured.poses import Reach, settle_on, tip_jacobian
+from armd.simulator.measured.poses import Reach, compute_tip_jacobian, settle_on
 from armd.simulator.truth import nominal
 from armd.simulator.truth.effects.effect import Conditions, Posture
 from armd.simulator.truth.heat import HeatField
@@ -125,7 +125,7 @@ def take_readings(
     *sides* (n, N): the sign of the rate with which each joint turns last, where that is prescribed.
     """
     n = len(target)
-    arm = rig.arm.carrying(plan.payload_kg)
+    arm = rig.arm.with_payload(plan.payload_kg)
     time_s = plan.interval_s * (np.arange(n) + rng.uniform(0.0, 0.3, n))
     air_c = plan.climate.air_c(time_s)
     link_c, felt_c = _temperatures(plan.climate, time_s, rig.core_lag_s)
@@ -153,7 +153,7 @@ def take_readings(
     moved = moved + thrown
     phi = settle_on(arm, phi, goal + moved, conditions)
     encoder_noise = rig.noise.encoders(rng, phi.shape) + rig.interpolation(phi)
-    jacobian = tip_jacobian(arm.posture(phi, conditions))
+    jacobian = compute_tip_jacobian(arm.posture(phi, conditions))
     encoder = arm.encoder_angles(phi, conditions) + encoder_noise
     sensor_c = rig.noise.sensors(rng, rig.read_sensors(felt_c))
     if rig.restarts is not None:
@@ -181,11 +181,11 @@ def take_readings(
 def write_session(folder: Path, measured: Measured, serial: str = nominal.SERIAL_NUMBER) -> None:
     """Write what the operator knows: session.toml and readings.csv."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in session_files(measured, serial).items():
+    for name, text in make_session_files(measured, serial).items():
         write_whole(folder / name, text)
 
 
-def session_files(measured: Measured, serial: str = nominal.SERIAL_NUMBER) -> dict[str, str]:
+def make_session_files(measured: Measured, serial: str = nominal.SERIAL_NUMBER) -> dict[str, str]:
     """What the operator knows: the texts of session.toml and readings.csv, by name."""
     head = [
         'schema = "armd.session/1"',
@@ -204,7 +204,7 @@ def _readings_csv(measured: Measured) -> str:
     joints = range(1, measured.phi.shape[1] + 1)
     header = ["time_s", "placement", "target"]
     header += [f"q{k}" for k in joints] + [f"w{k}" for k in joints]
-    header += [*nominal.sensor_names(), "artefact_c", "approach_x", "approach_y", "approach_z"]
+    header += [*nominal.list_sensor_names(), "artefact_c", "approach_x", "approach_y", "approach_z"]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)
@@ -254,7 +254,7 @@ def _motion(
     above = random_unit(rng, n) + np.array([0.0, 0.0, -0.8])
     above /= np.linalg.norm(above, axis=1, keepdims=True)
     approach = np.where(np.isnan(pushed), above, pushed)
-    jacobian = tip_jacobian(posture)
+    jacobian = compute_tip_jacobian(posture)
     inverse = np.linalg.pinv(jacobian)
     speed = plan.rate_rad_s * rng.uniform(0.3, 1.0, (n, 1)) * 300.0
     along = np.einsum("nij,nj->ni", inverse, speed * approach)

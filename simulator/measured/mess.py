@@ -1,7 +1,7 @@
 """What happens to measurements that is no error of the arm: the mess of a workshop and a desk.
 
-Some of it happens while measuring (`in_the_workshop`: a gross error, noise that is not white, an
-artefact that was touched), some in the files afterwards (`on_the_desk`: rows twice, a channel that
+Some of it happens while measuring (`spoil_campaign`: a gross error, noise that is not white, an
+artefact that was touched), some in the files afterwards (`spoil_files`: rows twice, a channel that
 died, clocks that are wrong). Sessions held out, which judge a result, are spared both.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.simulator.measured.campaign import Campaign, Touched
 from armd.simulator.measured.electronics import draw_brown_outs, draw_restarts
-from armd.simulator.truth.nominal import sensor_names
+from armd.simulator.truth.nominal import list_sensor_names
 from armd.simulator.truth.rotations import random_unit
 
 Rng = np.random.Generator
@@ -44,7 +44,7 @@ KINDS = (
 )
 
 
-def in_the_workshop(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
+def spoil_campaign(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
     """The campaign with a mess that happens while measuring; others leave it as it is."""
     rig = campaign.rig
     names = [plan.name for plan, _ in campaign.sessions if not plan.held_out]
@@ -65,7 +65,7 @@ def in_the_workshop(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
         case "coarse":
             rig = replace(rig, noise=replace(rig.noise, sensor_step_c=0.0625))
         case "power_on":
-            rig = replace(rig, brown_outs=draw_brown_outs(rng, names, len(sensor_names())))
+            rig = replace(rig, brown_outs=draw_brown_outs(rng, names, len(list_sensor_names())))
         case "restarted":
             rig = replace(rig, restarts=draw_restarts(rng, names, len(rig.limits_rad[0])))
         case "repeats":  # an operator who reads each posture three times
@@ -81,7 +81,7 @@ def in_the_workshop(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
     return replace(campaign, rig=rig)
 
 
-def on_the_desk(kind: str, sessions: list[Texts], rng: Rng) -> list[Texts]:
+def spoil_files(kind: str, sessions: list[Texts], rng: Rng) -> list[Texts]:
     """The sessions' files with a mess that happens afterwards; others leave them as they are."""
     match kind:
         case "doubled":
@@ -103,7 +103,7 @@ def _doubled(rows: TableRows, rng: Rng) -> TableRows:
 
 def _dead(sessions: list[Texts], rng: Rng) -> list[Texts]:
     """One channel stuck from some row on, at one value throughout, or empty from some row on."""
-    name = str(rng.choice(sensor_names()[1:4]))
+    name = str(rng.choice(list_sensor_names()[1:4]))
     how = str(rng.choice(["stuck", "constant", "empty", "missing"]))
     since = int(rng.integers(len(sessions) // 2)) if how in ("stuck", "empty") else 0
     fixed = str(rng.choice(["0", "85", "20"]))

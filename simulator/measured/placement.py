@@ -9,7 +9,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.simulator.measured.plan import Visit
 from armd.simulator.measured.poses import Reach, Unreachable
-from armd.simulator.truth.rotations import about
+from armd.simulator.truth.rotations import rotate_about
 
 SHOULDER_MM = np.array([0.0, 0.0, 280.0])
 #: The table the arm stands on: nothing is measured far below it.
@@ -57,8 +57,8 @@ def _anywhere(visit: Visit, centre_mm: F64, rng: np.random.Generator) -> Placeme
     azimuth, spin = rng.uniform(-np.pi, np.pi, 2)
     tilt = np.pi / 2 * rng.uniform() ** 2
     level = rng.uniform(0.0, 2 * np.pi)
-    rotation = about(tilt * np.array([np.cos(level), np.sin(level), 0.0]))
-    rotation = rotation @ about(np.array([0.0, 0.0, spin]))
+    rotation = rotate_about(tilt * np.array([np.cos(level), np.sin(level), 0.0]))
+    rotation = rotation @ rotate_about(np.array([0.0, 0.0, spin]))
     low, high = visit.radius_mm
     radius = rng.uniform(low, high if low > USUAL_MM else min(high, USUAL_MM))
     middle = np.array([radius * np.cos(azimuth), radius * np.sin(azimuth), rng.uniform(0, 500)])

@@ -44,7 +44,7 @@ class Visit:
     radius_mm: tuple[float, float] = (200.0, 1000.0)  # and from the axis of the column
 
 
-def rounds(placements: int, articulations: int) -> tuple[Visit, ...]:
+def plan_rounds(placements: int, articulations: int) -> tuple[Visit, ...]:
     """Visits of all targets in *placements* different placements."""
     return tuple(Visit(f"P{i + 1}", (), articulations) for i in range(placements))
 
@@ -56,7 +56,7 @@ class SessionPlan:
     name: str
     start_h: float  # since the arm was mounted
     climate: Climate
-    visits: tuple[Visit, ...] = rounds(1, 5)
+    visits: tuple[Visit, ...] = plan_rounds(1, 5)
     interval_s: float = 20.0
     rate_rad_s: float = 0.003  # a hand is never quite still; more: readings in passing
     payload_kg: float = 0.0

@@ -19,7 +19,7 @@ class Unreachable(Exception):
     """A target has fewer articulations than asked for."""
 
 
-def tip_jacobian(posture: Posture) -> F64:
+def compute_tip_jacobian(posture: Posture) -> F64:
     """d tip / d joint angle (n, 3, N), mm/rad, of the rigid arm: axis × lever."""
     n_joints = len(posture.joint_rotation)
     columns = [
@@ -41,7 +41,7 @@ def settle_on(arm: Movable, phi: F64, goal_mm: F64, conditions: Conditions) -> F
         way_mm = goal_mm - (rigid.tip if arm.is_rigid else arm.tip(phi, conditions))
         if np.abs(way_mm).max() < CLOSE_MM:
             break
-        jacobian = tip_jacobian(rigid)
+        jacobian = compute_tip_jacobian(rigid)
         squared = jacobian @ jacobian.transpose(0, 2, 1) + 1e-6 * np.eye(3)
         step = jacobian.transpose(0, 2, 1) @ np.linalg.solve(squared, way_mm[:, :, None])
         phi += np.clip(step[:, :, 0], -0.4, 0.4)
@@ -60,7 +60,7 @@ class Reach:
     ) -> None:
         self._arm = arm.as_rigid()
         self._rng = rng
-        low, high = nominal.limits_rad(arm.n_joints) if limits_rad is None else limits_rad
+        low, high = nominal.get_limits_rad(arm.n_joints) if limits_rad is None else limits_rad
         self._low, self._high = low + MARGIN_RAD, high - MARGIN_RAD
         self._phi = rng.uniform(self._low, self._high, (size, arm.n_joints))
         # Near its centre line the shoulder loses its grip: those starts only waste time.

@@ -35,7 +35,7 @@ _ALPHA, _A, _D = np.frombuffer(PARAMETERS, ">i2").reshape(3, 6).astype(float)
 _BETA = int.from_bytes(EXTENDED, "big") * math.pi / 32768
 
 
-def tip_mm(angles: F64) -> F64:
+def compute_tip_mm(angles: F64) -> F64:
     """The point's position (3,), of the true angles (5,) rad."""
     frame = np.eye(4)
     for i, theta in enumerate([*angles, 0.0]):
@@ -46,7 +46,7 @@ def tip_mm(angles: F64) -> F64:
     return frame[:3, 3]
 
 
-def arm_toml() -> str:
+def make_arm_toml() -> str:
     """The factory's geometry as an arm.toml: A and α of a row are the maker's next frame's."""
     lines = ['schema = "armd.arm/1"', f'serial_number = "{TEXTS[0xCB].rstrip(bytes(1)).decode()}"']
     for k, turn in enumerate(COUNTS_PER_TURN.tolist()):
@@ -80,7 +80,7 @@ def _shift(mm: float, axis: int) -> F64:
 class Holder(Protocol):
     """Whoever holds the arm; instants in s after the simulator's start."""
 
-    def homed(self, t_s: float) -> None:
+    def note_home(self, t_s: float) -> None:
         """HOME has come."""
 
     def angles(self, t_s: float) -> F64:
@@ -106,7 +106,7 @@ class PedalHand:
         self._phase = rng.uniform(0, 2 * np.pi, 5)
         self._homed_s: float | None = None  # when HOME came first
 
-    def homed(self, t_s: float) -> None:
+    def note_home(self, t_s: float) -> None:
         if self._homed_s is None:
             self._homed_s = t_s
 

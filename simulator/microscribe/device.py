@@ -109,7 +109,7 @@ class MicroScribeDevice:
         elif command == wire.HOME:
             self._counts_at_home = arm.HOME_COUNTS.astype(np.int64)
             self._true_at_home = self._true_counts(self._now_s())
-            self._hand.homed(self._now_s())
+            self._hand.note_home(self._now_s())
             self._reply(bytes([wire.HOME]))
             self._log.write("homed", at_s=self._now_s())
         elif command == wire.RESPOND_TO_MOTION and not self._schedule.is_on("no_streaming"):
@@ -135,7 +135,7 @@ class MicroScribeDevice:
             if motion.packet:
                 if not any(self._schedule.is_on(name) for name in (*DEAF, "stuck")):
                     self._line.write(motion.packet)
-                motion.passed()
+                motion.drop_packet()
             else:
                 motion.read(self._read(motion.due_s))
         return min(0.01, max(0.0, motion.due_s - self._now_s()))
@@ -143,7 +143,7 @@ class MicroScribeDevice:
     def _read(self, t_s: float) -> wire.StandardReply:
         angles = self._hand.angles(t_s)
         at_ns = self._began_ns + round(t_s * 1e9)
-        self._truth.append(np.array([at_ns], np.uint64), arm.tip_mm(angles)[None])
+        self._truth.append(np.array([at_ns], np.uint64), arm.compute_tip_mm(angles)[None])
         counts = self._counts_at_home + self._true_counts(t_s) - self._true_at_home
         return wire.StandardReply(
             self._hand.buttons(t_s),

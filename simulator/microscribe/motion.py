@@ -64,7 +64,7 @@ class MotionReport:
         else:
             self._next()
 
-    def passed(self) -> None:
+    def drop_packet(self) -> None:
         self.packet = b""
         self._next()
 

@@ -32,11 +32,11 @@ from armd.simulator.truth.effects import (
 from armd.simulator.truth.rotations import ARC_SECOND, random_unit
 
 
-def angle(plant: Plant, rng: np.random.Generator, name: str = "direction") -> float:
+def draw_angle(plant: Plant, rng: np.random.Generator, name: str = "direction") -> float:
     return float(plant.detail.get(name, rng.uniform(0, 2 * np.pi)))
 
 
-def instant(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> float:
+def draw_instant(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> float:
     """An instant in the middle of a session that is not held out, seconds since mounting."""
     if "instant_s" in plant.detail:
         return float(plant.detail["instant_s"])
@@ -48,21 +48,21 @@ def instant(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> float
     return float(rng.uniform(0.7 * start + 0.3 * end, 0.3 * start + 0.7 * end))
 
 
-def periodic(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
+def make_periodic(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
     kind = str(plant.detail.get("kind", "interpolation"))
     order = int(plant.detail.get("order", rng.integers(3, 13)))
     match kind:
         case "interpolation":
-            return Interpolation(plant.number, order, plant.size, angle(plant, rng))
+            return Interpolation(plant.number, order, plant.size, draw_angle(plant, rng))
         case "square wave":
-            return SquareWave(plant.number, order, plant.size, angle(plant, rng))
+            return SquareWave(plant.number, order, plant.size, draw_angle(plant, rng))
         case _:
             heights = plant.size * np.array([1.0, -0.7, 0.8]) * rng.uniform(1.0, 1.6, 3)
-            centres = angle(plant, rng) + np.array([0.0, 1.7, 3.9]) + rng.uniform(-0.4, 0.4, 3)
+            centres = draw_angle(plant, rng) + np.array([0.0, 1.7, 3.9]) + rng.uniform(-0.4, 0.4, 3)
             return TrackCurve(plant.number, tuple(heights), tuple(centres), width=0.45)
 
 
-def wobble(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
+def make_wobble(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
     """`kind` "tilt" (size in ″) or "run-out" (size in µm)."""
     order = int(plant.detail.get("order", rng.integers(1, 3)))
     tilt = plant.detail.get("kind", "tilt") == "tilt"
@@ -71,12 +71,12 @@ def wobble(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
         plant.size if tilt else 0.0,
         0.0 if tilt else plant.size,
         order,
-        angle(plant, rng),
-        angle(plant, rng, "line"),
+        draw_angle(plant, rng),
+        draw_angle(plant, rng, "line"),
     )
 
 
-def knock(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+def make_knock(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     """`parameter`: theta, alpha (size in ″), d or a (size in µm)."""
     parameter = str(plant.detail.get("parameter", rng.choice(["theta", "alpha", "d", "a"])))
     angle, length = plant.size * ARC_SECOND, 1e-3 * plant.size
@@ -92,14 +92,14 @@ def knock(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
             return KnockedJoint(plant.number, still, (length, 0.0, 0.0))
 
 
-def bow(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+def make_bow(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     link = plant.number
     neighbour = link + 1 if link < campaign.rig.arm.n_joints else link - 1
     neighbour = int(plant.detail.get("neighbour", neighbour))
-    return BowingLink(link, neighbour, 1e-6 * plant.size, angle(plant, rng))
+    return BowingLink(link, neighbour, 1e-6 * plant.size, draw_angle(plant, rng))
 
 
-def warm(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
+def make_warm(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
     """`order` 1: ″/K; 2: ″/K²."""
     if int(plant.detail.get("order", 1)) == 2:
         return WarmHousing(plant.number, 0.0, plant.size)
@@ -112,29 +112,29 @@ def mount(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     turn = plant.size * (4.0 if step else 3.0) * random_unit(rng, 1)[0]
     shift = plant.size * 5.0 * random_unit(rng, 1)[0]
     since = campaign.span_s()[0][0]
-    instant_s = instant(plant, rng, campaign) if step else None
+    instant_s = draw_instant(plant, rng, campaign) if step else None
     return MovingMount(tuple(turn), tuple(shift), since, instant_s)
 
 
-def tip(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+def make_tip_change(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     """`kind` "refit" (from an instant on) or "once" (all along)."""
     shift = tuple(plant.size * random_unit(rng, 1)[0])
     if plant.detail.get("kind", "refit") == "once":
         return RefittedTip(shift)
-    return RefittedTip(shift, instant(plant, rng, campaign))
+    return RefittedTip(shift, draw_instant(plant, rng, campaign))
 
 
-def mesh(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+def make_gear_mesh(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     """`other`: the joint that drives it (a neighbour), `waves` a turn of it, `ratio` of its own."""
     neighbours = [k for k in (plant.number - 1, plant.number + 1) if k >= 1]
     neighbours = [k for k in neighbours if k <= campaign.rig.arm.n_joints]
     other_joint = int(plant.detail.get("other", rng.choice(neighbours)))
     waves = int(plant.detail.get("waves", rng.integers(1, 13)))
     ratio = float(plant.detail.get("ratio", rng.choice([-1.0, 0.0, 0.0, 1.0])))
-    return MeshingGears(plant.number, other_joint, waves, plant.size, angle(plant, rng), ratio)
+    return MeshingGears(plant.number, other_joint, waves, plant.size, draw_angle(plant, rng), ratio)
 
 
-def work(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
+def make_work(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
     """`parameter` "theta" (size in ″ at 1 rad/s) or "length" (size × 4 ppm); `time_constant_s`."""
     lag_s = float(
         plant.detail.get("time_constant_s", np.exp(rng.uniform(np.log(120), np.log(900))))
@@ -144,7 +144,7 @@ def work(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
     return WarmFromWork(plant.number, 0.0, 4.0 * plant.size, lag_s)
 
 
-def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+def make_unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     """What is in no catalogue, by its `kind`; `joint` and `other` are its places."""
     joint = int(plant.detail.get("joint", 2))
     other_joint = int(plant.detail.get("other", 3))
@@ -163,7 +163,9 @@ def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effec
             return WideHysteresis(joint, plant.size, float(rng.uniform(0.8, 2.0)))
         case "two wheels":
             waves, other_waves = (int(n) for n in rng.integers(2, 6, 2))
-            return TwoWheels(joint, other_joint, waves, other_waves, plant.size, angle(plant, rng))
+            return TwoWheels(
+                joint, other_joint, waves, other_waves, plant.size, draw_angle(plant, rng)
+            )
         case "warm neighbour":
             return WarmNeighbour(joint, other_joint, plant.size, float(rng.uniform(300.0, 1200.0)))
         case _:

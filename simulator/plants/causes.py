@@ -15,7 +15,7 @@ import numpy as np
 from armd.errors import BadInput
 from armd.simulator.measured.campaign import Campaign
 from armd.simulator.plants import arm, surroundings
-from armd.simulator.plants.drift import drifting, is_drift
+from armd.simulator.plants.drift import is_drift, make_drifting
 from armd.simulator.plants.plant import Plant
 from armd.simulator.truth.effects import (
     BendingLink,
@@ -33,7 +33,7 @@ from armd.simulator.truth.effects import (
     StretchedTape,
     WarmDisc,
 )
-from armd.simulator.truth.nominal import sensor_names
+from armd.simulator.truth.nominal import list_sensor_names
 from armd.terminal.suggest import did_you_mean, few
 
 How = Callable[[Campaign, Plant, np.random.Generator], Campaign]
@@ -50,7 +50,7 @@ class Planting:
     plant: How
 
 
-def imperfection(make: MakeEffect) -> How:
+def plant_imperfection(make: MakeEffect) -> How:
     """Planting an imperfection of the arm itself."""
 
     def plant(campaign: Campaign, planned: Plant, rng: np.random.Generator) -> Campaign:
@@ -58,18 +58,20 @@ def imperfection(make: MakeEffect) -> How:
         effect = make(planned, rng, campaign)
         if share := float(planned.detail.get("distortion", 0.0)):
             joint = planned.number if planned.location[-1].isdigit() else imperfect.n_joints - 1
-            effect = Distorted(effect, share, joint, arm.angle(planned, rng, "distortion phase"))
+            effect = Distorted(
+                effect, share, joint, arm.draw_angle(planned, rng, "distortion phase")
+            )
         imperfect = imperfect.with_effects(*imperfect.effects, effect)
         return replace(campaign, rig=replace(campaign.rig, arm=imperfect))
 
     return plant
 
 
-def or_drifting(make: MakeEffect) -> MakeEffect:
+def allow_drift(make: MakeEffect) -> MakeEffect:
     """What *make* makes, or the same along a course where the plant has one."""
 
     def either(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-        return (drifting if is_drift(plant) else make)(plant, rng, campaign)
+        return (make_drifting if is_drift(plant) else make)(plant, rng, campaign)
 
     return either
 
@@ -88,7 +90,7 @@ def plant_all(campaign: Campaign, plants: Sequence[Plant], rng: np.random.Genera
 
 def _check_location(campaign: Campaign, plant: Plant) -> None:
     n = campaign.rig.arm.n_joints
-    joints, sensors = range(1, n + 1), sensor_names(n)
+    joints, sensors = range(1, n + 1), list_sensor_names(n)
     places = CAUSES[plant.cause].places
     match places:
         case "joint" | "link":
@@ -116,78 +118,82 @@ CAUSES: dict[str, Planting] = {
         "µm",
         0.73,
         "joint",
-        imperfection(lambda p, r, _: EccentricDisc(p.number, p.size, arm.angle(p, r))),
+        plant_imperfection(lambda p, r, _: EccentricDisc(p.number, p.size, arm.draw_angle(p, r))),
     ),
     "encoder_ellipticity": Planting(
         "″",
         3.0,
         "joint",
-        imperfection(lambda p, r, _: OvalDisc(p.number, p.size, arm.angle(p, r))),
+        plant_imperfection(lambda p, r, _: OvalDisc(p.number, p.size, arm.draw_angle(p, r))),
     ),
-    "encoder_periodic": Planting("″", 2.0, "joint", imperfection(arm.periodic)),
+    "encoder_periodic": Planting("″", 2.0, "joint", plant_imperfection(arm.make_periodic)),
     "encoder_scale": Planting(
-        "″/rad", 5.0, "joint", imperfection(lambda p, _r, _: StretchedTape(p.number, p.size))
+        "″/rad", 5.0, "joint", plant_imperfection(lambda p, _r, _: StretchedTape(p.number, p.size))
     ),
     "encoder_slip": Planting(
         "″",
         15.0,
         "joint",
-        imperfection(lambda p, r, c: LostIndex(p.number, p.size, arm.instant(p, r, c))),
+        plant_imperfection(lambda p, r, c: LostIndex(p.number, p.size, arm.draw_instant(p, r, c))),
     ),
     "joint_backlash": Planting(
-        "″", 2.0, "joint", imperfection(lambda p, _r, _: Play(p.number, p.size))
+        "″", 2.0, "joint", plant_imperfection(lambda p, _r, _: Play(p.number, p.size))
     ),
     "encoder_thermal": Planting(
         "µm/K",
         0.15,
         "joint",
-        imperfection(lambda p, r, _: WarmDisc(p.number, p.size, arm.angle(p, r))),
+        plant_imperfection(lambda p, r, _: WarmDisc(p.number, p.size, arm.draw_angle(p, r))),
     ),
-    "gear_mesh": Planting("″", 3.0, "joint", imperfection(arm.mesh)),
-    "self_heating": Planting("″ at 1 rad/s", 20.0, "joint", imperfection(arm.work)),
-    "axis_wobble": Planting("″", 3.0, "joint", imperfection(arm.wobble)),
+    "gear_mesh": Planting("″", 3.0, "joint", plant_imperfection(arm.make_gear_mesh)),
+    "self_heating": Planting("″ at 1 rad/s", 20.0, "joint", plant_imperfection(arm.make_work)),
+    "axis_wobble": Planting("″", 3.0, "joint", plant_imperfection(arm.make_wobble)),
     "joint_compliance": Planting(
         "µrad/Nm",
         6.0,
         "joint",
-        imperfection(lambda p, _r, _: SoftJoint(p.number, 1e-6 * p.size)),
+        plant_imperfection(lambda p, _r, _: SoftJoint(p.number, 1e-6 * p.size)),
     ),
     "link_bending": Planting(
         "µrad/Nm",
         8.0,
         "link",
-        imperfection(lambda p, _r, _: BendingLink(p.number, 1e-6 * p.size)),
+        plant_imperfection(lambda p, _r, _: BendingLink(p.number, 1e-6 * p.size)),
     ),
     "probing_force": Planting(
-        "µm", 15.0, "tip", imperfection(lambda p, _r, _: BendingStylus(p.size))
+        "µm", 15.0, "tip", plant_imperfection(lambda p, _r, _: BendingStylus(p.size))
     ),
-    "stylus_sag": Planting("µm", 15.0, "tip", imperfection(lambda p, _r, _: SaggingStylus(p.size))),
+    "stylus_sag": Planting(
+        "µm", 15.0, "tip", plant_imperfection(lambda p, _r, _: SaggingStylus(p.size))
+    ),
     "link_expansion": Planting(
         "ppm/K",
         10.0,
         "link",
-        imperfection(lambda p, _r, _: ExpandingLink(p.number, 1e-6 * p.size)),
+        plant_imperfection(lambda p, _r, _: ExpandingLink(p.number, 1e-6 * p.size)),
     ),
     "nonlinear_expansion": Planting(
         "ppm/K²",
         0.08,
         "link",
-        imperfection(lambda p, _r, _: ExpandingLink(p.number, 0.0, 1e-6 * p.size)),
+        plant_imperfection(lambda p, _r, _: ExpandingLink(p.number, 0.0, 1e-6 * p.size)),
     ),
-    "thermal_lag": Planting("s", 900.0, "link", surroundings.lag),
-    "thermal_gradient": Planting("µrad/m/K", 120.0, "link", imperfection(arm.bow)),
-    "geometry_shift": Planting("″ or µm", 15.0, "joint", imperfection(or_drifting(arm.knock))),
-    "joint_thermal": Planting("″/K", 0.5, "joint", imperfection(arm.warm)),
-    "sensor_offset": Planting("K", 1.0, "sensor", surroundings.sensor_offset),
-    "sensor_swapped": Planting("-", 1.0, "sensors", surroundings.sensor_swap),
-    "artefact_expansion": Planting("ppm/K", 2.5, "artefact", surroundings.artefact_expansion),
-    "artefact_length": Planting("µm", 10.0, "target", surroundings.artefact_length),
-    "artefact_sag": Planting("µm", 15.0, "artefact", surroundings.artefact_sag),
+    "thermal_lag": Planting("s", 900.0, "link", surroundings.plant_lag),
+    "thermal_gradient": Planting("µrad/m/K", 120.0, "link", plant_imperfection(arm.make_bow)),
+    "geometry_shift": Planting(
+        "″ or µm", 15.0, "joint", plant_imperfection(allow_drift(arm.make_knock))
+    ),
+    "joint_thermal": Planting("″/K", 0.5, "joint", plant_imperfection(arm.make_warm)),
+    "sensor_offset": Planting("K", 1.0, "sensor", surroundings.plant_sensor_offset),
+    "sensor_swapped": Planting("-", 1.0, "sensors", surroundings.plant_sensor_swap),
+    "artefact_expansion": Planting("ppm/K", 2.5, "artefact", surroundings.plant_artefact_expansion),
+    "artefact_length": Planting("µm", 10.0, "target", surroundings.plant_artefact_length),
+    "artefact_sag": Planting("µm", 15.0, "artefact", surroundings.plant_artefact_sag),
     "time_skew": Planting(
-        "µs", 80.0, "joint", imperfection(lambda p, _r, _: LateLatch(p.number, p.size))
+        "µs", 80.0, "joint", plant_imperfection(lambda p, _r, _: LateLatch(p.number, p.size))
     ),
-    "mount_drift": Planting("×", 1.0, "base", imperfection(or_drifting(arm.mount))),
-    "tip_offset": Planting("µm", 7.0, "tip", imperfection(arm.tip)),
-    "outliers": Planting("µm", 60.0, "rows", surroundings.outliers),
-    "unknown": Planting("by kind", 5.0, "-", imperfection(arm.unknown)),
+    "mount_drift": Planting("×", 1.0, "base", plant_imperfection(allow_drift(arm.mount))),
+    "tip_offset": Planting("µm", 7.0, "tip", plant_imperfection(arm.make_tip_change)),
+    "outliers": Planting("µm", 60.0, "rows", surroundings.plant_outliers),
+    "unknown": Planting("by kind", 5.0, "-", plant_imperfection(arm.make_unknown)),
 }

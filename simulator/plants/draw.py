@@ -8,7 +8,7 @@ import numpy as np
 
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.plant import Plant
-from armd.simulator.truth.nominal import sensor_names
+from armd.simulator.truth.nominal import list_sensor_names
 
 #: Joints whose angle error no mounting or tip can pass for. The first joint's constant is the
 #: mount's, the last one's the tip's, but their harmonics are their own.
@@ -79,7 +79,7 @@ def _place(rng: np.random.Generator, cause: str) -> str:
         case "sensor":
             return f"sensor t{rng.choice(WARM[1:])}"
         case "sensors":
-            a, b = sorted(rng.choice(len(sensor_names()), 2, replace=False) + 1)
+            a, b = sorted(rng.choice(len(list_sensor_names()), 2, replace=False) + 1)
             return f"sensors t{a}, t{b}"
         case "target":
             return f"target B{rng.integers(1, 21)}"

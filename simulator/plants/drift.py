@@ -33,7 +33,7 @@ def is_drift(plant: Plant) -> bool:
     return "course" in plant.detail
 
 
-def drifting(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+def make_drifting(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     """The effect of a plant with a course."""
     along = _course(str(plant.detail["course"]), plant, rng, campaign)
     if plant.cause == "mount_drift":
@@ -60,17 +60,17 @@ def _course(kind: str, plant: Plant, rng: np.random.Generator, campaign: Campaig
     span = until - since
     match kind:
         case "creeping":
-            return course.creeping(since, until)
+            return course.make_creeping(since, until)
         case "relaxing":
             # A mount that settles does so within the sessions, or nothing of it is seen.
             longest = spans[0][1] - since if plant.cause == "mount_drift" else span
-            return course.relaxing(since, longest * float(rng.uniform(0.15, 0.5)))
+            return course.make_relaxing(since, longest * float(rng.uniform(0.15, 0.5)))
         case "swelling":
-            return course.swelling(since - 1800.0, span * float(rng.uniform(0.3, 1.0)))
+            return course.make_swelling(since - 1800.0, span * float(rng.uniform(0.3, 1.0)))
         case "daily":
-            return course.daily(since + course.DAY_S * float(rng.uniform()))
+            return course.make_daily(since + course.DAY_S * float(rng.uniform()))
         case _:
-            return course.wandering(rng, since, until)
+            return course.draw_wandering(rng, since, until)
 
 
 def draw_drift(rng: np.random.Generator) -> Plant:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from armd.errors import BadInput
-from armd.simulator.measured.artefact import seat
+from armd.simulator.measured.artefact import make_seat
 from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.noise import Noise
-from armd.simulator.measured.plan import Climate, SessionPlan, rounds
+from armd.simulator.measured.plan import Climate, SessionPlan, plan_rounds
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import parse_plant
 from armd.simulator.truth.arm import TrueArm
@@ -19,13 +19,13 @@ from armd.simulator.truth.arm import TrueArm
 BEFORE_H = -24.0
 
 
-def planted(arm: TrueArm, texts: Sequence[str], seed: int) -> TrueArm:
+def plant_in_arm(arm: TrueArm, texts: Sequence[str], seed: int) -> TrueArm:
     """*arm* with everything of *texts* (`cause@location=size`) in it.
 
     Raises `BadInput` for what cannot be planted, or is not of the arm itself.
     """
-    past = SessionPlan("past", BEFORE_H, Climate(), rounds(1, 5))
-    artefact = seat()
+    past = SessionPlan("past", BEFORE_H, Climate(), plan_rounds(1, 5))
+    artefact = make_seat()
     campaign = Campaign("", Rig(arm, artefact, Noise()), [(past, artefact)])
     rng = np.random.default_rng([seed, 0x9147])
     for text in texts:

@@ -41,7 +41,7 @@ def parse_plant(text: str) -> Plant:
         raise BadInput("--plant", text, "this text", "cause@location=size") from None
 
 
-def depends_on(plant: Plant) -> list[str]:
+def list_columns(plant: Plant) -> list[str]:
     """The columns of a session that a planted cause acts through."""
     place = plant.location.split()[-1]
     if plant.cause == "unknown":

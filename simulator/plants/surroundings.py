@@ -11,11 +11,11 @@ from armd.arrays import F64
 from armd.simulator.measured.artefact import Artefact, Sag
 from armd.simulator.measured.campaign import Campaign
 from armd.simulator.plants.plant import Plant
-from armd.simulator.truth.nominal import sensor_names
+from armd.simulator.truth.nominal import list_sensor_names
 from armd.simulator.truth.rotations import random_unit
 
 
-def lag(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
+def plant_lag(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
     rig = campaign.rig
     lag = np.zeros(rig.arm.n_joints) if rig.core_lag_s is None else rig.core_lag_s.copy()
     lag[plant.number - 1] = plant.size
@@ -28,16 +28,16 @@ def _sensors(campaign: Campaign, distort: Callable[[F64], F64]) -> Campaign:
     return replace(campaign, rig=rig)
 
 
-def sensor_offset(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
-    shift = np.zeros(len(sensor_names()))
-    shift[sensor_names().index(plant.location.split()[-1])] = plant.size
+def plant_sensor_offset(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
+    shift = np.zeros(len(list_sensor_names()))
+    shift[list_sensor_names().index(plant.location.split()[-1])] = plant.size
     return _sensors(campaign, lambda celsius: celsius + shift)
 
 
-def sensor_swap(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
+def plant_sensor_swap(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
     names = plant.location.removeprefix("sensors ").split(", ")
-    order = list(range(len(sensor_names())))
-    a, b = (sensor_names().index(name) for name in names)
+    order = list(range(len(list_sensor_names())))
+    a, b = (list_sensor_names().index(name) for name in names)
     order[a], order[b] = b, a
     return _sensors(campaign, lambda celsius: celsius[:, order])
 
@@ -48,7 +48,7 @@ def _artefacts(campaign: Campaign, change: Callable[[Artefact], Artefact]) -> Ca
     return replace(campaign, rig=rig, sessions=sessions)
 
 
-def artefact_expansion(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
+def plant_artefact_expansion(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
     def change(artefact: Artefact) -> Artefact:
         per_k = artefact.true_expansion_per_k + 1e-6 * plant.size
         return replace(artefact, true_expansion_per_k=per_k)
@@ -56,7 +56,7 @@ def artefact_expansion(campaign: Campaign, plant: Plant, _: np.random.Generator)
     return _artefacts(campaign, change)
 
 
-def artefact_length(campaign: Campaign, plant: Plant, rng: np.random.Generator) -> Campaign:
+def plant_artefact_length(campaign: Campaign, plant: Plant, rng: np.random.Generator) -> Campaign:
     """One ball moved since its certificate (µm), or everything grown ("artefact", µm/m)."""
     direction = random_unit(rng, 1)[0]
 
@@ -73,7 +73,7 @@ def artefact_length(campaign: Campaign, plant: Plant, rng: np.random.Generator) 
     return _artefacts(campaign, change)
 
 
-def artefact_sag(campaign: Campaign, plant: Plant, rng: np.random.Generator) -> Campaign:
+def plant_artefact_sag(campaign: Campaign, plant: Plant, rng: np.random.Generator) -> Campaign:
     """It hangs between its supports by so much (µm) when level: along `axis` 0 or 1, supports at
     `supports` of its half length."""
     axis = int(plant.detail.get("axis", 0))
@@ -82,7 +82,7 @@ def artefact_sag(campaign: Campaign, plant: Plant, rng: np.random.Generator) -> 
     return _artefacts(campaign, lambda artefact: replace(artefact, sag=sag))
 
 
-def outliers(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
+def plant_outliers(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
     """A share of the readings (`fraction`) taken with the tip not in its seat."""
     fraction = float(plant.detail.get("fraction", 0.015))
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.simulator.truth.rotations import about
+from armd.simulator.truth.rotations import rotate_about
 
 COUNTS_PER_TURN = 4096
 GRAVITY = 9.80665
@@ -135,7 +135,7 @@ class PrintedArm:
             step[:3, 3] = (ORIGINS_MM[k] + self.shift_mm[k]) * growth
             roll, pitch, yaw = TURNS_RAD[k]
             turn = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
-            step[:3, :3] = turn @ about(self.tilt_rad[k]) @ _about(2, angles[k])
+            step[:3, :3] = turn @ rotate_about(self.tilt_rad[k]) @ _about(2, angles[k])
             frame = frame @ step
             frames.append(frame)
         return frames

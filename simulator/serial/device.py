@@ -116,7 +116,7 @@ class SerialDevice:
         first_seq, count = self._seq(self._k), end_k - self._k
         if self._mute:
             if self._mute != "reboot":  # while it reboots nothing is latched at all
-                self._log.withheld(self._mute, first_seq, first_seq + count - 1)
+                self._log.note_withheld(self._mute, first_seq, first_seq + count - 1)
             self._k = end_k
             return
         packets = []
@@ -128,7 +128,7 @@ class SerialDevice:
         data = b"".join(packets)
         if data and not self._port.write(data):
             self._line.torn = False
-            self._log.withheld("nobody reads", first_seq, first_seq + count - 1)
+            self._log.note_withheld("nobody reads", first_seq, first_seq + count - 1)
         if end_k > self._next_temperature_k:
             self._port.write(self._temperature(end_k - 1))
 
@@ -138,7 +138,7 @@ class SerialDevice:
             return self._packed[1] if k == self._packed[0] else wire.pack(row.tobytes())
         packet, lost_by = self._line.sample(row)
         if lost_by:
-            self._log.withheld(lost_by, self._seq(k), self._seq(k))
+            self._log.note_withheld(lost_by, self._seq(k), self._seq(k))
         return packet
 
     def _temperature(self, k: int) -> bytes:

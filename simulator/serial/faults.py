@@ -33,11 +33,11 @@ class SpoiltLine:
         arrives)."""
         row = row.copy()
         for fault in self._schedule.active:
-            at_latch(fault, row, self._turns)
+            spoil_latch(fault, row, self._turns)
         intact_packet = packet = wire.pack(row.tobytes())
         lost_by = "truncated_packet" if self.torn else ""
         for fault in self._schedule.active:
-            packet = on_wire(fault, packet, self._rng)
+            packet = spoil_packet(fault, packet, self._rng)
             if not packet.startswith(intact_packet):
                 lost_by = fault.name
         if packet:
@@ -47,7 +47,7 @@ class SpoiltLine:
     def temperature(self, t_us: int, celsius: F64) -> bytes:
         """A TEMPERATURE packet of a reading (S,), which is spoilt in place."""
         for fault in self._schedule.active:
-            in_sensors(fault, celsius)
+            spoil_sensors(fault, celsius)
         if self._schedule.is_on("sensor_silent"):
             return b""
         return self.pass_intact(wire.encode_temperature(t_us, celsius))
@@ -58,7 +58,7 @@ class SpoiltLine:
         return packet
 
 
-def at_latch(fault: Fault, sample: np.void, counts_per_turn: Sequence[int]) -> None:
+def spoil_latch(fault: Fault, sample: np.void, counts_per_turn: Sequence[int]) -> None:
     """Spoil a SAMPLE's body, in place; *counts_per_turn* (N,)."""
     joint = fault.joint - 1
     match fault.name:
@@ -70,7 +70,7 @@ def at_latch(fault: Fault, sample: np.void, counts_per_turn: Sequence[int]) -> N
             ]
 
 
-def in_sensors(fault: Fault, celsius: F64) -> None:
+def spoil_sensors(fault: Fault, celsius: F64) -> None:
     """Spoil a temperature reading (S,), in place; NaN is an invalid channel."""
     match fault.name:
         case "sensor_open":
@@ -79,7 +79,7 @@ def in_sensors(fault: Fault, celsius: F64) -> None:
             celsius[fault.channel - 1] += fault.size
 
 
-def on_wire(fault: Fault, packet: bytes, rng: np.random.Generator) -> bytes:
+def spoil_packet(fault: Fault, packet: bytes, rng: np.random.Generator) -> bytes:
     """What is left of a SAMPLE packet on the wire."""
     match fault.name:
         case "corrupted_byte":

@@ -15,7 +15,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.simulator.live.operator import Stretch
-from armd.simulator.servobus.motion import ServoMotion, wandering
+from armd.simulator.servobus.motion import ServoMotion, make_wandering
 from armd.simulator.truth.arm import Materials, TrueArm
 from armd.simulator.truth.effects.effect import Conditions, Effect, Masses
 from armd.simulator.truth.effects.encoder.eccentric_disc import EccentricDisc
@@ -51,21 +51,21 @@ CAPACITY_J_K, TO_AIR_W_K, TO_NEXT_W_K = 45.0, 0.055, 0.02
 POWER_W = np.array([0.6, 1.0, 0.9, 0.6, 0.5, 0.5])  # holding and electronics
 
 
-def parts(joints: int) -> list[int]:
+def list_parts(joints: int) -> list[int]:
     """Which of the SO-101's joints (from 0) an arm of so many has, base to wrist: its first ones,
     or all and more elbows."""
     return list(range(min(joints, 3))) + [2] * max(joints - N, 0) + list(range(3, min(joints, N)))
 
 
-def servo_ids(joints: int) -> tuple[int, ...]:
+def list_servo_ids(joints: int) -> tuple[int, ...]:
     """Of the joints, and last of the gripper, which serves as a button."""
     return tuple(range(1, joints + 2))
 
 
-def true_arm(seed: int, joints: int = N) -> TrueArm:
+def draw_true_arm(seed: int, joints: int = N) -> TrueArm:
     """Off the drawing by about 0.5 mm and 0.3°, as prints and screws are."""
     rng = np.random.default_rng([seed, 0x50101])
-    which = parts(joints)
+    which = list_parts(joints)
     rows = np.zeros((joints, 5))
     rows[:, [0, 3]] = np.radians(DRAWING[which][:, [0, 3]] + rng.normal(0.0, 0.3, (joints, 2)))
     rows[:, [1, 2]] = DRAWING[which][:, [1, 2]] + rng.normal(0.0, 0.5, (joints, 2))
@@ -94,7 +94,7 @@ class ServoHeat:
         self, ambient_c: float, rise_k: float | None, within_s: float, joints: int = N
     ) -> None:
         n = joints + 1
-        power_w = POWER_W[[*parts(joints), N]]
+        power_w = POWER_W[[*list_parts(joints), N]]
         flow = np.diag(np.full(n, -TO_AIR_W_K))
         for k in range(n - 1):
             for a, b in ((k, k + 1), (k + 1, k)):
@@ -131,10 +131,10 @@ class ServoArm:
         joints: int = N,
     ) -> None:
         """Raises `BadInput` where a target of *led* is out of reach."""
-        self.truth = true_arm(seed, joints)
-        self.ids = servo_ids(joints)
+        self.truth = draw_true_arm(seed, joints)
+        self.ids = list_servo_ids(joints)
         self.warmth = ServoHeat(ambient_c, rise_k, within_s, joints)
-        self._parts = parts(joints)
+        self._parts = list_parts(joints)
         self._direction = DIRECTION[self._parts].astype(float)
         self._nowhere = Conditions.at_rest(1, joints)
         self.motion = self._wandering(seed) if led is None else self._led(led, seed)
@@ -173,7 +173,7 @@ class ServoArm:
 
     def _wandering(self, seed: int) -> ServoMotion:
         low, high = np.radians(LIMITS_DEG[self._parts]).T * 0.6
-        return wandering(seed, np.radians(MIDDLE_DEG[self._parts]), low, high)
+        return make_wandering(seed, np.radians(MIDDLE_DEG[self._parts]), low, high)
 
     def _led(self, led: Led, seed: int) -> ServoMotion:
         from armd.simulator.live.led import LedOperator
@@ -181,19 +181,19 @@ class ServoArm:
         low, high = np.radians(LIMITS_DEG[self._parts]).T
         hand = LedOperator(self.truth, led, seed, (low, high))
 
-        def following(before: Stretch) -> Stretch:
-            return hand.following(before, self._link_c(np.array([before.end_s]))[0])
+        def plan_next(before: Stretch) -> Stretch:
+            return hand.plan_next(before, self._link_c(np.array([before.end_s]))[0])
 
-        return ServoMotion(hand.first, following)
+        return ServoMotion(hand.first, plan_next)
 
 
-def arm_toml(serial_number: str, joints: int = N) -> str:
+def make_arm_toml(serial_number: str, joints: int = N) -> str:
     """The drawing of the arm, as an arm.toml."""
     lines = ['schema = "armd.arm/1"', f'serial_number = "{serial_number}"']
     lines += ["reference_temperature_c = 20.0", ""]
-    for k in servo_ids(joints)[1:]:
+    for k in list_servo_ids(joints)[1:]:
         lines += ["[[temperature_sensor]]", f'name = "servo{k}"']
-    for k, part in enumerate(parts(joints), 1):
+    for k, part in enumerate(list_parts(joints), 1):
         theta, d, a, alpha = DRAWING[part].tolist()
         low, high = LIMITS_DEG[part]
         lines += [

@@ -11,7 +11,7 @@ from armd.arrays import F64
 from armd.drivers.poll.protocol import dynamixel, dynamixel1, feetech
 from armd.drivers.poll.protocol.packet import BROADCAST, Packet, Status
 from armd.simulator.live.faults import Fault, Schedule
-from armd.simulator.live.pty_port import PtyPort, transit_ns
+from armd.simulator.live.pty_port import PtyPort, measure_transit_ns
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.live.truth_log import FaultLog, TruthFile
 from armd.simulator.servobus.arm import N, ServoArm
@@ -64,7 +64,7 @@ class ServoBus:
         self._once: list[Fault] = []  # faults of one cycle that have not been yet
         self._late_status = b""  # an answer that comes a cycle late
         self._byte_ns = 0.0
-        self._transit_ns = transit_ns()  # a wire has none
+        self._transit_ns = measure_transit_ns()  # a wire has none
         self._began_ns = time.monotonic_ns()
         self._warm_step, self._warm = -1, np.empty(0)
         self._told_s = 0.0  # truth has been written up to here

@@ -16,9 +16,9 @@ PRESS_S = 0.2  # how long the button is down
 class ServoMotion:
     """Stretches, one after the other, thought up as far as somebody has asked."""
 
-    def __init__(self, first: Stretch, following: Callable[[Stretch], Stretch]) -> None:
+    def __init__(self, first: Stretch, plan_next: Callable[[Stretch], Stretch]) -> None:
         self._stretches, self._starts = [first], [first.start_s]
-        self._following = following
+        self._plan_next = plan_next
 
     def angle(self, joint: int, time_s: float) -> float:
         """Of the axis of *joint* (from 1), rad, as the drawing counts it."""
@@ -33,22 +33,22 @@ class ServoMotion:
 
     def _stretch_at(self, time_s: float) -> Stretch:
         while self._stretches[-1].end_s <= time_s:
-            following = self._following(self._stretches[-1])
+            following = self._plan_next(self._stretches[-1])
             self._stretches.append(following)
             self._starts.append(following.start_s)
         return self._stretches[bisect_right(self._starts, time_s) - 1]
 
 
-def wandering(seed: int, middle: F64, low: F64, high: F64) -> ServoMotion:
+def make_wandering(seed: int, middle: F64, low: F64, high: F64) -> ServoMotion:
     """Without end through postures between *low* and *high* (N,) rad, from *middle* on; the same
     for the same *seed*."""
     rng = np.random.default_rng([seed, 0x4A4D])
 
-    def following(before: Stretch) -> Stretch:
+    def plan_next(before: Stretch) -> Stretch:
         begin = before.begin + before.change
         change = rng.uniform(low, high) - begin
         move_s = max(float(np.abs(change).max()) * 1.875 / rng.uniform(0.8, 2.0), 0.4)
         start = before.end_s
         return Stretch(start, move_s, start + move_s + 1.6, begin, change, 0.9)
 
-    return ServoMotion(Stretch(0.0, 1e-9, 1.5, middle, np.zeros_like(middle), 0.9), following)
+    return ServoMotion(Stretch(0.0, 1e-9, 1.5, middle, np.zeros_like(middle), 0.9), plan_next)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.nominal import sensor_names
+from armd.simulator.truth.nominal import list_sensor_names
 
 
-def true_constants(arm: TrueArm) -> dict[str, float]:
+def list_true_constants(arm: TrueArm) -> dict[str, float]:
     """True geometry at the reference temperature, by name: theta_1 … tip_z, rad and mm."""
     names = ("theta", "d", "a", "alpha", "beta")
     constants = {
@@ -18,9 +18,9 @@ def true_constants(arm: TrueArm) -> dict[str, float]:
     return constants | {f"tip_{axis}": float(value) for axis, value in tip}
 
 
-def true_expansion(arm: TrueArm) -> list[tuple[str, str, float]]:
+def list_true_expansion(arm: TrueArm) -> list[tuple[str, str, float]]:
     """What each length grows per kelvin of its link's sensor: (parameter, sensor, mm/K)."""
-    sensors = sensor_names()
+    sensors = list_sensor_names()
     growing = []
     for k, row in enumerate(arm.rows):
         growing.append((f"d_{k + 1}", sensors[k], row[1] * arm.materials.along_d[k]))

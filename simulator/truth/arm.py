@@ -14,7 +14,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.simulator.truth import nominal
 from armd.simulator.truth.effects.effect import Conditions, Effect, Masses, Posture, SmallMotion
-from armd.simulator.truth.rotations import about, tilt_x_y, turn_z
+from armd.simulator.truth.rotations import make_tilt, rotate_about, turn_z
 
 
 class Movable(Protocol):
@@ -56,7 +56,7 @@ class Materials:
     growth: F64  # (N,) 1/K²: strain = along·ΔT + growth·ΔT²
 
     @classmethod
-    def of_the_demo_arm(cls, joints: int = 6) -> Materials:
+    def for_demo_arm(cls, joints: int = 6) -> Materials:
         """Aluminium housings (23 ppm/K) and carbon tubes (about 0.5 ppm/K) between them.
 
         A link's figure is the mean over its sections: the upper arm is 130 mm of housing and
@@ -65,7 +65,7 @@ class Materials:
         aluminium, carbon = 23e-6, 0.5e-6
         upper_arm = (130 * aluminium + 390 * carbon) / 520
         forearm = (130 * aluminium + 330 * carbon) / 460
-        parts = nominal.parts(joints)
+        parts = nominal.list_parts(joints)
         return cls(
             along_d=np.array([aluminium, aluminium, 0.0, forearm, 0.0, 18e-6])[parts],
             along_a=np.array([0.0, upper_arm, aluminium, 0.0, 0.0, 0.0])[parts],
@@ -97,17 +97,19 @@ class TrueArm:
         *deviation* scales that; 0 is an arm made exactly to its drawing. *joints*: 3 to 9.
         """
         rng = np.random.default_rng([seed, 0xA12])
-        rows = nominal.drawing_rows(joints)
+        rows = nominal.list_nominal_rows(joints)
         n = len(rows)
         rows[:, 1:3] += deviation * rng.normal(0.0, 0.3, (n, 2))
         rows[:, [0, 3]] += deviation * np.radians(rng.normal(0.0, 0.05, (n, 2)))
         rows[1, 4] += deviation * np.radians(rng.normal(0.0, 0.05))
         tip = np.array(nominal.TIP_MM) + deviation * rng.normal(0.0, 0.3, 3)
         masses = Masses(
-            kg=np.array([joint.mass_kg for joint in nominal.drawn_joints(joints)]),
-            centre_mm=np.array([joint.centre_of_mass_mm for joint in nominal.drawn_joints(joints)]),
+            kg=np.array([joint.mass_kg for joint in nominal.list_nominal_joints(joints)]),
+            centre_mm=np.array(
+                [joint.centre_of_mass_mm for joint in nominal.list_nominal_joints(joints)]
+            ),
         )
-        return cls(rows, tip, Materials.of_the_demo_arm(joints), masses)
+        return cls(rows, tip, Materials.for_demo_arm(joints), masses)
 
     @property
     def n_joints(self) -> int:
@@ -125,7 +127,7 @@ class TrueArm:
         """The same arm with these imperfections and no others."""
         return replace(self, effects=effects)
 
-    def carrying(self, payload_kg: float) -> TrueArm:
+    def with_payload(self, payload_kg: float) -> TrueArm:
         """The same arm with a weight hung at its tip."""
         return replace(self, masses=replace(self.masses, payload_kg=payload_kg))
 
@@ -156,7 +158,7 @@ class TrueArm:
             for effect in self.effects:
                 motion = effect.link(joint, rigid, conditions)
                 position, rotation = _move(position, rotation, motion)
-            rotation = rotation @ tilt_x_y(self.rows[joint - 1, 3], self.rows[joint - 1, 4])
+            rotation = rotation @ make_tilt(self.rows[joint - 1, 3], self.rows[joint - 1, 4])
         position = position + _apply(rotation, self._tip_vector(conditions))
         for effect in self.effects:
             displacement = effect.tip(rigid, conditions)
@@ -172,7 +174,7 @@ class TrueArm:
             rotation = turn_z(rotation, phi[:, joint - 1] + self.rows[joint - 1, 0])
             turning.append(rotation)
             position = position + _apply(rotation, self._link_vector(joint, conditions))
-            rotation = rotation @ tilt_x_y(self.rows[joint - 1, 3], self.rows[joint - 1, 4])
+            rotation = rotation @ make_tilt(self.rows[joint - 1, 3], self.rows[joint - 1, 4])
             origins.append(position)
             rotations.append(rotation)
         tip = position + _apply(rotation, self._tip_vector(conditions))
@@ -216,4 +218,4 @@ def _move(position: F64, rotation: F64, motion: SmallMotion | None) -> tuple[F64
     """Shift by, then turn about, the motion's vectors in the frame reached so far."""
     if motion is None:
         return position, rotation
-    return position + _apply(rotation, motion.shift_mm), rotation @ about(motion.turn_rad)
+    return position + _apply(rotation, motion.shift_mm), rotation @ rotate_about(motion.turn_rad)

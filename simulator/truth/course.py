@@ -19,17 +19,17 @@ DAY_S = 86400.0
 DIFFUSION_TERMS = 200
 
 
-def creeping(since_s: float, until_s: float) -> CourseInTime:
+def make_creeping(since_s: float, until_s: float) -> CourseInTime:
     """At one rate, to 1 at *until_s*."""
     return lambda time_s: (time_s - since_s) / (until_s - since_s)
 
 
-def relaxing(since_s: float, time_constant_s: float) -> CourseInTime:
+def make_relaxing(since_s: float, time_constant_s: float) -> CourseInTime:
     """A stress that relaxes, a screw that settles: Maxwell's body."""
     return lambda time_s: 1.0 - np.exp(-np.maximum(time_s - since_s, 0.0) / time_constant_s)
 
 
-def swelling(since_s: float, diffusion_s: float) -> CourseInTime:
+def make_swelling(since_s: float, diffusion_s: float) -> CourseInTime:
     """A wall takes up water from both sides: the mean content by Fick's law (Crank, plane sheet),
     as the square root of time at first; *diffusion_s* is thickness² / (π² D)."""
 
@@ -44,7 +44,7 @@ def swelling(since_s: float, diffusion_s: float) -> CourseInTime:
     return water_content
 
 
-def daily(noon_s: float, sharpness: float = 0.3) -> CourseInTime:
+def make_daily(noon_s: float, sharpness: float = 0.3) -> CourseInTime:
     """The sun on a wall, day after day: a wave with a second harmonic, as days have."""
 
     def sun_wave(time_s: F64) -> F64:
@@ -55,7 +55,7 @@ def daily(noon_s: float, sharpness: float = 0.3) -> CourseInTime:
     return sun_wave
 
 
-def wandering(rng: np.random.Generator, since_s: float, until_s: float) -> CourseInTime:
+def draw_wandering(rng: np.random.Generator, since_s: float, until_s: float) -> CourseInTime:
     """Brownian motion, of standard deviation 1 at *until_s*."""
     knots = np.linspace(since_s, until_s, 2001)
     path = np.concatenate([[0.0], np.cumsum(rng.normal(0.0, 1.0, 2000))]) / np.sqrt(2000.0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
-from armd.simulator.truth.nominal import parts
+from armd.simulator.truth.nominal import list_parts
 
 #: Heat capacity of each link, J/K: mass × 900 J/(kg K), as for aluminium and carbon.
 CAPACITY = 900.0 * np.array([2.4, 1.7, 0.9, 1.1, 0.5, 0.4])
@@ -32,7 +32,7 @@ class HeatField:
     def __init__(
         self, start_c: float | F64 = 20.0, core_lag_s: F64 | None = None, joints: int = 6
     ) -> None:
-        n, which = joints, parts(joints)
+        n, which = joints, list_parts(joints)
         lag = np.zeros(n) if core_lag_s is None else np.asarray(core_lag_s, float)
         self._to_air: F64 = TO_AIR[which]
         flow = np.diag(-self._to_air)

@@ -50,28 +50,28 @@ GRATING_RADIUS_MM = 25.0
 SELF_HEATING_W = np.array([1.2, 0.9, 0.8, 0.6, 0.5, 0.6])
 
 
-def parts(joints: int) -> list[int]:
+def list_parts(joints: int) -> list[int]:
     """Which of `JOINTS` an arm of 3 to 9 joints has, base to wrist: column, shoulder and elbow,
     then forearms of a roll and a pitch each, and a last roll where one joint is left."""
     return [0, 1, 2] + [3, 4] * ((joints - 3) // 2) + [5] * ((joints - 3) % 2)
 
 
-def drawn_joints(joints: int = len(JOINTS)) -> list[NominalJoint]:
-    return [JOINTS[part] for part in parts(joints)]
+def list_nominal_joints(joints: int = len(JOINTS)) -> list[NominalJoint]:
+    return [JOINTS[part] for part in list_parts(joints)]
 
 
-def sensor_names(joints: int = len(JOINTS)) -> list[str]:
+def list_sensor_names(joints: int = len(JOINTS)) -> list[str]:
     """One sensor in each link, in the order of the wire's channels."""
     return [f"t{k}" for k in range(1, joints + 1)]
 
 
-def limits_rad(joints: int = len(JOINTS)) -> tuple[F64, F64]:
+def get_limits_rad(joints: int = len(JOINTS)) -> tuple[F64, F64]:
     """Lower and upper end stops (N,), rad."""
-    low = np.radians([joint.min_deg for joint in drawn_joints(joints)])
-    return low, np.radians([joint.max_deg for joint in drawn_joints(joints)])
+    low = np.radians([joint.min_deg for joint in list_nominal_joints(joints)])
+    return low, np.radians([joint.max_deg for joint in list_nominal_joints(joints)])
 
 
-def arm_toml(
+def make_arm_toml(
     serial: str = SERIAL_NUMBER,
     rows: F64 | None = None,
     tip: F64 | None = None,
@@ -83,7 +83,7 @@ def arm_toml(
     an arm comes with those of an earlier measurement.
     """
     if rows is None:
-        rows = drawing_rows(joints)
+        rows = list_nominal_rows(joints)
     tip_mm = TIP_MM if tip is None else tuple(float(x) for x in tip)
     lines = [
         'schema = "armd.arm/1"',
@@ -91,9 +91,9 @@ def arm_toml(
         f"reference_temperature_c = {REFERENCE_C}",
         "",
     ]
-    for name in sensor_names(joints):
+    for name in list_sensor_names(joints):
         lines += ["[[temperature_sensor]]", f'name = "{name}"']
-    for k, (joint, row) in enumerate(zip(drawn_joints(joints), rows, strict=True), 1):
+    for k, (joint, row) in enumerate(zip(list_nominal_joints(joints), rows, strict=True), 1):
         theta, d, a, alpha, beta = (float(x) for x in row)
         lines += [
             "",
@@ -119,11 +119,11 @@ def arm_toml(
     return "\n".join(lines) + "\n"
 
 
-def drawing_rows(joints: int = len(JOINTS)) -> F64:
+def list_nominal_rows(joints: int = len(JOINTS)) -> F64:
     """The drawing's joint rows (N, 5): θ0, d, a, α, β in rad and mm."""
     return np.array(
         [
             (math.radians(j.theta_deg), j.d_mm, j.a_mm, math.radians(j.alpha_deg), 0.0)
-            for j in drawn_joints(joints)
+            for j in list_nominal_joints(joints)
         ]
     )

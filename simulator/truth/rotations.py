@@ -11,7 +11,7 @@ from armd.arrays import F64
 ARC_SECOND = np.pi / 180 / 3600  # rad
 
 
-def about(vector: F64) -> F64:
+def rotate_about(vector: F64) -> F64:
     """Rotation matrices (…, 3, 3) for rotation vectors (…, 3) in rad (Rodrigues)."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     x, y, z = np.moveaxis(vector, -1, 0)
@@ -34,7 +34,7 @@ def turn_z(rotation: F64, angle: F64) -> F64:
     return turned
 
 
-def tilt_x_y(alpha: float, beta: float) -> F64:
+def make_tilt(alpha: float, beta: float) -> F64:
     """Rx(alpha)·Ry(beta), (3, 3)."""
     c, s = math.cos(alpha), math.sin(alpha)
     cb, sb = math.cos(beta), math.sin(beta)

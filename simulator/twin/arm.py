@@ -12,7 +12,7 @@ from armd.arrays import F64
 from armd.errors import BadInput
 from armd.simulator.live.electronics import ArmParts
 from armd.simulator.live.operator import Comfort, Hand
-from armd.simulator.live.physics import Block, Heat, WarmUp, in_blocks, steps
+from armd.simulator.live.physics import Block, Heat, WarmUp, generate_steps, group_in_blocks
 from armd.simulator.truth.effects.effect import Conditions, Masses, Posture
 from armd.simulator.twin.chain import Frames
 from armd.simulator.twin.factors import Slow
@@ -156,20 +156,22 @@ class TwinHeat(Heat):
         return by_link, sensor_c
 
 
-def twin_blocks(twin: TwinArm, hand: Hand, rate_hz: int, heat: TwinHeat) -> Iterator[Block]:
+def generate_twin_blocks(
+    twin: TwinArm, hand: Hand, rate_hz: int, heat: TwinHeat
+) -> Iterator[Block]:
     """The twin's life from time 0 on, as `physics.blocks`."""
-    life = steps(hand, heat, rate_hz)
-    return in_blocks((step, twin.move(step.phi, step.rate, step.time_s)) for step in life)
+    life = generate_steps(hand, heat, rate_hz)
+    return group_in_blocks((step, twin.move(step.phi, step.rate, step.time_s)) for step in life)
 
 
-def comfort_of(arm: ArmData) -> Comfort:
+def find_comfort(arm: ArmData) -> Comfort:
     """Postures about the middle of each joint's range, half a turn either way without limits."""
     low = np.where(np.isinf(arm.limits_rad[0]), -np.pi, arm.limits_rad[0])
     high = np.where(np.isinf(arm.limits_rad[1]), np.pi, arm.limits_rad[1])
     return Comfort((low + high) / 2, np.minimum((high - low) / 5, np.pi / 4), low, high)
 
 
-def parts_of(arm: ArmData, noise: FoundNoise, wire: str) -> ArmParts:
+def make_parts(arm: ArmData, noise: FoundNoise, wire: str) -> ArmParts:
     """Its encoders on a *wire*, "serial" or "can"; raises `BadInput` for what that cannot carry."""
     turns = []
     for k, turn in enumerate(arm.counts_per_turn, 1):

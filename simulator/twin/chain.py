@@ -70,7 +70,7 @@ def turn(axis: int, angle: F64) -> F64:
     return rotation
 
 
-def stand(q: F64, parameters: Parameters) -> Frames:
+def compute_frames(q: F64, parameters: Parameters) -> Frames:
     """The arm at angles *q* (n, N) rad."""
     n, joints = q.shape
     base = parameters.base
@@ -89,7 +89,7 @@ def stand(q: F64, parameters: Parameters) -> Frames:
     return Frames(np.array(origins), np.array(rotations), tip)
 
 
-def default_weights(row: F64, end_mm: F64) -> tuple[float, F64]:
+def assume_weight(row: F64, end_mm: F64) -> tuple[float, F64]:
     """A link of which arm.toml gives neither: 1 kg per metre, its centre in the middle of the
     stretch from its joint to *end_mm* (3,) in its outgoing frame; *row* (5,) as drawn."""
     _, d, a, alpha, beta = (float(x) for x in row)

@@ -18,7 +18,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.errors import ArmdError, BadInput
 from armd.files.inputs import read_input
-from armd.simulator.twin.chain import LinkWeights, Parameters, default_weights
+from armd.simulator.twin.chain import LinkWeights, Parameters, assume_weight
 from armd.simulator.twin.factors import POSE, SLOW, FactorData
 
 OF_A_JOINT = ("theta", "d", "a", "alpha", "beta")
@@ -38,7 +38,7 @@ class CheckFailed(ArmdError):
 class FileTerm:
     """parameter += coefficient · Π factors."""
 
-    place: int  # of its parameter in `parameter_names`
+    place: int  # of its parameter in `list_parameter_names`
     coefficient: float
     slow: tuple[FactorData, ...]
     pose: tuple[FactorData, ...]
@@ -50,7 +50,7 @@ class ArmData:
 
     serial_number: str
     sensors: tuple[str, ...]
-    drawn: F64  # (P,) in the order of `parameter_names`
+    drawn: F64  # (P,) in the order of `list_parameter_names`
     weights: LinkWeights
     counts_per_turn: tuple[int | None, ...]  # (N,)
     direction: F64  # (N,) ±1
@@ -74,14 +74,14 @@ class CalibrationData:
     artefact: Mapping[str, Any] = field(default_factory=dict)  # found on the artefact
 
 
-def parameter_names(n_joints: int) -> list[str]:
+def list_parameter_names(n_joints: int) -> list[str]:
     """All parameters by name, joint by joint, then the tip's, then the base's."""
     joints = [f"{name}_{k}" for k in range(1, n_joints + 1) for name in OF_A_JOINT]
     return [*joints, *OF_THE_TIP, *OF_THE_BASE]
 
 
 def as_parameters(values: F64) -> Parameters:
-    """Values (P,) or (n, P) in the order of `parameter_names`."""
+    """Values (P,) or (n, P) in the order of `list_parameter_names`."""
     values = np.atleast_2d(values)
     rows = values[:, : -len(OF_THE_TIP) - len(OF_THE_BASE)].reshape(len(values), -1, 5)
     return Parameters(rows, values[:, -9:-6], values[:, -6:])
@@ -102,15 +102,15 @@ def read_twin(
     """Read both; raises `ArmdError` where one is wrong, the calibration is another arm's, or one
     of *sessions* cannot be read."""
     _check_files(arm_path, calibration_path, *sessions)
-    arm = arm_data(tomllib.loads(read_input(arm_path).decode("utf-8")))
+    arm = to_arm_data(tomllib.loads(read_input(arm_path).decode("utf-8")))
     content = json.loads(read_input(calibration_path))
     if content["arm"] != arm.serial_number:
         expected = f"{arm.serial_number!r}, as in arm.toml"
         raise BadInput(calibration_path, "arm", repr(content["arm"]), expected)
-    return arm, calibration_data(content, arm.n_joints)
+    return arm, to_calibration_data(content, arm.n_joints)
 
 
-def arm_data(content: Mapping[str, Any]) -> ArmData:
+def to_arm_data(content: Mapping[str, Any]) -> ArmData:
     """Return the arm of an arm.toml's *content*, which is right."""
     joints = content["joint"]
     sensors = tuple(sensor["name"] for sensor in content.get("temperature_sensor", []))
@@ -119,7 +119,7 @@ def arm_data(content: Mapping[str, Any]) -> ArmData:
     kg, centre_mm = np.empty(len(joints)), np.empty((len(joints), 3))
     for k, joint in enumerate(joints):
         end_mm = tip_mm if k == len(joints) - 1 else np.zeros(3)
-        kg[k], centre_mm[k] = default_weights(rows[k], end_mm)
+        kg[k], centre_mm[k] = assume_weight(rows[k], end_mm)
         kg[k] = joint.get("mass_kg", kg[k])
         centre_mm[k] = joint.get("centre_of_mass_mm", centre_mm[k])
     down = np.array(content.get("gravity", (0.0, 0.0, -1.0)), dtype=float)
@@ -158,9 +158,9 @@ def _sensors_of(joint: Mapping[str, Any]) -> list[str]:
     return [named] if isinstance(named, str) else [name for name, w in named.items() if w]
 
 
-def calibration_data(content: Mapping[str, Any], n_joints: int) -> CalibrationData:
+def to_calibration_data(content: Mapping[str, Any], n_joints: int) -> CalibrationData:
     """Return the calibration of a file's *content*, which is right."""
-    names = parameter_names(n_joints)
+    names = list_parameter_names(n_joints)
     created = datetime.datetime.fromisoformat(content["created"])
     created = created.replace(tzinfo=created.tzinfo or datetime.UTC)
     terms = []

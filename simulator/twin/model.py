@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.simulator.twin.chain import Frames, stand
+from armd.simulator.twin.chain import Frames, compute_frames
 from armd.simulator.twin.factors import POSE, SLOW, PoseState, Slow
 from armd.simulator.twin.files import ArmData, CalibrationData, as_parameters
 
@@ -96,7 +96,7 @@ class TwinModel:
     def stand(self, q: F64, rate: F64, approach: F64, amounts: F64) -> Frames:
         """The arm at angles *q* (n, N) rad; *rate* (n, N) rad/s and *approach* (n, 3) may be NaN;
         *amounts* (n, T) as `slow_amounts`, or (T,) for all rows."""
-        rigid = stand(q, self._constants)
+        rigid = compute_frames(q, self._constants)
         pose = PoseState(q, np.nan_to_num(rate), np.nan_to_num(approach), rigid, self.arm.weights)
         values = np.tile(self.calibration.constants, (len(q), 1))
         for term, amount in zip(self.calibration.terms, np.moveaxis(amounts, -1, 0), strict=True):
@@ -104,17 +104,17 @@ class TwinModel:
             for factor in term.pose:
                 value = value * POSE[factor["kind"]](factor, pose)
             values[:, term.place] += value
-        return stand(q, as_parameters(values))
+        return compute_frames(q, as_parameters(values))
 
     def direction_of_motion(self, q: F64, rate: F64) -> F64:
         """Unit vectors (n, 3) along which the drawn arm's tip moves; NaN at rest."""
-        velocity = np.einsum("nij,nj->ni", stand(q, self._drawn).jacobian, rate)
+        velocity = np.einsum("nij,nj->ni", compute_frames(q, self._drawn).jacobian, rate)
         speed = np.linalg.norm(velocity, axis=1, keepdims=True)
         unit: F64 = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 0)
         return unit
 
 
-def whole_turns(q: F64, limits_rad: tuple[F64, F64]) -> I64:
+def count_whole_turns(q: F64, limits_rad: tuple[F64, F64]) -> I64:
     """Whole turns (n, N) by which angles (n, N) stand outside the limits, where those decide it."""
     turns = np.zeros(q.shape, dtype=np.int64)
     for k, (low, high) in enumerate(zip(*limits_rad, strict=True)):

@@ -55,7 +55,7 @@ def _number(path: Path, table: Any, location: str, key: str) -> float:
     raise BadInput(path, f"{location}.{key}", actual, "a standard deviation of 0 or more")
 
 
-def rests_of(q: F64, *labels: I64) -> I64:
+def number_rests(q: F64, *labels: I64) -> I64:
     """(n,) number of the rest of each row: angles (n, N) rad that stay, at one placement and
     target (*labels*, (n,) each)."""
     new = np.abs(np.diff(q, axis=0)).max(axis=1) > REST_RAD
@@ -64,7 +64,7 @@ def rests_of(q: F64, *labels: I64) -> I64:
     return np.concatenate([[0], np.cumsum(new)])
 
 
-def drift(noise: FoundNoise, time_s: F64, rng: np.random.Generator) -> F64:
+def draw_drift(noise: FoundNoise, time_s: F64, rng: np.random.Generator) -> F64:
     """Displacements (n, 3) mm of the base at times (n,) s; none where no time is known."""
     span = float(np.ptp(time_s)) if len(time_s) else 0.0
     if not noise.drift_mm or not span > 0:

@@ -40,7 +40,7 @@ class CertifiedDistance:
     length_mm: float
 
 
-def goals(
+def find_goals(
     touched: TouchedRows, target_mm: F64, lengths: Sequence[CertifiedDistance], tip_mm: F64
 ) -> F64:
     """Where the tip should stand (n, 3), base frame, nearest to *tip_mm* (n, 3).
@@ -62,7 +62,7 @@ def goals(
     return np.where(used[:, None], placed + origin[touched.placement], np.nan)
 
 
-def rigid(local_mm: F64, base_mm: F64) -> tuple[F64, F64]:
+def fit_rigid_motion(local_mm: F64, base_mm: F64) -> tuple[F64, F64]:
     """Rotation (3, 3) and origin (3,) that bring points (n, 3) nearest to others (Kabsch)."""
     middle, base_middle = local_mm.mean(axis=0), base_mm.mean(axis=0)
     u, _, vt = np.linalg.svd((base_mm - base_middle).T @ (local_mm - middle))
@@ -87,7 +87,7 @@ def _begin(touched: TouchedRows, target_mm: F64, tip_mm: F64, used: Mask) -> tup
         placement_rows = rows[chosen]
         if len(placement_rows):
             local = touched.local_mm(target_mm)[placement_rows]
-            rotation[chosen], origin[chosen] = rigid(local, tip_mm[placement_rows])
+            rotation[chosen], origin[chosen] = fit_rigid_motion(local, tip_mm[placement_rows])
         unplaced.remove(chosen)
         for k in np.unique(touched.target[used & (touched.placement == chosen)]):
             if np.isnan(target_mm[k, 0]):
@@ -123,7 +123,7 @@ def _place_all(
     local = touched.local_mm(target_mm)
     for p in np.unique(touched.placement[used]):
         placement_rows = used & (touched.placement == p)
-        rotation[p], origin[p] = rigid(local[placement_rows], tip_mm[placement_rows])
+        rotation[p], origin[p] = fit_rigid_motion(local[placement_rows], tip_mm[placement_rows])
 
 
 def _keep_lengths(target_mm: F64, unknown: Mask, lengths: Sequence[CertifiedDistance]) -> None:

@@ -20,15 +20,15 @@ from armd.files.outputs import SESSION, check_output_folder, check_same
 from armd.files.writing import write_whole
 from armd.simulator.twin.chain import Frames
 from armd.simulator.twin.files import read_twin
-from armd.simulator.twin.model import TwinModel, whole_turns
-from armd.simulator.twin.noise import FoundNoise, drift, read_noise, rests_of
-from armd.simulator.twin.placing import TouchedRows, goals
+from armd.simulator.twin.model import TwinModel, count_whole_turns
+from armd.simulator.twin.noise import FoundNoise, draw_drift, number_rests, read_noise
+from armd.simulator.twin.placing import TouchedRows, find_goals
 from armd.simulator.twin.session_files import (
     SourceSession,
-    certified_exactly,
     draw_certificate_errors,
+    draw_no_errors,
+    list_touched,
     read_session,
-    touched_of,
 )
 from armd.terminal.counted import counted
 
@@ -83,17 +83,17 @@ def copy_session(
     are part of what a diagnosis expects of the noise.
     """
     measured = session.angles(twin.arm)
-    turns = whole_turns(measured, twin.arm.limits_rad)
+    turns = count_whole_turns(measured, twin.arm.limits_rad)
     q = measured - 2 * np.pi * turns
     rows = TwinRows(twin, session)
-    errors = certified_exactly if noise is None else draw_certificate_errors(seed)
-    touched, position_mm, lengths = touched_of(session, twin.calibration.artefact, errors)
+    errors = draw_no_errors if noise is None else draw_certificate_errors(seed)
+    touched, position_mm, lengths = list_touched(session, twin.calibration.artefact, errors)
     tip_mm = rows.stand(q).tip
     used = np.isfinite(tip_mm[:, 0])
     if not used.any():
         actual = "no row with every temperature and time that the calibration needs"
         raise BadInput(session.folder, session.table, actual, "at least one")
-    goal_mm = goals(touched, position_mm, lengths, tip_mm)
+    goal_mm = find_goals(touched, position_mm, lengths, tip_mm)
     shift_mm, encoder_rad = np.zeros_like(goal_mm), np.zeros_like(q)
     if noise is not None:
         rng = np.random.default_rng([seed, 0x7417, zlib.crc32(session.folder.name.encode())])
@@ -142,12 +142,12 @@ def _drawn(
     diagnosis found.
     """
     q, touched = q_and_touched
-    rest = rests_of(q, touched.placement, touched.target)
+    rest = number_rests(q, touched.placement, touched.target)
     count = int(rest[-1]) + 1
     scale = 1.0 / np.sqrt(freedom)
     repeat = scale * noise.repeat_mm * rng.normal(size=(count, 3))
     encoders = scale * noise.encoder_rad * rng.normal(size=(count, q.shape[1]))
-    return repeat[rest] + drift(noise, session.unix_s(), rng), encoders[rest]
+    return repeat[rest] + draw_drift(noise, session.unix_s(), rng), encoders[rest]
 
 
 def _freedom(touched: TouchedRows, unknown: F64, n: int) -> float:

@@ -111,7 +111,7 @@ def read_session(folder: Path, arm: ArmData) -> SourceSession:
 CertificateErrors = Callable[[str, float, int], F64]
 
 
-def certified_exactly(_: str, __: float, count: int) -> F64:
+def draw_no_errors(_: str, __: float, count: int) -> F64:
     """A certificate without errors."""
     return np.zeros(count)
 
@@ -126,7 +126,7 @@ def draw_certificate_errors(seed: int) -> CertificateErrors:
     return draw
 
 
-def touched_of(
+def list_touched(
     session: SourceSession, correction: Mapping[str, Any], errors: CertificateErrors
 ) -> tuple[TouchedRows, F64, list[CertifiedDistance]]:
     """What its rows were put to: true positions (K, 3) mm (NaN: unknown) and lengths.

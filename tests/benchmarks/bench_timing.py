@@ -26,7 +26,7 @@ from armd.drivers.identity import Expectation
 from armd.drivers.table import open_driver
 from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.live.operator import Operator
-from armd.simulator.live.physics import STEP_S, STEPS, blocks
+from armd.simulator.live.physics import STEP_S, STEPS, generate_blocks
 from armd.simulator.truth.arm import TrueArm
 from support.simulated_arm import SimulatedArm, simulated_arm
 
@@ -90,7 +90,7 @@ def _figures(
 ) -> dict[str, Any]:
     arm = TrueArm.default(SEED)
     life = islice(
-        blocks(arm, Operator(arm, SEED), GRID_HZ, 20.0, None),
+        generate_blocks(arm, Operator(arm, SEED), GRID_HZ, 20.0, None),
         round(seconds / (STEPS * STEP_S)) + 2,
     )
     true_rad = np.concatenate([block.encoder_rad for block in life])

@@ -17,7 +17,6 @@ from playwright.sync_api import Browser, sync_playwright
 from armd import __version__
 from armd.daemon.cli import COMMANDS, parsers
 from armd.daemon.cli import main as armd
-from armd.terminal.parser import _options
 from support.browser import find_browser
 
 pytestmark = pytest.mark.timeout(600)
@@ -129,7 +128,7 @@ def browser() -> Iterator[Browser]:
 
 def test_there_is_no_report_that_nobody_looks_at() -> None:
     _, commands = parsers(COMMANDS.keys() - {"simulate"})  # a program of its own
-    writing = {name for name, command in commands.items() if "--report" in _options(command)}
+    writing = {name for name, command in commands.items() if "--report" in command.list_options()}
     assert writing == set(COMMAND.values())
 
 

@@ -37,7 +37,7 @@ from armd.daemon.bridges.view.sessions import results
 from armd.daemon.cli import main
 from armd.daemon.files.tip_history import keep
 from armd.errors import ArmdError, BadInput
-from armd.simulator.truth.nominal import arm_toml
+from armd.simulator.truth.nominal import make_arm_toml
 
 NOWHERE = "tcp/127.0.0.1:1"  # where no daemon is
 TOKEN = "correct-horse-battery"
@@ -118,7 +118,7 @@ def test_every_flag_has_words() -> None:
 
 def test_the_geometry_is_the_calibrations_and_the_tips(tmp_path: Path) -> None:
     path = tmp_path / "arm.toml"
-    path.write_text(arm_toml())
+    path.write_text(make_arm_toml())
     arm = load_arm(path)
     info = {
         "arm": arm.model_dump(mode="json", by_alias=True),

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.interim.again.quality_page import Impact
+from armd.compensation.interim.recorrection.quality_page import Impact
 from armd.compensation.report.diagnosis import headline
 
 

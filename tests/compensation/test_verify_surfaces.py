@@ -37,7 +37,7 @@ def test_a_sphere_and_a_block_are_measured_by_the_true_arm(
     faces = [plane("foot", 0.0, -1.0, 60.0), plane("head", TRUE_MM, 1.0, 60.0)]
     lengths = [distance("foot", "head", BLOCK_MM, 0.001)]
     workshop.session(Path("S"), [ball, *faces], 2, 26, lengths, 1.2)
-    true = nominal.arm_toml(rows=workshop.arm.rows, tip=workshop.arm.tip_offset)
+    true = nominal.make_arm_toml(rows=workshop.arm.rows, tip=workshop.arm.tip_offset)
     Path("arm.toml").write_text(true, encoding="utf-8")
     Path("mpe.toml").write_text(
         'schema = "armd.mpe/1"\n[mpe]\np_size_mm = 0.05\np_form_mm = 0.2\nblock_length_mm = 0.05\n',
@@ -97,7 +97,7 @@ def test_a_plate_touched_at_one_spot_is_refused(
     spots = [plane("foot", 0.0, -1.0, 0.2), plane("head", TRUE_MM, 1.0, 0.2)]
     lengths = [distance("foot", "head", TRUE_MM, 0.001)]
     Workshop(2, reach_size=3000).session(Path("S"), spots, 1, 8, lengths, 1.2)
-    Path("arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    Path("arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
     assert main(["verify", "S", "--arm", "arm.toml", "--json", "out.json"]) == 2
     assert "surface foot and head, placement P1: found a plane touched" in capsys.readouterr().err
     assert not Path("out.json").exists()

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import armd
-from armd.simulator.truth.nominal import arm_toml
+from armd.simulator.truth.nominal import make_arm_toml
 from support.running_daemon import PATIENCE_S, running_daemon, session_with
 
 SERIAL = "SIM-0001"
@@ -58,7 +58,7 @@ def tcp_ports(pid):
 @pytest.fixture(scope="module")
 def daemon(tmp_path_factory):
     folder = tmp_path_factory.mktemp("forgery")
-    (folder / "arm.toml").write_text(arm_toml(SERIAL))
+    (folder / "arm.toml").write_text(make_arm_toml(SERIAL))
     with running_daemon(folder, str(folder / "no-port")) as running:
         yield running
 
@@ -152,7 +152,7 @@ def test_silent_connections_keep_no_client_out(daemon):
 
 @pytest.mark.slow
 def test_a_unix_socket_lets_in_whom_its_file_lets_in(tmp_path):
-    (tmp_path / "arm.toml").write_text(arm_toml(SERIAL))
+    (tmp_path / "arm.toml").write_text(make_arm_toml(SERIAL))
     path = tmp_path / "armd.sock"
     endpoint = f"unixsock-stream/{path}"
     for _ in range(2):  # the first is killed and leaves its socket behind

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from armd.simulator.truth.nominal import arm_toml
+from armd.simulator.truth.nominal import make_arm_toml
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 GUEST = Path(__file__).with_name("guest")
@@ -51,7 +51,7 @@ def make_payload(folder: Path, scratch: Path, python: str) -> None:
     second = config / "CAN-0001"
     second.mkdir()
     (second / "armd.toml").write_text(CAN_ARMD_TOML)
-    (second / "arm.toml").write_text(arm_toml("CAN-0001"))
+    (second / "arm.toml").write_text(make_arm_toml("CAN-0001"))
 
 
 def add_checks(folder: Path) -> None:

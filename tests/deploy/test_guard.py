@@ -23,7 +23,7 @@ from armd.daemon.network.queries import Queries
 from armd.daemon.network.session import open_session
 from armd.daemon.unexpected import Unexpected
 from armd.drivers.sample import RawFrame
-from armd.simulator.truth.nominal import arm_toml
+from armd.simulator.truth.nominal import make_arm_toml
 from support.careless_network import EVENT, HEALTH
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "deploy/zenoh"
@@ -73,7 +73,7 @@ class Floor:
         text = text.replace("127.0.0.1:7447", f"127.0.0.1:{self.tcp}")
         text = text.replace("/etc/armd/tls", str(folder))
         (folder / "shop-floor.json5").write_text(text)
-        (folder / "arm.toml").write_text(arm_toml(SERIAL))
+        (folder / "arm.toml").write_text(make_arm_toml(SERIAL))
         (folder / "armd.toml").write_text(ARMD_TOML)
         session = cleanup.enter_context(open_session(load_config(folder / "armd.toml")))
         publisher = cleanup.enter_context(closing(Publisher(session, SERIAL)))
@@ -208,7 +208,7 @@ def test_the_shipped_files_start_as_they_are_shipped(tmp_path: Path) -> None:
     write_certificate(authority, client, "inspection", "inspection.example")
     (etc / "armd/shop-floor.json5").write_bytes((EXAMPLES / "shop-floor.json5").read_bytes())
     (client / "client.json5").write_bytes((EXAMPLES / "client.json5").read_bytes())
-    (etc / "armd/arm.toml").write_text(arm_toml(SERIAL))
+    (etc / "armd/arm.toml").write_text(make_arm_toml(SERIAL))
     (etc / "armd/armd.toml").write_text(ARMD_TOML)
     script = VERBATIM.format(python=sys.executable, up=UP.replace("\n", ";", 1).replace("\n", ""))
     done = subprocess.run(

@@ -20,7 +20,7 @@ from armd.compensation.estimate.observations import TURN_MM
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.kinematics import forward
-from armd.simulator.plants.live import planted
+from armd.simulator.plants.live import plant_in_arm
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from support.six_d_tracker import TURN_RAD, write_six_d_session
@@ -32,8 +32,10 @@ def measured(
     """Sessions *before* the plants and *now*, and the arm.toml beside them."""
     true, rng = TrueArm.default(seed), np.random.default_rng(seed)
     write_six_d_session(folder / "before", true, rng, poses, turn_rad=turn_rad)
-    write_six_d_session(folder / "now", planted(true, plants, seed), rng, poses, turn_rad=turn_rad)
-    (folder / "arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    write_six_d_session(
+        folder / "now", plant_in_arm(true, plants, seed), rng, poses, turn_rad=turn_rad
+    )
+    (folder / "arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
     return folder / "arm.toml"
 
 
@@ -107,7 +109,9 @@ def test_an_orientation_gone_wrong_is_named_with_its_row(tmp_path: Path) -> None
 
 def linear_of(folder: Path, poses: int = 12) -> Linear:
     arm_file, true = measured(folder, [], poses=poses), TrueArm.default(1)
-    arm_file.write_text(nominal.arm_toml(rows=true.rows, tip=true.tip_offset), encoding="utf-8")
+    arm_file.write_text(
+        nominal.make_arm_toml(rows=true.rows, tip=true.tip_offset), encoding="utf-8"
+    )
     arm = load_arm(arm_file)
     rests = gather_rests(load_sessions([folder / "now"], arm), arm)
     model = ModelState(arm.nominal(), (), 20.0, ArtefactCorrection())

@@ -14,7 +14,7 @@ from armd.compensation.data.session import load_sessions
 from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
-from armd.simulator.plants.live import planted
+from armd.simulator.plants.live import plant_in_arm
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from support.reflector_nest import NEST, TRACKER_MM, write_nest_session
@@ -24,8 +24,8 @@ def measured(folder: Path, given: Sequence[str], plant: str, poses: int = 60) ->
     """Sessions *before* the plant and *now*, and the arm.toml beside them."""
     true, rng = TrueArm.default(1), np.random.default_rng(1)
     write_nest_session(folder / "before", true, rng, poses, given)
-    write_nest_session(folder / "now", planted(true, [plant], 1), rng, poses, given)
-    (folder / "arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    write_nest_session(folder / "now", plant_in_arm(true, [plant], 1), rng, poses, given)
+    (folder / "arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
     return folder / "arm.toml"
 
 
@@ -62,7 +62,7 @@ def test_a_nest_that_is_given_whole_is_evaluated(tmp_path: Path) -> None:
     write_nest_session(
         tmp_path / "session", TrueArm.default(1), np.random.default_rng(2), 10, tuple(NEST)
     )
-    (tmp_path / "arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    (tmp_path / "arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
     out = tmp_path / "out.json"
     words = ["evaluate", str(tmp_path / "session"), "--arm", str(tmp_path / "arm.toml")]
     assert main([*words, "--json", str(out)]) == 0

@@ -20,7 +20,7 @@ from armd.compensation.estimate.robust import WINSOR_AT, edge_stretch, huber_los
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.daemon.cli import main
-from armd.simulator.plants.live import planted
+from armd.simulator.plants.live import plant_in_arm
 from armd.simulator.truth import nominal
 from support.touched_surfaces import Surface, Workshop, distance, plane, sphere
 
@@ -54,9 +54,9 @@ def diagnosed(folder: Path, name: str, plant: Sequence[str], seed: int = 1) -> a
     """A diagnosis under a calibration by the same kind of campaign, made before the *plant*."""
     workshop, kind = Workshop(seed), KINDS[name]
     arm = folder / "arm.toml"
-    arm.write_text(nominal.arm_toml(), encoding="utf-8")
+    arm.write_text(nominal.make_arm_toml(), encoding="utf-8")
     before = armd.calibrate([kind.measure(workshop, folder / "before")], arm)
-    workshop.arm = planted(workshop.arm, plant, seed)
+    workshop.arm = plant_in_arm(workshop.arm, plant, seed)
     return armd.diagnose([kind.measure(workshop, folder / "now")], arm, before)
 
 
@@ -109,7 +109,7 @@ def test_columns_of_surfaces_are_what_the_residuals_do(tmp_path: Path) -> None:
         tmp_path / "session",
         [*KINDS["block"].surfaces, *KINDS["ball"].surfaces], 2, 12, KINDS["block"].lengths, 1.2,
     )  # fmt: skip
-    true = nominal.arm_toml(rows=workshop.arm.rows, tip=workshop.arm.tip_offset)
+    true = nominal.make_arm_toml(rows=workshop.arm.rows, tip=workshop.arm.tip_offset)
     (tmp_path / "arm.toml").write_text(true, encoding="utf-8")
     arm = load_arm(tmp_path / "arm.toml")
     rests = gather_rests(load_sessions([tmp_path / "session"], arm), arm)
@@ -152,7 +152,7 @@ def test_a_plate_touched_at_one_spot_is_refused(
 ) -> None:
     Workshop(2).session(tmp_path / "session", [plane("plate", half_mm=0.2)], 3, 20)
     arm, out = tmp_path / "arm.toml", tmp_path / "out.json"
-    arm.write_text(nominal.arm_toml(), encoding="utf-8")
+    arm.write_text(nominal.make_arm_toml(), encoding="utf-8")
     code = main(["diagnose", str(tmp_path / "session"), "--arm", str(arm), "--json", str(out)])
     error = capsys.readouterr().err
     assert code == 2

@@ -29,7 +29,7 @@ from armd.drivers.microscribe.homing import Homing
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.table import open_driver
 from armd.simulator.__main__ import main as simulate
-from armd.simulator.microscribe.arm import tip_mm
+from armd.simulator.microscribe.arm import compute_tip_mm
 from support.microscribe import (
     EXPECTED,
     PARAMETERS,
@@ -207,7 +207,7 @@ def run(
 def test_factory_rows_are_the_makers_chain() -> None:
     angles = np.random.default_rng(3).uniform(-np.pi, np.pi, (300, 5))
     ours = forward(angles, nominal().nominal())[0]
-    assert np.abs(ours - [tip_mm(pose) for pose in angles]).max() < 1e-11
+    assert np.abs(ours - [compute_tip_mm(pose) for pose in angles]).max() < 1e-11
     captured = np.array([13903, 6238, 6868, 4098, 3193]) / TURNS * 2 * np.pi
     tip = forward(captured[None], nominal().nominal())[0][0]
     assert tip == pytest.approx((54.19662, -51.84271, 212.20047), abs=1e-5)

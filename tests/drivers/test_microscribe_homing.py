@@ -102,8 +102,9 @@ def farthest_mm(rows: np.ndarray, hand: ScriptedHand, began_ns: int) -> float:
     tips = forward(valid["count"] / np.array(TURNS) * 2 * np.pi, nominal().nominal())[0]
     at_s = (valid["monotonic_ns"] - began_ns) / S
     near = [
-        np.linalg.norm([tip - arm.tip_mm(hand.angles(t + d)) for d in np.linspace(-0.1, 0.1, 9)],
-                       axis=1).min()
+        np.linalg.norm(
+            [tip - arm.compute_tip_mm(hand.angles(t + d)) for d in np.linspace(-0.1, 0.1, 9)],
+            axis=1).min()
         for tip, t in zip(tips[::5], at_s[::5], strict=True)
     ]  # fmt: skip
     return max(near)

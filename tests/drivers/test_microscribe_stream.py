@@ -79,7 +79,7 @@ def test_the_simulated_arm_responds_to_motion_as_it_is_told() -> None:
         heard.read(reading)
         sent.append(heard.packet != b"")
         if heard.packet:
-            heard.passed()
+            heard.drop_packet()
         assert heard.due_s - before_s == pytest.approx(50 / 900, abs=1e-6)
     assert sent == [True, False, True, True]  # the last one: pedal and count
 

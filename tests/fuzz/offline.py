@@ -17,7 +17,7 @@ from armd.errors import ArmdError
 from armd.files.toml_text import toml_text
 from armd.simulator.__main__ import main as simulate
 from armd.simulator.live.led import LedOperator, load_plan
-from armd.simulator.options import parser, read_scenario
+from armd.simulator.options import make_parser, read_scenario
 from armd.simulator.truth.arm import TrueArm
 from support.small_arm_toml import ARM, CALIBRATION
 
@@ -258,7 +258,7 @@ def simulator(folder: Path, contents: dict[str, bytes]) -> Iterator[Door]:
 
     def play(data: bytes) -> None:
         check(data, scenario)
-        read_scenario(parser().parse_args(["--serial", "--scenario", str(scenario)]))
+        read_scenario(make_parser().parse_args(["--serial", "--scenario", str(scenario)]))
 
     def lead(data: bytes) -> None:
         check(data, plan)

@@ -31,7 +31,7 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.simulator.measured.mess import KINDS as MESSES
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import draw_plant
-from armd.simulator.plants.plant import Plant, depends_on
+from armd.simulator.plants.plant import Plant, list_columns
 
 #: One cause; two or three; one outside the catalogue; clean data of each noise; one cause whose
 #: shape is DISTORTION off the catalogue's; one that the data leave in doubt, and the experiment
@@ -129,7 +129,7 @@ def judge(task: Task) -> Outcome:
         tuple(places),
         judged.false_causes,
         judged.unknown,
-        tuple(depends_on(plants[0])) if task.kind == "unknown" else (),
+        tuple(list_columns(plants[0])) if task.kind == "unknown" else (),
         judged.errors,
         judged.before_um,
         judged.after_um,

@@ -34,7 +34,7 @@ from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import FOREIGN_SIZE, draw_plant
-from armd.simulator.plants.plant import Plant, depends_on
+from armd.simulator.plants.plant import Plant, list_columns
 from support.planting import Effect, middle_unix_s, of_joint, planted, rms_um, slip, wave
 
 KINDS = (
@@ -283,7 +283,7 @@ def _simulated(kind: str, seed: int, plants: Sequence[Plant], design: Design = D
                 (p.cause, p.location, _words(p), value)
                 for p, value in zip(plants, snr, strict=True)
             ),
-            tuple(depends_on(plants[0])) if kind in NAMELESS else (),
+            tuple(list_columns(plants[0])) if kind in NAMELESS else (),
             _told(diagnosis),
             rms_um(holdout, arm, given),
             rms_um(holdout, arm, diagnosis.extended),

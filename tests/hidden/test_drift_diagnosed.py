@@ -40,7 +40,7 @@ def healthy() -> Any:
 def test_a_zero_that_relaxes_has_its_time_constant(healthy: Any) -> None:
     arm, sessions = healthy
     start_s = sessions[0].states.time_s[0]
-    relaxing = course.relaxing(start_s, 5.0 * HOUR_S)
+    relaxing = course.make_relaxing(start_s, 5.0 * HOUR_S)
     found = diagnose(planted(sessions, of_joint(3, lambda s: 12.0 * relaxing(s.time_s))), arm)
     (one,) = said(found)
     assert (one.cause, one.location, one.stepped) == ("geometry_shift", "joint 3", False)

@@ -37,7 +37,7 @@ def prepared(folder: Path, seed: int, poses: int = 60, **more: float) -> tuple[P
     write_six_d_session(
         folder / "T", TrueArm.default(seed), np.random.default_rng(seed), poses, **more
     )
-    (folder / "arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    (folder / "arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
     return folder / "T", folder / "arm.toml"
 
 
@@ -162,7 +162,7 @@ def test_urdfs_angles_are_the_same_orientation_as_quaternions(tmp_path: Path) ->
     for name, quaternions in (("a", True), ("b", False)):
         rng, folder = np.random.default_rng(4), tmp_path / name
         write_six_d_session(folder, TrueArm.default(1), rng, 5, quaternions=quaternions)
-        (tmp_path / "arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+        (tmp_path / "arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
         turns.append(load_session(folder, load_arm(tmp_path / "arm.toml")).turn)
     assert turns[0] is not None and turns[1] is not None
     np.testing.assert_allclose(turns[0], turns[1], atol=1e-9)

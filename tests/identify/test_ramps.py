@@ -13,7 +13,7 @@ from armd.compensation.model.arm import load_arm
 from armd.compensation.model.terms import Term
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
-from armd.simulator.truth.answers import true_expansion
+from armd.simulator.truth.answers import list_true_expansion
 from armd.simulator.truth.arm import TrueArm
 
 SEED = 3
@@ -49,7 +49,7 @@ def test_ramps_show_how_the_first_link_grows_and_nothing_else(tmp_path: Path) ->
     _, steady_um = calibrated(tmp_path / "steady", STEADY)
     assert ramped.thermal_order == 1
     (term,) = growth(ramped)
-    true = sum(mm for name, _, mm in true_expansion(TrueArm.default(SEED)) if name == "d_1")
+    true = sum(mm for name, _, mm in list_true_expansion(TrueArm.default(SEED)) if name == "d_1")
     assert term.standard_uncertainty is not None
     assert term.coefficient == pytest.approx(true, abs=3.0 * term.standard_uncertainty)
     assert term.standard_uncertainty < 0.1 * true

@@ -29,13 +29,13 @@ def true_arm(seed: int) -> TrueArm:
     """An arm off its drawing, but for the last joint: no reading tells it from the nest."""
     arm = TrueArm.default(seed)
     rows = arm.rows.copy()
-    rows[-1] = nominal.drawing_rows()[-1]
+    rows[-1] = nominal.list_nominal_rows()[-1]
     return replace(arm, rows=rows)
 
 
 def calibrated(folder: Path, seed: int, poses: int = 40, given: tuple[str, ...] = ()) -> Result:
     write_nest_session(folder / "T", true_arm(seed), np.random.default_rng(seed), poses, given)
-    (folder / "arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    (folder / "arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
     arm = load_arm(folder / "arm.toml")
     return calibrate(load_sessions([folder / "T"], arm), arm, Options())
 
@@ -62,7 +62,7 @@ def test_unknown_reflectors_are_found_and_the_arm_with_them(tmp_path: Path) -> N
     assert len(calibration.covariance) == len(calibration.covariance_of) == 20
     # Where the arm puts reflector B in postures not measured: the simulator's own truth.
     rng = np.random.default_rng(9)
-    q = rng.uniform(*nominal.limits_rad(), (200, 6))
+    q = rng.uniform(*nominal.get_limits_rad(), (200, 6))
     true = replace(true_arm(1), tip_offset=NEST["B"]).tip(q, Conditions.at_rest(200, 6))
     constants = found.fit.constants.copy()
     constants[found.fit.observations.arm.layout.tip] = found.reflectors[1].offset_mm
@@ -120,7 +120,7 @@ def test_the_commands_tell_where_reflectors_sit(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_nest_session(Path("T"), true_arm(1), np.random.default_rng(1), 30)
-    Path("arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    Path("arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
     words = ["calibrate", "T", "--arm", "arm.toml", "-o", "cal.json", "--json", "r.json"]
     assert main(words) == 0
     assert "reflector B: (-6" in capsys.readouterr().out
@@ -144,7 +144,7 @@ def test_the_commands_tell_where_reflectors_sit(
 
 def test_bad_reflectors_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arm_file, rng = tmp_path / "arm.toml", np.random.default_rng(1)
-    arm_file.write_text(nominal.arm_toml(), encoding="utf-8")
+    arm_file.write_text(nominal.make_arm_toml(), encoding="utf-8")
 
     def calibrate_of(*sessions: str) -> str:
         folders = [str(tmp_path / name) for name in sessions]

@@ -83,7 +83,7 @@ def measured(folder: Path, kind: Kind, seed: int) -> Workshop:
     workshop.session(
         folder / "session", surfaces, kind.placements, kind.each, kind.lengths, kind.tilted
     )
-    (folder / "arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    (folder / "arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
     return workshop
 
 
@@ -95,7 +95,7 @@ def calibrated(folder: Path) -> Result:
 def size_of(found: Result, true: TrueArm) -> float:
     """By which share all lengths together are wrong: the scale that best brings distances between
     the arm's tips onto the true ones."""
-    low, high = nominal.limits_rad()
+    low, high = nominal.get_limits_rad()
     q = np.random.default_rng(6).uniform(low, high, (400, 6))
     wanted = true.tip(q, Conditions.at_rest(len(q), 6))
     tips = jacobian(q, np.tile(found.fit.constants, (len(q), 1)))[0]
@@ -157,7 +157,7 @@ def test_a_length_certified_wrong_is_contradicted(tmp_path: Path) -> None:
         distance("plate", "step", 90.3, CERTIFIED_MM),
     ]
     workshop.session(tmp_path / "one", planes, 4, 20, lengths)
-    (tmp_path / "arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    (tmp_path / "arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
     arm = load_arm(tmp_path / "arm.toml")
     found = calibrate(load_sessions([tmp_path / "one"], arm), arm, Options())
     assert not found.certificate.granted
@@ -229,7 +229,7 @@ def test_surfaces_that_nobody_can_place_are_refused_by_name(
     touch, words = REFUSED[name]
     touch(Workshop(2), tmp_path / "session")
     arm = tmp_path / "arm.toml"
-    arm.write_text(nominal.arm_toml(), encoding="utf-8")
+    arm.write_text(nominal.make_arm_toml(), encoding="utf-8")
     for command in ("calibrate", "evaluate"):
         json_file, output = tmp_path / "out.json", tmp_path / "cal.json"
         more = ["-o", str(output)] if command == "calibrate" else []
@@ -248,7 +248,7 @@ def test_what_takes_points_alone_says_so(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Workshop(2).session(Path("session"), [plane("plate")], 2, 12)
-    Path("arm.toml").write_text(nominal.arm_toml(), encoding="utf-8")
+    Path("arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
     code = main(["design", "session", "--arm", "arm.toml", "-o", "poses.csv"])
     error = capsys.readouterr().err
     assert code == 2
@@ -269,7 +269,7 @@ def test_evaluate_measures_a_block_that_it_was_not_told_of(tmp_path: Path) -> No
     )
     arm_file = tmp_path / "arm.toml"
     arm_file.write_text(
-        nominal.arm_toml(rows=workshop.arm.rows, tip=workshop.arm.tip_offset), encoding="utf-8"
+        nominal.make_arm_toml(rows=workshop.arm.rows, tip=workshop.arm.tip_offset), encoding="utf-8"
     )
     out = tmp_path / "out.json"
     assert (

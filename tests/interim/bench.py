@@ -14,14 +14,14 @@ from armd.arrays import F64
 from armd.compensation.data.session import load_session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.interim.checks.chain import HistoryLine
-from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, save_calibration
 from armd.simulator.campaigns import interim
-from armd.simulator.campaigns.calibration import calibration as calibration_campaign
+from armd.simulator.campaigns.calibration import plan_calibration as calibration_campaign
 from armd.simulator.measured.artefact import Artefact
 from armd.simulator.measured.measuring import Measured, carry_out, take_readings, write_session
 from armd.simulator.measured.noise import Noise
@@ -41,7 +41,7 @@ class Bench:
         self.seed, self.folder = seed, folder
         folder.mkdir()
         path = folder / "arm.toml"
-        path.write_text(nominal.arm_toml())
+        path.write_text(nominal.make_arm_toml())
         self.arm: Arm = load_arm(path)
         campaign = calibration_campaign(seed, Noise())
         sessions = []
@@ -51,7 +51,7 @@ class Bench:
         found = calibrate(sessions, self.arm, Options()).calibration
         self._loaded = save_calibration(folder / "calibration.json", found)
         self.calibration: Calibration = self._loaded.content
-        self.causes = causes_of(self.arm, self.calibration)
+        self.causes = list_causes(self.arm, self.calibration)
 
     def checks(self, history: interim.CheckSeries, seed: int) -> Iterator[Reduced]:
         for measured in interim.carry_out(history, self.seed, Noise(), seed):
@@ -64,8 +64,8 @@ class Bench:
         names = [f"S{i}" for i in range(len(seats_mm))]
         unknown = np.full((len(seats_mm), 3), np.nan)
         artefact = Artefact("advised seats", names, unknown, seats_mm, 0.0, 0.0, 0.0)
-        arm = interim.arm_at(self.seed, (case.happening,), day, case.used, case.seed)
-        rig = replace(interim.campaign(self.seed, Noise()).rig, arm=arm, artefact=artefact)
+        arm = interim.draw_arm_at(self.seed, (case.happening,), day, case.used, case.seed)
+        rig = replace(interim.plan_interim(self.seed, Noise()).rig, arm=arm, artefact=artefact)
         power = SELF_HEATING_W * rng.uniform(0.7, 1.3, len(SELF_HEATING_W))
         climate = Climate(20.0 + float(rng.normal(0.0, 1.5)), power_w=power)
         start_h = interim.FIRST_H + 24.0 * (day - 1) + LATER_H

@@ -21,7 +21,7 @@ import numpy as np
 
 from armd.compensation.data.session import load_sessions
 from armd.compensation.interim.checks import chain, history, keeping
-from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
@@ -31,16 +31,16 @@ def main() -> None:
     checks, folder, kills, seed = Path(sys.argv[1]), Path(sys.argv[2]), *map(int, sys.argv[3:])
     arm = load_arm(checks / "arm.toml")
     calibration = load_calibration(checks / "calibration.json", arm)
-    causes = causes_of(arm, calibration.content)
+    causes = list_causes(arm, calibration.content)
     new = [
-        keeping.New(session, reduce(session, arm, calibration.content, causes))
+        keeping.NewCheck(session, reduce(session, arm, calibration.content, causes))
         for session in load_sessions(sorted(checks.glob("day-*")), arm)
     ]
 
     def keep(number: int) -> None:
-        with keeping.locked(folder):
+        with keeping.lock_history(folder):
             lines = chain.read_chain(folder).lines
-            keeping.check_new(folder, lines, [keeping.CheckDate.of_session(new[number].session)])
+            keeping.check_new(folder, lines, [keeping.CheckDate.from_session(new[number].session)])
             keeping.keep(folder, lines, [new[number]], checks / "arm.toml", calibration)
 
     begun = time.monotonic()

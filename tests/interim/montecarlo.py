@@ -27,7 +27,7 @@ from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence import likelihood
 from armd.compensation.interim.report.judge import judge
 from armd.compensation.interim.report.judgement import Epoch, Judgement
-from armd.compensation.interim.report.tomorrow import Advised, tomorrow
+from armd.compensation.interim.report.next_check import AdvisedPoses, plan_next_check
 from armd.simulator.campaigns import interim
 
 #: Of each history without a change that is measured and added.
@@ -39,15 +39,15 @@ SETTLED = 2
 def run_case(case: Case, bench: Bench) -> Outcome:
     checks = list(bench.checks(case.history, case.seed))
     epoch = _judged(bench, checks)
-    of, causes, found, told = epoch.stack, epoch.causes, epoch.found, epoch.told
-    begun = interim.begins(case.happening, case.used)
+    of, causes, found, told = epoch.stack, epoch.causes, epoch.detected, epoch.reported_changes
+    begun = interim.find_first_day(case.happening, case.used)
     first = int(np.ceil(begun)) - 1 + int(case.grows)  # the first check that has some of it
     right = true_cause(case, causes)
     oracle = oracle_delay(of, causes, right, case.grows, first, case.bad_checks)
     early = found.alarm is not None and found.alarm < first
     delay = np.inf if found.alarm is None or early else found.alarm - first + 1
     main = min(told, key=lambda one: abs(one.change.first - first)) if told else None
-    onset = interim.instant(begun).timestamp()
+    onset = interim.find_instant(begun).timestamp()
     inside = named = among = sure = False
     errors, asked = (np.nan,) * 5, None
     place = causes[right].place
@@ -72,8 +72,8 @@ def _judged(bench: Bench, checks: Sequence[Reduced]) -> Epoch:
     return judge(bench.kept(checks)).latest
 
 
-def _advised(epoch: Epoch) -> Advised | None:
-    return tomorrow(Judgement((epoch,))).advised
+def _advised(epoch: Epoch) -> AdvisedPoses | None:
+    return plan_next_check(Judgement((epoch,))).advised
 
 
 def _errors(
@@ -120,9 +120,9 @@ def _asked(
 
 def _probability(epoch: Epoch, place: tuple[str, str]) -> tuple[float, bool]:
     """Of the cause at *place*, of the change told first; and whether that is its name."""
-    if not epoch.told or epoch.told[0].cause is None:
+    if not epoch.reported_changes or epoch.reported_changes[0].cause is None:
         return 0.0, False
-    told = epoch.told[0]
+    told = epoch.reported_changes[0]
     every = [(told.cause, told.change.probability), *told.rivals]
     share = sum(p for cause, p in every if cause.place == place)
     return share, told.cause.place == place

@@ -9,7 +9,7 @@ import numpy as np
 from drawn_changes import Case
 
 from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.changes.growth import growth, origin_d
+from armd.compensation.interim.changes.growth import find_origin_d, fit_growth
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence import likelihood
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
@@ -25,7 +25,7 @@ def oracle_delay(
         for k, c in enumerate(causes)
     ]  # fmt: skip
     kept = [i for i in range(of.n) if i not in bad]
-    sums = RunningSums(of.only(kept))
+    sums = RunningSums(of.select_checks(kept))
     for count in range(1, len(kept) + 1):
         if kept[count - 1] < first:
             continue
@@ -42,5 +42,5 @@ def true_change(case: Case, of: Stack, right: int, first: int) -> Change:
     truth = Change(right, case.grows, nearest, nearest, nearest, np.nan, 1.0)
     if not case.grows:
         return truth
-    origin = origin_d(of, kept, kept.index(nearest))
-    return growth(of, replace(truth, origin_d=origin), kept, [nearest])
+    origin = find_origin_d(of, kept, kept.index(nearest))
+    return fit_growth(of, replace(truth, origin_d=origin), kept, [nearest])

@@ -24,12 +24,22 @@ from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import SIZES
-from armd.compensation.interim.evidence.stack import ALL_ALONG, DAY_S, RAMP_DAYS, TRUST, stack
+from armd.compensation.interim.evidence.stack import (
+    ALL_ALONG,
+    DAY_S,
+    RAMP_DAYS,
+    TRUST,
+    stack_checks,
+)
 from armd.compensation.interim.evidence.watch import watch
-from armd.compensation.interim.report import tomorrow
+from armd.compensation.interim.report import next_check
 from armd.compensation.interim.report.judge import judge
 from armd.compensation.interim.report.judgement import Epoch, Judgement
-from armd.compensation.interim.report.planned import Planned, as_check, rows
+from armd.compensation.interim.report.possible_checks import (
+    PossibleCheck,
+    predict_check,
+    select_rows,
+)
 from armd.simulator.campaigns import interim
 
 #: Checks of a history, at which of them a change may begin, and how many more are waited for.
@@ -69,7 +79,7 @@ class Drawn:
         """A *check* in its poses, with numbers drawn."""
         columns = check.causes * self._typical
         known = [self._known.setdefault(n, self._rng.normal()) for n in check.known_names]
-        residual = self._rng.normal(size=len(check.residual)) + TRUST * check.known @ known
+        residual = self._rng.normal(size=len(check.residual)) + TRUST * check.error_columns @ known
         residual += columns @ self._all_along
         residual += self._there(check.mean_unix_s) * columns[:, self._block] @ self._size
         return replace(check, residual=residual)
@@ -87,7 +97,7 @@ def told(
     after one more check, the usual or the proposed one."""
     drawn = Drawn(bench, month, rng)
     checks = [drawn.measured(check) for check in month]
-    alarm = watch(stack(checks, bench.causes), bench.causes).alarm
+    alarm = watch(stack_checks(checks, bench.causes), bench.causes).alarm
     if alarm is None or alarm < drawn.first or alarm + SETTLED + 1 >= len(checks):
         return []
     until = alarm + SETTLED + 1
@@ -103,7 +113,7 @@ def told(
     if change is None:
         return []
     found = [Pair("cause", change.probability, right(before))]
-    advised = tomorrow.tomorrow(Judgement((before,))).advised if proposed else None
+    advised = next_check.plan_next_check(Judgement((before,))).advised if proposed else None
     if advised is not None:
         at = checks[until - 1].mean_unix_s + DAY_S
         another = drawn.measured(_on_seats(bench, advised, at))
@@ -117,27 +127,29 @@ def told(
 
 
 def _first(epoch: Epoch) -> Change | None:
-    return next((one.change for one in epoch.told if one.cause is not None), None)
+    return next((one.change for one in epoch.reported_changes if one.cause is not None), None)
 
 
 def _place(epoch: Epoch) -> tuple[str, str] | None:
-    return next((one.cause.place for one in epoch.told if one.cause is not None), None)
+    return next((one.cause.place for one in epoch.reported_changes if one.cause is not None), None)
 
 
-def _on_seats(bench: Bench, advised: tomorrow.Advised, at_unix_s: float) -> Reduced:
+def _on_seats(bench: Bench, advised: next_check.AdvisedPoses, at_unix_s: float) -> Reduced:
     """The advised check, its seats projected out as any check's are."""
     count = len(advised.seats_mm)
     order = np.concatenate([np.arange(k, advised.states.n, count) for k in range(count)])
     states = advised.states.rows(order)
     states = replace(states, time_s=np.full(states.n, at_unix_s))
-    whole = as_check(Planned(advised.seats_mm, states), bench.arm, bench.calibration, bench.causes)
+    whole = predict_check(
+        PossibleCheck(advised.seats_mm, states), bench.arm, bench.calibration, bench.causes
+    )
     clear: F64 = null_space(whole.targets.T)
-    check = rows(whole, np.arange(clear.shape[1]))
+    check = select_rows(whole, np.arange(clear.shape[1]))
     return replace(
         check,
         residual=np.zeros(clear.shape[1]),
         causes=clear.T @ whole.causes,
-        known=clear.T @ whole.known,
+        error_columns=clear.T @ whole.error_columns,
         targets=clear.T @ whole.targets,
     )
 
@@ -179,7 +191,7 @@ def main() -> int:
     parser.add_argument("--changes", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
-    tomorrow.LEFT = np.inf  # whether it is worth proposing or not
+    next_check.LEFT = np.inf  # whether it is worth proposing or not
     pairs: list[Pair] = []
     with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
         bench = Bench(args.seed, Path(name) / "arm")

@@ -14,7 +14,7 @@ from armd.arrays import F64
 from armd.compensation.estimate.poses import rigid_columns
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.signals import Signals
-from armd.compensation.interim.report.amend import Amplitudes, amended, fit
+from armd.compensation.interim.report.amend import Amplitudes, amend_calibration, fit
 from armd.compensation.interim.report.judgement import Epoch
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.state import States
@@ -39,7 +39,7 @@ def by_the_oracle(
 
 def as_told(bench: Bench, epoch: Epoch) -> Calibration:
     """The calibration that `armd interim` writes with all changes."""
-    mended = [told.calibration for told in epoch.told if told.calibration is not None]
+    mended = [told.calibration for told in epoch.reported_changes if told.calibration is not None]
     return mended[-1] if mended else bench.calibration
 
 
@@ -52,7 +52,9 @@ def _mended(
 ) -> Calibration:
     begun = epoch.checks[0].reduced.mean_unix_s
     last = epoch.checks[-1].reduced.last_unix_s
-    return amended(bench.calibration, begun, epoch.causes, changes, instants, amplitudes, last, {})
+    return amend_calibration(
+        bench.calibration, begun, epoch.causes, changes, instants, amplitudes, last, {}
+    )
 
 
 def errors_um(
@@ -81,8 +83,8 @@ def _measured(
     that the first states; a rigid motion of all of them removed, which the base of an arm is known
     to only."""
     day = (mounted_d * 24.0 - interim.FIRST_H) / 24.0 + 1.0
-    arm = interim.arm_at(bench.seed, (case.happening,), day, case.used, case.seed)
-    low, high = nominal.limits_rad()
+    arm = interim.draw_arm_at(bench.seed, (case.happening,), day, case.used, case.seed)
+    low, high = nominal.get_limits_rad()
     n = MEASURED // MOMENTS
     phi = rng.uniform(low, high, (n, len(low)))
     conditions = Conditions.at_rest(n, len(low))
@@ -109,5 +111,5 @@ def _measured(
         rigid = rigid_columns(seen.position_mm - seen.position_mm.mean(axis=0)).reshape(-1, 6)
         found.append(square((seen.position_mm - tip).reshape(-1, 1), rigid))
         if number == 0:
-            stated = square(seen.calibrated().reshape(3 * n, -1), rigid)
+            stated = square(seen.compute_calibration_motions().reshape(3 * n, -1), rigid)
     return np.array([*found, stated])

@@ -12,7 +12,7 @@ from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import MOST_BACK, NOISE_WORD, SIZES
-from armd.compensation.interim.evidence.stack import DAY_S, Begun, RunningSums, stack
+from armd.compensation.interim.evidence.stack import DAY_S, OnsetSums, RunningSums, stack_checks
 
 #: Standing errors of a size less likely than this are left out: without a change no ratio is so
 #: large as to make up for it.
@@ -28,11 +28,11 @@ def noise_alone(
         replace(month[i % len(month)], mean_unix_s=month[0].mean_unix_s + DAY_S * i)
         for i in range(checks)
     ]
-    of = stack(many, causes)
+    of = stack_checks(many, causes)
     rng = np.random.default_rng([seed, 0x1C])
-    known = rng.normal(size=(of.known[0].shape[1], draws))
+    known = rng.normal(size=(of.error_columns[0].shape[1], draws))
     known[slice(*of.standing)] *= rng.choice(of.scales, draws)
-    noise = [k @ known + rng.normal(size=(len(k), draws)) for k in of.known]
+    noise = [k @ known + rng.normal(size=(len(k), draws)) for k in of.error_columns]
     sums = RunningSums(of)
     towards = [c.T @ z for c, z in zip(of.columns, noise, strict=True)]
     days = of.time_d / 30.0
@@ -41,7 +41,7 @@ def noise_alone(
     zero = np.zeros_like(plain[:1])
     plain, timed = np.concatenate([zero, plain]), np.concatenate([zero, timed])
     known_side = np.cumsum(
-        np.stack([k.T @ z for k, z in zip(of.known, noise, strict=True)]), axis=0
+        np.stack([k.T @ z for k, z in zip(of.error_columns, noise, strict=True)]), axis=0
     )
     square = np.cumsum(np.stack([(z**2).sum(axis=0) for z in noise]), axis=0)
     priors = np.log(
@@ -50,8 +50,8 @@ def noise_alone(
     statistics = np.full((checks, draws), -np.inf)
     for n in range(1, of.n + 1):
         first = np.arange(max(0, n - MOST_BACK), n)
-        known = of.cleared(sums.upto(n))
-        begun = list(sums.begun(first, n, known.rotation))
+        known = of.eliminate_errors(sums.sum_first(n))
+        begun = list(sums.sum_by_onset(first, n, known.rotation))
         freedom = NOISE_WORD + float(sums.numbers[n])
         roots, sides, marginals = [], [], []
         for weight, spread in zip(known.weights, known.spread, strict=True):
@@ -69,14 +69,14 @@ def noise_alone(
                                      square[n - 1, some],
                                      (plain[n] - plain[first])[..., some],
                                      (timed[n] - timed[first])[..., some],
-                                     sums.origin(first, n))  # fmt: skip
+                                     sums.compute_origins(first, n))  # fmt: skip
         statistics[n - 1] = logsumexp(share + ratios, axis=0)
     return statistics
 
 
 def _log_ratio(
     sums: RunningSums,
-    begun: Sequence[Begun],
+    begun: Sequence[OnsetSums],
     root: F64,
     side: F64,
     priors: F64,
@@ -95,7 +95,7 @@ def _log_ratio(
         own_side = own_side[:, np.concatenate([at.ravel() for _, at in sums.groups])]
         clear = own_side - cross @ side
         end = 0
-        for (members, at), own in zip(sums.groups, one.own, strict=True):
+        for (members, at), own in zip(sums.groups, one.cause_grams, strict=True):
             begin, end = end, end + at.size
             block = cross[:, begin:end].reshape(*own.shape[:3], -1)
             clear_of = clear[:, begin:end].reshape(*own.shape[:3], -1)

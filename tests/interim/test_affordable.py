@@ -10,12 +10,16 @@ import numpy as np
 import pytest
 from test_interim_history import true_calibration
 
-from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.changes.ways import Way
-from armd.compensation.interim.checks.columns import Cause, causes_of
+from armd.compensation.interim.changes.change import Change, Scenario
+from armd.compensation.interim.checks.columns import Cause, list_causes
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.report.amend import amended
-from armd.compensation.interim.report.averaged import MOST_ROWS, _terms, affordable, averaged
+from armd.compensation.interim.report.amend import amend_calibration
+from armd.compensation.interim.report.average import (
+    MOST_ROWS,
+    _terms,
+    average_amplitudes,
+    choose_affordable,
+)
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, load_calibration, save_calibration
 from armd.errors import BadInput
@@ -29,7 +33,7 @@ BEGUN_UNIX_S = 1.77e9
 @pytest.fixture(scope="module")
 def arm_and_calibration(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibration]:
     folder = tmp_path_factory.mktemp("arm")
-    (folder / "arm.toml").write_text(nominal.arm_toml())
+    (folder / "arm.toml").write_text(nominal.make_arm_toml())
     arm = load_arm(folder / "arm.toml")
     return arm, load_calibration(true_calibration(folder), arm).content
 
@@ -56,11 +60,11 @@ def a_growth(causes: list[Cause], cause: int, first: int) -> Change:
 
 
 def written(
-    path: Path, of: Stack, causes: list[Cause], calibration: Calibration, ways: list[Way]
+    path: Path, of: Stack, causes: list[Cause], calibration: Calibration, ways: list[Scenario]
 ) -> Calibration:
-    every = averaged(of, causes, ways, ())
+    every = average_amplitudes(of, causes, ways, ())
     instants = [BEGUN_UNIX_S] * len(every.changes)
-    made = amended(calibration, BEGUN_UNIX_S, causes, every.changes, instants,
+    made = amend_calibration(calibration, BEGUN_UNIX_S, causes, every.changes, instants,
                    every.amplitudes, BEGUN_UNIX_S + 86400.0 * CHECKS, {})  # fmt: skip
     return save_calibration(path, made).content
 
@@ -70,21 +74,21 @@ def test_sixty_growths_in_doubt_make_a_calibration_that_is_read(
     arm_and_calibration: tuple[Arm, Calibration], tmp_path: Path
 ) -> None:
     arm, calibration = arm_and_calibration
-    causes = causes_of(arm, calibration)
+    causes = list_causes(arm, calibration)
     of = a_stack(causes)
     ways = [(0.9**k, (a_growth(causes, k % len(causes), 2 + k % 5),)) for k in range(60)]
     with pytest.raises(BadInput, match="values, expected 100000 at most"):
         total = sum(share for share, _ in ways)
         every = [(share / total, way) for share, way in ways]
         written(tmp_path / "all.json", of, causes, calibration, every)
-    kept = affordable(ways, causes, len(calibration.covariance_of))
+    kept = choose_affordable(ways, causes, len(calibration.covariance_of))
     assert sum(share for share, _ in kept) == pytest.approx(1.0)
     assert [way for _, way in kept] == [way for _, way in ways[: len(kept)]] and len(kept) > 1
     made = written(tmp_path / "some.json", of, causes, calibration, kept)
     assert len(made.covariance_of) <= MOST_ROWS
     # And so in the epochs to come, each under the calibration of the one before.
     for epoch in range(4):
-        kept = affordable(ways, causes, len(made.covariance_of))
+        kept = choose_affordable(ways, causes, len(made.covariance_of))
         made = written(tmp_path / f"{epoch}.json", of, causes, made, kept)
 
 
@@ -92,10 +96,10 @@ def test_one_way_that_is_too_large_by_itself_goes_straight(
     arm_and_calibration: tuple[Arm, Calibration], tmp_path: Path
 ) -> None:
     arm, calibration = arm_and_calibration
-    causes = causes_of(arm, calibration)
+    causes = list_causes(arm, calibration)
     largest = max(range(len(causes)), key=lambda k: len(causes[k].candidate.columns))
     way = tuple(a_growth(causes, (largest + k) % len(causes), 2 + k) for k in range(5))
-    ((share, straight),) = affordable([(0.4, way)], causes, 150)
+    ((share, straight),) = choose_affordable([(0.4, way)], causes, 150)
     assert share == 1.0
     assert all(change.gradual and change.bends_d == () for change in straight)
     made = written(tmp_path / "c.json", a_stack(causes), causes, calibration, [(1.0, straight)])
@@ -104,20 +108,20 @@ def test_one_way_that_is_too_large_by_itself_goes_straight(
 
 def test_few_ways_stay_as_they_are(arm_and_calibration: tuple[Arm, Calibration]) -> None:
     arm, calibration = arm_and_calibration
-    causes = causes_of(arm, calibration)
+    causes = list_causes(arm, calibration)
     ways = [(0.75, (Change(0, False, 3, 3, 3, 2.0, 0.75),)), (0.25, (a_growth(causes, 1, 2),))]
-    assert affordable(ways, causes, 33) == ways
+    assert choose_affordable(ways, causes, 33) == ways
 
 
 def test_a_growth_of_many_bends_keeps_every_second_or_fourth(
     arm_and_calibration: tuple[Arm, Calibration],
 ) -> None:
     arm, calibration = arm_and_calibration
-    causes = causes_of(arm, calibration)
+    causes = list_causes(arm, calibration)
     bends = tuple(float(3 * k) for k in range(1, 140))
     few = min(range(len(causes)), key=lambda k: len(_terms(a_growth(causes, k, 2), causes)))
     long = replace(a_growth(causes, few, 2), bends_d=bends, bending=0.4)
-    ((share, (coarse,)),) = affordable([(0.4, (long,))], causes, 33)
+    ((share, (coarse,)),) = choose_affordable([(0.4, (long,))], causes, 33)
     assert share == 1.0 and coarse.gradual and coarse.rate_size is long.rate_size
     step = (len(bends) + len(coarse.bends_d) - 1) // len(coarse.bends_d)
     assert step in (2, 4, 8, 16) and coarse.bends_d == bends[::-1][::step][::-1]
@@ -125,4 +129,4 @@ def test_a_growth_of_many_bends_keeps_every_second_or_fourth(
     assert len(_terms(coarse, causes)) <= (MOST_ROWS - 33) // 2 < len(_terms(long, causes))
     # One of few bends beside it stays as it is.
     short = a_growth(causes, few + 1, 2)
-    assert affordable([(0.6, (long, short))], causes, 33)[0][1][1] == short
+    assert choose_affordable([(0.6, (long, short))], causes, 33)[0][1][1] == short

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from test_interim_evidence import a_stack, density
 
-from armd.compensation.interim.changes import ways as module
+from armd.compensation.interim.changes import scenarios as module
 from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.changes.ways import list_ways
+from armd.compensation.interim.changes.scenarios import list_scenarios
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, SIZES
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.report.amend import fit
-from armd.compensation.interim.report.averaged import Averaged, averaged
+from armd.compensation.interim.report.average import Averaged, average_amplitudes
 
 
 def a_step(of: Stack, cause: int, first: int) -> Change:
@@ -30,7 +30,7 @@ def moments(of: Stack, causes: list[Cause], probe: np.ndarray) -> tuple[float, f
     """Mean and variance of what all columns do at a *probe* (C,) after the last check, over every
     cause, onset and size; covariances of all readings written out in full."""
     z = np.concatenate(of.residual)
-    known = np.concatenate(of.known)
+    known = np.concatenate(of.error_columns)
     logs, means, variances = [], [], []
     for first in range(of.n):
         step = np.arange(of.n) >= first
@@ -63,13 +63,13 @@ def test_mean_and_variance_are_those_of_the_posterior(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "KEPT_SHARE", 1.0)
-    monkeypatch.setattr(module, "MOST_WAYS", 10_000)
+    monkeypatch.setattr(module, "MOST_SCENARIOS", 10_000)
     rng = np.random.default_rng(seed)
     of, causes = a_stack(rng)
     causes = steps_alone(causes)
-    every = list_ways(of, causes, [a_step(of, 0, 2)], ())
+    every = list_scenarios(of, causes, [a_step(of, 0, 2)], ())
     assert len(every) == of.n * len(causes) * len(SIZES)
-    found = averaged(of, causes, every, ())
+    found = average_amplitudes(of, causes, every, ())
     for _ in range(3):
         probe = rng.normal(size=3)
         assert at_probe(found, of, probe) == pytest.approx(moments(of, causes, probe), rel=1e-8)
@@ -80,12 +80,12 @@ def test_what_is_left_out_has_little_share(seed: int) -> None:
     rng = np.random.default_rng(seed)
     of, causes = a_stack(rng)
     causes = steps_alone(causes)
-    few = list_ways(of, causes, [a_step(of, 0, 2)], ())
+    few = list_scenarios(of, causes, [a_step(of, 0, 2)], ())
     shares = [share for share, _ in few]
     assert sum(shares) == pytest.approx(1.0) and shares == sorted(shares, reverse=True)
     probe = rng.normal(size=3)
     mean, variance = moments(of, causes, probe)
-    near, its_variance = at_probe(averaged(of, causes, few, ()), of, probe)
+    near, its_variance = at_probe(average_amplitudes(of, causes, few, ()), of, probe)
     assert abs(near - mean) < 0.1 * np.sqrt(variance)
     assert its_variance == pytest.approx(variance, rel=0.2)
 
@@ -97,8 +97,8 @@ def test_two_changes_are_averaged_each_over_its_own_causes() -> None:
         z + 30.0 * (x[:, 0] * (i >= 1) + x[:, 1] * (i >= 3))
         for i, (z, x) in enumerate(zip(of.residual, of.columns, strict=True))
     ))  # fmt: skip
-    found = averaged(
-        of, causes, list_ways(of, causes, [a_step(of, 0, 1), a_step(of, 1, 3)], ()), ()
+    found = average_amplitudes(
+        of, causes, list_scenarios(of, causes, [a_step(of, 0, 1), a_step(of, 1, 3)], ()), ()
     )
     assert found.of_change == tuple(sorted(found.of_change)) and set(found.of_change) == {0, 1}
     for number in (0, 1):
@@ -107,13 +107,13 @@ def test_two_changes_are_averaged_each_over_its_own_causes() -> None:
         likeliest = max(own, key=lambda i: own[i])
         assert found.changes[likeliest].cause == number
         assert found.amplitudes.values[likeliest][0, 0] == pytest.approx(-30.0, rel=0.2)
-    assert found.until(0) == sum(number == 0 for number in found.of_change)
+    assert found.count_until(0) == sum(number == 0 for number in found.of_change)
 
 
 def test_an_unnamed_change_has_no_amplitudes() -> None:
     of, causes = a_stack(np.random.default_rng(1))
     strange = Change(None, False, 3, 3, 3, np.nan, 1.0)
-    found = averaged(of, causes, list_ways(of, causes, [strange], ()), ())
+    found = average_amplitudes(of, causes, list_scenarios(of, causes, [strange], ()), ())
     assert found.changes == (strange,) and found.amplitudes.covariance.size == 0
 
 

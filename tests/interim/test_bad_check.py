@@ -16,7 +16,7 @@ from armd.compensation.interim.evidence.bad_check import (
     ONE_IN,
     SCATTERS,
     Rest,
-    spoilt,
+    find_spoilt,
 )
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD
 from armd.compensation.interim.evidence.stack import Stack
@@ -34,7 +34,7 @@ def touched(seed: int) -> Stack:
 
 def density(of: Stack, more: np.ndarray) -> float:
     """Log of Student's density of all numbers, *more* added to the last check's covariance."""
-    z, known = np.concatenate(of.residual), np.concatenate(of.known)
+    z, known = np.concatenate(of.residual), np.concatenate(of.error_columns)
     shape = np.eye(len(z)) + known @ known.T
     r = len(of.residual[-1])
     shape[-r:, -r:] += more
@@ -46,7 +46,7 @@ def density(of: Stack, more: np.ndarray) -> float:
 def test_the_evidence_is_a_ratio_of_densities(seed: int, check: int) -> None:
     of = touched(seed)
     kept = [0, 1, 3, 4]  # one is left out already
-    last = of.only([*(i for i in kept if i != check), check])
+    last = of.select_checks([*(i for i in kept if i != check), check])
     moves = of.targets[check]
     r = len(moves)
     by_target = [moves[:, 3 * t : 3 * t + 3] for t in range(TARGETS)]
@@ -60,7 +60,7 @@ def test_the_evidence_is_a_ratio_of_densities(seed: int, check: int) -> None:
         for family in families
     ]
     expected = logsumexp(each) - np.log(len(each)) - density(last, np.zeros((r, r)))
-    assert Rest(of, of.sums(kept)).log_evidence(check) == pytest.approx(expected, abs=1e-8)
+    assert Rest(of, of.sum_checks(kept)).log_evidence(check) == pytest.approx(expected, abs=1e-8)
 
 
 def test_the_worst_goes_first_and_what_it_had_hidden_next() -> None:
@@ -74,12 +74,14 @@ def test_the_worst_goes_first_and_what_it_had_hidden_next() -> None:
     known = tuple(0.1 * rng.normal(size=(rows, 2)) for _ in range(n))
     nothing = tuple(np.zeros((rows, 0)) for _ in range(n))
     of = Stack(np.arange(float(n)), tuple(residual), nothing, known, targets, ())
-    odds = spoilt(of, of.sums(range(n)), range(n))
+    odds = find_spoilt(of, of.sum_checks(range(n)), range(n))
     assert list(odds) == [4, 7]
-    first = Rest(of, of.sums(range(n)))
+    first = Rest(of, of.sum_checks(range(n)))
     assert odds[4] == first.log_evidence(4) - np.log(ONE_IN)
     # Beside the grain, the noise looked as large as the unsteady hand's.
     assert first.log_evidence(7) < odds[7] + np.log(ONE_IN)
-    good = of.sums([i for i in range(n) if i not in odds])
-    assert spoilt(of, good, [0, 1, 2]) == {}
-    assert spoilt(of, of.sums(range(n)), [0, 1]) == {}  # only who is doubted can be found
+    good = of.sum_checks([i for i in range(n) if i not in odds])
+    assert find_spoilt(of, good, [0, 1, 2]) == {}
+    assert (
+        find_spoilt(of, of.sum_checks(range(n)), [0, 1]) == {}
+    )  # only who is doubted can be found

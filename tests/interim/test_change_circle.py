@@ -14,12 +14,12 @@ from scipy.stats import multivariate_t
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
 from armd.compensation.interim.changes import find as search
-from armd.compensation.interim.changes.change import amplitude_sizes, shapes
-from armd.compensation.interim.changes.circle import Stand, best, circle
+from armd.compensation.interim.changes.change import compute_shapes, list_amplitude_sizes
+from armd.compensation.interim.changes.circle import SearchState, choose_best_stand, find_circle
 from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, NOISE_WORD
-from armd.compensation.interim.evidence.quiet import EpochLook, Quiet
+from armd.compensation.interim.evidence.looks import EpochLook, QuietRun
 from armd.compensation.interim.evidence.stack import Stack
 from support.selection import parametrize_default
 
@@ -51,14 +51,14 @@ def wearing(
     return Stack(np.arange(float(checks)), residual, tuple(columns), known, targets, blocks), causes
 
 
-def by_hand(of: Stack, stand: Stand, good: Sequence[int]) -> float:
+def by_hand(of: Stack, stand: SearchState, good: Sequence[int]) -> float:
     """Log density of the readings of *good* checks, from their covariance as it stands, less the
     price of the changes."""
-    rows = [*np.concatenate([of.known[i] for i in good]).T]
-    for change in stand.found:
+    rows = [*np.concatenate([of.error_columns[i] for i in good]).T]
+    for change in stand.changes:
         assert change.cause is not None
-        block, shape = of.blocks[change.cause], shapes(of, change)
-        for sizes, course in zip(amplitude_sizes(change, block.stop - block.start), shape.T,
+        block, shape = of.blocks[change.cause], compute_shapes(of, change)
+        for sizes, course in zip(list_amplitude_sizes(change, block.stop - block.start), shape.T,
                                  strict=True):  # fmt: skip
             wide = np.concatenate([course[i] * of.columns[i][:, block] * sizes for i in good])
             rows += [*wide.T]
@@ -66,7 +66,7 @@ def by_hand(of: Stack, stand: Stand, good: Sequence[int]) -> float:
     covariance = np.eye(beside.shape[1]) + beside.T @ beside
     readings = np.concatenate([of.residual[i] for i in good])
     density = multivariate_t.logpdf(readings, shape=covariance, df=NOISE_WORD)
-    return float(density) - LIMIT * len(stand.found)
+    return float(density) - LIMIT * len(stand.changes)
 
 
 @parametrize_default("seed", SEEDS)
@@ -75,21 +75,21 @@ def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
 ) -> None:
     of, causes = wearing(seed)
     begun: list[Any] = []
-    rounds: list[Sequence[Stand]] = []
-    looking, choosing = search.watch, search.best
+    rounds: list[Sequence[SearchState]] = []
+    looking, choosing = search.watch, search.choose_best_stand
 
     def watch(*given: Any) -> Any:
         begun.append(given[2])
         assert len(begun) < 20, f"looks from {begun}"
         return looking(*given)
 
-    def chosen(of: Stack, stands: Sequence[Stand]) -> Stand:
+    def chosen(of: Stack, stands: Sequence[SearchState]) -> SearchState:
         rounds.append(stands)
         return choosing(of, stands)
 
     with monkeypatch.context() as patched:
         patched.setattr(search, "watch", watch)
-        patched.setattr(search, "best", chosen)
+        patched.setattr(search, "choose_best_stand", chosen)
         found = find(of, causes)
     # It came back, and looked nowhere twice.
     (stands,) = rounds
@@ -100,9 +100,9 @@ def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
     likeliest = stands[int(np.argmax(evidence))]
     # Wherever the circle is entered.
     for k in range(len(stands)):
-        assert best(of, [*stands[k:], *stands[:k]]) is likeliest
+        assert choose_best_stand(of, [*stands[k:], *stands[:k]]) is likeliest
     # And one check more, from what was looked at, ends as one that begins anew does.
-    longer = find(of, causes, find(of.only(range(of.n - 1)), causes).looked)
+    longer = find(of, causes, find(of.select_checks(range(of.n - 1)), causes).looked)
     assert [change.key for change in longer.changes] == [change.key for change in found.changes]
     assert longer.bad == found.bad
     assert longer.statistic == pytest.approx(found.statistic, abs=1e-9)
@@ -111,25 +111,27 @@ def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
 def test_a_check_that_one_of_them_takes_for_bad_speaks_for_none() -> None:
     of, causes = wearing(27)
     change = find(of, causes).changes[0]
-    look = EpochLook(0, (), (), Quiet())
-    right = Stand(look, (change,), (13,), ())
-    wrong = Stand(look, (replace(change, first=30, gradual=False, bends_d=(), rate_size=None),),
+    look = EpochLook(0, (), (), QuietRun())
+    right = SearchState(look, (change,), (13,), ())
+    step = replace(change, first=30, gradual=False, bends_d=(), rate_size=None)
+    wrong = SearchState(look, (step,),
                   (13,), tuple(range(20)))  # fmt: skip
     # Of the last sixteen checks alone both are weighed.
     evidence = [by_hand(of, stand, range(20, of.n)) for stand in (right, wrong)]
-    assert best(of, (right, wrong)) is best(of, (wrong, right))
-    assert best(of, (right, wrong)) is (right, wrong)[int(np.argmax(evidence))]
+    assert choose_best_stand(of, (right, wrong)) is choose_best_stand(of, (wrong, right))
+    assert choose_best_stand(of, (right, wrong)) is (right, wrong)[int(np.argmax(evidence))]
     # The same change said twice is no likelier, and costs one more.
-    twice = replace(right, found=(change, change))
-    assert best(of, (twice, right)) is right
+    twice = replace(right, changes=(change, change))
+    assert choose_best_stand(of, (twice, right)) is right
 
 
 def test_a_search_is_back_only_where_it_would_go_on_the_same_way() -> None:
-    looks = [EpochLook(0, (), (), Quiet((0.5,))), EpochLook(5, (1,), (4.0, 0.5), Quiet((0.5,))),
-             EpochLook(9, (1,), (4.0, 0.7), Quiet((0.5,)))]  # fmt: skip
-    stands = [Stand(look, (), (7,) if look.since else (), ()) for look in looks]
-    assert circle(stands, 5, (1,), (4.0, 0.5 * (1 + 1e-12)), [7]) == stands[1:]
-    assert circle(stands, 9, (1,), (4.0, 0.7), [7]) == stands[2:]
+    run = QuietRun((0.5,))
+    looks = [EpochLook(0, (), (), run), EpochLook(5, (1,), (4.0, 0.5), run),
+             EpochLook(9, (1,), (4.0, 0.7), QuietRun((0.5,)))]  # fmt: skip
+    stands = [SearchState(look, (), (7,) if look.since else (), ()) for look in looks]
+    assert find_circle(stands, 5, (1,), (4.0, 0.5 * (1 + 1e-12)), [7]) == stands[1:]
+    assert find_circle(stands, 9, (1,), (4.0, 0.7), [7]) == stands[2:]
     for other in ((5, (1,), (4.0, 0.51), [7]), (5, (), (4.0, 0.5), [7]), (5, (1,), (4.0, 0.5), [8]),
                   (6, (1,), (4.0, 0.5), [7])):  # fmt: skip
-        assert not circle(stands, *other)
+        assert not find_circle(stands, *other)

@@ -10,8 +10,12 @@ from test_interim_evidence import with_standing
 from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence import stack as stacked
-from armd.compensation.interim.evidence.amplitudes import integrated
-from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, cleared
+from armd.compensation.interim.evidence.amplitudes import integrate_amplitudes
+from armd.compensation.interim.evidence.elimination import (
+    CheckSums,
+    EliminatedErrors,
+    eliminate_standing,
+)
 from armd.compensation.interim.evidence.likelihood import weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import UNSETTLED, watch
@@ -26,7 +30,7 @@ def test_one_rotation_does_for_every_size(standing: slice) -> None:
     rows[:, 4] = rows[:, 3]  # two errors that no reading tells apart
     residual = rng.normal(size=20)
     side, square = rows.T @ residual, float(residual @ residual)
-    known = cleared(rows.T @ rows, side, square, standing, SCALES)
+    known = eliminate_standing(rows.T @ rows, side, square, standing, SCALES)
     for k, scale in enumerate(SCALES):
         prior = np.ones(6)
         prior[standing] = scale**2
@@ -48,7 +52,7 @@ def test_amplitudes_of_many_grams_at_once_are_those_of_each(p: int) -> None:
     gram, side = rows.transpose(0, 2, 1) @ rows, rng.normal(size=(7, p))
     sizes = (0.1, 1.0, 10.0)
     lower = {(i, j): gram[:, i, j] for i in range(p) for j in range(i + 1)}
-    spread, quad = integrated(lower, list(side.T), sizes)
+    spread, quad = integrate_amplitudes(lower, list(side.T), sizes)
     for s, size in enumerate(sizes):
         whole = np.eye(p) + size**2 * gram
         assert spread[:, s] == pytest.approx(np.linalg.slogdet(whole)[1], abs=1e-9)
@@ -63,9 +67,9 @@ def test_sums_without_some_of_the_last_checks_are_those_of_the_others(
 ) -> None:
     of, causes = with_standing(1)
     n = 5
-    some, begin = RunningSums(of).dropping(left_out, n, back)
+    some, begin = RunningSums(of).drop_checks(left_out, n, back)
     kept = [i for i in range(n) if i not in left_out]
-    anew = RunningSums(of.only(kept))
+    anew = RunningSums(of.select_checks(kept))
     onsets = np.arange(max(0, len(kept) - back), len(kept))
     expected = weigh(anew, causes, len(kept), onsets)
     # Counted from where these sums begin; none that is left out lies before.
@@ -79,17 +83,17 @@ def eliminations(of: Stack, causes: list[Cause], monkeypatch: pytest.MonkeyPatch
 
     def counted(
         curvature: F64, side: F64, square: float, standing: slice, scales: tuple[float, ...]
-    ) -> Cleared:
+    ) -> EliminatedErrors:
         nonlocal count
         count += 1
-        return cleared(curvature, side, square, standing, scales)
+        return eliminate_standing(curvature, side, square, standing, scales)
 
     def never(of: Stack, chosen: object) -> CheckSums:
         raise AssertionError("summed up anew")
 
     with monkeypatch.context() as patched:
-        patched.setattr(stacked, "cleared", counted)
-        patched.setattr(Stack, "sums", never)
+        patched.setattr(stacked, "eliminate_standing", counted)
+        patched.setattr(Stack, "sum_checks", never)
         assert watch(of, causes).alarm is None
     return count
 
@@ -99,5 +103,5 @@ def test_a_check_more_costs_the_same_however_many_there_are(
 ) -> None:
     of, causes = off_from(np.random.default_rng(0), 99, 99)  # never off
     each = 1 + UNSETTLED  # the statistic, and whether any of the last checks was spoilt
-    found = [eliminations(of.only(range(n)), causes, monkeypatch) for n in (10, 20, 40)]
+    found = [eliminations(of.select_checks(range(n)), causes, monkeypatch) for n in (10, 20, 40)]
     assert np.diff(found).tolist() == [10 * each, 20 * each]

@@ -16,11 +16,11 @@ import pytest
 
 from armd.compensation.data.session import load_session
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.interim.checks.open_growth import open_growth, rises_k
+from armd.compensation.interim.checks.open_growth import compute_rises_k, open_growth
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main
-from armd.simulator.campaigns.calibration import calibration
+from armd.simulator.campaigns.calibration import plan_calibration
 from armd.simulator.measured.measuring import carry_out, write_session
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import Climate, SessionPlan, Visit
@@ -41,7 +41,7 @@ def as_it_is(check: int, row: int, values: Row) -> None:
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Sessions at five temperatures, and a calibration of the one at 20 °C."""
     folder = tmp_path_factory.mktemp("measured")
-    campaign = calibration(5, Noise())
+    campaign = plan_calibration(5, Noise())
     (folder / "arm.toml").write_text(campaign.arm_toml)
     for session in carry_out(campaign, np.random.default_rng(5)):
         write_session(folder / session.plan.name, session)
@@ -96,7 +96,7 @@ def test_the_growth_is_reported_and_written(measured: Path, tmp_path: Path, caps
     """Beside the simulator's materials; and on all sessions, of which the checks had an eighth."""
     result = judged(measured, tmp_path / "h", checks(measured, tmp_path), capsys)
     links = {one["location"]: one["parameters"][0] for one in result["growth"]["links"]}
-    true = Materials.of_the_demo_arm()
+    true = Materials.for_demo_arm()
     for name, per_k in (("link 2", (130**2 * true.along_d[1] + 520**2 * true.along_a[1])
                          / (130**2 + 520**2)), ("link 4", true.along_d[3])):  # fmt: skip
         off = abs(links[name]["value"] - per_k)
@@ -143,7 +143,7 @@ def test_a_moved_seat_beside_the_growth_is_bad_by_itself(
 
 def warming(folder: Path, count: int, repeats: int, seed: int) -> list[str]:
     """Sessions a week apart, each eight kelvin warmer at its end, two hours later."""
-    campaign = calibration(5, Noise())
+    campaign = plan_calibration(5, Noise())
     artefact = campaign.sessions[0][1]
     visit = Visit("P1", artefact.targets[:8], repeats)
     plans = [
@@ -195,5 +195,5 @@ def test_only_what_a_calibration_could_not_know_is_open(measured: Path, tmp_path
     assert open_growth(arm, one.model_copy(update={"temperature_range_c": wide})) == ()
     assert open_growth(arm, one.model_copy(update={"temperature_range_c": {}})) == ()
     session = load_session(measured / "T26", arm)
-    rise = rises_k(growth, session.states, arm, one)
+    rise = compute_rises_k(growth, session.states, arm, one)
     assert np.allclose(rise, 6.0, atol=0.3)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.interim.checks.catalogue_digest import digest
-from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
+from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.open_growth import OpenGrowth, open_growth
 from armd.compensation.interim.report.growth import LinkGrowth, with_growth
 from armd.compensation.model.calibration import Calibration
@@ -74,16 +74,18 @@ def test_a_growth_is_reported_whose_interval_excludes_zero(per_k: float, sure: b
 
 
 def test_a_digest_is_of_all_causes_and_of_the_open_growth() -> None:
-    causes, growth = causes_of(ARM, CALIBRATION), open_growth(ARM, CALIBRATION)
+    causes, growth = list_causes(ARM, CALIBRATION), open_growth(ARM, CALIBRATION)
     warmer = CALIBRATION.model_copy(
         update={"temperature_range_c": dict.fromkeys(ARM.used_sensors, (27.5, 28.5))}
     )
     digests = [
-        digest(causes),
-        digest(causes[1:]),
-        digest(causes, growth),
-        digest(causes, growth[1:]),
-        digest(causes, open_growth(ARM, warmer)),
+        hash_catalogue(causes),
+        hash_catalogue(causes[1:]),
+        hash_catalogue(causes, growth),
+        hash_catalogue(causes, growth[1:]),
+        hash_catalogue(causes, open_growth(ARM, warmer)),
     ]
     assert len(set(digests)) == len(digests)
-    assert digest(causes_of(ARM, CALIBRATION), open_growth(ARM, CALIBRATION)) == digests[2]
+    assert (
+        hash_catalogue(list_causes(ARM, CALIBRATION), open_growth(ARM, CALIBRATION)) == digests[2]
+    )

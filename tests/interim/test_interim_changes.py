@@ -8,12 +8,12 @@ from scipy.special import logsumexp
 
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
-from armd.compensation.interim.changes.change import Change, with_changes
+from armd.compensation.interim.changes.change import Change, add_known_changes
 from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.changes.growing import Growing
 from armd.compensation.interim.changes.growth import Growths
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import known_errors, log_marginal
+from armd.compensation.interim.evidence.likelihood import estimate_known_errors, log_marginal
 from armd.compensation.interim.evidence.stack import Stack
 from support.selection import parametrize_default
 
@@ -47,7 +47,7 @@ def test_an_alarm_that_later_checks_refute_is_withdrawn(seed: int) -> None:
     assert alarm is not None
     # Off until it is told, and never again.
     passing, _ = off_from(np.random.default_rng(seed), FIRST, alarm + 1)
-    assert len(find(passing.only(range(alarm + 1)), causes).changes) == 1
+    assert len(find(passing.select_checks(range(alarm + 1)), causes).changes) == 1
     later = find(passing, causes)
     assert later.alarm == alarm  # it was told, and the statistic says so
     # Another one by chance, later on, is within the rate that is stated.
@@ -69,8 +69,8 @@ def a_month(rng: np.random.Generator) -> Stack:
 
 def plainly(of: Stack, course: Change) -> float:
     """Log of how likely all readings are with a course, by a stack that knows it."""
-    knowing = with_changes(of, [course])
-    return log_marginal(knowing, knowing.sums(range(of.n)))
+    knowing = add_known_changes(of, [course])
+    return log_marginal(knowing, knowing.sum_checks(range(of.n)))
 
 
 @pytest.mark.parametrize("cause", [0, 1])
@@ -100,7 +100,7 @@ def test_growths_from_many_onsets_are_as_likely_as_of_a_stack_that_knows_each(ca
 def test_shares_of_onsets_and_rates_are_those_of_the_plain_formulas(cause: int) -> None:
     of = a_month(np.random.default_rng(4))
     kept = [i for i in range(of.n) if i not in (0, 9, 10)]
-    some = of.only(kept)
+    some = of.select_checks(kept)
     change = Change(cause, True, 3, 3, 3, float(of.time_d[2]), 1.0, size=3.0)
     found = Growths(of, kept).weigh_onsets(change, kept)
     courses = [course for _, course in found]
@@ -108,9 +108,9 @@ def test_shares_of_onsets_and_rates_are_those_of_the_plain_formulas(cause: int) 
     # A bend at every third check until the last but one, none before a growth's first check.
     bends = some.time_d[[1, 4, 7, 10, 13, 16, 19, 22, 25]]
     assert all(c.bends_d == tuple(bends[bends > of.time_d[c.first]]) for c in courses)
-    q = of.known[0].shape[1]
-    alone = with_changes(some, [change])
-    rate = np.abs(change.size * known_errors(alone.sums(range(some.n))).mean[q:])
+    q = of.error_columns[0].shape[1]
+    alone = add_known_changes(some, [change])
+    rate = np.abs(change.size * estimate_known_errors(alone.sum_checks(range(some.n))).mean[q:])
     for course in courses:
         assert course.rate_size == pytest.approx(np.maximum(rate, 0.1 * rate.max()), rel=1e-9)
     by_hand = np.array([plainly(some, course) for course in courses])

@@ -21,7 +21,7 @@ from armd.compensation.interim.evidence.bad_check import Rest
 from armd.compensation.interim.evidence.likelihood import (
     NOISE_WORD,
     SIZES,
-    at_its_share,
+    fit_standing_share,
     log_marginal,
     log_marginals,
     weigh,
@@ -56,7 +56,7 @@ def a_stack(rng: np.random.Generator) -> tuple[Stack, list[Cause]]:
 def density(of: Stack, more: list[np.ndarray], size: float) -> float:
     """Log of Student's density of all readings, the covariance written out in full."""
     z = np.concatenate(of.residual)
-    known, extra = np.concatenate(of.known), np.concatenate(more)
+    known, extra = np.concatenate(of.error_columns), np.concatenate(more)
     shape = np.eye(len(z)) + known @ known.T + size**2 * extra @ extra.T
     return float(multivariate_t.logpdf(z, np.zeros(len(z)), shape, df=NOISE_WORD))
 
@@ -177,7 +177,7 @@ def test_without_a_doubt_there_are_no_poses(tmp_path: Path) -> None:
 def test_the_marginal_is_a_density(seed: int) -> None:
     of, _ = a_stack(np.random.default_rng(seed))
     nothing = [np.zeros((len(z), 1)) for z in of.residual]
-    marginal = log_marginal(of, of.sums(range(of.n)))
+    marginal = log_marginal(of, of.sum_checks(range(of.n)))
     assert marginal == pytest.approx(density(of, nothing, 0.0), abs=1e-8)
 
 
@@ -253,7 +253,7 @@ def test_how_large_standing_errors_are_is_averaged_over(seed: int) -> None:
         with_it = logsumexp([density(one, step, size) for one in each])
         expected = with_it - without - np.log(len(SIZES)) + np.log(0.25)
         assert weighed.log_by_size[0, 1, 0, s] == pytest.approx(expected, abs=1e-8)
-    marginal = log_marginal(of, of.sums(range(of.n)))
+    marginal = log_marginal(of, of.sum_checks(range(of.n)))
     assert marginal == pytest.approx(without - np.log(len(ALL_ALONG)), abs=1e-8)
 
 
@@ -262,7 +262,7 @@ def test_a_usual_check_beside_the_rest_is_all_of_them(seed: int) -> None:
     """Whatever the standing errors' size: the rest's density times the check's is that of all."""
     of, _ = with_standing(seed)
     of = replace(of, targets=tuple(np.ones((len(z), 3)) for z in of.residual))
-    rest = Rest(of, of.sums(range(of.n)))
+    rest = Rest(of, of.sum_checks(range(of.n)))
     together = rest.log_densities(3)[:, :2].sum(axis=1)
     expected = log_marginals(RunningSums(of), of.n)
     assert np.ptp(expected) > 0.1  # the sizes are told apart
@@ -277,4 +277,4 @@ def test_the_checks_tell_how_large_standing_errors_are(share: float) -> None:
     residual = tuple(k @ errors + rng.normal(size=30) for k in known)
     nothing = tuple(np.zeros((30, 0)) for _ in range(4))
     of = Stack(np.arange(4.0), residual, nothing, known, nothing, (), (0, 40))
-    assert at_its_share(of).share == pytest.approx(share)
+    assert fit_standing_share(of).share == pytest.approx(share)

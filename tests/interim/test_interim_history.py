@@ -21,8 +21,8 @@ import pytest
 from armd import __version__
 from armd.compensation.interim.checks import appending
 from armd.compensation.interim.checks.chain import REPORT
-from armd.compensation.interim.checks.columns import causes_of
-from armd.compensation.interim.report import remembered
+from armd.compensation.interim.checks.columns import list_causes
+from armd.compensation.interim.report import watch_memory
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of, save_calibration
 from armd.daemon.commands.offline import interim
@@ -47,7 +47,7 @@ def measured(folder: Path, *options: str) -> Path:
 
 def true_calibration(folder: Path) -> Path:
     """What a perfect calibration at the reference would be; the arm's warmth is beyond it."""
-    from armd.simulator.truth.answers import true_constants, true_expansion
+    from armd.simulator.truth.answers import list_true_constants, list_true_expansion
 
     arm = load_arm(folder / "arm.toml")
     true = TrueArm.default(6)
@@ -57,9 +57,9 @@ def true_calibration(folder: Path) -> Path:
             "basis": [{"kind": "temperature", "weights": {sensor: 1.0}}],
             "coefficient": rate,
         }
-        for name, sensor, rate in true_expansion(true)
+        for name, sensor, rate in list_true_expansion(true)
     ]
-    constants = constants_of(arm.nominal(), arm.n_joints) | true_constants(true)
+    constants = constants_of(arm.nominal(), arm.n_joints) | list_true_constants(true)
     calibration = Calibration.model_validate(
         {
             "arm": arm.serial_number,
@@ -156,7 +156,7 @@ def test_the_order_of_adding_does_not_matter(checks: Path, kept: Path, tmp_path:
 def test_what_is_remembered_of_earlier_checks_decides_nothing(copy: Path) -> None:
     """The report is the same with it, without it, and where it says something else."""
     told = reported(copy)
-    watched = copy / remembered.WATCHED
+    watched = copy / watch_memory.WATCHED
     data = json.loads(watched.read_text())
     (epoch,) = data["epochs"]
     assert 0 < len(epoch["checks"]) < DAYS
@@ -345,7 +345,7 @@ def test_a_history_kept_with_another_catalogue_is_judged_by_todays(
     """Statistics name columns by their order: of other causes they would be another's."""
     history = tmp_path / "history"
     with monkeypatch.context() as other:
-        other.setattr(interim, "causes_of", lambda *of: causes_of(*of)[::-1])
+        other.setattr(interim, "list_causes", lambda *of: list_causes(*of)[::-1])
         assert add(checks, history, *range(1, DAYS + 1)) == 1
     ours, theirs = reported(kept), reported(history)
     assert [c["verdict"] for c in theirs["checks"]] == [c["verdict"] for c in ours["checks"]]

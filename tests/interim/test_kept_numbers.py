@@ -24,7 +24,7 @@ def a_check(rows: int = 5) -> Reduced:
     return Reduced(
         residual=rng.normal(size=rows),
         causes=1e5 * rng.normal(size=(rows, 4)),
-        known=1e-9 * rng.normal(size=(rows, 2)),
+        error_columns=1e-9 * rng.normal(size=(rows, 2)),
         known_names=("calibrated 0", "beam B1 x"),
         targets=rng.normal(size=(rows, 3)),
         target_names=("beam B1",),
@@ -41,7 +41,7 @@ def a_check(rows: int = 5) -> Reduced:
 def test_what_was_kept_is_read_to_seven_digits_of_each_number() -> None:
     kept = a_check()
     read = from_json(Path("statistics.json"), to_json(kept).encode())
-    for name in ("residual", "causes", "known", "targets"):
+    for name in ("residual", "causes", "error_columns", "targets"):
         ours, theirs = getattr(kept, name), getattr(read, name)
         assert ours.shape == theirs.shape
         assert (np.abs(theirs - ours) <= 0.5001 * 10.0 ** (1 - DIGITS) * np.abs(ours)).all()
@@ -51,9 +51,11 @@ def test_what_was_kept_is_read_to_seven_digits_of_each_number() -> None:
 
 def test_a_check_without_known_errors_keeps_its_shape() -> None:
     nothing = np.zeros((5, 0))
-    kept = replace(a_check(), known=nothing, known_names=(), targets=nothing, target_names=())
+    kept = replace(
+        a_check(), error_columns=nothing, known_names=(), targets=nothing, target_names=()
+    )
     read = from_json(Path("statistics.json"), to_json(kept).encode())
-    assert read.known.shape == read.targets.shape == (5, 0)
+    assert read.error_columns.shape == read.targets.shape == (5, 0)
 
 
 @pytest.mark.parametrize(

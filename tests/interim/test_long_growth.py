@@ -16,12 +16,17 @@ from armd.compensation.effects.location import joint
 from armd.compensation.interim.changes.change import (
     BENDING,
     Change,
-    amplitude_sizes,
-    shapes,
-    with_changes,
+    add_known_changes,
+    compute_shapes,
+    list_amplitude_sizes,
 )
-from armd.compensation.interim.changes.growth import CHECKS_APART, LONG_BENDINGS, Growths, growth
-from armd.compensation.interim.changes.likeliest import likeliest, weighed_since
+from armd.compensation.interim.changes.growth import (
+    CHECKS_APART,
+    LONG_BENDINGS,
+    Growths,
+    fit_growth,
+)
+from armd.compensation.interim.changes.likeliest import find_likeliest, weigh_since
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, MOST_BACK, Weighed
 from armd.compensation.interim.evidence.stack import Stack
@@ -65,10 +70,10 @@ def beside(of: Stack, causes: Sequence[Cause]) -> tuple[Change, Weighed, Change]
     """The growth, and how likely another change is beside it, and which."""
     kept = [*range(of.n)]
     begun = Change(0, True, FIRST, FIRST, FIRST, FIRST - 1.0, 1.0)
-    grows = growth(of, begun, kept, kept[FIRST - 20 : FIRST + 20])
-    knowing = with_changes(of, [grows])
-    weighed, _ = weighed_since(knowing, causes, grows.first + 1, of.n, of.n, ())
-    return grows, weighed, likeliest(knowing, causes, weighed, kept)
+    grows = fit_growth(of, begun, kept, kept[FIRST - 20 : FIRST + 20])
+    knowing = add_known_changes(of, [grows])
+    weighed, _ = weigh_since(knowing, causes, grows.first + 1, of.n, of.n, ())
+    return grows, weighed, find_likeliest(knowing, causes, weighed, kept)
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])
@@ -94,8 +99,8 @@ def test_how_many_bends_a_course_has_changes_nothing_of_what_is_likely() -> None
 
     def deviation(course: Change) -> F64:
         """Of where it is beforehand, but for its first rate."""
-        sizes = amplitude_sizes(course, 1)[1:, 0]
-        return np.sqrt(((shapes(of, course)[:, 1:] * sizes) ** 2).sum(axis=1))
+        sizes = list_amplitude_sizes(course, 1)[1:, 0]
+        return np.sqrt(((compute_shapes(of, course)[:, 1:] * sizes) ** 2).sum(axis=1))
 
     bends = tuple(of.time_d[range(CHECKS - 2, FIRST, -CHECKS_APART)][::-1].tolist())
     fine_one = replace(found, bends_d=bends, bending=BENDING)

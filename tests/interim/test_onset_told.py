@@ -10,9 +10,9 @@ import pytest
 from test_interim_evidence import a_stack
 
 from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.changes.dated import between, instant
-from armd.compensation.interim.changes.held import HELD, find_onset_interval
-from armd.compensation.interim.changes.likeliest import LEAST_SHARE, likeliest
+from armd.compensation.interim.changes.dates import find_instant, find_interval
+from armd.compensation.interim.changes.likeliest import LEAST_SHARE, find_likeliest
+from armd.compensation.interim.changes.onset_interval import HELD, find_onset_interval
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import SIZES, Weighed
 from armd.compensation.interim.evidence.stack import Stack
@@ -68,28 +68,28 @@ def a_change(first: int, earliest: int, latest: int, **more: Any) -> Change:
 
 def test_a_sudden_change_was_between_the_last_good_check_and_the_first_with_it() -> None:
     change = a_change(3, 3, 4)
-    assert between(checks(), daily(), change, []) == (2 * DAY_S + 1800, 4 * DAY_S - 1800)
-    assert instant(checks(), daily(), change, []) == 2.5 * DAY_S
+    assert find_interval(checks(), daily(), change, []) == (2 * DAY_S + 1800, 4 * DAY_S - 1800)
+    assert find_instant(checks(), daily(), change, []) == 2.5 * DAY_S
 
 
 def test_a_bad_check_cannot_say_whether_it_had_the_change() -> None:
     change = a_change(3, 3, 3)
-    assert between(checks(), daily(), change, [2]) == (DAY_S + 1800, 3 * DAY_S - 1800)
-    assert instant(checks(), daily(), change, [2]) == 2.0 * DAY_S
+    assert find_interval(checks(), daily(), change, [2]) == (DAY_S + 1800, 3 * DAY_S - 1800)
+    assert find_instant(checks(), daily(), change, [2]) == 2.0 * DAY_S
 
 
 def test_a_change_from_the_first_check_on_began_at_most_a_usual_gap_before() -> None:
     change = a_change(0, 0, 0)
-    assert between(checks(), daily(), change, []) == (-DAY_S - 1800, -1800)
-    assert instant(checks(), daily(), change, []) == -1800 - DAY_S / 2
-    assert between(checks(), daily(), a_change(2, 2, 2), [0, 1])[0] == DAY_S - 1800
+    assert find_interval(checks(), daily(), change, []) == (-DAY_S - 1800, -1800)
+    assert find_instant(checks(), daily(), change, []) == -1800 - DAY_S / 2
+    assert find_interval(checks(), daily(), a_change(2, 2, 2), [0, 1])[0] == DAY_S - 1800
 
 
 def test_a_growth_began_between_two_checks_or_beside_them() -> None:
     change = a_change(3, 3, 4, gradual=True, at=2.25)
-    assert between(checks(), daily(), change, []) == (1.5 * DAY_S, 4 * DAY_S - 1800)
-    assert instant(checks(), daily(), change, []) == 2.25 * DAY_S
-    assert between(checks(), daily(), a_change(1, 1, 1, gradual=True), [])[0] == -DAY_S - 1800
+    assert find_interval(checks(), daily(), change, []) == (1.5 * DAY_S, 4 * DAY_S - 1800)
+    assert find_instant(checks(), daily(), change, []) == 2.25 * DAY_S
+    assert find_interval(checks(), daily(), a_change(1, 1, 1, gradual=True), [])[0] == -DAY_S - 1800
 
 
 def weighed(share: np.ndarray) -> Weighed:
@@ -110,7 +110,7 @@ def test_a_place_is_all_its_forms_and_onsets_together() -> None:
     share = np.zeros((of.n, 3, 2))
     share[1, 1, 0] = 0.40  # the largest single one
     share[2, 0, 0], share[3, 0, 0], share[2, 2, 0] = 0.28, 0.02, 0.30
-    change = likeliest(of, causes, weighed(share), list(range(of.n)))
+    change = find_likeliest(of, causes, weighed(share), list(range(of.n)))
     assert change.cause == 2 and not change.gradual and change.first == 2
     assert change.probability == pytest.approx(0.60)
     assert change.gradual_probability == 0.0
@@ -125,7 +125,7 @@ def test_checks_left_out_do_not_count_among_the_onsets() -> None:
     share = np.zeros((of.n - 1, 3, 2))
     share[2, 1, 0] = 1.0 - LEAST_SHARE / 2
     share[2, 0, 0] = LEAST_SHARE / 2  # not worth a line
-    change = likeliest(of.only([0, 1, 2, 3, 4]), causes, weighed(share), [0, 2, 3, 4])
+    change = find_likeliest(of.select_checks([0, 1, 2, 3, 4]), causes, weighed(share), [0, 2, 3, 4])
     assert change.first == change.earliest == change.latest == 3
     assert change.rivals == ()
 
@@ -134,7 +134,7 @@ def test_a_growth_is_one_where_most_of_its_weight_grows() -> None:
     of, causes = three_forms()
     share = np.zeros((of.n, 3, 2))
     share[2, 1, 0], share[2, 1, 1] = 0.4, 0.6
-    change = likeliest(of, causes, weighed(share), list(range(of.n)))
+    change = find_likeliest(of, causes, weighed(share), list(range(of.n)))
     assert change.gradual and change.cause == 1
     assert change.gradual_probability == pytest.approx(0.6)
     assert change.origin_d == of.time_d[change.first - 1]

@@ -17,10 +17,10 @@ from test_interim_history import measured, true_calibration
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.data.session import load_sessions
-from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
-from armd.compensation.interim.report import tomorrow
+from armd.compensation.interim.report import next_check
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.simulator.plants.plant import Plant
@@ -66,7 +66,7 @@ def test_what_is_told_comes_as_often_as_is_said(
 ) -> None:
     """The cause that is named, and that it is wrong after one more check, the usual or the proposed
     one. Three standard deviations either way are what luck may do."""
-    monkeypatch.setattr(tomorrow, "LEFT", np.inf)  # worth proposing or not
+    monkeypatch.setattr(next_check, "LEFT", np.inf)  # worth proposing or not
     pairs = []
     with threadpool_limits(limits=1):
         bench = Bench(7041, tmp_path / "arm")
@@ -88,7 +88,7 @@ def test_false_alarms_are_about_as_rare_as_is_said(tmp_path: Path) -> None:
     true_calibration(folder)
     arm = load_arm(folder / "arm.toml")
     calibration = load_calibration(folder / "calibration.json", arm).content
-    causes = causes_of(arm, calibration)
+    causes = list_causes(arm, calibration)
     month = [
         reduce(session, arm, calibration, causes)
         for session in load_sessions(sorted(folder.glob("day-*")), arm)

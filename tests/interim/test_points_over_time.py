@@ -20,7 +20,7 @@ from armd.compensation.interim.points.evidence import (
     OWN_SCATTER_FACTOR,
     ChangeCourse,
     Series,
-    effect,
+    fit_change_size,
     log_ratios,
 )
 from armd.compensation.interim.points.find import find_changes
@@ -218,7 +218,7 @@ def test_intervals_hold_the_change() -> None:
         value = rng.normal(size=(15, 3)) * 8.5
         value[10:] += true
         instants = 7 * 86400.0 * np.arange(15.0)
-        made = effect(
+        made = fit_change_size(
             Series(value, np.full(3, 6.0), np.full(3, 0.1), instants),
             np.ones(15, bool), [], ChangeCourse(10, gradual=False),
         )  # fmt: skip

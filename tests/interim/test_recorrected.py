@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armd import Flag
-from armd.compensation.interim.again.recorrect import recorrect
+from armd.compensation.interim.recorrection.recorrect import recorrect
 from armd.compensation.model.slow_factors import Temperature, Time
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term

@@ -144,7 +144,7 @@ def test_a_certified_length_is_one_more_number_with_its_own_error() -> None:
     assert [some.known_names[i] for i in own] == ["points distance 0", "points distance 1"]
     # An error of one standard deviation of the certificate, in units of the row's small noise;
     # of it no more shows than is not taken up by the seats.
-    size = np.linalg.norm(some.known[:, own], axis=0)
+    size = np.linalg.norm(some.error_columns[:, own], axis=0)
     assert (size < 0.001 / LENGTH_FLOOR_MM).all() and (size > 0.0).all()
 
 
@@ -152,7 +152,7 @@ def test_a_calibration_that_may_be_wrong_says_so_under_the_same_name_every_day()
     wrong = calibration(covariance_of=["d_3"], covariance=[[0.01**2]])
     found = reduce(check(uncertainty_mm=0.002), ARM, wrong, CAUSES)
     assert found.known_names[0] == "calibrated 0"
-    assert found.known[:, 0] == pytest.approx(0.01 * found.causes[:, 1], abs=1e-9)
+    assert found.error_columns[:, 0] == pytest.approx(0.01 * found.causes[:, 1], abs=1e-9)
     errors = [name for name in found.known_names if name != "calibrated 0"]
     assert errors == [f"points B{k} {axis}" for k in range(4) for axis in "xyz"]
 

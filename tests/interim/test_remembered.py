@@ -21,16 +21,22 @@ from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.checks.history import STATISTICS
 from armd.compensation.interim.evidence import watch as watching
 from armd.compensation.interim.evidence.likelihood import Weighed, weigh
-from armd.compensation.interim.evidence.quiet import (
+from armd.compensation.interim.evidence.looks import (
     NEVER_YET,
     NOTHING_YET,
     EpochLook,
-    Looked,
-    Quiet,
+    EpochLooks,
+    QuietRun,
 )
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.evidence.watch import watch
-from armd.compensation.interim.report.remembered import NOTHING, WATCHED, code, recall, remember
+from armd.compensation.interim.report.watch_memory import (
+    NOTHING,
+    WATCHED,
+    hash_sources,
+    recall,
+    remember,
+)
 from support.selection import parametrize_default
 
 
@@ -39,7 +45,9 @@ def with_a_bad_check(seed: int, bad: int) -> tuple[Stack, list[Any]]:
     of, causes = off_from(np.random.default_rng(seed), 99, 99)
     residual = list(of.residual)
     residual[bad] = residual[bad] + 3.0 * of.targets[bad] @ [1.0, -0.4, 0.3]
-    return Stack(of.time_d, tuple(residual), of.columns, of.known, of.targets, of.blocks), causes
+    return Stack(
+        of.time_d, tuple(residual), of.columns, of.error_columns, of.targets, of.blocks
+    ), causes
 
 
 @parametrize_default("until", [1, 5, 9, 10, 11, 12, 13, 30], default=3)
@@ -47,7 +55,7 @@ def test_watched_on_from_any_check_is_watched_from_the_first(until: int) -> None
     of, causes = with_a_bad_check(3, 9)
     whole = watch(of, causes)
     assert whole.alarm is None and whole.bad == (9,)
-    before = watch(of.only(range(until)), causes).quiet
+    before = watch(of.select_checks(range(until)), causes).quiet
     assert len(before.statistic) == until - 1
     later = watch(of, causes, begun=before)
     assert later.statistic == pytest.approx(whole.statistic, abs=1e-9)
@@ -58,7 +66,7 @@ def test_a_change_is_told_at_the_same_check() -> None:
     of, causes = off_from(np.random.default_rng(1), 12, 40)
     whole = watch(of, causes)
     assert whole.alarm is not None and len(whole.quiet.statistic) == whole.alarm
-    before = watch(of.only(range(13)), causes).quiet
+    before = watch(of.select_checks(range(13)), causes).quiet
     later = watch(of, causes, begun=before)
     assert later.alarm == whole.alarm
     until = whole.alarm + 1
@@ -85,10 +93,10 @@ class FakeCheck:
 
 
 #: Four checks; an alarm after the third was withdrawn, or a change is known since.
-QUIET = Looked(
+QUIET = EpochLooks(
     (
-        EpochLook(0, (), (), Quiet((0.5, 1.0), (1,))),
-        EpochLook(2, (1,), (4.0, 0.5), Quiet((4.7,), (1,))),
+        EpochLook(0, (), (), QuietRun((0.5, 1.0), (1,))),
+        EpochLook(2, (1,), (4.0, 0.5), QuietRun((4.7,), (1,))),
     ),
     after=(6.0,),
     left_out=(1,),
@@ -98,7 +106,7 @@ CHECKS: Any = tuple(FakeCheck(i) for i in range(5))
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(looked=QUIET))
+    epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=QUIET))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     return tmp_path
@@ -106,7 +114,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_what_is_remembered_is_of_these_checks_in_this_order(folder: Path) -> None:
     found = recall(folder)
-    assert found.of(CHECKS) == found.of([*CHECKS, FakeCheck(9)]) == QUIET  # type: ignore[list-item]
+    assert found.recall_looks(CHECKS) == found.recall_looks([*CHECKS, FakeCheck(9)]) == QUIET  # type: ignore[list-item]
     others: list[Any] = [
         CHECKS[:2],  # a history put back to what it was: its last check is watched again
         CHECKS[1:],
@@ -115,11 +123,11 @@ def test_what_is_remembered_is_of_these_checks_in_this_order(folder: Path) -> No
         [FakeCheck(i, ("another", "arm")) for i in range(5)],
     ]
     for other in others:
-        assert found.of(other) == NEVER_YET
+        assert found.recall_looks(other) == NEVER_YET
     # Of what came after the last check that is the same nothing is believed.
-    shorter = found.of([*CHECKS[:3], FakeCheck(9)])  # type: ignore[list-item]
-    assert shorter == Looked(QUIET.looks, (), (1,))
-    assert found.of(CHECKS[:3]) == Looked(QUIET.looks[:1], (), (1,))
+    shorter = found.recall_looks([*CHECKS[:3], FakeCheck(9)])  # type: ignore[list-item]
+    assert shorter == EpochLooks(QUIET.looks, (), (1,))
+    assert found.recall_looks(CHECKS[:3]) == EpochLooks(QUIET.looks[:1], (), (1,))
 
 
 def broken(text: str, how: str) -> str:
@@ -169,23 +177,23 @@ def test_what_is_in_doubt_is_not_believed(folder: Path, how: str) -> None:
 
 
 def test_any_edit_makes_another_state_of_the_code(tmp_path: Path) -> None:
-    room = Path(code.__wrapped__.__defaults__[0])  # type: ignore[attr-defined]
+    room = Path(hash_sources.__wrapped__.__defaults__[0])  # type: ignore[attr-defined]
     weighed = [search, catalogue, watching]  # what looks depend on lies in it
     for module in weighed:
         assert module.__file__ is not None and room in Path(module.__file__).parents
     copy = Path(shutil.copytree(room, tmp_path / "room"))
-    assert code(copy) == code()
-    found = {code()}
+    assert hash_sources(copy) == hash_sources()
+    found = {hash_sources()}
     for number, module in enumerate(weighed):
         assert module.__file__ is not None
         file = copy / Path(module.__file__).relative_to(room)
         file.write_text(file.read_text().replace("0.", "1.", 1) + " ")
         again = Path(shutil.copytree(copy, tmp_path / str(number)))
-        found.add(code(again))
+        found.add(hash_sources(again))
     (again / "new.py").write_text("")
     renamed = Path(shutil.copytree(again, tmp_path / "renamed"))
     (renamed / "new.py").rename(renamed / "newer.py")
-    assert len({*found, code(renamed)}) == len(weighed) + 2
+    assert len({*found, hash_sources(renamed)}) == len(weighed) + 2
 
 
 @pytest.mark.slow
@@ -197,12 +205,14 @@ def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late
     residual[25] = residual[25] + 3.0 * of.targets[25] @ [1.0, -0.4, 0.3]  # a bad check
     of = replace(of, residual=tuple(residual))
     others = [i for i in range(of.n) if i != late]
-    looked = find(of.only(others), causes).looked
-    epoch = SimpleNamespace(checks=[*map(FakeCheck, others)], found=SimpleNamespace(looked=looked))
+    looked = find(of.select_checks(others), causes).looked
+    epoch = SimpleNamespace(
+        checks=[*map(FakeCheck, others)], detected=SimpleNamespace(looked=looked)
+    )
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     every: Any = [*map(FakeCheck, range(of.n))]
-    before = recall(tmp_path).of(every)
+    before = recall(tmp_path).recall_looks(every)
     assert all(look.until <= late for look in before.looks)
     found, anew = find(of, causes, before), find(of, causes)
     assert found.statistic == pytest.approx(anew.statistic, abs=1e-9)
@@ -214,19 +224,19 @@ def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late
 @pytest.mark.parametrize(
     "looked",
     [
-        Looked((EpochLook(0, (), (), Quiet((0.5, 5.0, 1.0))),)),
-        Looked((EpochLook(0, (), (), Quiet((0.5, 1.0, 1.0), (3,))),)),
-        Looked((EpochLook(0, (), (), Quiet((0.5,) * 5)),)),
-        Looked((EpochLook(1, (), (), Quiet((0.5,))),)),
-        Looked((EpochLook(1, (1,), (3.0,), Quiet((0.5,))),)),
-        Looked((EpochLook(0, (), (), Quiet((0.5,))),), after=(1.0, 2.0, 3.0)),
-        Looked((EpochLook(0, (), (), Quiet((0.5,))),), left_out=(4,)),
-        Looked(),
+        EpochLooks((EpochLook(0, (), (), QuietRun((0.5, 5.0, 1.0))),)),
+        EpochLooks((EpochLook(0, (), (), QuietRun((0.5, 1.0, 1.0), (3,))),)),
+        EpochLooks((EpochLook(0, (), (), QuietRun((0.5,) * 5)),)),
+        EpochLooks((EpochLook(1, (), (), QuietRun((0.5,))),)),
+        EpochLooks((EpochLook(1, (1,), (3.0,), QuietRun((0.5,))),)),
+        EpochLooks((EpochLook(0, (), (), QuietRun((0.5,))),), after=(1.0, 2.0, 3.0)),
+        EpochLooks((EpochLook(0, (), (), QuietRun((0.5,))),), left_out=(4,)),
+        EpochLooks(),
     ],
 )
-def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: Looked) -> None:
+def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: EpochLooks) -> None:
     """A statistic over the limit, or a bad check that is none of these: its hash may be right."""
-    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(looked=looked))
+    epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=looked))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     assert recall(tmp_path) == NOTHING
@@ -234,7 +244,7 @@ def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: Looked) -> None:
 
 def test_where_it_cannot_be_written_nothing_is_lost(tmp_path: Path) -> None:
     (tmp_path / WATCHED).mkdir()
-    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(looked=QUIET))
+    epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=QUIET))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     assert recall(tmp_path) == NOTHING
@@ -269,7 +279,7 @@ def test_after_a_change_a_check_more_is_searched_on_from_what_was_looked_at(
     of = replace(of, residual=tuple(residual))
     before = NEVER_YET
     for n in range(14, of.n + 1):
-        some = of.only(range(n))
+        some = of.select_checks(range(n))
         anew, found = find(some, causes), find(some, causes, before)
         assert found.statistic == pytest.approx(anew.statistic, abs=1e-9)
         assert (found.alarm, found.bad) == (anew.alarm, anew.bad)
@@ -285,11 +295,11 @@ def test_after_a_change_a_check_more_is_searched_on_from_what_was_looked_at(
 
 def test_a_look_is_believed_of_the_same_changes_and_bad_checks_only() -> None:
     known = (4.0, 0.5)
-    begun = QUIET.begun(2, (1,), known)
+    begun = QUIET.find_quiet_run(2, (1,), known)
     assert begun == QUIET.looks[1].quiet
-    assert QUIET.begun(2, [1], (4.0, 0.5 * (1 + 1e-12))) == begun
+    assert QUIET.find_quiet_run(2, [1], (4.0, 0.5 * (1 + 1e-12))) == begun
     for other in ((1, (1,), known), (2, (), known), (2, (1,), (4.0,)), (2, (1,), (4.0, 0.51))):
-        assert QUIET.begun(*other) == NOTHING_YET
+        assert QUIET.find_quiet_run(*other) == NOTHING_YET
     assert QUIET.after_alarm(2, 3, [1]) == QUIET.after_alarm(2, 3, [1, 4]) == 6.0
     for no in ((2, 3, []), (2, 3, [1, 2]), (1, 3, [1]), (2, 4, [1]), (2, 2, [1])):
         assert QUIET.after_alarm(*no) is None

@@ -71,7 +71,7 @@ def test_a_column_is_all_its_terms_by_their_coefficients_and_bases() -> None:
     at = states()
     both = Column("both", "rad", 1.0, (*tie([("theta_2", 1.0), ("a_4", -3.0)]),))
     grown = Column("grown", "mm/K", 1.0, tie([("d_3", 2.0)], PER_K))
-    found = Signals(at, ARM, calibration()).of([both, grown])
+    found = Signals(at, ARM, calibration()).compute_motions([both, grown])
     expected = moved(at, "theta_2") - 3.0 * moved(at, "a_4")
     assert found[:, :, 0] == pytest.approx(expected, rel=1e-5, abs=1e-4)
     expected = 2.0 * moved(at, "d_3") * (at.temperature_c[:, 2] - 20.0)[:, None]
@@ -86,7 +86,7 @@ def test_a_calibrations_covariance_moves_the_tip_as_it_says() -> None:
     given = calibration(covariance_of=["theta_2", "a_4", "term 0"], covariance=root @ root.T)
     warmth = (at.temperature_c[:, 2] - 20.0)[:, None]
     columns = np.stack([moved(at, "theta_2"), moved(at, "a_4"), moved(at, "d_3") * warmth], axis=2)
-    by_root = Signals(at, ARM, given).calibrated().reshape(3 * at.n, -1)
+    by_root = Signals(at, ARM, given).compute_calibration_motions().reshape(3 * at.n, -1)
     expected = columns.reshape(-1, 3) @ root
     assert by_root @ by_root.T == pytest.approx(expected @ expected.T, rel=1e-4, abs=1e-10)
 
@@ -94,17 +94,17 @@ def test_a_calibrations_covariance_moves_the_tip_as_it_says() -> None:
 def test_a_direction_without_variance_stays_without() -> None:
     at = states()
     given = calibration(covariance_of=["a_4", "d_4"], covariance=[[4.0, 0.0], [0.0, 0.0]])
-    by_root = Signals(at, ARM, given).calibrated().reshape(3 * at.n, -1)
+    by_root = Signals(at, ARM, given).compute_calibration_motions().reshape(3 * at.n, -1)
     along = 2.0 * moved(at, "a_4").reshape(-1, 1)
     assert by_root @ by_root.T == pytest.approx(along @ along.T, rel=1e-5, abs=1e-6)
-    assert Signals(at, ARM, calibration()).calibrated().shape == (at.n, 3, 0)
+    assert Signals(at, ARM, calibration()).compute_calibration_motions().shape == (at.n, 3, 0)
 
 
 @pytest.mark.parametrize("encoder_rad", [[3e-6, 1e-6, 2e-6, 4e-6, 5e-6, 6e-6], [3e-6]])
 def test_the_whitener_makes_the_noise_one_of_unit_variance(encoder_rad: list[float]) -> None:
     at = states()
     noise = {"encoder_rad": encoder_rad, "reading_mm": 0.002}
-    whitener = Signals(at, ARM, calibration(noise=noise)).whitener()
+    whitener = Signals(at, ARM, calibration(noise=noise)).compute_whitener()
     covariance = np.tile(0.002**2 * np.eye(3), (at.n, 1, 1))
     for k, size in enumerate(encoder_rad, 1):  # of joints that the file does not name: none
         turn = moved(at, f"theta_{k}")
@@ -115,9 +115,9 @@ def test_the_whitener_makes_the_noise_one_of_unit_variance(encoder_rad: list[flo
 
 def test_a_calibration_that_says_nothing_of_noise_is_taken_for_a_usual_one() -> None:
     at = states()
-    silent = Signals(at, ARM, calibration()).whitener()
+    silent = Signals(at, ARM, calibration()).compute_whitener()
     assert silent == pytest.approx(np.tile(np.eye(3) / USUAL_MM, (at.n, 1, 1)))
-    exact = Signals(at, ARM, calibration(noise={"encoder_rad": [1e-12]})).whitener()
+    exact = Signals(at, ARM, calibration(noise={"encoder_rad": [1e-12]})).compute_whitener()
     assert exact == pytest.approx(np.tile(np.eye(3) / LEAST_MM, (at.n, 1, 1)), rel=1e-3, abs=1.0)
 
 

@@ -11,8 +11,11 @@ import pytest
 
 from armd.arrays import F64
 from armd.compensation.data.foreign.points import read_points
-from armd.compensation.interim.points.figures import figures_of_points
-from armd.compensation.interim.points.surface_figures import sphere_figures, surface_figures
+from armd.compensation.interim.points.figures import compute_figures
+from armd.compensation.interim.points.surface_figures import (
+    compute_sphere_figures,
+    compute_surface_figures,
+)
 from armd.daemon.cli import main
 from armd.daemon.files.session_folder import load_artefact
 
@@ -63,7 +66,7 @@ def artefact_file(folder: Path) -> Path:
 def test_the_figures_are_size_form_and_length(tmp_path: Path) -> None:
     path = table(tmp_path / "t.csv", np.random.default_rng(1), 0, worn_mm=0.05)
     artefact = load_artefact(artefact_file(tmp_path), [])
-    found = {f.name: f for f in figures_of_points(path, read_points(path), artefact, TIP_MM)}
+    found = {f.name: f for f in compute_figures(path, read_points(path), artefact, TIP_MM)}
     assert list(found) == ["size ball", "form ball", "form foot", "form head",
                            "length foot to head"]  # fmt: skip
     for name in ("size ball", "length foot to head"):  # twice the wear
@@ -78,9 +81,9 @@ def test_too_few_points_on_a_surface_have_no_figure(tmp_path: Path) -> None:
     artefact = load_artefact(artefact_file(tmp_path), [])
     rng = np.random.default_rng(4)
     flat = np.column_stack([rng.uniform(0.0, 40.0, (4, 2)), np.zeros(4)])
-    assert list(surface_figures(artefact, {("1", "foot"): flat}, TIP_MM)) == []
-    assert list(sphere_figures("ball", rng.normal(size=(5, 3)), 25.4, TIP_MM)) == []
-    assert list(sphere_figures("ball", np.vstack([flat, flat]), 25.4, TIP_MM)) == []
+    assert list(compute_surface_figures(artefact, {("1", "foot"): flat}, TIP_MM)) == []
+    assert list(compute_sphere_figures("ball", rng.normal(size=(5, 3)), 25.4, TIP_MM)) == []
+    assert list(compute_sphere_figures("ball", np.vstack([flat, flat]), 25.4, TIP_MM)) == []
 
 
 def test_a_worn_tip_is_seen_when_it_wore(

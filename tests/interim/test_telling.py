@@ -11,15 +11,15 @@ from test_interim_evidence import a_stack
 
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD
-from armd.compensation.interim.report.telling import (
+from armd.compensation.interim.report.discrimination import (
     SEAT_MM,
-    Foretold,
-    all_of,
-    best_poses,
-    chance_wrong,
-    foretold,
-    numbers_of,
-    overlap,
+    PredictedCheck,
+    choose_best_poses,
+    compute_overlap,
+    estimate_chance_wrong,
+    list_all_scenarios,
+    list_numbers,
+    predict_checks,
 )
 
 
@@ -36,12 +36,12 @@ def test_a_check_is_foretold_as_all_numbers_together_say(seed: int) -> None:
     of = replace(of, targets=targets)
     ways = [(change(0, 2),), (change(1, 3),)]
     measured = [0, 1, 3]  # the third was a bad one
-    (told,) = foretold(of, ways, measured, [4])
+    (told,) = predict_checks(of, ways, measured, [4])
     for number, (one,) in enumerate(ways):
         factors = []
         for i in [*measured, 4]:
             own = of.columns[i][:, of.blocks[one.cause]] * (3.0 if i >= one.first else 0.0)
-            factors.append(np.concatenate([of.known[i], own], axis=1))
+            factors.append(np.concatenate([of.error_columns[i], own], axis=1))
         together = np.concatenate(factors)
         covariance = np.eye(len(together)) + together @ together.T
         n = len(together) - len(of.residual[4])
@@ -56,14 +56,14 @@ def test_a_check_is_foretold_as_all_numbers_together_say(seed: int) -> None:
         assert told.covariance[number] == pytest.approx(left, rel=1e-9, abs=1e-9)
 
 
-def some(rng: np.random.Generator, ways: int, numbers: int) -> Foretold:
+def some(rng: np.random.Generator, ways: int, numbers: int) -> PredictedCheck:
     roots = rng.normal(size=(ways, numbers, numbers)) / np.sqrt(numbers)
-    return Foretold(
+    return PredictedCheck(
         rng.normal(size=(ways, numbers)), np.eye(numbers) + roots @ roots.transpose(0, 2, 1)
     )
 
 
-def densities(told: Foretold, share: np.ndarray) -> tuple[np.ndarray, float]:
+def densities(told: PredictedCheck, share: np.ndarray) -> tuple[np.ndarray, float]:
     """Share × density (W, m, m) of checks of two numbers over a grid, and its cells' size."""
     axis = np.linspace(-9.0, 9.0, 361)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1)
@@ -79,11 +79,11 @@ def test_the_chance_to_be_wrong_is_the_integral_and_below_the_overlap(seed: int)
     density, cell = densities(told, share)
     wrong = 1.0 - float(density.max(axis=0).sum() * cell)
     # Of some 4000 checks drawn: 0.008 is one standard deviation at most.
-    assert chance_wrong(share, np.arange(3), told) == pytest.approx(wrong, abs=0.03)
+    assert estimate_chance_wrong(share, np.arange(3), told) == pytest.approx(wrong, abs=0.03)
     overlaps = sum(
         float(np.sqrt(density[i] * density[j]).sum() * cell) for i, j in ((0, 1), (0, 2), (1, 2))
     )
-    assert float(overlap(share, told)) == pytest.approx(overlaps, rel=1e-3)
+    assert float(compute_overlap(share, told)) == pytest.approx(overlaps, rel=1e-3)
     assert wrong <= overlaps
 
 
@@ -98,7 +98,7 @@ def test_a_cause_is_all_its_ways_and_what_is_left_out_is_wrong(seed: int) -> Non
     by_cause = np.array([density[of_way == 3].sum(axis=0), density[of_way == 5].sum(axis=0)])
     wrong = 1.0 - float(by_cause.max(axis=0).sum() * cell)
     assert wrong >= 0.2
-    assert chance_wrong(share, of_way, told) == pytest.approx(wrong, abs=0.03)
+    assert estimate_chance_wrong(share, of_way, told) == pytest.approx(wrong, abs=0.03)
 
 
 def test_ways_share_what_their_cause_is_told_with() -> None:
@@ -107,10 +107,10 @@ def test_ways_share_what_their_cause_is_told_with() -> None:
     _, causes = a_stack(np.random.default_rng(1))
     ways = [(0.6, (change(0, 2),)), (0.2, (change(0, 3),)), (0.2, (change(1, 2),))]
     told = {causes[0].place: 0.4, causes[1].place: 0.3, ("other", "place"): 0.2}
-    share, of_way, kept = all_of(ways, causes, 0, told)
+    share, of_way, kept = list_all_scenarios(ways, causes, 0, told)
     assert share == pytest.approx([0.3, 0.1, 0.3])
     assert of_way.tolist() == [0, 0, 1] and kept == [way for _, way in ways]
-    share, of_way, kept = all_of(ways, causes, 0, {causes[0].place: 0.9})
+    share, of_way, kept = list_all_scenarios(ways, causes, 0, {causes[0].place: 0.9})
     assert share == pytest.approx([0.675, 0.225]) and len(kept) == 2
 
 
@@ -118,16 +118,21 @@ def test_poses_are_chosen_from_the_seats_in_turn_and_the_best_of_each_first() ->
     rng = np.random.default_rng(1)
     told, share = some(rng, 2, 3 * 8), np.array([0.6, 0.4])
     pools = [np.arange(4), np.arange(4, 8)]
-    chosen, least = best_poses(share, told, pools, 4)
+    chosen, least = choose_best_poses(share, told, pools, 4)
     assert [pose // 4 for pose in chosen] == [0, 1, 0, 1] and len(set(chosen)) == 4
-    assert least == pytest.approx(float(overlap(share, told.rows(numbers_of(np.array(chosen))))))
-    first = [float(overlap(share, told.rows(numbers_of(np.array([pose]))))) for pose in range(4)]
+    assert least == pytest.approx(
+        float(compute_overlap(share, told.rows(list_numbers(np.array(chosen)))))
+    )
+    first = [
+        float(compute_overlap(share, told.rows(list_numbers(np.array([pose])))))
+        for pose in range(4)
+    ]
     assert chosen[0] == int(np.argmin(first))
 
 
 def test_a_stack_of_one_way_leaves_no_doubt() -> None:
     told = some(np.random.default_rng(2), 1, 4)
     assert (
-        chance_wrong(np.ones(1), np.zeros(1, int), told) == 0.0
-        and float(overlap(np.ones(1), told)) == 0.0
+        estimate_chance_wrong(np.ones(1), np.zeros(1, int), told) == 0.0
+        and float(compute_overlap(np.ones(1), told)) == 0.0
     )

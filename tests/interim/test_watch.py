@@ -12,7 +12,7 @@ from test_interim_changes import off_from
 from test_interim_evidence import a_stack
 
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, spoilt
+from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, find_spoilt
 from armd.compensation.interim.evidence.likelihood import LIMIT, log_marginal, run, weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import UNSETTLED, watch
@@ -44,7 +44,7 @@ def test_a_check_known_to_be_bad_has_no_part() -> None:
     spoilt_one = 5
     kept = [i for i in range(of.n) if i != spoilt_one]
     watched = watch(of, causes, since=8, known_bad=[spoilt_one])
-    expected = run(RunningSums(of.only(kept)), causes, since=7)
+    expected = run(RunningSums(of.select_checks(kept)), causes, since=7)
     until = len(expected) if watched.alarm is None else watched.alarm - 7
     assert watched.statistic[8 : 8 + until] == pytest.approx(expected[:until], abs=1e-9)
     assert watched.bad == (spoilt_one,)
@@ -54,7 +54,7 @@ def by_hand(of: Stack, causes: list[Cause], doubted: list[int]) -> float:
     """Log odds of a change, over all ways in which the *doubted* checks may be bad."""
 
     def marginal(checks: list[int]) -> float:
-        return log_marginal(of, of.sums(checks))
+        return log_marginal(of, of.sum_checks(checks))
 
     clean = [i for i in range(of.n) if i not in doubted]
     nothing, change = [], []
@@ -65,11 +65,13 @@ def by_hand(of: Stack, causes: list[Cause], doubted: list[int]) -> float:
             for i in way:  # how likely its numbers are as a spoilt check's, given the clean ones
                 with_it = sorted([*clean, i])
                 weight += (
-                    marginal(with_it) - marginal(clean) + Rest(of, of.sums(with_it)).log_evidence(i)
+                    marginal(with_it)
+                    - marginal(clean)
+                    + Rest(of, of.sum_checks(with_it)).log_evidence(i)
                 )
                 weight -= np.log(ONE_IN)
             onsets = np.arange(len(kept))
-            ratio = weigh(RunningSums(of.only(kept)), causes, len(kept), onsets).log_sum
+            ratio = weigh(RunningSums(of.select_checks(kept)), causes, len(kept), onsets).log_sum
             nothing.append(weight)
             change.append(weight + ratio)
     return float(logsumexp(change) - logsumexp(nothing))
@@ -79,8 +81,8 @@ def test_a_doubted_check_is_weighed_both_ways() -> None:
     _, causes = a_stack(np.random.default_rng(0))
     of = touched(0)
     residual = [*of.residual[:-1], of.residual[-1] + of.targets[-1][:, :3] @ [0.05, 0.02, -0.03]]
-    off = Stack(of.time_d, tuple(residual), of.columns, of.known, of.targets, of.blocks)
-    doubted = list(spoilt(off, off.sums(range(off.n)), range(off.n - UNSETTLED, off.n)))
+    off = Stack(of.time_d, tuple(residual), of.columns, of.error_columns, of.targets, of.blocks)
+    doubted = list(find_spoilt(off, off.sum_checks(range(off.n)), range(off.n - UNSETTLED, off.n)))
     assert doubted == [off.n - 1]
     watched = watch(off, causes)
     assert watched.statistic[-1] == pytest.approx(by_hand(off, causes, doubted), abs=1e-9)
@@ -96,7 +98,7 @@ def test_three_in_a_row_that_nothing_explains_are_a_change_without_a_name() -> N
     residual = list(of.residual)
     for i, shift in zip(range(20, 20 + UNSETTLED), far, strict=True):
         residual[i] = residual[i] + 3.0 * of.targets[i] @ shift
-    off = Stack(of.time_d, tuple(residual), of.columns, of.known, of.targets, of.blocks)
+    off = Stack(of.time_d, tuple(residual), of.columns, of.error_columns, of.targets, of.blocks)
     watched = watch(off, causes)
     assert watched.alarm == 20 + UNSETTLED - 1
     assert watched.strange and watched.bad == ()

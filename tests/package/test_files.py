@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from armd import BadInput
-from armd.files.writing import check_place, whole_file, write_changed, write_whole
+from armd.files.writing import check_place, replace_file, write_changed, write_whole
 
 
 def mode(path: Path) -> int:
@@ -40,7 +40,7 @@ def test_permissions_stay_as_they_were(tmp_path: Path, permissions: int) -> None
     path.write_text("old")
     path.chmod(permissions)
     seen = []
-    with whole_file(path) as part:
+    with replace_file(path) as part:
         seen.append(mode(part))
         part.write_text("new")
     assert seen == [0o600]  # nobody else reads along while it is written
@@ -74,7 +74,7 @@ def test_another_s_group_is_not_replaced_by_ours(
 def test_what_fails_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "file"
     path.write_text("old")
-    with pytest.raises(RuntimeError), whole_file(path) as part:
+    with pytest.raises(RuntimeError), replace_file(path) as part:
         part.write_text("half")
         raise RuntimeError
     assert path.read_text() == "old"
@@ -86,7 +86,7 @@ def test_a_full_disk_is_told_and_leaves_the_old_file(tmp_path: Path) -> None:
     path.write_text("old")
     with (
         pytest.raises(BadInput, match="found no space left on its disk, expected room for it"),
-        whole_file(path) as part,
+        replace_file(path) as part,
     ):
         part.write_text("half")
         raise OSError(errno.ENOSPC, "No space left on device")

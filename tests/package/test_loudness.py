@@ -46,7 +46,7 @@ def test_every_command_takes_them_alike() -> None:
     sessions.add_arguments(simulated)
     every = [leaf for one in commands.values() for leaf in leaves(one)]
     assert len(every) > len(commands)  # interim has two
-    for parser in [*every, simulated, options.parser()]:
+    for parser in [*every, simulated, options.make_parser()]:
         names = {name: a.dest for a in parser.arguments for name in a.option_strings}
         assert names["-q"] == names["--quiet"] == "quiet", parser.prog
         assert names["-v"] == names["--verbose"] == "verbose", parser.prog

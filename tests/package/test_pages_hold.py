@@ -20,7 +20,7 @@ from armd.compensation.effects.catalogue import CATALOGUE
 from armd.daemon.cli import parsers
 from armd.daemon.commands.groups import COMMANDS
 from armd.simulator import sessions
-from armd.simulator.__main__ import parser as simulated_arm
+from armd.simulator.options import make_parser as simulated_arm
 from support.pages import DOCS
 
 ROOT = Path(__file__).parents[2]

@@ -35,7 +35,7 @@ LEFT = {
     "compensation/features": 0,
     "compensation/geometry": 0,
     "compensation/identify": 295,
-    "compensation/interim": 294,
+    "compensation/interim": 2,
     "compensation/inverse": 0,
     "compensation/kernel": 0,
     "compensation/model": 0,

@@ -16,7 +16,7 @@ from armd.compensation.model.calibration import Calibration
 from armd.daemon.catalogue.known_arms import canonical
 from armd.daemon.cli import main
 from armd.files.schema import Strict, parse_json, parse_toml
-from armd.terminal.suggest import did_you_mean, few, hint, keys_at
+from armd.terminal.suggest import did_you_mean, few, hint, list_keys_at
 
 
 class Cat(Strict):
@@ -53,13 +53,13 @@ def test_many_are_cut_short() -> None:
 
 
 def test_keys_of_a_table_wherever_it_is() -> None:
-    assert keys_at(House, []) == ["pet", "rooms", "many"]
-    assert keys_at(House, ["pet", "dog"]) == ["kind", "barks"]
-    assert keys_at(House, ["rooms", "kitchen"]) == ["kind", "barks"]
-    assert keys_at(House, ["many", 3]) == ["kind", "purrs"]
-    assert keys_at(House, ["nothing"]) == []
-    assert "alpha_deg" in keys_at(Arm, ["joint", 0])
-    assert "coefficient" in keys_at(Calibration, ["terms", 2])
+    assert list_keys_at(House, []) == ["pet", "rooms", "many"]
+    assert list_keys_at(House, ["pet", "dog"]) == ["kind", "barks"]
+    assert list_keys_at(House, ["rooms", "kitchen"]) == ["kind", "barks"]
+    assert list_keys_at(House, ["many", 3]) == ["kind", "purrs"]
+    assert list_keys_at(House, ["nothing"]) == []
+    assert "alpha_deg" in list_keys_at(Arm, ["joint", 0])
+    assert "coefficient" in list_keys_at(Calibration, ["terms", 2])
 
 
 def test_a_missing_key_with_its_misspelling_beside_it() -> None:

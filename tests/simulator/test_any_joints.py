@@ -9,7 +9,7 @@ import numpy as np
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.kinematics import forward
 from armd.simulator.live.operator import Operator
-from armd.simulator.live.physics import blocks
+from armd.simulator.live.physics import generate_blocks
 from armd.simulator.servobus import arm as servo_arm
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import Materials, TrueArm
@@ -33,15 +33,15 @@ def worst_mm(arm: Arm, true: TrueArm, n: int) -> float:
 
 @JOINTS
 def test_an_arm_made_to_its_drawing_is_its_drawing(n: int, tmp_path: Path) -> None:
-    arm = loaded(tmp_path / "arm.toml", nominal.arm_toml(joints=n))
-    assert arm.n_joints == n and arm.sensors == nominal.sensor_names(n)
+    arm = loaded(tmp_path / "arm.toml", nominal.make_arm_toml(joints=n))
+    assert arm.n_joints == n and arm.sensors == nominal.list_sensor_names(n)
     assert worst_mm(arm, TrueArm.default(deviation=0.0, joints=n), n) < 1e-4  # as printed
 
 
 @JOINTS
 def test_a_servo_arm_too(n: int, tmp_path: Path) -> None:
-    arm = loaded(tmp_path / "arm.toml", servo_arm.arm_toml("S", n))
-    which = servo_arm.parts(n)
+    arm = loaded(tmp_path / "arm.toml", servo_arm.make_arm_toml("S", n))
+    which = servo_arm.list_parts(n)
     assert arm.n_joints == n == len(which) and set(which) <= set(range(5))
     rows = np.zeros((n, 5))
     rows[:, [0, 3]] = np.radians(servo_arm.DRAWING[which][:, [0, 3]])
@@ -59,8 +59,8 @@ def test_a_servo_arm_too(n: int, tmp_path: Path) -> None:
 def test_the_hand_rests_with_the_tip_in_seats_and_within_the_stops(n: int) -> None:
     arm = TrueArm.default(2, joints=n)
     hand = Operator(arm, 2)
-    low, high = nominal.limits_rad(n)
-    life = blocks(arm, hand, 200, 20.0, None)
+    low, high = nominal.get_limits_rad(n)
+    life = generate_blocks(arm, hand, 200, 20.0, None)
     pressed = 0
     for _ in range(40):
         block = next(life)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armd.errors import BadInput
-from armd.simulator.campaigns.hidden import DESIGNS, NOISE, Design, campaigns
+from armd.simulator.campaigns.hidden import DESIGNS, NOISE, Design, plan_campaigns
 from armd.simulator.hidden import HiddenCase, generate_case, measure_next
 from armd.simulator.measured.measuring import Measured
 from armd.simulator.measured.noise import Noise
@@ -116,7 +116,7 @@ def test_the_standard_design_is_that_of_the_facts_without_its_payload(tmp_path: 
     assert sorted(np.array(rates) > 0.1) == [False] * 7 + [True]
     # A payload that nothing tells the diagnosis of would be a second error in every case.
     assert not any(session.plan.payload_kg for session in sessions)
-    loaded = campaigns(1, DESIGNS["payload"])[1].sessions
+    loaded = plan_campaigns(1, DESIGNS["payload"])[1].sessions
     weights = [plan.payload_kg for plan, _ in loaded if not plan.held_out]
     assert sorted(weights) == [0.0] * 7 + [0.5]
     assert 4 < case.oracle_rms_um(case.sessions) < 10

@@ -8,8 +8,8 @@ import pytest
 from armd.errors import BadInput
 from armd.simulator.__main__ import main
 from armd.simulator.live.led import LedOperator, load_plan
-from armd.simulator.live.physics import STEP_S, STEPS, blocks
-from armd.simulator.plants.live import planted
+from armd.simulator.live.physics import STEP_S, STEPS, generate_blocks
+from armd.simulator.plants.live import plant_in_arm
 from armd.simulator.servobus.arm import LIMITS_DEG, ServoArm
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
@@ -49,7 +49,9 @@ def written(folder, text=PLAN):
 
 def presses(arm, hand, seconds):
     """True tips (n, 3) and joint angles at the instants at which the button goes down."""
-    life = list(islice(blocks(arm, hand, RATE_HZ, 20.0, None), round(seconds / STEPS / STEP_S)))
+    life = list(
+        islice(generate_blocks(arm, hand, RATE_HZ, 20.0, None), round(seconds / STEPS / STEP_S))
+    )
     buttons = np.concatenate([block.buttons for block in life]).astype(int)
     tips = np.concatenate([block.tip_mm for block in life])
     shown = np.concatenate([block.encoder_rad for block in life])
@@ -73,7 +75,7 @@ def test_the_tip_rests_at_the_targets_in_their_order_and_misses_a_little(tmp_pat
 
 def test_with_a_fault_the_tip_is_where_it_was_and_the_encoders_show_otherwise(tmp_path):
     led, healthy = written(tmp_path), TrueArm.default(3)
-    sick = planted(healthy, ["encoder_eccentricity@joint 3=2.0"], 3)
+    sick = plant_in_arm(healthy, ["encoder_eccentricity@joint 3=2.0"], 3)
     tips, shown = presses(sick, LedOperator(sick, led, 3), 6.0)
     assert np.linalg.norm(tips[0] - [550.0, 0.0, 200.0]) < 0.012
     told = healthy.tip(shown, Conditions.at_rest(len(shown), 6))
@@ -86,8 +88,8 @@ def test_arms_of_any_joints_are_led_and_planted_in(n, tmp_path):
     text = PLAN.replace("[550.0, 0.0, 200.0]", "[500.0, 0.0, 200.0]").replace(
         "2.0\nstart", "5.0\nstart"
     )
-    arm = planted(TrueArm.default(3, joints=n), [f"joint_backlash@joint {n}=2.0"], 3)
-    low, high = nominal.limits_rad(n)
+    arm = plant_in_arm(TrueArm.default(3, joints=n), [f"joint_backlash@joint {n}=2.0"], 3)
+    low, high = nominal.get_limits_rad(n)
     tips, shown = presses(arm, LedOperator(arm, written(tmp_path, text), 3), 20.0)
     b1, b2 = np.array([500.0, 0.0, 200.0]), np.array([500.0, 120.0, 200.0])
     assert len(tips) >= 4 and np.abs(tips[:4] - [b1, b2, b1, b2]).max() < 0.012
@@ -116,7 +118,7 @@ def test_what_cannot_be_reached_or_planted_is_refused(tmp_path):
     with pytest.raises(BadInput, match=r"visit\[1\] P1: found fewer than 2 articulations"):
         LedOperator(TrueArm.default(), far, 1)
     with pytest.raises(BadInput, match="something beside the arm"):
-        planted(TrueArm.default(), ["sensor_offset@sensor t2=1.0"], 1)
+        plant_in_arm(TrueArm.default(), ["sensor_offset@sensor t2=1.0"], 1)
 
 
 def test_the_printed_arm_is_led_too_within_its_limits(tmp_path):

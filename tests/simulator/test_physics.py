@@ -7,7 +7,7 @@ from itertools import islice
 import numpy as np
 
 from armd.simulator.live.operator import Operator
-from armd.simulator.live.physics import STEP_S, STEPS, Block, WarmUp, blocks
+from armd.simulator.live.physics import STEP_S, STEPS, Block, WarmUp, generate_blocks
 from armd.simulator.live.prefetch import Prefetch
 from armd.simulator.truth.arm import TrueArm
 
@@ -16,7 +16,7 @@ RATE_HZ = 500
 
 def some_seconds(seconds: float, warm_up: WarmUp | None = None, seed: int = 1) -> list[Block]:
     arm = TrueArm.default(seed)
-    life = blocks(arm, Operator(arm, seed), RATE_HZ, 20.0, warm_up)
+    life = generate_blocks(arm, Operator(arm, seed), RATE_HZ, 20.0, warm_up)
     return list(islice(life, round(seconds / (STEPS * STEP_S))))
 
 

@@ -12,12 +12,12 @@ from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.protocol import dynamixel, feetech
 from armd.drivers.table import open_driver
-from armd.simulator.servobus.arm import COUNTS_PER_TURN, servo_ids
+from armd.simulator.servobus.arm import COUNTS_PER_TURN, list_servo_ids
 from support.selection import parametrize_default
 from support.servo_truth import JOINTS, Truth
 from support.simulated_arm import simulated_arm
 
-IDS = servo_ids(5)
+IDS = list_servo_ids(5)
 
 
 @pytest.fixture(autouse=True)

@@ -84,7 +84,7 @@ def first(campaign: Campaign, seed: int = 1) -> Measured:
 
 def test_without_noise_the_true_arm_finds_every_target() -> None:
     """What stands in the file leads, by the true geometry, back to the certified positions."""
-    measured = first(calibration.calibration(2, QUIET))
+    measured = first(calibration.plan_calibration(2, QUIET))
     arm = TrueArm.default(2)
     tip = arm.tip(measured.encoder, measured.conditions)
     artefact = measured.artefact
@@ -98,8 +98,8 @@ def test_without_noise_the_true_arm_finds_every_target() -> None:
 
 
 def test_each_target_is_reached_in_different_ways() -> None:
-    measured = first(calibration.calibration(3, Noise()))
-    low, high = nominal.limits_rad()
+    measured = first(calibration.plan_calibration(3, Noise()))
+    low, high = nominal.get_limits_rad()
     assert (measured.phi > low + 0.9 * MARGIN_RAD).all()
     assert (measured.phi < high - 0.9 * MARGIN_RAD).all()
     for placement in range(len(measured.placements)):
@@ -112,7 +112,7 @@ def test_each_target_is_reached_in_different_ways() -> None:
 
 
 def test_rates_bring_the_tip_along_its_approach() -> None:
-    measured = first(calibration.calibration(1, QUIET))
+    measured = first(calibration.plan_calibration(1, QUIET))
     arm, step = TrueArm.default(1), 1e-3
     ahead = arm.tip(measured.phi + step * measured.conditions.rate, measured.conditions)
     motion = ahead - arm.tip(measured.phi, measured.conditions)
@@ -123,7 +123,7 @@ def test_rates_bring_the_tip_along_its_approach() -> None:
 @pytest.mark.slow
 def test_the_papers_uncorrected_distances_err_by_70_to_150_um() -> None:
     """Its experiment: a maximum of that size at every temperature, a few µm with the true arm."""
-    campaign = paper.campaign(1, Noise())
+    campaign = paper.plan_paper(1, Noise())
     document = tomllib.loads(campaign.arm_toml)
     angles, lengths = ("theta_deg", "alpha_deg", "beta_deg"), ("d_mm", "a_mm")
     turned = [np.radians([joint[key] for key in angles]) for joint in document["joint"]]
@@ -160,7 +160,7 @@ def distance_errors_um(arm: TrueArm, measured: Measured) -> np.ndarray:
 
 
 def test_verification_has_every_test_of_the_standards() -> None:
-    campaign = verification.campaign(1, Noise())
+    campaign = verification.plan_verification(1, Noise())
     measured = first(campaign)
     names = np.array(measured.artefact.targets)[measured.target]
     count = {name: int((names == name).sum()) for name in measured.artefact.targets}
@@ -229,7 +229,7 @@ def test_the_same_seed_gives_the_same_sessions_and_another_other_ones(tmp_path: 
 
 
 def test_heat_of_the_warm_up_shows_in_sensors_and_lengths() -> None:
-    campaign = calibration.warmup(1, QUIET)
+    campaign = calibration.plan_warm_up(1, QUIET)
     measured = first(campaign)
     link_c = measured.conditions.link_c
     assert link_c[0] == pytest.approx(np.full(6, 20.0), abs=0.1)

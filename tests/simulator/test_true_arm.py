@@ -59,7 +59,7 @@ def test_the_drawing_arm_reaches_where_the_drawing_says() -> None:
 
 
 def test_an_arm_differs_from_its_drawing_by_tenths_and_hundredths() -> None:
-    off = np.array([TrueArm.default(seed).rows - nominal.drawing_rows() for seed in range(50)])
+    off = np.array([TrueArm.default(seed).rows - nominal.list_nominal_rows() for seed in range(50)])
     assert off[:, :, 1:3].std() == pytest.approx(0.3, rel=0.1)
     assert np.degrees(off[:, :, [0, 3]].std()) == pytest.approx(0.05, rel=0.1)
 
@@ -135,7 +135,7 @@ def test_the_shoulder_carries_what_hangs_on_it() -> None:
     levers = np.array([0.25, 0.55, 0.77, 1.0, 1.08])
     weights = GRAVITY * np.array([1.7, 0.9, 1.1, 0.5, 0.4])
     assert posture.torque(2)[0] == pytest.approx(-(weights * levers).sum(), rel=1e-9)
-    loaded = DRAWN.carrying(0.5).posture(STRETCHED, Conditions.at_rest(1, 6))
+    loaded = DRAWN.with_payload(0.5).posture(STRETCHED, Conditions.at_rest(1, 6))
     more = loaded.torque(2)[0] - posture.torque(2)[0]
     assert more == pytest.approx(-0.5 * GRAVITY * 1.21, rel=1e-9)
     sag = moved(SoftJoint(2, 6e-6), STRETCHED)[0, 2]

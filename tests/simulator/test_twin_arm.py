@@ -18,8 +18,8 @@ from armd.files.toml_text import toml_text
 from armd.simulator.canbus.parts import Encoder
 from armd.simulator.live.electronics import ArmParts, Electronics
 from armd.simulator.live.operator import Operator
-from armd.simulator.twin.arm import BaseDrift, TwinArm, TwinHeat, comfort_of, twin_blocks
-from armd.simulator.twin.files import arm_data, calibration_data
+from armd.simulator.twin.arm import BaseDrift, TwinArm, TwinHeat, find_comfort, generate_twin_blocks
+from armd.simulator.twin.files import to_arm_data, to_calibration_data
 from armd.simulator.twin.model import TwinModel
 from armd.simulator.twin.noise import KNOT_S, FoundNoise
 from support.running_daemon import running_daemon
@@ -142,10 +142,12 @@ def test_a_daemon_with_its_calibration_publishes_where_the_twin_is(tmp_path: Pat
 
 def test_counts_are_of_its_encoders_and_its_hand_keeps_to_its_stops() -> None:
     arm = an_arm()
-    data = arm_data(arm.model_dump(mode="json", by_alias=True, exclude_none=True))
-    twin = TwinArm(TwinModel(data, calibration_data(calibrated(arm).content(), 6)), FoundNoise(), 3)
-    hand = Operator(twin, 3, comfort_of(data))
-    life = twin_blocks(twin, hand, 100, TwinHeat(twin, 21.0, None))
+    data = to_arm_data(arm.model_dump(mode="json", by_alias=True, exclude_none=True))
+    twin = TwinArm(
+        TwinModel(data, to_calibration_data(calibrated(arm).content(), 6)), FoundNoise(), 3
+    )
+    hand = Operator(twin, 3, find_comfort(data))
+    life = generate_twin_blocks(twin, hand, 100, TwinHeat(twin, 21.0, None))
     electronics = Electronics(3, ArmParts(tuple(data.counts_per_turn), data.direction, 0.0, 0.0))  # type: ignore[arg-type]
     low, high = arm.limits_rad
     seats = set()

@@ -16,8 +16,8 @@ from armd.compensation.model.pose_factors import AnyPoseFactor
 from armd.compensation.model.slow_factors import AnySlowFactor
 from armd.compensation.model.state import States
 from armd.simulator.twin.factors import POSE, SLOW
-from armd.simulator.twin.files import arm_data, calibration_data
-from armd.simulator.twin.model import TwinModel, whole_turns
+from armd.simulator.twin.files import to_arm_data, to_calibration_data
+from armd.simulator.twin.model import TwinModel, count_whole_turns
 from support.drawn_arm import draw_arm
 from support.selection import parametrize_default
 from support.whole_scene import whole_scene
@@ -113,8 +113,8 @@ def states_of(arm: Arm, rng: np.random.Generator, n: int = ROWS) -> States:
 
 def twin_of(arm: Arm, calibration: Calibration) -> TwinModel:
     """By the files' content alone, as a program that reads them has it."""
-    data = arm_data(arm.model_dump(mode="json", by_alias=True, exclude_none=True))
-    return TwinModel(data, calibration_data(calibration.content(), arm.n_joints))
+    data = to_arm_data(arm.model_dump(mode="json", by_alias=True, exclude_none=True))
+    return TwinModel(data, to_calibration_data(calibration.content(), arm.n_joints))
 
 
 def agree_within_mm(arm: Arm, calibration: Calibration, states: States) -> float:
@@ -180,6 +180,6 @@ def test_turns_are_taken_off_as_where_sessions_are_read() -> None:
         for low, high in limits
     ]
     arm = Arm.model_validate({"schema": "armd.arm/1", "serial_number": "T", "joint": joints})
-    data = arm_data(arm.model_dump(mode="json", by_alias=True, exclude_none=True))
+    data = to_arm_data(arm.model_dump(mode="json", by_alias=True, exclude_none=True))
     q = rng.uniform(-12.0, 12.0, (500, 5))
-    assert np.array_equal(whole_turns(q, data.limits_rad), expected(q, arm))
+    assert np.array_equal(count_whole_turns(q, data.limits_rad), expected(q, arm))

@@ -26,7 +26,7 @@ from armd.compensation.model.calibration import (
 from armd.compensation.model.kinematics import joint_jacobian
 from armd.files.toml_text import toml_text
 from armd.simulator.__main__ import main
-from armd.simulator.twin.files import arm_data, calibration_data
+from armd.simulator.twin.files import to_arm_data, to_calibration_data
 from armd.simulator.twin.model import TwinModel
 from armd.simulator.twin.noise import FoundNoise, read_noise
 from armd.simulator.twin.session import copy_session
@@ -160,8 +160,8 @@ class Measured:
     def copy(self, noise: FoundNoise | None = None, seed: int = 1) -> Path:
         """As the command does it, in this process."""
         calibration = load_calibration(self.cal_path).content.content()
-        arm = arm_data(self.arm.model_dump(mode="json", by_alias=True, exclude_none=True))
-        twin = TwinModel(arm, calibration_data(calibration, 6))
+        arm = to_arm_data(self.arm.model_dump(mode="json", by_alias=True, exclude_none=True))
+        twin = TwinModel(arm, to_calibration_data(calibration, 6))
         source = read_session(self.session, arm)
         copied = copy_session(twin, source, noise, seed)
         out = self.folder / "copy"

@@ -37,7 +37,7 @@ def write_nest_session(
 ) -> None:
     """Write session.toml and readings.csv: each reflector seen in so many poses of its own;
     *given*: those whose place session.toml states."""
-    low, high = nominal.limits_rad()
+    low, high = nominal.get_limits_rad()
     turn = Rotation.random(random_state=3).as_matrix()
     where = np.array([2000.0, 300.0, 500.0])
     folder.mkdir(parents=True)

@@ -6,9 +6,9 @@ import time
 
 import numpy as np
 
-from armd.simulator.servobus.arm import ServoArm, servo_ids
+from armd.simulator.servobus.arm import ServoArm, list_servo_ids
 
-JOINTS = list(servo_ids(5)[:5])
+JOINTS = list(list_servo_ids(5)[:5])
 
 
 class Truth:

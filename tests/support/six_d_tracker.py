@@ -35,7 +35,7 @@ def write_six_d_session(
     turn_rad: float = TURN_RAD,
 ) -> None:
     """Write session.toml and readings.csv; orientations as quaternions, or as URDF's angles."""
-    q = rng.uniform(*nominal.limits_rad(), (poses, 6))
+    q = rng.uniform(*nominal.get_limits_rad(), (poses, 6))
     still = Conditions.at_rest(poses, 6)
     tip, frame = true.tip(q, still), last_frame(true, q)
     placed, body = Rotation.random(2, random_state=int(rng.integers(1 << 30)))

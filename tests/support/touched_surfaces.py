@@ -107,7 +107,7 @@ class Workshop:
     def __init__(self, seed: int = 1, reach_size: int = 6000) -> None:
         self.arm = TrueArm.default(seed)
         self.rng = np.random.default_rng([seed, 0x5F])
-        self._low, self._high = nominal.limits_rad()
+        self._low, self._high = nominal.get_limits_rad()
         inside = self._low + MARGIN_RAD, self._high - MARGIN_RAD
         self._phi = self.rng.uniform(*inside, (reach_size, self.arm.n_joints))
         still = Conditions.at_rest(reach_size, self.arm.n_joints)

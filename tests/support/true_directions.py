@@ -22,7 +22,7 @@ def errors_of(found: Result, true: TrueArm) -> F64:
     motion of its base aside.
     """
     fit = found.fit
-    low, high = nominal.limits_rad()
+    low, high = nominal.get_limits_rad()
     q = np.random.default_rng(5).uniform(low, high, (1500, 6))
     wanted = true.tip(q, Conditions.at_rest(len(q), 6))
     position, columns = jacobian(q, np.tile(fit.constants, (len(q), 1)))

@@ -12,14 +12,14 @@ from armd.compensation.model.calibration import Calibration, constants_of, save_
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.nominal import arm_toml, sensor_names
+from armd.simulator.truth.nominal import list_sensor_names, make_arm_toml
 
 
 def write_true_model(folder: Path, seed: int) -> None:
     """arm.toml and calibration.json of the arm that the simulator has for this *seed*."""
     true = TrueArm.default(seed)
     arm_path = folder / "arm.toml"
-    arm_path.write_text(arm_toml(rows=true.rows, tip=true.tip_offset), encoding="utf-8")
+    arm_path.write_text(make_arm_toml(rows=true.rows, tip=true.tip_offset), encoding="utf-8")
     arm = load_arm(arm_path)
     constants = constants_of(arm.nominal(), arm.n_joints)
     materials = true.materials
@@ -30,7 +30,7 @@ def write_true_model(folder: Path, seed: int) -> None:
     terms = [
         Term(
             parameter=name,
-            basis=[Temperature(weights={sensor_names()[link - 1]: 1.0})],
+            basis=[Temperature(weights={list_sensor_names()[link - 1]: 1.0})],
             coefficient=float(strain * constants[name]),
         )
         for name, (strain, link) in strains.items()

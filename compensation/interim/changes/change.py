@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.evidence.quiet import Looked
+from armd.compensation.interim.evidence.looks import EpochLooks
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
 #: A told change may be of any size, in typical ones.
@@ -58,8 +58,8 @@ class Change:
         return (float(cause), float(self.gradual), float(self.first), self.size, *course)
 
 
-#: One way in which all changes may have been, with its share of the probability.
-Way = tuple[float, tuple[Change, ...]]
+#: A share of the probability, and all changes as they may have been.
+Scenario = tuple[float, tuple[Change, ...]]
 
 
 @dataclass(frozen=True)
@@ -70,25 +70,25 @@ class ChangesFound:
     alarm: int | None
     changes: tuple[Change, ...]  # in order of onset
     bad: tuple[int, ...]
-    looked: Looked  # what the next check need not have watched again
+    looked: EpochLooks  # what the next check need not have watched again
 
 
-def shapes(stack: Stack, change: Change) -> F64:
+def compute_shapes(stack: Stack, change: Change) -> F64:
     """(n, 1 + bends) how far a change is at each check, per amplitude of each of its columns."""
     if not change.gradual:
         return (np.arange(stack.n) >= change.first).astype(float)[:, None]
     return np.stack(
-        [ramp(stack, start_d) for start_d in (change.origin_d, *change.bends_d)], axis=1
+        [compute_ramp(stack, start_d) for start_d in (change.origin_d, *change.bends_d)], axis=1
     )
 
 
-def ramp(stack: Stack, origin_d: float) -> F64:
+def compute_ramp(stack: Stack, origin_d: float) -> F64:
     """(n,) 0 until *origin_d*, and 1 after 30 days more."""
     grown: F64 = np.maximum(stack.time_d - origin_d, 0.0) / RAMP_DAYS
     return grown
 
 
-def amplitude_sizes(change: Change, columns: int) -> F64:
+def list_amplitude_sizes(change: Change, columns: int) -> F64:
     """(1 + bends, p) prior standard deviations of a change's amplitudes, in typical sizes."""
     if change.rate_size is None:
         return np.full((1, columns), change.size)
@@ -105,22 +105,22 @@ def count_amplitudes(stack: Stack, change: Change) -> int:
     return (1 + len(change.bends_d)) * int(block.stop - block.start)
 
 
-def with_changes(stack: Stack, changes: Sequence[Change]) -> Stack:
+def add_known_changes(stack: Stack, changes: Sequence[Change]) -> Stack:
     """The stack where these changes, of whatever size, are among what is known."""
     if all(change.cause is None for change in changes):
         return stack
-    return stack.knowing(columns_of(stack, changes))
+    return stack.add_known_errors(list_change_columns(stack, changes))
 
 
-def columns_of(stack: Stack, changes: Sequence[Change]) -> list[F64]:
+def list_change_columns(stack: Stack, changes: Sequence[Change]) -> list[F64]:
     """(r, amplitudes of all named changes) of each check, per standard deviation of each."""
     columns: list[list[F64]] = [[np.zeros((len(residual), 0))] for residual in stack.residual]
     for change in changes:
         if change.cause is None:
             continue
         block = stack.blocks[change.cause]
-        shape = shapes(stack, change)
-        sizes = amplitude_sizes(change, block.stop - block.start)
+        shape = compute_shapes(stack, change)
+        sizes = list_amplitude_sizes(change, block.stop - block.start)
         for i in range(stack.n):
             block_columns = stack.columns[i][:, block]
             wide = (shape[i][:, None, None] * sizes[:, None, :] * block_columns[None]).transpose(

@@ -6,30 +6,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from armd.compensation.interim.changes.change import Change, with_changes
+from armd.compensation.interim.changes.change import Change, add_known_changes
 from armd.compensation.interim.evidence.likelihood import LIMIT, log_marginal
-from armd.compensation.interim.evidence.quiet import EpochLook
+from armd.compensation.interim.evidence.looks import EpochLook
 from armd.compensation.interim.evidence.stack import Stack
 
 
 @dataclass(frozen=True)
-class Stand:
+class SearchState:
     """Where a search stood after a look at the checks; where it went on to depends on nothing
     else."""
 
     look: EpochLook
-    found: tuple[Change, ...]
+    changes: tuple[Change, ...]
     alarms: tuple[int, ...]  # each change's
     bad: tuple[int, ...]
 
 
-def circle(
-    stands: Sequence[Stand],
+def find_circle(
+    stands: Sequence[SearchState],
     since: int,
     left_out: Sequence[int],
     known_numbers: Sequence[float],
     alarms: Sequence[int],
-) -> Sequence[Stand]:
+) -> Sequence[SearchState]:
     """The stands since the search was last about to look so; none if it never was."""
     for number, stand in enumerate(stands):
         if stand.alarms == tuple(alarms) and stand.look.is_at(since, left_out, known_numbers):
@@ -37,7 +37,7 @@ def circle(
     return ()
 
 
-def best(stack: Stack, stands: Sequence[Stand]) -> Stand:
+def choose_best_stand(stack: Stack, stands: Sequence[SearchState]) -> SearchState:
     """The stand whose changes make all readings likeliest, each change more at the price of an
     alarm; of the checks that no stand takes for bad.
 
@@ -47,8 +47,8 @@ def best(stack: Stack, stands: Sequence[Stand]) -> Stand:
     bad = {i for stand in stands for i in stand.bad}
     good = [i for i in range(stack.n) if i not in bad]
 
-    def evidence(stand: Stand) -> float:
-        changed = with_changes(stack, stand.found)
-        return log_marginal(changed, changed.sums(good)) - LIMIT * len(stand.found)
+    def evidence(stand: SearchState) -> float:
+        changed = add_known_changes(stack, stand.changes)
+        return log_marginal(changed, changed.sum_checks(good)) - LIMIT * len(stand.changes)
 
     return max(stands, key=evidence)

@@ -16,13 +16,13 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, ChangesFound, with_changes
-from armd.compensation.interim.changes.circle import Stand, best, circle
-from armd.compensation.interim.changes.growth import growth, origin_d
-from armd.compensation.interim.changes.likeliest import likeliest, weighed_again, weighed_since
+from armd.compensation.interim.changes.change import Change, ChangesFound, add_known_changes
+from armd.compensation.interim.changes.circle import SearchState, choose_best_stand, find_circle
+from armd.compensation.interim.changes.growth import find_origin_d, fit_growth
+from armd.compensation.interim.changes.likeliest import find_likeliest, weigh_again, weigh_since
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, weigh
-from armd.compensation.interim.evidence.quiet import NEVER_YET, EpochLook, Looked
+from armd.compensation.interim.evidence.looks import NEVER_YET, EpochLook, EpochLooks
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import Watched, watch
 
@@ -37,27 +37,29 @@ MOST_CHANGES = 5
 BEFORE_ALARM = 10
 
 
-def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> ChangesFound:
+def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) -> ChangesFound:
     """All changes of a stack of checks, some of which may have been watched *before*."""
     changes: list[Change] = []
     alarms: list[int] = []
     bad: tuple[int, ...] = ()
     first_look: Watched | None = None
-    stands: list[Stand] = []
+    stands: list[SearchState] = []
     since = 0
     while True:
-        null = with_changes(stack, changes)
+        null = add_known_changes(stack, changes)
         known_numbers = tuple(number for change in changes for number in change.numbers)
         left_out = tuple(i for i in bad if i < since)
-        if whole_circle := circle(stands, since, left_out, known_numbers, alarms):
-            stand = best(stack, whole_circle)
-            changes, bad = [*stand.found], stand.bad
+        if whole_circle := find_circle(stands, since, left_out, known_numbers, alarms):
+            stand = choose_best_stand(stack, whole_circle)
+            changes, bad = [*stand.changes], stand.bad
             break
-        looked = watch(null, causes, since, bad, before.begun(since, left_out, known_numbers))
+        looked = watch(
+            null, causes, since, bad, before.find_quiet_run(since, left_out, known_numbers)
+        )
         first_look = first_look or looked
         bad = tuple(sorted({*left_out, *looked.bad}))
         look = EpochLook(since, left_out, known_numbers, looked.quiet)
-        stands.append(Stand(look, tuple(changes), tuple(alarms), bad))
+        stands.append(SearchState(look, tuple(changes), tuple(alarms), bad))
         if looked.alarm is None:
             if changes and _since_start(stack, causes, changes, stack.n, bad) < REFUTED:
                 # Later checks speak against the last alarm: it was a false one.
@@ -72,7 +74,7 @@ def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> C
             changes.append(Change(None, False, first, first, looked.alarm, np.nan, 1.0))
             bad = tuple(i for i in bad if i < first)
             break
-        weighed, good = weighed_since(null, causes, since, until, until, bad)
+        weighed, good = weigh_since(null, causes, since, until, until, bad)
         if changes:
             again = _renamed(stack, causes, changes, alarms[-1], until, bad, weighed.log_alarm)
             if again is not None:
@@ -84,17 +86,17 @@ def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> C
                 changes.pop()
                 since = alarms.pop() + 1
                 continue
-        new = likeliest(null, causes, weighed, good)
+        new = find_likeliest(null, causes, weighed, good)
         if (same := _same_growth(changes, causes, new)) is not None:
             # What moves on at one place is one growth, no staircase; it is known up to here.
             begun = replace(
                 changes[same],
                 gradual=True,
-                origin_d=origin_d(stack, good, good.index(changes[same].first)),
+                origin_d=find_origin_d(stack, good, good.index(changes[same].first)),
             )
-            without_it = with_changes(stack, changes[:same])
+            without_it = add_known_changes(stack, changes[:same])
             neighbours = [i for i in good if abs(i - begun.first) <= NEAR and i <= alarms[same]]
-            changes[same] = growth(without_it, begun, good, neighbours)
+            changes[same] = fit_growth(without_it, begun, good, neighbours)
             del changes[same + 1 :], alarms[same + 1 :]
             since = until
             continue
@@ -108,7 +110,7 @@ def find(stack: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> C
     statistic = _filled(first_look, stack, causes, bad, before)
     after = () if first_look.alarm is None else statistic[first_look.alarm + 1 : -1].tolist()
     looks = tuple(stand.look for stand in stands)
-    remembered = Looked(looks, tuple(after), tuple(i for i in bad if i < stack.n - 1))
+    remembered = EpochLooks(looks, tuple(after), tuple(i for i in bad if i < stack.n - 1))
     return ChangesFound(statistic, first_look.alarm, tuple(changes), bad, remembered)
 
 
@@ -122,11 +124,11 @@ def _refined(
     for _ in range(2):
         i = 0
         while i < len(named):
-            without_it, weighed, good = weighed_again(stack, causes, [*named, *strange], i, bad)
+            without_it, weighed, good = weigh_again(stack, causes, [*named, *strange], i, bad)
             if weighed.log_alarm < LIMIT and len(named) > 1:
                 del named[i]
                 continue
-            named[i] = likeliest(without_it, causes, weighed, good)
+            named[i] = find_likeliest(without_it, causes, weighed, good)
             if _same_growth(named[:i], causes, named[i]) is not None:
                 del named[i]  # under this name it is the growth that is there already
                 continue
@@ -135,7 +137,11 @@ def _refined(
 
 
 def _filled(
-    first_look: Watched, stack: Stack, causes: Sequence[Cause], bad: Sequence[int], before: Looked
+    first_look: Watched,
+    stack: Stack,
+    causes: Sequence[Cause],
+    bad: Sequence[int],
+    before: EpochLooks,
 ) -> F64:
     """The statistic of checks after the alarm: still that of what was known before it."""
     statistic = first_look.statistic.copy()
@@ -143,7 +149,7 @@ def _filled(
         return statistic
     good = [i for i in range(stack.n) if i not in bad]
     begin = bisect_left(good, max(0, first_look.alarm - BEFORE_ALARM))
-    sums = RunningSums(stack.only(good), begin)
+    sums = RunningSums(stack.select_checks(good), begin)
     for i in range(first_look.alarm + 1, stack.n):
         count = bisect_left(good, i + 1)
         if (remembered := before.after_alarm(first_look.alarm, i, bad)) is not None:
@@ -173,8 +179,8 @@ def _since_start(
     """Log ratio of all readings *until* a check with some change where the last one found may be,
     to that without it."""
     start = changes[-2].first + 1 if len(changes) > 1 else 0
-    before = with_changes(stack, changes[:-1])
-    return weighed_since(before, causes, start, until, until, bad)[0].log_alarm
+    before = add_known_changes(stack, changes[:-1])
+    return weigh_since(before, causes, start, until, until, bad)[0].log_alarm
 
 
 def _renamed(
@@ -188,14 +194,14 @@ def _renamed(
 ) -> Change | None:
     """The last change found under another name, if all readings until now want that rather than
     *another* change beside it; it began by the check that told it, *alarm*."""
-    before = with_changes(stack, changes[:-1])
+    before = add_known_changes(stack, changes[:-1])
     start = changes[-2].first + 1 if len(changes) > 1 else 0
-    weighed, good = weighed_since(before, causes, start, alarm + 1, until, bad)
+    weighed, good = weigh_since(before, causes, start, alarm + 1, until, bad)
     last = changes[-1]
     assert last.cause is not None
     place = (weighed.first == good.index(last.first), last.cause, int(last.gradual))
     as_it_is = float(weighed.log_weight[place][0])
     if weighed.log_sum <= as_it_is + log_another - LIMIT:
         return None
-    again = likeliest(before, causes, weighed, good)
+    again = find_likeliest(before, causes, weighed, good)
     return None if again.key == last.key else again

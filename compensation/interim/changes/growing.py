@@ -19,8 +19,8 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from armd.arrays import F64, I64
-from armd.compensation.interim.changes.change import Change, amplitude_sizes
-from armd.compensation.interim.evidence.cleared import cleared
+from armd.compensation.interim.changes.change import Change, list_amplitude_sizes
+from armd.compensation.interim.evidence.elimination import eliminate_standing
 from armd.compensation.interim.evidence.likelihood import log_student
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
@@ -29,12 +29,12 @@ class Growing:
     """A stack with everything known eliminated, for growths of one cause after another."""
 
     def __init__(self, stack: Stack) -> None:
-        sums = stack.sums(range(stack.n))
+        sums = stack.sum_checks(range(stack.n))
         # Of the size that the stack takes them for.
-        eliminated = cleared(sums.curvature, sums.side, sums.square, slice(0), (1.0,))
+        eliminated = eliminate_standing(sums.curvature, sums.side, sums.square, slice(0), (1.0,))
         self._stack = stack
         self._rotated = [
-            eliminated.rotation @ columns.T for columns in stack.known
+            eliminated.rotation @ columns.T for columns in stack.error_columns
         ]  # per check (q, r)
         self._side = eliminated.side
         self._squared_norm = float(eliminated.square[0])
@@ -110,7 +110,7 @@ class _Ramps:
         """Amplitudes of the ramps from *bends* on and of each from *origins* (T,) on integrated
         out: log of the determinant's root (T,), and what they explain of the readings' square."""
         gram, side = self.products(origins)
-        (first, *bend_sizes) = amplitude_sizes(like, side.shape[1])
+        (first, *bend_sizes) = list_amplitude_sizes(like, side.shape[1])
         sizes = np.ravel(bend_sizes)
         gram, side = gram * np.outer(first, first) + np.eye(len(first)), side * first
         spread, explained = 0.0, 0.0

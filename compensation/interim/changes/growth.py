@@ -15,7 +15,7 @@ import numpy as np
 
 from armd.compensation.interim.changes.change import BENDING, Change
 from armd.compensation.interim.changes.growing import Growing
-from armd.compensation.interim.changes.held import find_onset_interval
+from armd.compensation.interim.changes.onset_interval import find_onset_interval
 from armd.compensation.interim.evidence.likelihood import LIMIT
 from armd.compensation.interim.evidence.stack import Stack
 
@@ -29,7 +29,7 @@ LONG_BENDINGS = (BENDING, 0.4, 0.2)
 AS_WELL = 0.6 * LIMIT
 
 
-def growth(stack: Stack, change: Change, good: Sequence[int], firsts: Sequence[int]) -> Change:
+def fit_growth(stack: Stack, change: Change, good: Sequence[int], firsts: Sequence[int]) -> Change:
     """A growth at its likeliest onset, one of the checks *firsts*, and the interval of onsets."""
     courses = Growths(stack, good).weigh_onsets(change, firsts)
     low, high = find_onset_interval(np.array([share for share, _ in courses]))
@@ -43,7 +43,7 @@ class Growths:
     def __init__(self, stack: Stack, good: Sequence[int]) -> None:
         self._stack, self._good = stack, good
         self._time = stack.time_d[list(good)]
-        self._growing = Growing(stack.only(good))
+        self._growing = Growing(stack.select_checks(good))
 
     def weigh_onsets(self, change: Change, firsts: Sequence[int]) -> list[tuple[float, Change]]:
         """A growth from each of the checks *firsts* on, with its share; all onsets are as likely
@@ -81,13 +81,13 @@ class Growths:
         return replace(
             like,
             first=first,
-            origin_d=origin_d(self._stack, self._good, self._good.index(first)),
+            origin_d=find_origin_d(self._stack, self._good, self._good.index(first)),
             bends_d=tuple(knot for knot in knots if knot > float(self._stack.time_d[first])),
             bending=bending * float(np.sqrt(spacing / CHECKS_APART)),
         )
 
 
-def origin_d(stack: Stack, good: Sequence[int], first: int) -> float:
+def find_origin_d(stack: Stack, good: Sequence[int], first: int) -> float:
     """When a growth that first shows at the kept check *first* begins: at the check before."""
     if first:
         return float(stack.time_d[good[first - 1]])

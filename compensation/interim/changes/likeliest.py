@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armd.compensation.interim.changes.change import Change, with_changes
-from armd.compensation.interim.changes.growth import growth, origin_d
-from armd.compensation.interim.changes.held import find_onset_interval
+from armd.compensation.interim.changes.change import Change, add_known_changes
+from armd.compensation.interim.changes.growth import find_origin_d, fit_growth
+from armd.compensation.interim.changes.onset_interval import find_onset_interval
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import Weighed, weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
@@ -17,30 +17,32 @@ from armd.compensation.interim.evidence.stack import RunningSums, Stack
 LEAST_SHARE = 0.01
 
 
-def weighed_since(
+def weigh_since(
     stack: Stack, causes: Sequence[Cause], since: int, last: int, until: int, bad: Sequence[int]
 ) -> tuple[Weighed, list[int]]:
     good = [i for i in range(until) if i not in bad]
     first = np.array([k for k, i in enumerate(good) if since <= i < max(last, since + 1)])
     if not len(first):
         first = np.array([len(good) - 1])
-    return weigh(RunningSums(stack.only(good), int(first[0])), causes, len(good), first), good
+    return weigh(
+        RunningSums(stack.select_checks(good), int(first[0])), causes, len(good), first
+    ), good
 
 
-def weighed_again(
+def weigh_again(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], index: int, bad: Sequence[int]
 ) -> tuple[Stack, Weighed, list[int]]:
     """What one of the named *changes* may be, between its neighbours, by all readings: the stack
-    that knows the others, and as `weighed_since` has it."""
+    that knows the others, and as `weigh_since` has it."""
     named = [change for change in changes if change.cause is not None]
     until = next((change.first for change in changes if change.cause is None), stack.n)
-    without_it = with_changes(stack, named[:index] + named[index + 1 :])
+    without_it = add_known_changes(stack, named[:index] + named[index + 1 :])
     start = named[index - 1].first + 1 if index else 0
     end = named[index + 1].first if index + 1 < len(named) else until
-    return without_it, *weighed_since(without_it, causes, start, end, until, bad)
+    return without_it, *weigh_since(without_it, causes, start, end, until, bad)
 
 
-def likeliest(
+def find_likeliest(
     stack: Stack, causes: Sequence[Cause], weighed: Weighed, good: Sequence[int]
 ) -> Change:
     share = np.exp(weighed.log_weight - weighed.log_sum)  # (T, K, 2)
@@ -72,7 +74,7 @@ def likeliest(
         first=first,
         earliest=good[int(weighed.first[low])],
         latest=good[int(weighed.first[high])],
-        origin_d=origin_d(stack, good, int(weighed.first[t])),
+        origin_d=find_origin_d(stack, good, int(weighed.first[t])),
         probability=by_place[place],
         rivals=tuple(
             (max(places[candidate], key=lambda j: float(share[:, j].sum())), p)
@@ -82,4 +84,4 @@ def likeliest(
     )
     if not change.gradual:
         return change
-    return growth(stack, change, good, [good[int(first)] for first in weighed.first])
+    return fit_growth(stack, change, good, [good[int(first)] for first in weighed.first])

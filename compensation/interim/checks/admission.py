@@ -32,7 +32,7 @@ def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration
     """
     require_points(sessions, "`armd interim`")
     model = AssumedModel.under(arm, calibration)
-    told: list[str] = []
+    remarks: list[str] = []
     for session in sessions:
         observations = gather([session], arm, calibration.artefact)
         _refuse_temperatures(session, observations, model)
@@ -40,9 +40,9 @@ def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration
         refuse_misnamed([session], observations, model)
         position = model.tip_mm(observations)
         _refuse_absurd(session, distances_mm(observations, position))
-        told += session.remarks
-        told += without_temperature(session, np.isfinite(position[:, 0]))
-    return told
+        remarks += session.remarks
+        remarks += without_temperature(session, np.isfinite(position[:, 0]))
+    return remarks
 
 
 def _refuse_temperatures(session: Session, observations: Observations, model: AssumedModel) -> None:
@@ -53,20 +53,21 @@ def _refuse_temperatures(session: Session, observations: Observations, model: As
         if fault is not None:
             raise fault
     if still := still_and_far(session, observations.arm):
-        found = ", ".join(f"{name} {celsius:g} °C in every row" for name, celsius in still)
+        still_channels = ", ".join(f"{name} {celsius:g} °C in every row" for name, celsius in still)
         expected = "temperatures of one room: a channel that shows nothing is left empty"
-        raise BadInput(session.path, "temperatures", found, expected)
+        raise BadInput(session.path, "temperatures", still_channels, expected)
 
 
 def _refuse_absurd(session: Session, off_mm: F64) -> None:
     """A calibrated arm errs by micrometres: where half of the readings are centimetres off, it is
     not this arm, or not this artefact."""
-    known = off_mm[np.isfinite(off_mm)]
-    if len(known) and np.median(known) > ABSURD_MM:
+    finite_mm = off_mm[np.isfinite(off_mm)]
+    if len(finite_mm) and np.median(finite_mm) > ABSURD_MM:
         raise BadInput(
             session.path,
             "the readings",
-            f"half of them more than {np.median(known):.0f} mm from where the others place them",
+            f"half of them more than {np.median(finite_mm):.0f} mm from where the others place"
+            " them",
             "readings of this arm on this artefact (names of targets, angle_unit, columns,"
             " directions)",
         )

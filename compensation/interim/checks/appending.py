@@ -36,7 +36,7 @@ def append_checks(
     The history is locked.
     """
     path = folder / HISTORY
-    places = [folder / CHECKS / one.folder for one in new]
+    places = [folder / CHECKS / new_line.folder for new_line in new]
     with explain_os_errors(folder), _taken_back_unless_told_of(places, path):
         for name in (CHECKS, *(str(file.parent) for file in common)):
             (folder / name).mkdir(exist_ok=True)
@@ -45,12 +45,12 @@ def append_checks(
         text = read_input(path) if path.exists() else b""
         previous = _hash_of_last(text)
         added = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-        for number, (one, place) in enumerate(zip(new, places, strict=True), count + 1):
+        for number, (new_line, place) in enumerate(zip(new, places, strict=True), count + 1):
             line = {
-                **one.facts,
+                **new_line.facts,
                 "check": number,
                 "folder": place.name,
-                "files": _keep_check(place, one.contents),
+                "files": _keep_check(place, new_line.contents),
                 "added": added,
                 "previous": previous,
             }
@@ -64,10 +64,10 @@ def append_checks(
     _write_head(folder, count + len(new), previous)
 
 
-def folder_name(started: str, name: str) -> str:
+def make_folder_name(started: str, name: str) -> str:
     """The folder of a check: its instant, and its name as a part of a folder's."""
-    plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
-    return f"{started.replace(':', '').replace('-', '')}-{plain[:80]}"
+    safe_name = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
+    return f"{started.replace(':', '').replace('-', '')}-{safe_name[:80]}"
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import OpenGrowth
 
 
-def digest(causes: Sequence[Cause], growth: Sequence[OpenGrowth] = ()) -> str:
+def hash_catalogue(causes: Sequence[Cause], growth: Sequence[OpenGrowth] = ()) -> str:
     """SHA-256 of all causes' columns and of the *growth* that is open: the same of the same
     catalogue only."""
     columns = [(c.place, column) for c in (cause.candidate for cause in causes)
@@ -18,5 +18,7 @@ def digest(causes: Sequence[Cause], growth: Sequence[OpenGrowth] = ()) -> str:
         f"{place} {column.name} {[term.model_dump_json() for term in column.terms]}"
         for place, column in columns
     )
-    text += "".join(f"\n{one.name} {one.made_k:.9g} {one.size:.9g}" for one in growth)
+    text += "".join(
+        f"\n{expansion.name} {expansion.made_k:.9g} {expansion.size:.9g}" for expansion in growth
+    )
     return hashlib.sha256(text.encode()).hexdigest()

@@ -113,14 +113,14 @@ def read_lines(folder: Path, kind: type[Line]) -> HistoryChain[Line]:
     lines: list[Line] = []
     hashes = [BEGINNING]
     for number, text in enumerate(raw, 1):
-        where = f"{path}: line {number}"
-        content = json_data(where, text)
+        location = f"{path}: line {number}"
+        content = json_data(location, text)
         _refuse_other_kind(path, number, content, kind)
-        line = validate(where, content, kind)
+        line = validate(location, content, kind)
         if line.previous != hashes[-1] or line.check != number:
-            found = "a line that does not follow the one before (edited, or lines are missing)"
+            problem = "a line that does not follow the one before (edited, or lines are missing)"
             follows = f"the hash {hashes[-1][:16]}… of that line"
-            raise BadInput(path, f"line {number}", found, follows)
+            raise BadInput(path, f"line {number}", problem, follows)
         hashes.append(hashlib.sha256(text).hexdigest())
         lines.append(line)
     _check_head(folder, head or _head(folder), hashes)
@@ -129,12 +129,12 @@ def read_lines(folder: Path, kind: type[Line]) -> HistoryChain[Line]:
 
 def _refuse_other_kind(path: Path, number: int, content: object, kind: type[AnyLine]) -> None:
     """A history has checks of one kind."""
-    own = KINDS["armd.interim.points/1" if kind is PointsLine else "armd.interim.check/1"]
+    own_kind = KINDS["armd.interim.points/1" if kind is PointsLine else "armd.interim.check/1"]
     schema = content.get("schema") if isinstance(content, dict) else None
-    other = KINDS.get(schema, own) if isinstance(schema, str) else own
-    if other != own:
-        expected = f"checks that are {own}: keep the two kinds in two folders (--history)"
-        raise BadInput(path, f"line {number}", f"a history of {other}", expected)
+    line_kind = KINDS.get(schema, own_kind) if isinstance(schema, str) else own_kind
+    if line_kind != own_kind:
+        expected = f"checks that are {own_kind}: keep the two kinds in two folders (--history)"
+        raise BadInput(path, f"line {number}", f"a history of {line_kind}", expected)
 
 
 def _check_head(folder: Path, head: Head | None, hashes: Sequence[str]) -> None:
@@ -145,8 +145,8 @@ def _check_head(folder: Path, head: Head | None, hashes: Sequence[str]) -> None:
     if head.checks > count:
         raise BadInput(path, "the file", f"{count} checks", f"{head.checks}, as {HEAD} has them")
     if hashes[head.checks] != head.sha256:
-        found = f"a line {head.checks} of another hash than {HEAD} has"
-        raise BadInput(path, f"line {head.checks}", found, "the line that was written")
+        mismatch = f"a line {head.checks} of another hash than {HEAD} has"
+        raise BadInput(path, f"line {head.checks}", mismatch, "the line that was written")
 
 
 def _head(folder: Path) -> Head | None:

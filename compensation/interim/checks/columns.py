@@ -51,17 +51,17 @@ class Cause:
         return self.candidate.place
 
 
-def causes_of(arm: Arm, calibration: Calibration) -> list[Cause]:
+def list_causes(arm: Arm, calibration: Calibration) -> list[Cause]:
     """Every cause that may begin between two checks, with its prior: uniform over families, then
     over places, then over the forms at one place."""
-    found = [c for c in candidates(_scene(arm, calibration)) if _happens(c)]
-    slips = [_slip(c) for c in found if _is_turn(c)]
-    sudden, gradual = _priors([*found, *slips]), _priors(found)
+    possible = [c for c in candidates(_scene(arm, calibration)) if _happens(c)]
+    slips = [_slip(c) for c in possible if _is_turn(c)]
+    sudden, gradual = _priors([*possible, *slips]), _priors(possible)
     causes: list[Cause] = []
-    for candidate, prior in zip([*found, *slips], sudden, strict=True):
+    for candidate, prior in zip([*possible, *slips], sudden, strict=True):
         # A turn of the zero is a knock seldom, if sudden, and a creep, if it grows.
         share = KNOCKED_SHARE if _is_turn(candidate) else 1.0
-        growing = gradual[len(causes)] if len(causes) < len(found) else 0.0
+        growing = gradual[len(causes)] if len(causes) < len(possible) else 0.0
         causes.append(Cause(candidate, share * prior, growing))
     total = sum(cause.prior_sudden + cause.prior_gradual for cause in causes)
     return [
@@ -114,13 +114,13 @@ def _slip(turn: Candidate) -> Candidate:
     return Candidate("encoder_slip", turn.location, encoder_slip.columns(joint), ("time_s",))
 
 
-def _priors(found: list[Candidate]) -> list[float]:
-    families = {c.cause for c in found}
-    places = {c.place for c in found}
+def _priors(forms: list[Candidate]) -> list[float]:
+    families = {c.cause for c in forms}
+    places = {c.place for c in forms}
     return [
         1.0
         / len(families)
         / sum(place[0] == c.cause for place in places)
-        / sum(other.place == c.place for other in found)
-        for c in found
+        / sum(form.place == c.place for form in forms)
+        for c in forms
     ]

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from armd.compensation.data.session import Session, load_session
-from armd.compensation.interim.checks.catalogue_digest import digest
+from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.chain import HistoryLine, read_chain
-from armd.compensation.interim.checks.columns import Cause, causes_of
+from armd.compensation.interim.checks.columns import Cause, list_causes
 from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.checks.reduced import Reduced
@@ -75,9 +75,9 @@ def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
         calibration = calibrations[line.calibration]
         epoch = line.arm_file, line.calibration
         if epoch not in catalogues:
-            causes = causes_of(arm, calibration.content)
+            causes = list_causes(arm, calibration.content)
             growth = open_growth(arm, calibration.content)
-            catalogues[epoch] = causes, digest(causes, growth)
+            catalogues[epoch] = causes, hash_catalogue(causes, growth)
         causes, catalogue = catalogues[epoch]
         if (same := loaded.get(line.check)) is not None and same.line == line:
             checks.append(same)
@@ -90,15 +90,15 @@ def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
     return sorted(checks, key=lambda check: check.line.first_unix_s)
 
 
-def session(folder: Path, check: Check) -> Session:
+def load_measured(folder: Path, check: Check) -> Session:
     """A check as it was measured, under the name that it was added by."""
-    kept = load_session(folder / "checks" / check.line.folder, check.arm)
-    return replace(kept, name=check.line.name)
+    measured = load_session(folder / "checks" / check.line.folder, check.arm)
+    return replace(measured, name=check.line.name)
 
 
 def _of_today(folder: Path, check: Check, causes: Sequence[Cause]) -> Check:
     """A check whose statistics are of another catalogue, from what was measured."""
-    measured = session(folder, check)
+    measured = load_measured(folder, check)
     return replace(check, reduced=reduce(measured, check.arm, check.calibration.content, causes))
 
 
@@ -107,11 +107,11 @@ def check_hash(path: Path, sha256: str) -> None:
     if not path.is_file():
         raise BadInput(path, "the file", "nothing", "the file that the history was written with")
     if hashlib.sha256(read_input(path)).hexdigest() != sha256:
-        found = "content that does not match its hash (edited or damaged)"
-        raise BadInput(path, "the file", found, f"the file as it was kept, {sha256[:16]}…")
+        mismatch = "content that does not match its hash (edited or damaged)"
+        raise BadInput(path, "the file", mismatch, f"the file as it was kept, {sha256[:16]}…")
 
 
-def iso(unix_s: float) -> str:
+def format_iso(unix_s: float) -> str:
     """An instant as the contract has it: UTC, to the second, or finer where it is."""
     moment = datetime.datetime.fromtimestamp(unix_s, datetime.UTC)
     return moment.isoformat(timespec="microseconds" if moment.microsecond else "seconds").replace(

@@ -16,10 +16,10 @@ from armd.compensation.interim.checks.appending import (
     CHECKS,
     NewLine,
     append_checks,
-    folder_name,
+    make_folder_name,
 )
 from armd.compensation.interim.checks.chain import HISTORY, AnyLine, HistoryLine
-from armd.compensation.interim.checks.history import STATISTICS, iso
+from armd.compensation.interim.checks.history import STATISTICS, format_iso
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.statistics import to_json
 from armd.compensation.model.calibration import LoadedCalibration
@@ -36,7 +36,7 @@ CLOCKS_APART_S = 600.0
 
 
 @dataclass(frozen=True)
-class New:
+class NewCheck:
     """A check to be kept."""
 
     session: Session
@@ -55,7 +55,7 @@ class CheckDate:
     last_unix_s: float
 
     @classmethod
-    def of_session(cls, session: Session) -> CheckDate:
+    def from_session(cls, session: Session) -> CheckDate:
         """Of a session's folder."""
         time_s = session.states.time_s
         span = float(time_s.min()), float(time_s.max())
@@ -64,7 +64,7 @@ class CheckDate:
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def lock_history(folder: Path) -> Iterator[None]:
     """One writer at a time; the folder is made if it is not there. Raises `BadInput` unless a
     check can be kept in it."""
     with explain_os_errors(folder):
@@ -89,12 +89,15 @@ def check_past(checks: Sequence[CheckDate], now_unix_s: float) -> None:
     for check in checks:
         ended = check.last_unix_s
         if ended > now_unix_s + CLOCKS_APART_S:
-            found = f"readings until {iso(ended)}; this computer's clock says {iso(now_unix_s)}"
+            dates = (
+                f"readings until {format_iso(ended)}; this computer's clock says "
+                f"{format_iso(now_unix_s)}"
+            )
             expected = (
                 "a check that has been made: set the clock that is wrong, or take it as it is "
                 "with --future"
             )
-            raise BadInput(check.file, "started", found, expected)
+            raise BadInput(check.file, "started", dates, expected)
 
 
 def check_clock(folder: Path, lines: Sequence[AnyLine], now_unix_s: float) -> None:
@@ -104,32 +107,32 @@ def check_clock(folder: Path, lines: Sequence[AnyLine], now_unix_s: float) -> No
         return
     added = datetime.datetime.fromisoformat(lines[-1].added).timestamp()
     if now_unix_s < added - CLOCKS_APART_S:
-        found = (
+        dates = (
             f"check {lines[-1].name} added at {lines[-1].added}; this computer's clock says "
-            f"{iso(now_unix_s)}"
+            f"{format_iso(now_unix_s)}"
         )
         expected = (
             "a clock that was not set back: set it right, or, if it is right now, take the check "
             "as it is dated with --future"
         )
-        raise BadInput(folder / HISTORY, f"line {len(lines)}, added", found, expected)
+        raise BadInput(folder / HISTORY, f"line {len(lines)}, added", dates, expected)
 
 
-def dated_before(lines: Sequence[AnyLine], checks: Sequence[CheckDate]) -> str:
+def report_early_dates(lines: Sequence[AnyLine], checks: Sequence[CheckDate]) -> str:
     """What a person should know of *checks* added after a check that was measured after them:
     that is as good as any other order, unless a clock was set back in between. "" if there are
     none."""
     latest = max(lines, key=lambda line: line.last_unix_s, default=None)
     if latest is None:
         return ""
-    early = [one for one in checks if one.last_unix_s < latest.first_unix_s]
+    early = [check for check in checks if check.last_unix_s < latest.first_unix_s]
     if not early:
         return ""
     first = early[0]
-    which = f"{first.name} ({iso(first.started_unix_s)})"
-    if others := len(early) - 1:
-        which += f" and {counted(others, 'other check')}"
-    are, they = ("are", "They are") if others else ("is", "It is")
+    which = f"{first.name} ({format_iso(first.started_unix_s)})"
+    if n_others := len(early) - 1:
+        which += f" and {counted(n_others, 'other check')}"
+    are, they = ("are", "They are") if n_others else ("is", "It is")
     return (
         f"{which} {are} dated before the last check of the history, {latest.name} "
         f"({latest.started}). {they} judged by date. If measured after that check, a clock was "
@@ -142,44 +145,47 @@ def check_new(folder: Path, lines: Sequence[AnyLine], checks: Sequence[CheckDate
     spans = [(line.first_unix_s, line.last_unix_s, line.name) for line in lines]
     started = {line.started: line.name for line in lines}
     for check in checks:
-        other = next((line.arm for line in lines if line.arm != check.arm), None)
-        if other is not None:
-            raise BadInput(check.file, "arm", repr(check.arm), f"{other!r}, as in {folder}")
-        at = iso(check.started_unix_s)
-        if at in started:
-            found = f"{at}, when check {started[at]} was started"
-            raise BadInput(check.file, "started", found, "a check of its own")
+        arm_of_history = next((line.arm for line in lines if line.arm != check.arm), None)
+        if arm_of_history is not None:
+            raise BadInput(
+                check.file, "arm", repr(check.arm), f"{arm_of_history!r}, as in {folder}"
+            )
+        instant = format_iso(check.started_unix_s)
+        if instant in started:
+            problem = f"{instant}, when check {started[instant]} was started"
+            raise BadInput(check.file, "started", problem, "a check of its own")
         begun, ended = check.first_unix_s, check.last_unix_s
         for first, last, name in spans:
             if begun <= last and first <= ended:
-                found = (
-                    f"readings from {iso(begun)} to {iso(ended)}, while check {name} was measured "
-                    f"({iso(first)} to {iso(last)})"
+                problem = (
+                    f"readings from {format_iso(begun)} to {format_iso(ended)}, while check {name} "
+                    f"was measured ({format_iso(first)} to {format_iso(last)})"
                 )
                 expected = "one check at a time: was a clock set back?"
-                raise BadInput(check.file, "started", found, expected)
-        started[at] = check.name
+                raise BadInput(check.file, "started", problem, expected)
+        started[instant] = check.name
         spans.append((begun, ended, check.name))
 
 
 def keep(
     folder: Path,
     lines: Sequence[HistoryLine],
-    new: Sequence[New],
+    new: Sequence[NewCheck],
     arm_file: Path,
     calibration: LoadedCalibration,
 ) -> None:
-    """Keep checks, whole and reduced; the history is `locked`, and they are `check_new`."""
+    """Keep checks, whole and reduced: the history is locked (`lock_history`), and they have passed
+    `check_new`."""
     arm_data = read_input(arm_file)
     arm_sha = hashlib.sha256(arm_data).hexdigest()
     common = {
         Path(ARMS) / f"{arm_sha}.toml": arm_data,
         Path(CALIBRATIONS) / f"{calibration.sha256}.json": calibration.data,
     }
-    kept = []
-    for one in new:
-        session = one.session
-        started = iso(session.started_unix_s)
+    new_lines = []
+    for new_check in new:
+        session = new_check.session
+        started = format_iso(session.started_unix_s)
         facts = {
             "schema": "armd.interim.check/1",
             "name": session.name,
@@ -190,11 +196,13 @@ def keep(
             "arm_file": arm_sha,
             "calibration": calibration.sha256,
         }
-        kept.append(NewLine(facts, folder_name(started, session.name), _contents(one)))
-    append_checks(folder, len(lines), kept, common)
+        new_lines.append(
+            NewLine(facts, make_folder_name(started, session.name), _contents(new_check))
+        )
+    append_checks(folder, len(lines), new_lines, common)
 
 
-def _contents(new: New) -> dict[str, bytes]:
+def _contents(new: NewCheck) -> dict[str, bytes]:
     """The session's files and its statistics."""
     contents = {
         name: read_input(new.session.path / name)

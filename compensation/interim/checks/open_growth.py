@@ -67,15 +67,17 @@ def _made_k(term: Term, calibration: Calibration) -> float:
     ) - calibration.reference_temperature_c * sum(factor.weights.values())
 
 
-def rises_k(
+def compute_rises_k(
     growth: Sequence[OpenGrowth], states: States, arm: Arm, calibration: Calibration
 ) -> F64:
     """(n, m) how much warmer each length was than when it was calibrated; where a temperature is
     missing, the mean of the others."""
     constants = calibration.vector(arm.n_joints)
     reference_c = calibration.reference_temperature_c
-    warm = basis_values([one.term for one in growth], states, arm, reference_c, constants)
-    rise: F64 = warm - np.array([one.made_k for one in growth])
-    known = np.isfinite(rise)
-    mean = np.where(known, rise, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    return np.where(known, rise, mean)
+    warm = basis_values(
+        [expansion.term for expansion in growth], states, arm, reference_c, constants
+    )
+    rise: F64 = warm - np.array([expansion.made_k for expansion in growth])
+    is_finite = np.isfinite(rise)
+    mean = np.where(is_finite, rise, 0.0).sum(axis=0) / np.maximum(is_finite.sum(axis=0), 1)
+    return np.where(is_finite, rise, mean)

@@ -18,7 +18,7 @@ from armd.compensation.estimate.poses import (
     pose_columns,
     target_columns,
 )
-from armd.compensation.interim.checks.catalogue_digest import digest
+from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduced import Reduced
@@ -42,20 +42,24 @@ def reduce(
     """Reduce *session*; raises `BadInput` where it cannot tell anything."""
     observations = _usable(gather([session], arm, calibration.artefact), arm, calibration, session)
     states = observations.states
-    seen = Signals(states, arm, calibration)
-    position = seen.position_mm
+    signals = Signals(states, arm, calibration)
+    position = signals.position_mm
     poses = fit_poses(observations, position)
     placed = poses.target_points(observations)
     share = _rest_share(observations)
-    whitener = seen.whitener() * share[:, None, None]
+    whitener = signals.compute_whitener() * share[:, None, None]
 
     def whitened(columns: F64) -> F64:
         """(3 n, C) from columns (n, 3, C)."""
         return (whitener @ columns).reshape(3 * observations.n, columns.shape[2])
 
-    cause_columns = seen.of([column for cause in causes for column in cause.candidate.columns])
+    cause_columns = signals.compute_motions(
+        [column for cause in causes for column in cause.candidate.columns]
+    )
     growth = open_growth(arm, calibration)
-    known = np.concatenate([seen.calibrated(), seen.grown(growth)], axis=2)
+    calibration_errors = np.concatenate(
+        [signals.compute_calibration_motions(), signals.compute_growth_motions(growth)], axis=2
+    )
     shifts, touched = _target_shifts(observations, poses)
     extra = _distances(observations, poses, touched)
     nuisance = np.concatenate([_placements(observations, placed), shifts], axis=2)
@@ -82,20 +86,25 @@ def reduce(
     def below(columns: F64) -> F64:
         return np.concatenate([columns, np.zeros((rows, columns.shape[1]))])
 
-    left = clear.T @ residual
+    cleared = clear.T @ residual
     rests = round(float((share**2).sum()))
-    spare = len(left) - 3 * (observations.n - rests)  # a rest that is read again says nothing new
+    spare = len(cleared) - 3 * (
+        observations.n - rests
+    )  # a rest that is read again says nothing new
     if spare < LEAST_ROWS:
-        of = "" if rests == observations.n else f" at {counted(rests, 'rest')}"
-        found = f"{counted(session.n, 'reading')}{of}, {spare} numbers beyond placement and seats"
-        raise BadInput(session.path, "the session", found, "10 to 30 readings in several poses")
+        at_rests = "" if rests == observations.n else f" at {counted(rests, 'rest')}"
+        problem = (
+            f"{counted(session.n, 'reading')}{at_rests}, {spare} numbers beyond placement and seats"
+        )
+        raise BadInput(session.path, "the session", problem, "10 to 30 readings in several poses")
     return Reduced(
-        residual=left,
+        residual=cleared,
         causes=clear.T @ below(whitened(cause_columns)),
-        known=clear.T @ np.concatenate([below(whitened(known)), errors, wrong_lengths], axis=1),
+        error_columns=clear.T
+        @ np.concatenate([below(whitened(calibration_errors)), errors, wrong_lengths], axis=1),
         known_names=(
-            *(f"calibrated {i}" for i in range(known.shape[2] - len(growth))),
-            *(one.name for one in growth),
+            *(f"calibrated {i}" for i in range(calibration_errors.shape[2] - len(growth))),
+            *(expansion.name for expansion in growth),
             *error_names,
             *(f"{session.artefact.name} distance {i}" for i in extra.numbers),
         ),
@@ -107,7 +116,7 @@ def reduce(
         last_unix_s=float(states.time_s.max()),
         readings=observations.n,
         rms_um=1e3 * float(np.sqrt(np.mean(np.sum((position - placed) ** 2, axis=1)))),
-        catalogue=digest(causes, growth),
+        catalogue=hash_catalogue(causes, growth),
         temperature_c=_temperatures(observations, arm),
     )
 
@@ -132,19 +141,19 @@ def _usable(
         raise BadInput(session.path, "time_s", "nothing", "the time of every reading")
     good = np.asarray(Signals(observations.states, arm, calibration).complete)
     if not good.any():
-        found = "no reading with all temperatures that the calibration needs"
-        raise BadInput(session.path, "the readings", found, "some")
+        problem = "no reading with all temperatures that the calibration needs"
+        raise BadInput(session.path, "the readings", problem, "some")
     return observations.rows(good)
 
 
 def _temperatures(observations: Observations, arm: Arm) -> dict[str, tuple[float, float]]:
     """The lowest and highest of each sensor that read anything."""
-    found = {}
+    range_c = {}
     for name, celsius in zip(arm.sensors, observations.states.temperature_c.T, strict=True):
-        known = celsius[np.isfinite(celsius)]
-        if len(known):
-            found[name] = float(known.min()), float(known.max())
-    return found
+        finite_c = celsius[np.isfinite(celsius)]
+        if len(finite_c):
+            range_c[name] = float(finite_c.min()), float(finite_c.max())
+    return range_c
 
 
 def _rest_share(observations: Observations) -> F64:
@@ -159,21 +168,21 @@ def _rest_share(observations: Observations) -> F64:
 
 def _placements(observations: Observations, placed: F64) -> F64:
     """(n, 3, 6 P) columns of the placements."""
-    own = pose_columns(observations, placed, centres(observations, placed))
+    motions = pose_columns(observations, placed, centres(observations, placed))
     n_placements = len(observations.placement_names)
     columns = np.zeros((observations.n, 3, n_placements, 6))
-    columns[np.arange(observations.n), :, observations.placement] = own
+    columns[np.arange(observations.n), :, observations.placement] = motions
     return columns.reshape(observations.n, 3, 6 * n_placements)
 
 
 def _target_shifts(observations: Observations, poses: Poses) -> tuple[F64, I64]:
     """(n, 3, 3 T) columns of the touched targets' shifts, and which targets these are."""
     touched = np.unique(observations.target[~observations.has_truth])
-    own = target_columns(observations, poses)
+    motions = target_columns(observations, poses)
     columns = np.zeros((observations.n, 3, len(touched), 3))
     for t, target in enumerate(touched):
         rows = observations.target == target
-        columns[rows, :, t] = own[rows]
+        columns[rows, :, t] = motions[rows]
     return columns.reshape(observations.n, 3, 3 * len(touched)), touched
 
 
@@ -184,10 +193,10 @@ def _distances(observations: Observations, poses: Poses, touched: I64) -> _Lengt
     for d, (a, b) in enumerate(lengths.between):
         if int(a) not in place or int(b) not in place:
             continue
-        apart = poses.target_mm[a] - poses.target_mm[b]
-        size = float(np.linalg.norm(apart))
+        offset_mm = poses.target_mm[a] - poses.target_mm[b]
+        size = float(np.linalg.norm(offset_mm))
         row = np.zeros((len(touched), 3))
-        row[place[int(a)]], row[place[int(b)]] = apart / size, -apart / size
+        row[place[int(a)]], row[place[int(b)]] = offset_mm / size, -offset_mm / size
         residual.append((size - lengths.length_mm[d]) / LENGTH_FLOOR_MM)
         columns.append(row.ravel() / LENGTH_FLOOR_MM)
         errors.append(lengths.standard_uncertainty_mm[d] / LENGTH_FLOOR_MM)

@@ -17,8 +17,8 @@ class Reduced:
     """What one check says: r whitened rows on C named columns."""
 
     residual: F64  # (r,)
-    causes: F64  # (r, K) per unit of each cause's columns, in the order of `causes_of`
-    known: F64  # (r, B) what may be wrong all along, per standard deviation
+    causes: F64  # (r, K) per unit of each cause's columns, in the order of `list_causes`
+    error_columns: F64  # (r, B) what may be wrong all along, per standard deviation
     known_names: tuple[str, ...]  # (B,) the same name is the same unknown in every check
     targets: F64  # (r, 3 T) per mm of a target's shift
     target_names: tuple[str, ...]  # (T,) artefact and target

@@ -8,7 +8,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects.effect import Column
-from armd.compensation.interim.checks.open_growth import OpenGrowth, rises_k
+from armd.compensation.interim.checks.open_growth import OpenGrowth, compute_rises_k
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows, tip_motion
 from armd.compensation.model.calibration import Calibration
@@ -36,15 +36,15 @@ class Signals:
         #: (n, 3) mm, and (n, 3, P) per parameter
         self.position_mm, self._moved = jacobian(states.q, parameters)
 
-    def of(self, columns: Sequence[Column]) -> F64:
+    def compute_motions(self, columns: Sequence[Column]) -> F64:
         """(n, 3, p) how far each of *columns* moves the tip, mm per unit."""
-        found = np.zeros((self.states.n, 3, len(columns)))
+        motions = np.zeros((self.states.n, 3, len(columns)))
         about = self.states, self.arm, self.calibration.reference_temperature_c, self._constants
         for j, column in enumerate(columns):
-            found[:, :, j] = tip_motion(column.terms, *about, self._moved)
-        return found
+            motions[:, :, j] = tip_motion(column.terms, *about, self._moved)
+        return motions
 
-    def calibrated(self) -> F64:
+    def compute_calibration_motions(self) -> F64:
         """(n, 3, B) how far the calibration's independent standard errors move the tip, mm."""
         names, columns = self.arm.layout.names, []
         for name in self.calibration.covariance_of:
@@ -59,21 +59,21 @@ class Signals:
         covariance = np.array(self.calibration.covariance).reshape((len(columns),) * 2)
         return np.stack(columns, axis=2) @ _root(covariance)
 
-    def grown(self, growth: Sequence[OpenGrowth]) -> F64:
+    def compute_growth_motions(self, growth: Sequence[OpenGrowth]) -> F64:
         """(n, 3, m) how far each growth moves the tip, mm per standard deviation of it."""
-        places = self.arm.layout.indices(one.term.parameter for one in growth)
-        rise = rises_k(growth, self.states, self.arm, self.calibration)
-        size = np.array([one.size for one in growth])
+        places = self.arm.layout.indices(expansion.term.parameter for expansion in growth)
+        rise = compute_rises_k(growth, self.states, self.arm, self.calibration)
+        size = np.array([expansion.size for expansion in growth])
         moved: F64 = self._moved[:, :, places] * (rise * size)[:, None, :]
         return moved
 
-    def whitener(self) -> F64:
+    def compute_whitener(self) -> F64:
         """(n, 3, 3) per mm, from the calibration's word on the noise."""
         noise, n_joints = self.calibration.noise, self.arm.n_joints
         encoder = np.array([*noise.encoder_rad, *[0.0] * n_joints])[:n_joints]
         joints = self._moved[:, :, self.arm.layout.angles] * encoder
-        told = any(noise.encoder_rad) or noise.reading_mm
-        reading = max(noise.reading_mm if told else USUAL_MM, LEAST_MM)
+        has_noise = any(noise.encoder_rad) or noise.reading_mm
+        reading = max(noise.reading_mm if has_noise else USUAL_MM, LEAST_MM)
         covariance = joints @ joints.transpose(0, 2, 1) + reading**2 * np.eye(3)
         whitener: F64 = np.linalg.inv(np.linalg.cholesky(covariance))
         return whitener

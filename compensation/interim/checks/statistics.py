@@ -54,8 +54,13 @@ def to_json(reduced: Reduced) -> str:
         "certified": list(reduced.certified),
     }
     lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
-    for name in ("causes", "known", "targets"):
-        rows = [json.dumps(_numbers(row)) for row in getattr(reduced, name)]
+    matrices = {
+        "causes": reduced.causes,
+        "known": reduced.error_columns,
+        "targets": reduced.targets,
+    }
+    for name, matrix in matrices.items():
+        rows = [json.dumps(_numbers(row)) for row in matrix]
         lines.append(f"{json.dumps(name)}: [\n" + ",\n".join(rows) + "\n]")
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
@@ -71,7 +76,7 @@ def from_json(path: Path, content: bytes) -> Reduced:
     return Reduced(
         residual=np.array(file.residual),
         causes=np.array(file.causes).reshape(r, file.cause_columns),
-        known=np.array(file.known).reshape(r, len(file.known_names)),
+        error_columns=np.array(file.known).reshape(r, len(file.known_names)),
         known_names=tuple(file.known_names),
         targets=np.array(file.targets).reshape(r, 3 * len(file.target_names)),
         target_names=tuple(file.target_names),

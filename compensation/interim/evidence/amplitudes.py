@@ -12,7 +12,9 @@ from armd.arrays import F64
 Lower = dict[tuple[int, int], F64]
 
 
-def integrated(gram: Lower, side: Sequence[F64], sizes: Sequence[float]) -> tuple[F64, F64]:
+def integrate_amplitudes(
+    gram: Lower, side: Sequence[F64], sizes: Sequence[float]
+) -> tuple[F64, F64]:
     """log det(I + s² G) and s² yᵀ (I + s² G)⁻¹ y for each of *sizes* s, along a new last axis.
 
     Elimination row by row, over all matrices at once: they have few rows and there are many.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.evidence.cleared import CheckSums
+from armd.compensation.interim.evidence.elimination import CheckSums
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, log_student, log_sum
 from armd.compensation.interim.evidence.stack import Stack
 
@@ -44,8 +44,8 @@ class Rest:
         """(scales, 3) of the other checks; and, they known, of *check* as it usually is and spoilt,
         by how large the standing errors are. But for what is the same of any."""
         residual = self.stack.residual[check]
-        sums = self.sums.without(self.stack.known[check], residual)
-        eliminated = self.stack.cleared(sums)
+        sums = self.sums.subtract_check(self.stack.error_columns[check], residual)
+        eliminated = self.stack.eliminate_errors(sums)
         lefts = eliminated.square + NOISE_WORD
         others_log = [
             log_student(float(sums.numbers), float(spread), float(squared))
@@ -54,7 +54,7 @@ class Rest:
                 eliminated.spread, eliminated.square, lefts, strict=True
             )
         ]
-        turned = self.stack.known[check] @ eliminated.rotation.T
+        turned = self.stack.error_columns[check] @ eliminated.rotation.T
         freedom = NOISE_WORD + sums.numbers
         turned_side = eliminated.weights * eliminated.side
         densities = np.full((len(others_log), 2), -np.inf)
@@ -126,17 +126,17 @@ class _Beside:
         return density
 
 
-def spoilt(stack: Stack, sums: CheckSums, doubted: Sequence[int]) -> dict[int, float]:
+def find_spoilt(stack: Stack, sums: CheckSums, doubted: Sequence[int]) -> dict[int, float]:
     """Which of the *doubted* checks among those summed up are likelier spoilt than not, the worst
     first, with the log of their odds."""
     odds_of_spoilt: dict[int, float] = {}
     while True:
-        others = Rest(stack, sums)
+        rest = Rest(stack, sums)
         odds = {
-            i: others.log_evidence(i) - np.log(ONE_IN) for i in doubted if i not in odds_of_spoilt
+            i: rest.log_evidence(i) - np.log(ONE_IN) for i in doubted if i not in odds_of_spoilt
         }
         worst = max(odds, key=lambda i: odds[i], default=None)
         if worst is None or odds[worst] <= 0.0:
             return odds_of_spoilt
         odds_of_spoilt[worst] = odds[worst]
-        sums = sums.without(stack.known[worst], stack.residual[worst])
+        sums = sums.subtract_check(stack.error_columns[worst], stack.residual[worst])

@@ -20,9 +20,9 @@ from scipy.special import gammaln, logsumexp
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.amplitudes import integrated
-from armd.compensation.interim.evidence.cleared import CheckSums, Cleared
-from armd.compensation.interim.evidence.stack import Begun, RunningSums, Stack
+from armd.compensation.interim.evidence.amplitudes import integrate_amplitudes
+from armd.compensation.interim.evidence.elimination import CheckSums, EliminatedErrors
+from armd.compensation.interim.evidence.stack import OnsetSums, RunningSums, Stack
 
 #: About so many checks pass on average until a false alarm.
 RUN_LENGTH = 500.0
@@ -69,7 +69,7 @@ class Weighed:
 
 def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Weighed:
     """Weigh changes of the first *n* checks that begin at checks *first*."""
-    eliminated = sums.stack.cleared(sums.upto(n))
+    eliminated = sums.stack.eliminate_errors(sums.sum_first(n))
     priors = np.array([[c.prior_sudden, c.prior_gradual] for c in causes])
     with np.errstate(divide="ignore"):
         log_prior = np.log(priors) - np.log(len(SIZES))
@@ -79,7 +79,7 @@ def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Wei
     weights = np.empty((len(first), len(causes), 2, len(SIZES)))
     for begin in range(0, len(first), AT_ONCE):
         batch = slice(begin, begin + AT_ONCE)
-        for shape, begun in enumerate(sums.begun(first[batch], n, eliminated.rotation)):
+        for shape, begun in enumerate(sums.sum_by_onset(first[batch], n, eliminated.rotation)):
             for members, ratio in _log_ratios(sums.groups, begun, eliminated, freedom, log_share):
                 weights[batch, members, shape] = ratio + log_prior[members, shape, None]
     return Weighed(first, weights)
@@ -94,8 +94,8 @@ def log_sum(logs: F64, axis: int = -1) -> F64:
 
 def _log_ratios(
     groups: Sequence[tuple[I64, I64]],
-    begun: Begun,
-    eliminated: Cleared,
+    begun: OnsetSums,
+    eliminated: EliminatedErrors,
     freedom: float,
     log_share: F64,
 ) -> Iterator[tuple[I64, F64]]:
@@ -106,7 +106,7 @@ def _log_ratios(
     )  # (T, C, scales)
     remainder = (NOISE_WORD + eliminated.square)[:, None]
     end = 0
-    for (members, columns), gram_of_group in zip(groups, begun.own, strict=True):
+    for (members, columns), gram_of_group in zip(groups, begun.cause_grams, strict=True):
         p = columns.shape[1]
         begin, end = end, end + columns.size
         block = begun.cross[:, begin:end].reshape(*gram_of_group.shape[:3], -1)
@@ -117,7 +117,7 @@ def _log_ratios(
             for j in range(i + 1)
         }
         side = side_cleared[:, begin:end].reshape(*gram_of_group.shape[:3], -1)
-        spread, quad = integrated(gram, [side[:, :, i] for i in range(p)], SIZES)
+        spread, quad = integrate_amplitudes(gram, [side[:, :, i] for i in range(p)], SIZES)
         quad = np.minimum(quad, remainder * (1 - 1e-12))
         logs = -0.5 * (spread + freedom * np.log1p(-quad / remainder)) + log_share[:, None]
         yield members, log_sum(logs, axis=2)
@@ -126,24 +126,24 @@ def _log_ratios(
 def log_marginals(sums: RunningSums, n: int) -> F64:
     """(scales,) log of Student's density of the first *n* checks' readings without a change, by
     how large the standing errors are; everything known integrated out."""
-    return _log_marginals(sums.stack.cleared(sums.upto(n)), int(sums.numbers[n]))
+    return _log_marginals(sums.stack.eliminate_errors(sums.sum_first(n)), int(sums.numbers[n]))
 
 
-def _log_marginals(eliminated: Cleared, numbers: int) -> F64:
+def _log_marginals(eliminated: EliminatedErrors, numbers: int) -> F64:
     pairs = zip(eliminated.spread, eliminated.square, strict=True)
     return np.array([log_student(float(numbers), float(a), float(b)) for a, b in pairs])
 
 
 def log_marginal(stack: Stack, sums: CheckSums) -> float:
     """Log of the density of the readings of *sums*, whatever the standing errors' size."""
-    logs = _log_marginals(stack.cleared(sums), sums.numbers)
+    logs = _log_marginals(stack.eliminate_errors(sums), sums.numbers)
     return float(logsumexp(logs)) - float(np.log(len(logs)))
 
 
-def at_its_share(stack: Stack) -> Stack:
+def fit_standing_share(stack: Stack) -> Stack:
     """The stack with its standing errors as large as its readings make likeliest."""
-    sums = stack.sums(range(stack.n))
-    scales = _log_marginals(stack.cleared(sums), sums.numbers)
+    sums = stack.sum_checks(range(stack.n))
+    scales = _log_marginals(stack.eliminate_errors(sums), sums.numbers)
     return stack.rescale(stack.scales[int(np.argmax(scales))])
 
 
@@ -165,7 +165,7 @@ class KnownErrors:
     scale: float  # of all variances: the likelihood integrates it out; here it is at its mean
 
 
-def known_errors(sums: CheckSums) -> KnownErrors:
+def estimate_known_errors(sums: CheckSums) -> KnownErrors:
     """What checks of these sums tell of them."""
     curvature = sums.curvature + np.eye(len(sums.side))
     covariance = np.asarray(np.linalg.inv(curvature), dtype=np.float64)

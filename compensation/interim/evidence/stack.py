@@ -17,7 +17,11 @@ from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import GROWTH
 from armd.compensation.interim.checks.reduced import Reduced
-from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, cleared
+from armd.compensation.interim.evidence.elimination import (
+    CheckSums,
+    EliminatedErrors,
+    eliminate_standing,
+)
 from armd.compensation.model.slow_factors import DAY_S
 
 #: A calibration knows its constants as well as it says, within this factor: its model was fitted on
@@ -35,12 +39,12 @@ RAMP_DAYS = 30.0
 
 
 @dataclass(frozen=True)
-class Begun:
+class OnsetSums:
     """Sums since T onsets, of C causes' columns group by group."""
 
     cross: F64  # (T, C, q) with the known errors
     towards: F64  # (T, C) with the readings
-    own: list[F64]  # by group (T, causes, p, p)
+    cause_grams: list[F64]  # by group (T, causes, p, p)
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ class Stack:
     time_d: F64  # (n,) mean time of each check, days since the first
     residual: tuple[F64, ...]  # n × (r,)
     columns: tuple[F64, ...]  # n × (r, C), per typical size
-    known: tuple[F64, ...]  # n × (r, q) per standard deviation of what is wrong all along
+    error_columns: tuple[F64, ...]  # n × (r, q) per standard deviation of what is wrong all along
     targets: tuple[F64, ...]  # n × (r, 3 T) per mm
     blocks: tuple[slice, ...]  # K causes' columns
     #: Of the known errors those that the model does not have, from and to, at such a share of their
@@ -65,7 +69,7 @@ class Stack:
     @property
     def gap_d(self) -> float:
         """How far checks are usually apart, days."""
-        return gap_d(self.time_d)
+        return find_usual_gap_d(self.time_d)
 
     @property
     def stands(self) -> bool:
@@ -79,63 +83,63 @@ class Stack:
             return (1.0,)
         return tuple(share / self.share for share in ALL_ALONG)
 
-    def scaled(self, scale: float) -> F64:
+    def scale_factors(self, scale: float) -> F64:
         """(q,) factors of the known errors where the standing ones are *scale* times as large."""
-        factors = np.ones(self.known[0].shape[1])
+        factors = np.ones(self.error_columns[0].shape[1])
         factors[slice(*self.standing)] = scale
         return factors
 
     def rescale(self, scale: float) -> Stack:
         """The same, the standing errors *scale* times as large."""
-        known = tuple(columns * self.scaled(scale) for columns in self.known)
-        return replace(self, known=known, share=self.share * scale)
+        error_columns = tuple(columns * self.scale_factors(scale) for columns in self.error_columns)
+        return replace(self, error_columns=error_columns, share=self.share * scale)
 
-    def only(self, chosen: Sequence[int]) -> Stack:
+    def select_checks(self, chosen: Sequence[int]) -> Stack:
         """Some of the checks, in time."""
         return replace(
             self,
             time_d=self.time_d[list(chosen)],
             residual=tuple(self.residual[i] for i in chosen),
             columns=tuple(self.columns[i] for i in chosen),
-            known=tuple(self.known[i] for i in chosen),
+            error_columns=tuple(self.error_columns[i] for i in chosen),
             targets=tuple(self.targets[i] for i in chosen),
         )
 
-    def sums(self, chosen: Sequence[int]) -> CheckSums:
+    def sum_checks(self, chosen: Sequence[int]) -> CheckSums:
         """Over some of the checks."""
-        pairs = [(self.known[i], self.residual[i]) for i in chosen]
-        q = self.known[0].shape[1]
+        pairs = [(self.error_columns[i], self.residual[i]) for i in chosen]
+        q = self.error_columns[0].shape[1]
         return CheckSums(
-            sum((known.T @ known for known, _ in pairs), np.zeros((q, q))),
-            sum((known.T @ residual for known, residual in pairs), np.zeros(q)),
+            sum((errors.T @ errors for errors, _ in pairs), np.zeros((q, q))),
+            sum((errors.T @ residual for errors, residual in pairs), np.zeros(q)),
             sum(float(residual @ residual) for _, residual in pairs),
             sum(len(residual) for _, residual in pairs),
         )
 
-    def cleared(self, sums: CheckSums) -> Cleared:
+    def eliminate_errors(self, sums: CheckSums) -> EliminatedErrors:
         """Of *sums* over some of the checks, all known errors eliminated."""
         standing = slice(*self.standing)
-        return cleared(sums.curvature, sums.side, sums.square, standing, self.scales)
+        return eliminate_standing(sums.curvature, sums.side, sums.square, standing, self.scales)
 
-    def knowing(self, extra: Sequence[F64]) -> Stack:
+    def add_known_errors(self, extra: Sequence[F64]) -> Stack:
         """With more known errors, (r, ·) per check."""
-        known = zip(self.known, extra, strict=True)
-        return replace(self, known=tuple(np.concatenate(pair, axis=1) for pair in known))
+        pairs = zip(self.error_columns, extra, strict=True)
+        return replace(self, error_columns=tuple(np.concatenate(pair, axis=1) for pair in pairs))
 
 
-def gap_d(time_d: F64) -> float:
+def find_usual_gap_d(time_d: F64) -> float:
     """How far checks at these times are usually apart, days."""
     return float(np.median(np.diff(time_d))) if len(time_d) > 1 else 1.0
 
 
-def stack(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
+def stack_checks(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
     """*checks* in order of time."""
     typical = np.array([c.prior_sd for cause in causes for c in cause.candidate.columns])
     columns = [check.causes * typical for check in checks]
     share = max(ALL_ALONG)
     stated = _compressed(_aligned(checks))
     standing = _compressed([share * values for values in columns])
-    known = [np.concatenate(pair, axis=1) for pair in zip(stated, standing, strict=True)]
+    error_columns = [np.concatenate(pair, axis=1) for pair in zip(stated, standing, strict=True)]
     ends = np.cumsum([len(cause.candidate.columns) for cause in causes])
     starts = np.concatenate([[0], ends[:-1]])
     begun = checks[0].mean_unix_s
@@ -143,10 +147,10 @@ def stack(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
         np.array([(check.mean_unix_s - begun) / DAY_S for check in checks]),
         tuple(check.residual for check in checks),
         tuple(columns),
-        tuple(known),
+        tuple(error_columns),
         tuple(check.targets for check in checks),
         tuple(slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True)),
-        (stated[0].shape[1], known[0].shape[1]),
+        (stated[0].shape[1], error_columns[0].shape[1]),
         share,
     )
 
@@ -160,17 +164,20 @@ def _aligned(checks: Sequence[Reduced]) -> list[F64]:
         wide = np.zeros((len(check.residual), len(names)))
         # a growth's size is the materials', not the calibration's word
         trust = [1.0 if name.startswith(GROWTH) else TRUST for name in check.known_names]
-        wide[:, [place[name] for name in check.known_names]] = np.array(trust) * check.known
+        wide[:, [place[name] for name in check.known_names]] = np.array(trust) * check.error_columns
         aligned.append(wide)
     return aligned
 
 
-def _compressed(known: Sequence[F64]) -> list[F64]:
+def _compressed(error_columns: Sequence[F64]) -> list[F64]:
     """The same errors by fewer, independent unknowns: those that the checks see at all."""
-    gram = sum((columns.T @ columns for columns in known), np.zeros((known[0].shape[1],) * 2))
+    gram = sum(
+        (columns.T @ columns for columns in error_columns),
+        np.zeros((error_columns[0].shape[1],) * 2),
+    )
     value, vector = np.linalg.eigh(gram)
     visible = vector[:, value > LEAST_SEEN]
-    return [columns @ visible for columns in known]
+    return [columns @ visible for columns in error_columns]
 
 
 class RunningSums:
@@ -201,15 +208,15 @@ class RunningSums:
             [columns.ravel() for _, columns in self.groups] or [np.zeros(0, int)]
         )
         self._powers = np.array([np.ones(stack.n), days, days**2])  # of time
-        pairs = [*zip(stack.known, stack.residual, strict=True)]
-        q = stack.known[0].shape[1]
-        self.known = _cumulated(self._powers[:1], (k.T @ k for k, _ in pairs), (q, q))[0]
+        pairs = [*zip(stack.error_columns, stack.residual, strict=True)]
+        q = stack.error_columns[0].shape[1]
+        self.error_gram = _cumulated(self._powers[:1], (k.T @ k for k, _ in pairs), (q, q))[0]
         self.known_towards = _cumulated(self._powers[:1], (k.T @ z for k, z in pairs), (q,))[0]
         self.square = np.concatenate([[0.0], np.cumsum([z @ z for z in stack.residual])])
         self.numbers = np.concatenate([[0], np.cumsum([len(z) for z in stack.residual])])
 
     @cached_property
-    def own(self) -> list[F64]:
+    def cause_grams(self) -> list[F64]:
         """Each group's (3, n − begin + 1, causes, p, p)."""
         grams = []
         for _, columns in self.groups:
@@ -229,8 +236,8 @@ class RunningSums:
     @cached_property
     def cross(self) -> F64:
         """(2, n − begin + 1, C, q)."""
-        pairs = zip(self._columns(), self.stack.known[self.begin :], strict=True)
-        shape = (len(self._order), self.stack.known[0].shape[1])
+        pairs = zip(self._columns(), self.stack.error_columns[self.begin :], strict=True)
+        shape = (len(self._order), self.stack.error_columns[0].shape[1])
         return self._since_begin(2, (x.T @ k for x, k in pairs), shape)
 
     def _columns(self) -> Iterator[F64]:
@@ -239,12 +246,12 @@ class RunningSums:
     def _since_begin(self, powers: int, products: Iterable[F64], shape: tuple[int, ...]) -> F64:
         return _cumulated(self._powers[:powers, self.begin :], products, shape)
 
-    def upto(self, n: int) -> CheckSums:
+    def sum_first(self, n: int) -> CheckSums:
         """Of the first *n* checks."""
         numbers = int(self.numbers[n])
-        return CheckSums(self.known[n], self.known_towards[n], float(self.square[n]), numbers)
+        return CheckSums(self.error_gram[n], self.known_towards[n], float(self.square[n]), numbers)
 
-    def dropping(self, left_out: Sequence[int], n: int, back: int) -> tuple[RunningSums, int]:
+    def drop_checks(self, left_out: Sequence[int], n: int, back: int) -> tuple[RunningSums, int]:
         """Of the first *n* checks without those *left_out*, for changes that begin at one of the
         last *back*; and with which check these sums begin to be kept apart."""
         # A growth is dated by the check before its first one.
@@ -258,18 +265,21 @@ class RunningSums:
             return np.moveaxis(sums, 0, axis)
 
         new = copy(self)
-        new.stack, new.begin = self.stack.only([i for i in range(begin, n) if i not in left_out]), 0
-        new.known, new.known_towards, new.square, new.numbers = (
-            dropped(values_of_all, 0, 0)
-            for values_of_all in (self.known, self.known_towards, self.square, self.numbers)
+        new.stack, new.begin = (
+            self.stack.select_checks([i for i in range(begin, n) if i not in left_out]),
+            0,
         )
-        new.own = [dropped(gram, 1, self.begin) for gram in self.own]
+        new.error_gram, new.known_towards, new.square, new.numbers = (
+            dropped(values_of_all, 0, 0)
+            for values_of_all in (self.error_gram, self.known_towards, self.square, self.numbers)
+        )
+        new.cause_grams = [dropped(gram, 1, self.begin) for gram in self.cause_grams]
         new.towards, new.cross = (
             dropped(values_of_all, 1, self.begin) for values_of_all in (self.towards, self.cross)
         )
         return new, begin
 
-    def begun(self, first: I64, n: int, rotation: F64) -> Iterator[Begun]:
+    def sum_by_onset(self, first: I64, n: int, rotation: F64) -> Iterator[OnsetSums]:
         """Steps, and then growths, that begin at checks *first* (T,), up to check *n*; a growth is
         zero at the check before. The known errors are turned by *rotation* (q, q)."""
         shape = (2, len(first), *self.cross.shape[2:])
@@ -277,21 +287,23 @@ class RunningSums:
         turned = (self.cross[:, since].reshape(-1, shape[-1]) @ rotation.T).reshape(shape)
         cross = (self.cross[:, until] @ rotation.T)[:, None] - turned
         towards = self.towards[:, until, None] - self.towards[:, since]
-        owns = [gram[:, until, None] - gram[:, since] for gram in self.own]
-        yield Begun(cross[0], towards[0], [gram[0] for gram in owns])
-        a = (origin := self.origin(first, n))[:, None]
+        owns = [gram[:, until, None] - gram[:, since] for gram in self.cause_grams]
+        yield OnsetSums(cross[0], towards[0], [gram[0] for gram in owns])
+        a = (origin := self.compute_origins(first, n))[:, None]
         b = origin[:, None, None, None]
-        yield Begun(
+        yield OnsetSums(
             cross[1] - a[:, :, None] * cross[0],
             towards[1] - a * towards[0],
             [gram[2] - 2 * b * gram[1] + b**2 * gram[0] for gram in owns],
         )
 
-    def origin(self, first: I64, n: int) -> F64:
+    def compute_origins(self, first: I64, n: int) -> F64:
         """(T,) when a growth begins that first shows at check *first* of *n*, in units of
         `RAMP_DAYS`."""
         days = self.stack.time_d[:n] / RAMP_DAYS
-        before = np.concatenate([[days[0] - gap_d(self.stack.time_d[:n]) / RAMP_DAYS], days[:-1]])
+        before = np.concatenate(
+            [[days[0] - find_usual_gap_d(self.stack.time_d[:n]) / RAMP_DAYS], days[:-1]]
+        )
         return before[first]
 
 

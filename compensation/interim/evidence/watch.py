@@ -16,10 +16,10 @@ from scipy.special import logsumexp
 
 from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, spoilt
-from armd.compensation.interim.evidence.cleared import CheckSums
+from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, find_spoilt
+from armd.compensation.interim.evidence.elimination import CheckSums
 from armd.compensation.interim.evidence.likelihood import LIMIT, MOST_BACK, log_marginal, weigh
-from armd.compensation.interim.evidence.quiet import NOTHING_YET, Quiet
+from armd.compensation.interim.evidence.looks import NOTHING_YET, QuietRun
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 
 #: Until so many later checks are there, a check may turn out to have been bad; so many in a row
@@ -37,7 +37,7 @@ class Watched:
     alarm: int | None  # the first check after which the statistic exceeded its limit
     strange: bool  # whether what was told then fits nothing in the catalogue
     bad: tuple[int, ...]  # checks that are off by themselves
-    quiet: Quiet  # until before the last check that was watched
+    quiet: QuietRun  # until before the last check that was watched
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def watch(
     causes: Sequence[Cause],
     since: int = 0,
     known_bad: Sequence[int] = (),
-    begun: Quiet = NOTHING_YET,
+    begun: QuietRun = NOTHING_YET,
 ) -> Watched:
     """Watch checks from *since* on, until a change is told; *known_bad* are left out. Some of the
     checks may have *begun* it already."""
@@ -67,10 +67,12 @@ def watch(
     sums, good = _sums(stack, settled, since + watched)
     quiet = begun
     for n in range(since + watched + 1, stack.n + 1):
-        quiet = Quiet(tuple(statistics[since : n - 1].tolist()), tuple(settled))
+        quiet = QuietRun(tuple(statistics[since : n - 1].tolist()), tuple(settled))
         count, begins = (bisect_left(good, check) for check in (n, since))
         unsettled = range(bisect_left(good, max(since, n - UNSETTLED)), count)
-        places = list(spoilt(sums.stack, sums.upto(count), unsettled)) if count > 1 else []
+        places = (
+            list(find_spoilt(sums.stack, sums.sum_first(count), unsettled)) if count > 1 else []
+        )
         if places:
             standing = _weighed(sums, causes, begins, count, places)
         else:
@@ -96,7 +98,7 @@ def _weighed(
 ) -> Standing:
     """Log odds of a change from check *begins* on, after *count* checks, whichever of the *doubted*
     are bad."""
-    stack, every = sums.stack, sums.upto(count)
+    stack, every = sums.stack, sums.sum_first(count)
     without_doubted = log_marginal(stack, _without(stack, every, doubted))
     spoilt_log = {
         i: log_marginal(stack, with_it) - without_doubted + Rest(stack, with_it).log_evidence(i)
@@ -110,7 +112,7 @@ def _weighed(
     for w, chosen in enumerate(combinations_of_bad):
         bad = sum(spoilt_log[i] - np.log(ONE_IN) for i in chosen)
         nothing[w] = bad + log_marginal(stack, _without(stack, every, chosen))
-        good, begin = sums.dropping(chosen, count, MOST_BACK)
+        good, begin = sums.drop_checks(chosen, count, MOST_BACK)
         onsets = max(begins - sum(i < begins for i in chosen) - begin, 0)
         change[w] = nothing[w] + _log_ratio(good, causes, onsets, good.stack.n)
     nameless = -np.inf
@@ -126,7 +128,7 @@ def _weighed(
 
 def _without(stack: Stack, sums: CheckSums, left_out: Sequence[int]) -> CheckSums:
     for i in left_out:
-        sums = sums.without(stack.known[i], stack.residual[i])
+        sums = sums.subtract_check(stack.error_columns[i], stack.residual[i])
     return sums
 
 
@@ -135,7 +137,7 @@ def _sums(stack: Stack, left_out: Sequence[int], watched: int) -> tuple[RunningS
     good = [i for i in range(stack.n) if i not in left_out]
     back = MOST_BACK + UNSETTLED + 1  # some of the last may be left out, too
     begin = max(0, bisect_left(good, watched + 1) - back)
-    return RunningSums(stack.only(good), begin), good
+    return RunningSums(stack.select_checks(good), begin), good
 
 
 def _log_ratio(sums: RunningSums, causes: Sequence[Cause], begins: int, count: int) -> float:

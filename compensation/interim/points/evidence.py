@@ -42,8 +42,10 @@ class Series:
     """J figures of n checks; NaN where a check does not have a figure."""
 
     value: F64  # (n, J), scaled so that their noise is near a normal one
-    own: F64  # (J,) their standard uncertainty from the scatter inside a check; NaN unknown
-    least: F64  # (J,) the noise is no smaller
+    own_deviation: (
+        F64  # (J,) their standard uncertainty from the scatter inside a check; NaN unknown
+    )
+    least_deviation: F64  # (J,) the noise is no smaller
     instant_s: F64  # (n,) Unix time
 
     @property
@@ -67,51 +69,55 @@ class ChangeCourse:
 
 
 def log_ratios(
-    series: Series, rows: Mask, known: Sequence[ChangeCourse], shapes: F64, sizes: Sequence[float]
+    series: Series,
+    rows: Mask,
+    known_courses: Sequence[ChangeCourse],
+    shapes: F64,
+    sizes: Sequence[float],
 ) -> F64:
     """(m,) log of the ratio for each column of *shapes* (n, m), averaged over *sizes* and figures.
 
-    *rows* (n,) take part; the courses of the changes *known* are free.
+    *rows* (n,) take part; the *known_courses* are free.
     """
-    each = []
+    ratios = []
     for j in range(series.value.shape[1]):
-        taken = rows & np.isfinite(series.value[:, j])
-        if taken.sum() < 2:
-            each.append(np.zeros((shapes.shape[1], len(sizes))))
+        has_figure = rows & np.isfinite(series.value[:, j])
+        if has_figure.sum() < 2:
+            ratios.append(np.zeros((shapes.shape[1], len(sizes))))
             continue
-        y, x, freedom, squares = _cleared(series, j, taken, known, shapes)
+        y, x, freedom, squares = _cleared(series, j, has_figure, known_courses, shapes)
         xx, xy = (x**2).sum(axis=0)[:, None], (y @ x)[:, None]
         gain = 1.0 + np.square(sizes) * xx
         rest = 1.0 - np.square(sizes) * xy**2 / (gain * squares)
-        each.append(-0.5 * np.log(gain) - 0.5 * freedom * np.log(np.maximum(rest, 1e-300)))
-    stacked = np.stack(each)
+        ratios.append(-0.5 * np.log(gain) - 0.5 * freedom * np.log(np.maximum(rest, 1e-300)))
+    stacked = np.stack(ratios)
     out: F64 = logsumexp(stacked, axis=(0, 2)) - math.log(stacked.shape[0] * len(sizes))
     return out
 
 
 def _cleared(
-    series: Series, j: int, taken: Mask, known: Sequence[ChangeCourse], shapes: F64
+    series: Series, j: int, has_figure: Mask, known_courses: Sequence[ChangeCourse], shapes: F64
 ) -> tuple[F64, F64, float, float]:
     """A figure and shapes clear of its level and the known courses; freedom, squares."""
-    there = [np.ones(series.n)] + [course.shape(series.instant_s) for course in known]
-    basis, _ = np.linalg.qr(_full_rank(np.column_stack(there)[taken]))
-    y, x = series.value[taken, j], shapes[taken]
+    nuisance = [np.ones(series.n)] + [course.shape(series.instant_s) for course in known_courses]
+    basis, _ = np.linalg.qr(_full_rank(np.column_stack(nuisance)[has_figure]))
+    y, x = series.value[has_figure, j], shapes[has_figure]
     y, x = y - basis @ (basis.T @ y), x - basis @ (basis.T @ x)
     freedom = float(len(y) - basis.shape[1])
-    squares = float(y @ y) + max(freedom, 1.0) * float(series.least[j]) ** 2
-    own = float(series.own[j]) * OWN_SCATTER_FACTOR
-    if math.isfinite(own):
-        freedom, squares = freedom + OWN_SCATTER_CHECKS, squares + OWN_SCATTER_CHECKS * own**2
+    squares = float(y @ y) + max(freedom, 1.0) * float(series.least_deviation[j]) ** 2
+    scatter = float(series.own_deviation[j]) * OWN_SCATTER_FACTOR
+    if math.isfinite(scatter):
+        freedom, squares = freedom + OWN_SCATTER_CHECKS, squares + OWN_SCATTER_CHECKS * scatter**2
     return y, x, freedom, squares
 
 
 def _full_rank(columns: F64) -> F64:
     """Drop columns that the ones before make, where a figure has no part in some checks."""
-    kept = columns[:, :1]
+    basis = columns[:, :1]
     for column in columns.T[1:]:
-        more = np.column_stack([kept, column])
-        kept = more if np.linalg.matrix_rank(more) > kept.shape[1] else kept
-    return kept
+        extended = np.column_stack([basis, column])
+        basis = extended if np.linalg.matrix_rank(extended) > basis.shape[1] else basis
+    return basis
 
 
 @dataclass(frozen=True)
@@ -123,22 +129,22 @@ class ChangeSize:
     freedom: F64  # (J,) its degrees of freedom
 
 
-def effect(
-    series: Series, rows: Mask, known: Sequence[ChangeCourse], course: ChangeCourse
+def fit_change_size(
+    series: Series, rows: Mask, known_courses: Sequence[ChangeCourse], course: ChangeCourse
 ) -> ChangeSize:
-    """Least squares of *course* beside the changes *known*."""
+    """Least squares of *course* beside the *known_courses*."""
     shape = course.shape(series.instant_s)
     value, deviation, freedom = np.full((3, series.value.shape[1]), np.nan)
     for j in range(series.value.shape[1]):
-        taken = rows & np.isfinite(series.value[:, j])
-        if taken.sum() < 2:
+        has_figure = rows & np.isfinite(series.value[:, j])
+        if has_figure.sum() < 2:
             continue
-        y, x, free, squares = _cleared(series, j, taken, known, shape[:, None])
+        y, x, free, squares = _cleared(series, j, has_figure, known_courses, shape[:, None])
         xx = float((x**2).sum())
         if xx < 1e-12 or free <= 1:
             continue
         slope = float(y @ x[:, 0]) / xx
-        left = max(squares - slope**2 * xx, 0.0)
+        residual_square = max(squares - slope**2 * xx, 0.0)
         value[j], freedom[j] = slope * shape[-1], free - 1
-        deviation[j] = math.sqrt(left / (free - 1) / xx) * shape[-1]
+        deviation[j] = math.sqrt(residual_square / (free - 1) / xx) * shape[-1]
     return ChangeSize(value, deviation, freedom)

@@ -17,8 +17,8 @@ from armd.compensation.data.session_format import Artefact
 from armd.compensation.interim.points.surface_figures import (
     Groups,
     PointFigure,
-    sphere_figures,
-    surface_figures,
+    compute_sphere_figures,
+    compute_surface_figures,
 )
 from armd.compensation.verify.points import UNKNOWN
 from armd.errors import BadInput
@@ -56,7 +56,7 @@ class PointCheck:
         return self.artefact, self.tip_radius_mm
 
 
-def figures_of_points(
+def compute_figures(
     path: Path, points: PointTable, artefact: Artefact, tip_radius_mm: float
 ) -> list[PointFigure]:
     """All figures of a table; raises `BadInput` for a target that the artefact does not have, and
@@ -69,30 +69,30 @@ def figures_of_points(
             raise BadInput(path, f"row {row}, target", repr(name), expected)
     groups = _groups(points)
     kinds = artefact.surface_kinds
-    on_surfaces = {key: at for key, at in groups.items() if key[1] in kinds}
+    on_surfaces = {key: positions for key, positions in groups.items() if key[1] in kinds}
     at_points = {
-        key: at
-        for key, at in groups.items()
+        key: positions
+        for key, positions in groups.items()
         if key[1] not in kinds and not ON_SPHERE.fullmatch(key[1])
     }
     figures = list(_lengths(artefact, at_points))
     figures += _spheres(artefact, groups, tip_radius_mm)
-    figures += surface_figures(artefact, on_surfaces, tip_radius_mm)
+    figures += compute_surface_figures(artefact, on_surfaces, tip_radius_mm)
     figures += _seats(at_points)
     if not figures:
-        found = (
+        problem = (
             f"{len(points.target)} points at {', '.join(list(dict.fromkeys(points.target))[:6])}"
         )
         expected = (
             "two targets, six points on a sphere, four on a plane, or four readings of a seat"
         )
-        raise BadInput(path, "the table", found, expected)
+        raise BadInput(path, "the table", problem, expected)
     for figure in figures:
         off = abs(figure.value_mm) > max(FAR_OFF_MM, FAR_OFF * figure.longest_mm)
         if figure.longest_mm and off:
-            found = f"{figure.value_mm:+.3f} mm off its certified {figure.longest_mm:g} mm"
+            problem = f"{figure.value_mm:+.3f} mm off its certified {figure.longest_mm:g} mm"
             expected = "these targets, and their unit (x [in] in the header, if inches)"
-            raise BadInput(path, figure.name, found, expected)
+            raise BadInput(path, figure.name, problem, expected)
     return figures
 
 
@@ -109,12 +109,12 @@ def _lengths(artefact: Artefact, groups: Groups) -> Iterator[PointFigure]:
     certified = {frozenset(d.between): d.length_mm for d in artefact.distances}
     own_mm = _scatter_mm(groups)
     relative: list[tuple[float, float]] = []
-    for one, other in _pairs(artefact, groups):
-        errors, variances, length = [], [], certified.get(frozenset((one, other)), math.nan)
+    for first, second in _pairs(artefact, groups):
+        errors, variances, length = [], [], certified.get(frozenset((first, second)), math.nan)
         if math.isnan(length):
-            length = _apart_mm(artefact, one, other)
+            length = _apart_mm(artefact, first, second)
         for placement in placements:
-            ends = [groups.get((placement, name)) for name in (one, other)]
+            ends = [groups.get((placement, name)) for name in (first, second)]
             if ends[0] is None or ends[1] is None:
                 continue
             measured = float(np.linalg.norm(ends[1].mean(axis=0) - ends[0].mean(axis=0)))
@@ -122,10 +122,10 @@ def _lengths(artefact: Artefact, groups: Groups) -> Iterator[PointFigure]:
             variances.append(own_mm**2 * (1 / len(ends[0]) + 1 / len(ends[1])))
         if not errors:
             continue
-        value, own = float(np.mean(errors)), math.sqrt(sum(variances)) / len(errors)
+        value, deviation = float(np.mean(errors)), math.sqrt(sum(variances)) / len(errors)
         is_certified = math.isfinite(length)
         longest = length if is_certified else 0.0
-        yield PointFigure(f"length {one} to {other}", value, own, longest_mm=longest)
+        yield PointFigure(f"length {first} to {second}", value, deviation, longest_mm=longest)
         if is_certified:
             relative.append((length, value))
     if len(relative) > 2:
@@ -136,9 +136,9 @@ def _scale(relative: F64, own_mm: float) -> PointFigure:
     """The factor that all certified lengths (n, 2: length, error) share, at the longest one."""
     length, error = relative.T
     longest, square = float(length.max()), float(length @ length)
-    own = own_mm * math.sqrt(2 / square) * longest
+    deviation = own_mm * math.sqrt(2 / square) * longest
     return PointFigure(
-        "scale, at the longest length", float(length @ error) / square * longest, own
+        "scale, at the longest length", float(length @ error) / square * longest, deviation
     )
 
 
@@ -146,10 +146,13 @@ def _pairs(artefact: Artefact, groups: Groups) -> list[tuple[str, str]]:
     """Which lengths are compared: the certified ones first."""
     measured = list(dict.fromkeys(target for _, target in groups))
     listed = [d.between for d in artefact.distances if frozenset(d.between) != DIAMETER]
-    known = [name for name in measured if _position(artefact, name) is not None]
-    rest = known if listed or len(known) > 1 else measured
-    more = combinations(rest, 2)
-    pairs = [*listed, *(pair for pair in more if len(rest) <= MOST_IN_PAIRS or pair[0] == rest[0])]
+    located = [name for name in measured if _position(artefact, name) is not None]
+    rest = located if listed or len(located) > 1 else measured
+    combined = combinations(rest, 2)
+    pairs = [
+        *listed,
+        *(pair for pair in combined if len(rest) <= MOST_IN_PAIRS or pair[0] == rest[0]),
+    ]
     return list({frozenset(pair): pair for pair in reversed(pairs)}.values())[::-1]
 
 
@@ -158,8 +161,8 @@ def _position(artefact: Artefact, name: str) -> F64 | None:
     return None if position is None else np.array(position)
 
 
-def _apart_mm(artefact: Artefact, one: str, other: str) -> float:
-    ends = _position(artefact, one), _position(artefact, other)
+def _apart_mm(artefact: Artefact, first: str, second: str) -> float:
+    ends = _position(artefact, first), _position(artefact, second)
     if ends[0] is None or ends[1] is None:
         return math.nan
     return float(np.linalg.norm(ends[1] - ends[0]))
@@ -167,32 +170,38 @@ def _apart_mm(artefact: Artefact, one: str, other: str) -> float:
 
 def _scatter_mm(groups: Groups) -> float:
     """Standard deviation of a reading along one axis, from repeats; NaN without them."""
-    repeated = [at for at in groups.values() if len(at) > 1]
-    freedom = sum(len(at) - 1 for at in repeated)
+    repeated = [positions for positions in groups.values() if len(positions) > 1]
+    freedom = sum(len(positions) - 1 for positions in repeated)
     if freedom < 2:
         return math.nan
-    squares = sum(float(((at - at.mean(axis=0)) ** 2).sum()) for at in repeated)
+    squares = sum(
+        float(((positions - positions.mean(axis=0)) ** 2).sum()) for positions in repeated
+    )
     return math.sqrt(squares / (3 * freedom))
 
 
 def _spheres(artefact: Artefact, groups: Groups, tip_radius_mm: float) -> Iterator[PointFigure]:
     diameter = next((d.length_mm for d in artefact.distances if set(d.between) == DIAMETER), 0.0)
     sets: dict[str, list[F64]] = {}
-    for (placement, target), at in groups.items():
+    for (placement, target), positions in groups.items():
         if ON_SPHERE.fullmatch(target):
             name = target.rpartition(".")[0] + ("" if placement == "1" else f" in {placement}")
-            sets.setdefault(name, []).append(at)
+            sets.setdefault(name, []).append(positions)
     for name, parts in sets.items():
         on = np.vstack(parts)
-        yield from sphere_figures(name, on, diameter, tip_radius_mm)
+        yield from compute_sphere_figures(name, on, diameter, tip_radius_mm)
 
 
 def _seats(groups: Groups) -> Iterator[PointFigure]:
     """3-D standard deviation of the readings of each seat, over its placements."""
     for name in dict.fromkeys(target for _, target in groups):
-        sets: Sequence[F64] = [at for (_, target), at in groups.items() if target == name]
-        freedom = sum(len(at) - 1 for at in sets)
+        sets: Sequence[F64] = [
+            positions for (_, target), positions in groups.items() if target == name
+        ]
+        freedom = sum(len(positions) - 1 for positions in sets)
         if freedom < SEAT_READINGS - 1:
             continue
-        squares = sum(float(((at - at.mean(axis=0)) ** 2).sum()) for at in sets)
+        squares = sum(
+            float(((positions - positions.mean(axis=0)) ** 2).sum()) for positions in sets
+        )
         yield PointFigure(f"spread {name}", math.sqrt(squares / freedom), freedom=freedom)

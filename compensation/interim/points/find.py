@@ -52,37 +52,39 @@ class PointChanges:
 
 def find_changes(series: Series) -> PointChanges:
     """Watch the checks in order of time."""
-    found = PointChanges(np.full(series.n, -np.inf))
+    detected = PointChanges(np.full(series.n, -np.inf))
     row = 0
     while row < series.n:
-        found.statistic[row] = _statistic(series, found, row)
-        if row not in found.bad and found.statistic[row] >= LIMIT:
-            bad, change = _explain(series, found, row)
+        detected.statistic[row] = _statistic(series, detected, row)
+        if row not in detected.bad and detected.statistic[row] >= LIMIT:
+            bad, change = _explain(series, detected, row)
             if change is None:
-                found.bad.append(bad)
+                detected.bad.append(bad)
                 row = bad  # what came after it is watched without it
             else:
-                found.changes.append(change)
+                detected.changes.append(change)
         row += 1
-    found.bad.sort()
-    return found
+    detected.bad.sort()
+    return detected
 
 
-def _starts(found: PointChanges, last: int) -> list[int]:
+def _starts(detected: PointChanges, last: int) -> list[int]:
     """Checks that may be a change's first: after the last one's, and none that is bad."""
-    after = max((course.first for course in found.courses), default=0)
-    return [i for i in range(after + 1, last + 1) if i not in found.bad]
+    after = max((course.first for course in detected.courses), default=0)
+    return [i for i in range(after + 1, last + 1) if i not in detected.bad]
 
 
-def _until(series: Series, found: PointChanges, last: int) -> np.ndarray:
+def _until(series: Series, detected: PointChanges, last: int) -> np.ndarray:
     rows = np.arange(series.n) <= last
-    rows[found.bad] = False
+    rows[detected.bad] = False
     return rows
 
 
-def _by_start(series: Series, found: PointChanges, starts: list[int], last: int) -> dict[bool, F64]:
+def _by_start(
+    series: Series, detected: PointChanges, starts: list[int], last: int
+) -> dict[bool, F64]:
     """(k,) log of the ratio of a change from each of *starts* on, sudden and gradual."""
-    rows = _until(series, found, last)
+    rows = _until(series, detected, last)
     out = {}
     for gradual, sizes, share in (
         (False, STEPS, 1 - GRADUAL_SHARE),
@@ -90,36 +92,36 @@ def _by_start(series: Series, found: PointChanges, starts: list[int], last: int)
     ):
         courses = [ChangeCourse(k, gradual).shape(series.instant_s) for k in starts]
         shapes = np.column_stack(courses)
-        ratios = log_ratios(series, rows, found.courses, shapes, sizes)
+        ratios = log_ratios(series, rows, detected.courses, shapes, sizes)
         out[gradual] = ratios + math.log(share)
     return out
 
 
-def _statistic(series: Series, found: PointChanges, row: int) -> float:
-    starts = _starts(found, row)
-    if not starts or row in found.bad:
+def _statistic(series: Series, detected: PointChanges, row: int) -> float:
+    starts = _starts(detected, row)
+    if not starts or row in detected.bad:
         return -math.inf
-    return float(logsumexp(list(_by_start(series, found, starts, row).values())))
+    return float(logsumexp(list(_by_start(series, detected, starts, row).values())))
 
 
-def _explain(series: Series, found: PointChanges, row: int) -> tuple[int, PointChange | None]:
+def _explain(series: Series, detected: PointChanges, row: int) -> tuple[int, PointChange | None]:
     """The bad check that an alarm at *row* was, or the change."""
     last = min(series.n - 1, row + LATER_CHECKS)
-    starts = _starts(found, row)
+    starts = _starts(detected, row)
     change = {
         gradual: ratios + math.log(CHANGE_SHARE)
-        for gradual, ratios in _by_start(series, found, starts, last).items()
+        for gradual, ratios in _by_start(series, detected, starts, last).items()
     }
     # The last check alone may be either: a change, until one comes after it.
-    alone = [i for i in starts if i < last]
+    bad_candidates = [i for i in starts if i < last]
     bad = np.full(1, -np.inf)
-    if alone:
-        shapes = np.eye(series.n)[:, alone]
-        rows = _until(series, found, last)
-        bad = log_ratios(series, rows, found.courses, shapes, STEPS) + math.log(BAD_SHARE)
+    if bad_candidates:
+        shapes = np.eye(series.n)[:, bad_candidates]
+        rows = _until(series, detected, last)
+        bad = log_ratios(series, rows, detected.courses, shapes, STEPS) + math.log(BAD_SHARE)
     every = logsumexp([*change[False], *change[True]])
     if logsumexp(bad) > every:
-        return alone[int(np.argmax(bad))], None
+        return bad_candidates[int(np.argmax(bad))], None
     gradual = bool(logsumexp(change[True]) > logsumexp(change[False]))
     onset = np.logaddexp(change[False], change[True])
     share = np.exp(onset - logsumexp(onset)).cumsum()

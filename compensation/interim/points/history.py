@@ -14,11 +14,16 @@ from pathlib import Path
 
 from armd.compensation.data.foreign.points import PointTable, read_points
 from armd.compensation.data.session_format import ArtefactFile
-from armd.compensation.interim.checks.appending import CHECKS, NewLine, append_checks, folder_name
+from armd.compensation.interim.checks.appending import (
+    CHECKS,
+    NewLine,
+    append_checks,
+    make_folder_name,
+)
 from armd.compensation.interim.checks.chain import PointsLine, read_lines
-from armd.compensation.interim.checks.history import check_hash, iso
+from armd.compensation.interim.checks.history import check_hash, format_iso
 from armd.compensation.interim.checks.keeping import ARTEFACTS, CheckDate
-from armd.compensation.interim.points.figures import ARM, PointCheck, figures_of_points
+from armd.compensation.interim.points.figures import ARM, PointCheck, compute_figures
 from armd.compensation.wording import clock
 from armd.errors import BadInput
 from armd.files.inputs import read_input
@@ -32,7 +37,7 @@ class NewTable:
     path: Path
     points: PointTable
     dated: CheckDate
-    said: list[str]
+    remarks: list[str]
     by_file: bool  # dated by the file's last change
 
 
@@ -50,21 +55,21 @@ def read_tables(paths: Sequence[str], started_unix_s: float | None) -> list[NewT
 
 def _read(path: Path, started_unix_s: float | None) -> NewTable:
     points = read_points(path, timed=True)
-    said = [f"{path.name}: {sentence}" for sentence in points.remarks]
-    known = [second for second in points.time_s if math.isfinite(second)]
+    remarks = [f"{path.name}: {sentence}" for sentence in points.remarks]
+    finite_s = [second for second in points.time_s if math.isfinite(second)]
     first_s = started_unix_s
     if first_s is None and points.started is not None:
-        first_s = points.started.timestamp() + min(known, default=0.0)
+        first_s = points.started.timestamp() + min(finite_s, default=0.0)
     by_file = first_s is None
     if first_s is None:
         first_s = float(int(path.stat().st_mtime))
-        said.append(
+        remarks.append(
             f"{path.name}: measured when the file was last changed, {clock(first_s)}"
             " (--started, or a column of dates)"
         )
-    last_s = first_s + (max(known) - min(known) if known else 0.0)
+    last_s = first_s + (max(finite_s) - min(finite_s) if finite_s else 0.0)
     return NewTable(
-        path, points, CheckDate(path.stem, path, ARM, first_s, first_s, last_s), said, by_file
+        path, points, CheckDate(path.stem, path, ARM, first_s, first_s, last_s), remarks, by_file
     )
 
 
@@ -74,21 +79,23 @@ def keep_tables(
     """Keep checks behind the *count* that *folder* has; the history is locked."""
     data = read_input(artefact)
     sha256 = hashlib.sha256(data).hexdigest()
-    kept = []
-    for one in new:
+    new_lines = []
+    for table in new:
         facts = {
             "schema": "armd.interim.points/1",
-            "name": one.dated.name,
-            "started": iso(one.dated.started_unix_s),
+            "name": table.dated.name,
+            "started": format_iso(table.dated.started_unix_s),
             "arm": ARM,
-            "first_unix_s": one.dated.first_unix_s,
-            "last_unix_s": one.dated.last_unix_s,
+            "first_unix_s": table.dated.first_unix_s,
+            "last_unix_s": table.dated.last_unix_s,
             "artefact": sha256,
             "tip_radius_mm": tip_radius_mm,
         }
-        contents = {f"points{one.path.suffix.lower()}": read_input(one.path)}
-        kept.append(NewLine(facts, folder_name(str(facts["started"]), one.dated.name), contents))
-    append_checks(folder, count, kept, {Path(ARTEFACTS) / f"{sha256}.toml": data})
+        contents = {f"points{table.path.suffix.lower()}": read_input(table.path)}
+        new_lines.append(
+            NewLine(facts, make_folder_name(str(facts["started"]), table.dated.name), contents)
+        )
+    append_checks(folder, count, new_lines, {Path(ARTEFACTS) / f"{sha256}.toml": data})
 
 
 def load_checks(folder: Path) -> list[PointCheck]:
@@ -105,7 +112,7 @@ def load_checks(folder: Path) -> list[PointCheck]:
         (name,) = line.files
         table = folder / CHECKS / line.folder / name
         artefact = load_toml(path, ArtefactFile).artefact
-        figures = figures_of_points(table, read_points(table), artefact, line.tip_radius_mm)
+        figures = compute_figures(table, read_points(table), artefact, line.tip_radius_mm)
         checks.append(
             PointCheck(
                 line.name,

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from armd.arrays import F64
-from armd.compensation.interim.points.evidence import ChangeSize, Series, effect
+from armd.compensation.interim.points.evidence import ChangeSize, Series, fit_change_size
 from armd.compensation.interim.points.figures import PointCheck
 from armd.compensation.interim.points.find import PointChange, PointChanges, find_changes
 
@@ -42,19 +42,19 @@ class PointEpoch:
     checks: tuple[PointCheck, ...]
     names: tuple[str, ...]  # of the figures
     value_um: F64  # (n, J); NaN where a check does not have a figure
-    found: PointChanges
+    detected: PointChanges
     moved: tuple[tuple[Moved, ...], ...]  # of each change, the surest figure first
 
     def verdict(self, index: int) -> str:
         """Of one check, as the contract names it."""
-        if index in self.found.bad:
+        if index in self.detected.bad:
             return "bad_check"
-        changed = any(index >= course.first for course in self.found.courses)
+        changed = any(index >= course.first for course in self.detected.courses)
         return "changed" if changed else "in_control"
 
     def between_unix_s(self, change: PointChange) -> tuple[float, float]:
         """The instants between which a change happened, 95 %."""
-        before = [i for i in range(change.earliest) if i not in self.found.bad]
+        before = [i for i in range(change.earliest) if i not in self.detected.bad]
         return self.checks[before[-1]].last_unix_s, self.checks[change.latest].first_unix_s
 
 
@@ -77,11 +77,11 @@ def _epoch(checks: tuple[PointCheck, ...]) -> PointEpoch:
             freedom[i, j] = figure.freedom
     spread = freedom.max(axis=0) > 0
     series = _series(checks, value_um, own_um, np.where(freedom > 0, freedom, np.nan), spread)
-    found = find_changes(series)
+    detected = find_changes(series)
     moved = tuple(
-        _moved(series, found, change, names, value_um, spread) for change in found.changes
+        _moved(series, detected, change, names, value_um, spread) for change in detected.changes
     )
-    return PointEpoch(checks, names, value_um, found, moved)
+    return PointEpoch(checks, names, value_um, detected, moved)
 
 
 def _series(
@@ -89,46 +89,54 @@ def _series(
 ) -> Series:
     scaled = np.where(spread, np.abs(value_um) ** POWER, value_um)
     middle = np.nanmedian(np.abs(scaled), axis=0)
-    own, least = np.full((2, value_um.shape[1]), np.nan)
+    own_deviation, least_deviation = np.full((2, value_um.shape[1]), np.nan)
     for j, is_spread in enumerate(spread):
         if is_spread:
-            own[j] = middle[j] * math.sqrt(2 / (9 * float(np.nanmedian(freedom[:, j]))))
-            least[j] = POWER * LEAST_UM * max(middle[j], 1e-6) ** (1 - 1 / POWER)
+            own_deviation[j] = middle[j] * math.sqrt(2 / (9 * float(np.nanmedian(freedom[:, j]))))
+            least_deviation[j] = POWER * LEAST_UM * max(middle[j], 1e-6) ** (1 - 1 / POWER)
         else:
-            known = own_um[np.isfinite(own_um[:, j]), j]
-            own[j] = math.sqrt(float((known**2).mean())) if len(known) else math.nan
-            least[j] = LEAST_UM
+            finite_um = own_um[np.isfinite(own_um[:, j]), j]
+            own_deviation[j] = (
+                math.sqrt(float((finite_um**2).mean())) if len(finite_um) else math.nan
+            )
+            least_deviation[j] = LEAST_UM
     instants = np.array([check.first_unix_s for check in checks])
-    return Series(scaled, own, least, instants)
+    return Series(scaled, own_deviation, least_deviation, instants)
 
 
 def _moved(
     series: Series,
-    found: PointChanges,
+    detected: PointChanges,
     change: PointChange,
     names: Sequence[str],
     value_um: F64,
     spread: F64,
 ) -> tuple[Moved, ...]:
     rows = np.ones(series.n, bool)
-    rows[found.bad] = False
-    others = [course for course in found.courses if course is not change.course]
-    made = effect(series, rows, others, change.course)
+    rows[detected.bad] = False
+    other_courses = [course for course in detected.courses if course is not change.course]
+    change_size = fit_change_size(series, rows, other_courses, change.course)
     before = rows & (np.arange(series.n) < change.course.first)
-    each = []
+    named_figures = []
     for j, name in enumerate(names):
-        if math.isfinite(made.value[j]) and np.isfinite(value_um[before, j]).any():
-            each.append((_in_um(made, j, series.value[before, j], bool(spread[j])), name))
-    each.sort(key=lambda one: -abs(one[0][1] / max(one[0][2], 1e-12)))
-    return tuple(Moved(name, *figures) for figures, name in each)
+        if math.isfinite(change_size.value[j]) and np.isfinite(value_um[before, j]).any():
+            named_figures.append(
+                (_in_um(change_size, j, series.value[before, j], bool(spread[j])), name)
+            )
+    named_figures.sort(key=lambda pair: -abs(pair[0][1] / max(pair[0][2], 1e-12)))
+    return tuple(Moved(name, *figures) for figures, name in named_figures)
 
 
 def _in_um(
-    made: ChangeSize, j: int, before: F64, spread: bool
+    change_size: ChangeSize, j: int, before: F64, spread: bool
 ) -> tuple[float, float, float, float, bool]:
     """Mean before, change, its standard uncertainty, half of its interval; whether it is sure."""
-    level, value, deviation = float(np.nanmean(before)), float(made.value[j]), made.deviation[j]
-    quantile = float(stats.t.ppf(0.5 + CONFIDENCE / 2, made.freedom[j]))
+    level, value, deviation = (
+        float(np.nanmean(before)),
+        float(change_size.value[j]),
+        change_size.deviation[j],
+    )
+    quantile = float(stats.t.ppf(0.5 + CONFIDENCE / 2, change_size.freedom[j]))
     significant = abs(value) > quantile * deviation
     if spread:
         after = max(level + value, 1e-9)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from armd.compensation.interim.points.evidence import RUN_LENGTH
 from armd.compensation.interim.points.judge import PointEpoch
-from armd.compensation.interim.points.result import points_in_words
+from armd.compensation.interim.points.result import describe_points
 from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics
 from armd.compensation.report.drawing import COLOURS, make_single_figure
@@ -20,7 +20,7 @@ from armd.compensation.report.page import MOST_SENTENCES, Page, report_number
 from armd.compensation.wording import plain
 
 
-def points_page(
+def render_points_page(
     folder: Path,
     epochs: Sequence[PointEpoch],
     result: dict[str, Any],
@@ -28,12 +28,12 @@ def points_page(
 ) -> str:
     """HTML text of the report of the history in *folder*."""
     page = Page(f"Interim checks of points: {folder.resolve().name}")
-    first, *more = points_in_words(epochs)
+    first, *further_sentences = describe_points(epochs)
     changed = result["state"] == "changed"
     reason = page.in_brief("Verdict", first.removeprefix("In control: "))
     page.verdict("CHANGED" if changed else "IN CONTROL", reason, not changed)
-    head(page, None, [], about, [check.first_unix_s for one in epochs for check in one.checks])
-    page.items_in_brief("What the checks show", more, MOST_SENTENCES)
+    head(page, None, [], about, [check.first_unix_s for epoch in epochs for check in epoch.checks])
+    page.items_in_brief("What the checks show", further_sentences, MOST_SENTENCES)
     page.text(f"Next: {result['next_check']['sentence']}")
     page.text(
         "Decision rule: a change is reported where the statistic reaches its limit: without one,"
@@ -68,13 +68,13 @@ def _changes(page: Page, epoch: PointEpoch) -> None:
             ["figure", "before, µm", "change, µm", "standard uncertainty, µm", "95 %, ± µm"],
             [
                 [
-                    one.name,
-                    plain(one.before_um, 3, "+"),
-                    plain(one.change_um, 3, "+"),
-                    plain(one.standard_uncertainty_um),
-                    plain(one.half_width_um),
+                    moved_figure.name,
+                    plain(moved_figure.before_um, 3, "+"),
+                    plain(moved_figure.change_um, 3, "+"),
+                    plain(moved_figure.standard_uncertainty_um),
+                    plain(moved_figure.half_width_um),
                 ]
-                for one in moved
+                for moved_figure in moved
             ],
         )
 
@@ -82,10 +82,10 @@ def _changes(page: Page, epoch: PointEpoch) -> None:
 def _over_time(epoch: PointEpoch, checks: Sequence[dict[str, Any]], j: int) -> Figure:
     figure, panel = make_single_figure(2.4)
     name = epoch.names[j]
-    own = {check.artefact for check in epoch.checks}
-    shown = [c for c in checks if c["artefact"] in own and name in c["figures_um"]]
-    draw_by_verdict(panel, shown, [check["figures_um"][name] for check in shown])
-    for change in epoch.found.changes:
+    artefacts = {check.artefact for check in epoch.checks}
+    shown_checks = [c for c in checks if c["artefact"] in artefacts and name in c["figures_um"]]
+    draw_by_verdict(panel, shown_checks, [check["figures_um"][name] for check in shown_checks])
+    for change in epoch.detected.changes:
         low, high = (np.datetime64(round(1e6 * s), "us") for s in epoch.between_unix_s(change))
         panel.axvspan(low, high, color=COLOURS[4], alpha=0.25, linewidth=0)  # type: ignore[arg-type]
     panel.set_ylabel("µm")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from armd.compensation.interim.checks.history import iso
+from armd.compensation.interim.checks.history import format_iso
 from armd.compensation.interim.points.evidence import LIMIT, RUN_LENGTH
 from armd.compensation.interim.points.figures import ARM
 from armd.compensation.interim.points.find import PointChange
@@ -31,23 +31,23 @@ def points_as_json(epochs: Sequence[PointEpoch]) -> dict[str, Any]:
     """The whole result as plain data; the last epoch decides the state."""
     checks = sorted(
         ((epoch, i) for epoch in epochs for i in range(len(epoch.checks))),
-        key=lambda one: one[0].checks[one[1]].first_unix_s,
+        key=lambda pair: pair[0].checks[pair[1]].first_unix_s,
     )
     latest = epochs[-1]
-    changed = bool(latest.found.changes)
+    changed = bool(latest.detected.changes)
     return {
         "schema": "armd.interim/1",
         "state": "changed" if changed else "in_control",
         "arm": ARM,
         "calibration": "",
         "artefact": latest.checks[-1].artefact,
-        "last_check": iso(latest.checks[-1].first_unix_s),
+        "last_check": format_iso(latest.checks[-1].first_unix_s),
         "in_control_run_length": RUN_LENGTH,
         "checks": [_check(epoch, i) for epoch, i in checks],
         "changes": [
             _change(epoch, change, moved)
             for epoch in epochs
-            for change, moved in zip(epoch.found.changes, epoch.moved, strict=True)
+            for change, moved in zip(epoch.detected.changes, epoch.moved, strict=True)
         ],
         "growth": None,
         "far_off": [],
@@ -56,10 +56,10 @@ def points_as_json(epochs: Sequence[PointEpoch]) -> dict[str, Any]:
 
 
 def _check(epoch: PointEpoch, index: int) -> dict[str, Any]:
-    check, statistic = epoch.checks[index], float(epoch.found.statistic[index])
+    check, statistic = epoch.checks[index], float(epoch.detected.statistic[index])
     return {
         "name": check.name,
-        "started": iso(check.first_unix_s),
+        "started": format_iso(check.first_unix_s),
         "statistic": round(statistic, DECIMALS) if math.isfinite(statistic) else 0.0,
         "limit": LIMIT,
         "verdict": epoch.verdict(index),
@@ -71,7 +71,7 @@ def _check(epoch: PointEpoch, index: int) -> dict[str, Any]:
 def _change(epoch: PointEpoch, change: PointChange, moved: Sequence[Moved]) -> dict[str, Any]:
     low, high = epoch.between_unix_s(change)
     return {
-        "between": [iso(math.floor(low)), iso(math.ceil(high))],
+        "between": [format_iso(math.floor(low)), format_iso(math.ceil(high))],
         "cause": "unknown",
         "location": "-",
         "probability": change.probability,
@@ -81,63 +81,63 @@ def _change(epoch: PointEpoch, change: PointChange, moved: Sequence[Moved]) -> d
         "calibration_from": None,
         "calibration_sha256": None,
         "judged_under": "",
-        "from": iso(round(high)),
+        "from": format_iso(round(high)),
         "reading": _reading(moved),
         "parameters": [],
         "figures": [
             {
-                "name": one.name,
-                "before_um": one.before_um,
-                "change_um": one.change_um,
-                "standard_uncertainty_um": one.standard_uncertainty_um,
+                "name": figure.name,
+                "before_um": figure.before_um,
+                "change_um": figure.change_um,
+                "standard_uncertainty_um": figure.standard_uncertainty_um,
                 "interval_um": [
-                    one.change_um - one.half_width_um,
-                    one.change_um + one.half_width_um,
+                    figure.change_um - figure.half_width_um,
+                    figure.change_um + figure.half_width_um,
                 ],
-                "significant": one.significant,
+                "significant": figure.significant,
             }
-            for one in moved
+            for figure in moved
         ],
     }
 
 
 def _reading(moved: Sequence[Moved]) -> str:
     """By how much, in a sentence: what is sure, the surest first."""
-    shown = [one for one in moved if one.significant][:IN_WORDS] or list(moved[:1])
-    each = ", ".join(
-        f"{one.name} by {plain(one.change_um, sign='+')} ± {plain(one.half_width_um)} µm"
-        for one in shown
+    listed = [figure for figure in moved if figure.significant][:IN_WORDS] or list(moved[:1])
+    sizes = ", ".join(
+        f"{figure.name} by {plain(figure.change_um, sign='+')} ± {plain(figure.half_width_um)} µm"
+        for figure in listed
     )
-    more = sum(one.significant for one in moved) - len(shown)
-    return each + (f", and {counted(more, 'further figure')}" if more > 0 else "")
+    n_more = sum(figure.significant for figure in moved) - len(listed)
+    return sizes + (f", and {counted(n_more, 'further figure')}" if n_more > 0 else "")
 
 
-def points_in_words(epochs: Sequence[PointEpoch]) -> list[str]:
+def describe_points(epochs: Sequence[PointEpoch]) -> list[str]:
     """What came of it, for the console and the page."""
     latest = epochs[-1]
     count = sum(len(epoch.checks) for epoch in epochs)
     last = latest.checks[-1]
     lines = []
-    if not latest.found.changes:
+    if not latest.detected.changes:
         lines.append(
             f"In control: {counted(count, 'check')}, the last {last.name} of"
             f" {minute(last.first_unix_s)}."
         )
         if len(latest.checks) < FIRST_CHECKS:
-            more = FIRST_CHECKS - len(latest.checks)
+            n_more = FIRST_CHECKS - len(latest.checks)
             lines.append(
-                f"Few checks yet: only a large change shows. {counted(more, 'more check')} will"
+                f"Few checks yet: only a large change shows. {counted(n_more, 'more check')} will"
                 " tell how far checks of this arm scatter."
             )
     for epoch in epochs:
-        for change, moved in zip(epoch.found.changes, epoch.moved, strict=True):
+        for change, moved in zip(epoch.detected.changes, epoch.moved, strict=True):
             low, high = epoch.between_unix_s(change)
             how = "Growing since" if change.course.gradual else "Changed between"
             lines.append(
                 f"{how} {minute(low)} {'or' if change.course.gradual else 'and'} {minute(high)}"
                 f" (95 %): {_reading(moved)} (95 %) [probability {change.probability:.2f}]."
             )
-    bad = [epoch.checks[i].name for epoch in epochs for i in epoch.found.bad]
+    bad = [epoch.checks[i].name for epoch in epochs for i in epoch.detected.bad]
     if bad:
         lines.append(
             f"Bad by {'itself' if len(bad) == 1 else 'themselves'}, and no change: "

@@ -34,25 +34,27 @@ class PointFigure:
         return self.freedom > 0
 
 
-def surface_figures(
+def compute_surface_figures(
     artefact: Artefact, groups: Groups, tip_radius_mm: float
 ) -> Iterator[PointFigure]:
     """Figures of the artefact's surfaces by the points of each placement; of a cylinder none."""
     for surface in artefact.surfaces:
-        for (placement, target), at in groups.items():
+        for (placement, target), positions in groups.items():
             if target != surface.name:
                 continue
             name = _named(target, placement)
             if surface.kind == "sphere":
-                yield from sphere_figures(name, at, 2 * (surface.radius_mm or 0.0), tip_radius_mm)
-            elif surface.kind == "plane" and len(at) >= PLANE_POINTS:
-                planes = fit_parallel_planes([at])
+                yield from compute_sphere_figures(
+                    name, positions, 2 * (surface.radius_mm or 0.0), tip_radius_mm
+                )
+            elif surface.kind == "plane" and len(positions) >= PLANE_POINTS:
+                planes = fit_parallel_planes([positions])
                 if planes is not None:
                     yield PointFigure(f"form {name}", planes.form_mm, freedom=planes.freedom)
     yield from _blocks(artefact, groups, tip_radius_mm)
 
 
-def sphere_figures(
+def compute_sphere_figures(
     name: str, on: F64, diameter_mm: float, tip_radius_mm: float
 ) -> Iterator[PointFigure]:
     """Size and form of a sphere by the tip's centre (n, 3) *on* it; none of too few points."""
@@ -62,13 +64,13 @@ def sphere_figures(
         centre, radius = fit_sphere(on)
     except ArithmeticError:
         return
-    way = on - centre
-    distance = np.linalg.norm(way, axis=1)
+    offset_mm = on - centre
+    distance = np.linalg.norm(offset_mm, axis=1)
     freedom = len(on) - 4
     form = math.sqrt(float(((distance - radius) ** 2).sum()) / freedom)
-    jacobian = np.column_stack([way / distance[:, None], np.ones(len(on))])
-    own = form * math.sqrt(float(np.linalg.inv(jacobian.T @ jacobian)[3, 3]))
-    yield PointFigure(f"size {name}", 2 * (radius - tip_radius_mm) - diameter_mm, 2 * own)
+    jacobian = np.column_stack([offset_mm / distance[:, None], np.ones(len(on))])
+    deviation = form * math.sqrt(float(np.linalg.inv(jacobian.T @ jacobian)[3, 3]))
+    yield PointFigure(f"size {name}", 2 * (radius - tip_radius_mm) - diameter_mm, 2 * deviation)
     yield PointFigure(f"form {name}", form, freedom=freedom)
 
 
@@ -76,19 +78,19 @@ def _blocks(artefact: Artefact, groups: Groups, tip_radius_mm: float) -> Iterato
     """Error of each certified length between two planes, touched from outside."""
     kinds = artefact.surface_kinds
     for distance in artefact.distances:
-        one, other = distance.between
-        if kinds.get(one) != "plane" or kinds.get(other) != "plane":
+        first, second = distance.between
+        if kinds.get(first) != "plane" or kinds.get(second) != "plane":
             continue
-        for placement in [place for place, name in groups if name == one]:
-            if (placement, other) not in groups:
+        for placement in [place for place, name in groups if name == first]:
+            if (placement, second) not in groups:
                 continue
             planes = fit_parallel_planes([groups[placement, name] for name in distance.between])
             if planes is None:
                 continue
             error = planes.apart_mm - 2 * tip_radius_mm - distance.length_mm
-            name = _named(f"{one} to {other}", placement)
-            own = planes.apart_uncertainty_mm
-            yield PointFigure(f"length {name}", error, own, longest_mm=distance.length_mm)
+            name = _named(f"{first} to {second}", placement)
+            deviation = planes.apart_uncertainty_mm
+            yield PointFigure(f"length {name}", error, deviation, longest_mm=distance.length_mm)
 
 
 def _named(name: str, placement: str) -> str:

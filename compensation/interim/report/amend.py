@@ -11,14 +11,14 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import (
     Change,
-    amplitude_sizes,
-    columns_of,
+    compute_shapes,
     count_amplitudes,
-    shapes,
+    list_amplitude_sizes,
+    list_change_columns,
 )
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.beside import Beside
-from armd.compensation.interim.evidence.likelihood import known_errors
+from armd.compensation.interim.evidence.extended_sums import ExtendedSums
+from armd.compensation.interim.evidence.likelihood import estimate_known_errors
 from armd.compensation.interim.evidence.stack import ALL_ALONG, RAMP_DAYS, Stack
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import DAY_S, After, Time
@@ -42,11 +42,11 @@ class Amplitudes:
 
 
 def fit(
-    of: Stack,
+    stacked: Stack,
     causes: Sequence[Cause],
     changes: Sequence[Change],
     bad: Sequence[int],
-    told_by: Beside | None = None,
+    told_by: ExtendedSums | None = None,
 ) -> Amplitudes:
     """Amplitudes of all named *changes* at once, beside what is wrong all along, *told by* the
     checks that tell of them.
@@ -54,56 +54,64 @@ def fit(
     How far a cause has moved is the difference of after and before: what it was before may be as
     large as anything that is wrong all along, whatever the others are (decision 36).
     """
-    own = sorted({at for c in changes if c.cause is not None for at in _columns(of, c.cause)})
-    before = max(ALL_ALONG) if of.stands else 0.0
-    pairs = zip(of.columns, columns_of(of, changes), strict=True)
-    extra = [np.concatenate([before * columns[:, own], new], axis=1) for columns, new in pairs]
-    q = of.known[0].shape[1] + len(own)
-    told = known_errors((told_by or Beside(of, telling_checks(of, changes, bad))).sums(extra))
+    moved_columns = sorted(
+        {column for c in changes if c.cause is not None for column in _columns(stacked, c.cause)}
+    )
+    before = max(ALL_ALONG) if stacked.stands else 0.0
+    pairs = zip(stacked.columns, list_change_columns(stacked, changes), strict=True)
+    extra = [
+        np.concatenate([before * columns[:, moved_columns], new], axis=1) for columns, new in pairs
+    ]
+    q = stacked.error_columns[0].shape[1] + len(moved_columns)
+    estimate = estimate_known_errors(
+        (told_by or ExtendedSums(stacked, list_telling_checks(stacked, changes, bad))).sum_with(
+            extra
+        )
+    )
     sizes = _sizes(causes, changes)
     # The columns' sign: a residual is what the arm shows too much under the calibration.
-    values = -told.mean[q:] * sizes
-    cov = told.scale * told.covariance[q:, q:] * np.outer(sizes, sizes)
-    split, at = [], 0
+    values = -estimate.mean[q:] * sizes
+    cov = estimate.scale * estimate.covariance[q:, q:] * np.outer(sizes, sizes)
+    split, position = [], 0
     for change in changes:
         if change.cause is None:
             split.append(np.zeros((0, 0)))
             continue
-        count = count_amplitudes(of, change)
-        split.append(values[at : at + count].reshape(1 + len(change.bends_d), -1))
-        at += count
+        count = count_amplitudes(stacked, change)
+        split.append(values[position : position + count].reshape(1 + len(change.bends_d), -1))
+        position += count
     return Amplitudes(tuple(split), cov)
 
 
-def telling_checks(of: Stack, changes: Sequence[Change], bad: Sequence[int]) -> list[int]:
+def list_telling_checks(stacked: Stack, changes: Sequence[Change], bad: Sequence[int]) -> list[int]:
     """The checks that tell of *changes*: what comes with one of no cause belongs to nothing
     known."""
-    until = min((change.first for change in changes if change.cause is None), default=of.n)
+    until = min((change.first for change in changes if change.cause is None), default=stacked.n)
     return [i for i in range(until) if i not in bad]
 
 
-def _columns(of: Stack, cause: int) -> range:
-    return range(of.blocks[cause].start, of.blocks[cause].stop)
+def _columns(stacked: Stack, cause: int) -> range:
+    return range(stacked.blocks[cause].start, stacked.blocks[cause].stop)
 
 
 def _sizes(causes: Sequence[Cause], changes: Sequence[Change]) -> F64:
     """Units of the changes' unknowns in the columns' own units."""
-    found = []
+    sizes = []
     for change in changes:
         if change.cause is None:
             continue
         typical = np.array([c.prior_sd for c in causes[change.cause].candidate.columns])
-        found.append((amplitude_sizes(change, len(typical)) * typical).ravel())
-    return np.concatenate(found) if found else np.zeros(0)
+        sizes.append((list_amplitude_sizes(change, len(typical)) * typical).ravel())
+    return np.concatenate(sizes) if sizes else np.zeros(0)
 
 
-def at_the_end(of: Stack, change: Change, amplitudes: F64) -> F64:
+def compute_final_size(stacked: Stack, change: Change, amplitudes: F64) -> F64:
     """(p,) how large a change is at the last check."""
-    end: F64 = shapes(of, change)[-1] @ amplitudes
+    end: F64 = compute_shapes(stacked, change)[-1] @ amplitudes
     return end
 
 
-def amended(
+def amend_calibration(
     calibration: Calibration,
     begun_unix_s: float,
     causes: Sequence[Cause],
@@ -111,7 +119,7 @@ def amended(
     instants_unix_s: Sequence[float],
     amplitudes: Amplitudes,
     until_unix_s: float,
-    told: dict[str, object],
+    provenance: dict[str, object],
 ) -> Calibration:
     """The *calibration* with all named *changes*, each from its instant on; a growth goes on until
     the last check, *until_unix_s*, and is held beyond. What two of them do alike is one term."""
@@ -144,9 +152,11 @@ def amended(
                     row = rows.setdefault(name, np.zeros(width))
                     row[start + b * len(candidate.columns) + j] += term.coefficient * per
     matrix = np.array(list(rows.values())).reshape(len(rows), width)
-    own = matrix @ amplitudes.covariance @ matrix.T
+    term_covariance = matrix @ amplitudes.covariance @ matrix.T
     mean = matrix @ np.concatenate([value.ravel() for value in amplitudes.values])[:width]
-    for place, coefficient, variance in zip(places.values(), mean, np.diag(own), strict=True):
+    for place, coefficient, variance in zip(
+        places.values(), mean, np.diag(term_covariance), strict=True
+    ):
         terms[place] = terms[place].model_copy(
             update={
                 "coefficient": float(coefficient),
@@ -154,10 +164,10 @@ def amended(
             }
         )
     before = np.array(calibration.covariance).reshape((len(calibration.covariance_of),) * 2)
-    size = len(before) + len(own)
+    size = len(before) + len(term_covariance)
     covariance = np.zeros((size, size))
     covariance[: len(before), : len(before)] = before
-    covariance[len(before) :, len(before) :] = (own + own.T) / 2
+    covariance[len(before) :, len(before) :] = (term_covariance + term_covariance.T) / 2
     created = datetime.datetime.fromtimestamp(until_unix_s, datetime.UTC)
     return calibration.model_copy(
         update={
@@ -166,7 +176,7 @@ def amended(
             "terms": terms,
             "covariance_of": [*calibration.covariance_of, *rows],
             "covariance": covariance.tolist(),
-            "provenance": {**calibration.provenance, "interim": told},
+            "provenance": {**calibration.provenance, "interim": provenance},
             "content_sha256": "",
         }
     )
@@ -177,5 +187,5 @@ def _factors(
 ) -> list[Factor]:
     if not change.gradual:
         return [After(instant_unix_s=instant)]
-    begins = [begun_unix_s + at * DAY_S for at in (change.origin_d, *change.bends_d)]
-    return [Time(since_unix_s=at, until_unix_s=max(until_unix_s, at)) for at in begins]
+    begins = [begun_unix_s + start_d * DAY_S for start_d in (change.origin_d, *change.bends_d)]
+    return [Time(since_unix_s=begin, until_unix_s=max(until_unix_s, begin)) for begin in begins]

@@ -10,15 +10,15 @@ from scipy.stats import chi2
 
 from armd.arrays import F64
 from armd.compensation.identify.thermal.terms import last_lever_mm
-from armd.compensation.interim.changes.change import Change, columns_of
+from armd.compensation.interim.changes.change import Change, list_change_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.checks.open_growth import GROWTH, OpenGrowth, open_growth
 from armd.compensation.interim.checks.reduced import Reduced
-from armd.compensation.interim.evidence.beside import Beside
-from armd.compensation.interim.evidence.likelihood import KnownErrors, known_errors
-from armd.compensation.interim.evidence.stack import Stack, stack
-from armd.compensation.interim.report.amend import telling_checks
+from armd.compensation.interim.evidence.extended_sums import ExtendedSums
+from armd.compensation.interim.evidence.likelihood import KnownErrors, estimate_known_errors
+from armd.compensation.interim.evidence.stack import Stack, stack_checks
+from armd.compensation.interim.report.amend import list_telling_checks
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
@@ -42,7 +42,7 @@ class LinkGrowth:
 
 
 @dataclass(frozen=True)
-class Grown:
+class FittedGrowth:
     """What the good checks of an epoch say of the growth."""
 
     links: tuple[LinkGrowth, ...]  # those whose interval excludes zero; all, if none does
@@ -53,38 +53,38 @@ class Grown:
 
 
 def find_growth(
-    checks: Sequence[Check], of: Stack, causes: Sequence[Cause], changes: Sequence[Change],
+    checks: Sequence[Check], stacked: Stack, causes: Sequence[Cause], changes: Sequence[Change],
     bad: Sequence[int],
-) -> Grown | None:  # fmt: skip
+) -> FittedGrowth | None:  # fmt: skip
     """The growth of the links beside *changes*, by the checks that are not *bad*; `None` where the
     calibration knows it, or the checks do not distinguish it from zero."""
     arm, calibration = checks[0].arm, checks[0].calibration.content
     growth = open_growth(arm, calibration)
-    good = telling_checks(of, changes, bad)
+    good = list_telling_checks(stacked, changes, bad)
     if not growth or not good:
         return None
     reduced = [check.reduced for check in checks]
-    without = stack([_without_growth(one) for one in reduced], causes)
-    without = without.rescale(of.share / without.share)
-    own = [one.known[:, _is_growth(one)] for one in reduced]
-    beside = columns_of(without, changes)
-    found = _fit(without, own, beside, good)
-    q = slice(without.known[0].shape[1], without.known[0].shape[1] + len(growth))
-    covariance = found.scale * found.covariance[q, q]
-    statistic = float(found.mean[q] @ np.linalg.solve(covariance, found.mean[q]))
+    without = stack_checks([_without_growth(check) for check in reduced], causes)
+    without = without.rescale(stacked.share / without.share)
+    growth_columns = [check.error_columns[:, _is_growth(check)] for check in reduced]
+    change_columns = list_change_columns(without, changes)
+    estimate = _fit(without, growth_columns, change_columns, good)
+    q = slice(without.error_columns[0].shape[1], without.error_columns[0].shape[1] + len(growth))
+    covariance = estimate.scale * estimate.covariance[q, q]
+    statistic = float(estimate.mean[q] @ np.linalg.solve(covariance, estimate.mean[q]))
     if statistic < chi2.isf(ALPHA, len(growth)):
         return None
-    size = np.array([one.size for one in growth])
+    size = np.array([expansion.size for expansion in growth])
     # The columns' sign: a residual is what the arm shows too much under the calibration.
-    values, spread = -found.mean[q] * size, covariance * np.outer(size, size)
+    values, spread = -estimate.mean[q] * size, covariance * np.outer(size, size)
     links = _by_link(growth, values, spread, calibration, arm)
-    sure = tuple(link for link in links if link.is_significant)
+    significant = tuple(link for link in links if link.is_significant)
     rms_um = float(np.sqrt(np.mean([reduced[i].rms_um ** 2 for i in good])))
     ranges = calibration.temperature_range_c.values()
-    return Grown(
-        sure or links,
-        bool(sure),
-        (rms_um, rms_um * _left_share(without, own, beside, good)),
+    return FittedGrowth(
+        significant or links,
+        bool(significant),
+        (rms_um, rms_um * _left_share(without, growth_columns, change_columns, good)),
         max(high - low for low, high in ranges),
         with_growth(calibration, growth, values, spread, [reduced[i] for i in good]),
     )
@@ -95,29 +95,29 @@ def _is_growth(reduced: Reduced) -> list[int]:
 
 
 def _without_growth(reduced: Reduced) -> Reduced:
-    kept = [i for i, name in enumerate(reduced.known_names) if not name.startswith(GROWTH)]
-    names = tuple(reduced.known_names[i] for i in kept)
-    return replace(reduced, known=reduced.known[:, kept], known_names=names)
+    columns = [i for i, name in enumerate(reduced.known_names) if not name.startswith(GROWTH)]
+    names = tuple(reduced.known_names[i] for i in columns)
+    return replace(reduced, error_columns=reduced.error_columns[:, columns], known_names=names)
 
 
 def _fit(
-    of: Stack, growth: Sequence[F64], changes: Sequence[F64], chosen: Sequence[int]
+    stacked: Stack, growth: Sequence[F64], changes: Sequence[F64], chosen: Sequence[int]
 ) -> KnownErrors:
     extra = [np.concatenate(pair, axis=1) for pair in zip(growth, changes, strict=True)]
-    return known_errors(Beside(of, chosen).sums(extra))
+    return estimate_known_errors(ExtendedSums(stacked, chosen).sum_with(extra))
 
 
 def _left_share(
-    of: Stack, growth: Sequence[F64], changes: Sequence[F64], good: Sequence[int]
+    stacked: Stack, growth: Sequence[F64], changes: Sequence[F64], good: Sequence[int]
 ) -> float:
     """Of the whitened residuals, what the growth known by the other checks leaves of each."""
     before, after = 0.0, 0.0
-    start = of.known[0].shape[1]
+    start = stacked.error_columns[0].shape[1]
     for i in good:
-        found = _fit(of, growth, changes, [j for j in good if j != i])
-        known = found.mean[start : start + growth[i].shape[1]]
-        before += float(of.residual[i] @ of.residual[i])
-        after += float(np.sum((of.residual[i] - growth[i] @ known) ** 2))
+        estimate = _fit(stacked, growth, changes, [j for j in good if j != i])
+        mean_growth = estimate.mean[start : start + growth[i].shape[1]]
+        before += float(stacked.residual[i] @ stacked.residual[i])
+        after += float(np.sum((stacked.residual[i] - growth[i] @ mean_growth) ** 2))
     return float(np.sqrt(after / before)) if before else 1.0
 
 
@@ -129,17 +129,17 @@ def _by_link(
     lengths: dict[int, list[int]] = {}
     lever = dict(zip(("tip_x", "tip_y", "tip_z"), map(float, last_lever_mm(arm)), strict=True))
     length_mm: dict[str, float] = {**calibration.constants, **lever}
-    for i, one in enumerate(growth):
-        stem, _, number = one.term.parameter.partition("_")
+    for i, expansion in enumerate(growth):
+        stem, _, number = expansion.term.parameter.partition("_")
         lengths.setdefault(arm.n_joints if stem == "tip" else int(number), []).append(i)
-    found = []
-    for link, own in sorted(lengths.items()):
-        mm = np.array([length_mm.get(growth[i].term.parameter, 0.0) for i in own])
+    links = []
+    for link, members in sorted(lengths.items()):
+        mm = np.array([length_mm.get(growth[i].term.parameter, 0.0) for i in members])
         row = np.zeros(len(values))
-        row[own] = mm / max(float(mm @ mm), 1e-12)
+        row[members] = mm / max(float(mm @ mm), 1e-12)
         deviation = float(np.sqrt(max(float(row @ spread @ row), 0.0)))
-        found.append(LinkGrowth(f"link {link}", float(row @ values), deviation))
-    return tuple(found)
+        links.append(LinkGrowth(f"link {link}", float(row @ values), deviation))
+    return tuple(links)
 
 
 def with_growth(
@@ -147,36 +147,36 @@ def with_growth(
     growth: Sequence[OpenGrowth],
     values: F64,
     spread: F64,
-    seen: Sequence[Reduced],
+    checks: Sequence[Reduced],
 ) -> Calibration:
     """The *calibration* with growths of *values* (m,) mm per kelvin and covariance *spread*, as
-    long as it was at the temperatures that it was made at; good for those *seen*, too."""
+    long as it was at the temperatures that it was made at; good for those of *checks*, too."""
     constants, first = dict(calibration.constants), len(calibration.terms)
     names = list(calibration.covariance_of)
     terms = [
-        one.term.model_copy(
+        expansion.term.model_copy(
             update={"coefficient": float(value), "standard_uncertainty": float(deviation),
                     "effect": "link_expansion"}
         )
-        for one, value, deviation in zip(
+        for expansion, value, deviation in zip(
             growth, values, np.sqrt(np.maximum(np.diag(spread), 0.0)), strict=True
         )
     ]  # fmt: skip
     before = np.array(calibration.covariance).reshape((len(names),) * 2)
     moves = np.zeros((len(names) + len(growth), len(growth)))
-    for j, (one, value) in enumerate(zip(growth, values, strict=True)):
-        parameter = one.term.parameter
-        constants[parameter] = constants.get(parameter, 0.0) - float(value) * one.made_k
+    for j, (expansion, value) in enumerate(zip(growth, values, strict=True)):
+        parameter = expansion.term.parameter
+        constants[parameter] = constants.get(parameter, 0.0) - float(value) * expansion.made_k
         moves[len(names) + j, j] = 1.0
         if parameter in names:
-            moves[names.index(parameter), j] = -one.made_k
+            moves[names.index(parameter), j] = -expansion.made_k
     covariance = moves @ spread @ moves.T
     covariance[: len(names), : len(names)] += before
     return calibration.model_copy(
         update={
             "constants": constants,
             "terms": [*calibration.terms, *terms],
-            "temperature_range_c": _widened(calibration.temperature_range_c, seen),
+            "temperature_range_c": _widened(calibration.temperature_range_c, checks),
             "covariance_of": [*names, *(f"term {first + j}" for j in range(len(growth)))],
             "covariance": ((covariance + covariance.T) / 2).tolist(),
             "content_sha256": "",
@@ -185,11 +185,11 @@ def with_growth(
 
 
 def _widened(
-    ranges: dict[str, tuple[float, float]], seen: Sequence[Reduced]
+    ranges: dict[str, tuple[float, float]], checks: Sequence[Reduced]
 ) -> dict[str, tuple[float, float]]:
-    found = dict(ranges)
+    widened = dict(ranges)
     for name, (low, high) in ranges.items():
-        own = [one.temperature_c[name] for one in seen if name in one.temperature_c]
-        found[name] = (min(low, *(a for a, _ in own)) if own else low,
-                       max(high, *(b for _, b in own)) if own else high)  # fmt: skip
-    return found
+        seen_c = [check.temperature_c[name] for check in checks if name in check.temperature_c]
+        widened[name] = (min(low, *(a for a, _ in seen_c)) if seen_c else low,
+                         max(high, *(b for _, b in seen_c)) if seen_c else high)  # fmt: skip
+    return widened

@@ -8,21 +8,30 @@ from itertools import groupby
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.interim.changes.change import ChangesFound, shapes, with_changes
-from armd.compensation.interim.changes.dated import between, instant
+from armd.compensation.interim.changes.change import ChangesFound, add_known_changes, compute_shapes
+from armd.compensation.interim.changes.dates import find_instant, find_interval
 from armd.compensation.interim.changes.find import find
-from armd.compensation.interim.changes.ways import list_ways
-from armd.compensation.interim.checks.columns import Cause, causes_of
-from armd.compensation.interim.checks.history import Check, iso
-from armd.compensation.interim.evidence.likelihood import at_its_share
-from armd.compensation.interim.evidence.quiet import Looked
-from armd.compensation.interim.evidence.stack import Stack, stack
-from armd.compensation.interim.report.amend import Amplitudes, amended, at_the_end, fit
-from armd.compensation.interim.report.averaged import Averaged, affordable, averaged
+from armd.compensation.interim.changes.scenarios import list_scenarios
+from armd.compensation.interim.checks.columns import Cause, list_causes
+from armd.compensation.interim.checks.history import Check, format_iso
+from armd.compensation.interim.evidence.likelihood import fit_standing_share
+from armd.compensation.interim.evidence.looks import EpochLooks
+from armd.compensation.interim.evidence.stack import Stack, stack_checks
+from armd.compensation.interim.report.amend import (
+    Amplitudes,
+    amend_calibration,
+    compute_final_size,
+    fit,
+)
+from armd.compensation.interim.report.average import (
+    Averaged,
+    average_amplitudes,
+    choose_affordable,
+)
 from armd.compensation.interim.report.growth import find_growth
-from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
-from armd.compensation.interim.report.reach import tip_rms_um
-from armd.compensation.interim.report.remembered import NOTHING, Remembered
+from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
+from armd.compensation.interim.report.reach import compute_tip_rms_um
+from armd.compensation.interim.report.watch_memory import NOTHING, Remembered
 from armd.compensation.model.calibration import Calibration
 
 
@@ -33,86 +42,91 @@ def judge(checks: Sequence[Check], remembered: Remembered = NOTHING) -> Judgemen
         ordered = sorted(checks, key=lambda check: check.epoch)
         groups = [tuple(group) for _, group in groupby(ordered, key=lambda check: check.epoch)]
         by_time = [tuple(sorted(g, key=lambda check: check.line.first_unix_s)) for g in groups]
-        epochs = [_epoch(group, remembered.of(group)) for group in by_time]
+        epochs = [_epoch(group, remembered.recall_looks(group)) for group in by_time]
     return Judgement(tuple(sorted(epochs, key=lambda e: e.checks[0].line.first_unix_s)))
 
 
-def _epoch(checks: tuple[Check, ...], before: Looked) -> Epoch:
+def _epoch(checks: tuple[Check, ...], before: EpochLooks) -> Epoch:
     arm, calibration = checks[0].arm, checks[0].calibration
-    causes = causes_of(arm, calibration.content)
+    causes = list_causes(arm, calibration.content)
     reduced = [check.reduced for check in checks]
-    stacked = at_its_share(stack(reduced, causes))
-    found = find(stacked, causes, before)
+    stacked = fit_standing_share(stack_checks(reduced, causes))
+    detected = find(stacked, causes, before)
     # What is there all along shows where neither changes nor bad checks are taken for it.
-    good = [i for i in range(stacked.n) if i not in found.bad]
-    explained = with_changes(stacked, found.changes).only(good)
-    stacked = stacked.rescale(at_its_share(explained).share / stacked.share)
-    amplitudes = fit(stacked, causes, found.changes, found.bad)
-    instants = [instant(reduced, stacked, change, found.bad) for change in found.changes]
-    possible = list_ways(stacked, causes, found.changes, found.bad)
-    grown = find_growth(checks, stacked, causes, found.changes, found.bad)
+    good = [i for i in range(stacked.n) if i not in detected.bad]
+    explained = add_known_changes(stacked, detected.changes).select_checks(good)
+    stacked = stacked.rescale(fit_standing_share(explained).share / stacked.share)
+    amplitudes = fit(stacked, causes, detected.changes, detected.bad)
+    instants = [find_instant(reduced, stacked, change, detected.bad) for change in detected.changes]
+    possible = list_scenarios(stacked, causes, detected.changes, detected.bad)
+    grown = find_growth(checks, stacked, causes, detected.changes, detected.bad)
     under = calibration.content if grown is None else grown.calibration
     rows = len(under.covariance_of)
-    every = averaged(stacked, causes, affordable(possible, causes, rows), found.bad)
-    told = tuple(
-        _told(checks, stacked, causes, found, amplitudes, instants, every, index, under)
-        for index in range(len(found.changes))
+    every = average_amplitudes(
+        stacked, causes, choose_affordable(possible, causes, rows), detected.bad
     )
-    return Epoch(checks, stacked, tuple(causes), found, told, tuple(possible), grown)
+    reported_changes = tuple(
+        _report_change(checks, stacked, causes, detected, amplitudes, instants, every, index, under)
+        for index in range(len(detected.changes))
+    )
+    return Epoch(checks, stacked, tuple(causes), detected, reported_changes, tuple(possible), grown)
 
 
-def _told(
+def _report_change(
     checks: Sequence[Check],
-    of: Stack,
+    stacked: Stack,
     causes: Sequence[Cause],
-    found: ChangesFound,
+    detected: ChangesFound,
     amplitudes: Amplitudes,
     instants: Sequence[float],
     every: Averaged,
     index: int,
     under: Calibration,
-) -> Told:
+) -> ReportedChange:
     """*under*: the calibration that a change is written into, with the growth of the links."""
-    change = found.changes[index]
+    change = detected.changes[index]
     reduced = [check.reduced for check in checks]
-    interval = between(reduced, of, change, found.bad)
+    interval = find_interval(reduced, stacked, change, detected.bad)
     if change.cause is None:
         nothing = np.zeros(0)
-        return Told(
+        return ReportedChange(
             change, None, (), interval, instants[index], nothing, nothing, None, np.nan, None
         )
     cause = causes[change.cause]
-    own = amplitudes.values[index]
-    values = at_the_end(of, change, own)
-    covariance = amplitudes.covariance[(at := amplitudes.slice_of(index)), at]
-    root = np.kron(shapes(of, change)[-1:], np.eye(own.shape[1]))
+    own_amplitudes = amplitudes.values[index]
+    values = compute_final_size(stacked, change, own_amplitudes)
+    covariance = amplitudes.covariance[(place := amplitudes.slice_of(index)), place]
+    root = np.kron(compute_shapes(stacked, change)[-1:], np.eye(own_amplitudes.shape[1]))
     deviations = np.sqrt(np.maximum(np.diag(root @ covariance @ root.T), 0.0))
-    grown_d = float(of.time_d[-1]) - change.origin_d
+    grown_d = float(stacked.time_d[-1]) - change.origin_d
     last = checks[-1]
-    possible = every.changes[: every.until(index)]
-    calibration = amended(
+    possible = every.changes[: every.count_until(index)]
+    calibration = amend_calibration(
         under,
         reduced[0].mean_unix_s,
         causes,
         possible,
-        [instant(reduced, of, one, found.bad) for one in possible],
+        [
+            find_instant(reduced, stacked, possible_change, detected.bad)
+            for possible_change in possible
+        ],
         every.amplitudes,
         last.reduced.last_unix_s,
         {
             "calibration": last.calibration.sha256,
             "checks": [check.line.name for check in checks],
             "changes": [
-                f"{c.candidate.cause} {c.candidate.location} since {iso(round(at))}"
-                for c, at in (
-                    (causes[ch.cause], at)
-                    for ch, at in zip(found.changes[: index + 1], instants, strict=False)
+                f"{c.candidate.cause} {c.candidate.location} since {format_iso(round(begin))}"
+                for c, begin in (
+                    (causes[ch.cause], begin)
+                    for ch, begin in zip(detected.changes[: index + 1], instants, strict=False)
                     if ch.cause is not None
                 )
             ],
             "averaged_over": _shares(every, causes, index),
         },
     )
-    return Told(
+    return ReportedChange(
         change=change,
         cause=cause,
         rivals=tuple((causes[k], share) for k, share in change.rivals),
@@ -121,17 +135,17 @@ def _told(
         values=values,
         deviations=deviations,
         per_day=values / grown_d if change.gradual else None,
-        tip_rms_um=tip_rms_um(last.arm, last.calibration.content, cause.candidate, values),
+        tip_rms_um=compute_tip_rms_um(last.arm, last.calibration.content, cause.candidate, values),
         calibration=calibration,
     )
 
 
 def _shares(every: Averaged, causes: Sequence[Cause], index: int) -> list[dict[str, float]]:
     """Of each change: causes at their places, and what share each has in the average."""
-    found: list[dict[str, float]] = [{} for _ in range(index + 1)]
+    shares: list[dict[str, float]] = [{} for _ in range(index + 1)]
     for change, number, share in zip(every.changes, every.of_change, every.shares, strict=True):
         if change.cause is not None and number <= index:
             cause, location = causes[change.cause].place
             name = f"{cause} {location}"
-            found[number][name] = found[number].get(name, 0.0) + share
-    return found
+            shares[number][name] = shares[number].get(name, 0.0) + share
+    return shares

@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, ChangesFound, Way
+from armd.compensation.interim.changes.change import Change, ChangesFound, Scenario
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.report.growth import Grown
+from armd.compensation.interim.report.growth import FittedGrowth
 from armd.compensation.model.calibration import Calibration
 
 
 @dataclass(frozen=True)
-class Told:
+class ReportedChange:
     """One change as it is told."""
 
     change: Change
@@ -36,15 +36,15 @@ class Epoch:
     checks: tuple[Check, ...]
     stack: Stack
     causes: tuple[Cause, ...]
-    found: ChangesFound
-    told: tuple[Told, ...]
-    ways: tuple[Way, ...]  # in which all changes may have been
-    grown: Grown | None = None  # how the links grow, where the calibration could not know it
+    detected: ChangesFound
+    reported_changes: tuple[ReportedChange, ...]
+    scenarios: tuple[Scenario, ...]  # in which all changes may have been
+    grown: FittedGrowth | None = None  # how the links grow, where the calibration could not know it
 
     def verdict(self, index: int) -> str:
-        if index in self.found.bad:
+        if index in self.detected.bad:
             return "bad_check"
-        changed = any(index >= change.first for change in self.found.changes)
+        changed = any(index >= change.first for change in self.detected.changes)
         return "changed" if changed else "in_control"
 
 
@@ -67,4 +67,4 @@ class Judgement:
 
     @property
     def changed(self) -> bool:
-        return bool(self.latest.told)
+        return bool(self.latest.reported_changes)

@@ -12,10 +12,10 @@ from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_files import READINGS
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.interim.changes.change import shapes
+from armd.compensation.interim.changes.change import compute_shapes
 from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
-from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
-from armd.compensation.interim.report.result import in_words
+from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
+from armd.compensation.interim.report.result import describe_judgement
 from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, instants
 from armd.compensation.report.coverage import add_coverage
@@ -32,7 +32,7 @@ MEASURED = ("session.toml", *READINGS)
 SHOWN = {"rad": ("″", 1 / ARC_SECOND), "mm": ("µm", 1e3), "rad/Nm": ("µrad/Nm", 1e6)}
 
 
-def interim_page(
+def render_interim_page(
     judgement: Judgement,
     result: dict[str, Any],
     sessions: Sequence[Session],
@@ -44,14 +44,14 @@ def interim_page(
         Page(f"Interim checks of arm {result['arm']}", result["arm"]),
         choose_units(arm).length,
     )
-    first, *more = in_words(judgement)
+    first, *further_sentences = describe_judgement(judgement)
     reason = page.in_brief("Verdict", first.removeprefix("In control: "))
     page.verdict(
         "CHANGED" if judgement.changed else "IN CONTROL", reason, not judgement.changed,
         _key_sentence(result["checks"], unit),
     )  # fmt: skip
     head(page, arm, sessions, about)
-    page.items_in_brief("What the checks show", more, MOST_SENTENCES)
+    page.items_in_brief("What the checks show", further_sentences, MOST_SENTENCES)
     if result["next_check"]:
         page.text(f"Next: {result['next_check']['sentence']}")
     page.text(
@@ -68,20 +68,20 @@ def interim_page(
     page.signatures("Checked by")
     page.appendix()
     for epoch in judgement.epochs:
-        for told in epoch.told:
-            if told.cause is None:
+        for reported in epoch.reported_changes:
+            if reported.cause is None:
                 continue
-            candidate = told.cause.candidate
+            candidate = reported.cause.candidate
             page.heading(f"{candidate.cause.replace('_', ' ')}, {candidate.location}")
             page.text(f"{CATALOGUE[candidate.cause].reason}.".capitalize())
             page.figure(
-                _over_time(epoch, told),
+                _over_time(epoch, reported),
                 "Amplitude in each check alone (bars: two standard uncertainties), the course that"
                 " is reported, and the interval that holds the change",
             )
             page.table(
                 ["what", "at the last check", "standard uncertainty", "unit"],
-                [_row(told, j) for j in range(len(told.values))],
+                [_row(reported, j) for j in range(len(reported.values))],
             )
     page.heading("All checks")
     page.table(
@@ -110,9 +110,9 @@ def _origin(page: Page, judgement: Judgement, result: dict[str, Any]) -> None:
     inputs: dict[str, str] = {}
     for check in judgement.checks:
         name, line = check.line.name, check.line
-        for what, sha256 in (("arm", line.arm_file), ("calibration", line.calibration)):
+        for kind, sha256 in (("arm", line.arm_file), ("calibration", line.calibration)):
             if sha256 not in inputs.values():
-                inputs[f"{what} of {name} and later checks"] = sha256
+                inputs[f"{kind} of {name} and later checks"] = sha256
         measured = (file for file in line.files if file in MEASURED)
         inputs |= {f"check {name}, {file}": line.files[file] for file in measured}
     facts = {"arm": result["arm"]} | {
@@ -146,16 +146,16 @@ def _residuals(checks: Sequence[dict[str, Any]], unit: Unit) -> Figure:
     return figure
 
 
-def _over_time(epoch: Epoch, told: Told) -> Figure:
+def _over_time(epoch: Epoch, reported: ReportedChange) -> Figure:
     """A cause's amplitudes check by check, and the course that is told."""
     figure, panel = make_single_figure()
-    assert told.change.cause is not None and told.cause is not None
+    assert reported.change.cause is not None and reported.cause is not None
     moments = instants([check.line.started for check in epoch.checks])
-    block = epoch.stack.blocks[told.change.cause]
-    course = shapes(epoch.stack, told.change)
+    block = epoch.stack.blocks[reported.change.cause]
+    course = compute_shapes(epoch.stack, reported.change)
     grown = course[:, 0] / max(float(course[-1, 0]), 1e-300)
-    drawstyle = "default" if told.change.gradual else "steps-post"
-    for j, column in enumerate(told.cause.candidate.columns):
+    drawstyle = "default" if reported.change.gradual else "steps-post"
+    for j, column in enumerate(reported.cause.candidate.columns):
         unit, factor = SHOWN.get(column.unit, (column.unit, 1.0))
         values, spread = _by_check(epoch, block, j)
         colour = COLOURS[j % len(COLOURS)]
@@ -165,15 +165,15 @@ def _over_time(epoch: Epoch, told: Told) -> Figure:
             color=colour, alpha=0.6, label=f"{column.name}, {unit}, each check alone",
         )  # fmt: skip
         panel.plot(
-            moments, factor * told.values[j] * grown, color=colour, drawstyle=drawstyle,
+            moments, factor * reported.values[j] * grown, color=colour, drawstyle=drawstyle,
             label=f"{column.name}, {unit}, as reported",
         )  # fmt: skip
-    first, last = (np.datetime64(round(1e6 * s), "us") for s in told.between_unix_s)
+    first, last = (np.datetime64(round(1e6 * s), "us") for s in reported.between_unix_s)
     panel.fill_between(
         np.array([first, last]), 0.0, 1.0, transform=panel.get_xaxis_transform(),
         color="#E69F00", alpha=0.25, linewidth=0, label="the change lies between",
     )  # fmt: skip
-    panel.set_xlabel(f"check started, UTC; the change: {minute(told.instant_unix_s)}")
+    panel.set_xlabel(f"check started, UTC; the change: {minute(reported.instant_unix_s)}")
     panel.set_ylabel("amplitude")
     panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return figure
@@ -183,20 +183,20 @@ def _by_check(epoch: Epoch, block: slice, j: int) -> tuple[F64, F64]:
     """(n,) a column's amplitude in every check alone, in typical sizes, and its deviation."""
     values, spread = [], []
     for residual, columns in zip(epoch.stack.residual, epoch.stack.columns, strict=True):
-        own = columns[:, block]
-        inverse = np.linalg.pinv(own.T @ own)
-        values.append(float(-(inverse @ own.T @ residual)[j]))
+        block_columns = columns[:, block]
+        inverse = np.linalg.pinv(block_columns.T @ block_columns)
+        values.append(float(-(inverse @ block_columns.T @ residual)[j]))
         spread.append(float(np.sqrt(inverse[j, j])))
     return np.array(values), np.array(spread)
 
 
-def _row(told: Told, j: int) -> list[object]:
-    assert told.cause is not None
-    column = told.cause.candidate.columns[j]
+def _row(reported: ReportedChange, j: int) -> list[object]:
+    assert reported.cause is not None
+    column = reported.cause.candidate.columns[j]
     unit, factor = SHOWN.get(column.unit, (column.unit, 1.0))
     return [
         column.name,
-        plain(factor * float(told.values[j]), 3, "+"),
-        plain(factor * float(told.deviations[j])),
+        plain(factor * float(reported.values[j]), 3, "+"),
+        plain(factor * float(reported.deviations[j])),
         unit,
     ]

@@ -16,18 +16,20 @@ from armd.compensation.model.state import States
 POSES = 400
 
 
-def poses(arm: Arm, reference_c: float, count: int, seed: int) -> States:
+def draw_poses(arm: Arm, reference_c: float, count: int, seed: int) -> States:
     """Poses over the ranges of all joints, each joint coming to rest from either side."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(*arm.range_rad, (count, arm.n_joints))
     return make_resting_states(q, rng, arm, reference_c, 0.0)
 
 
-def tip_rms_um(arm: Arm, calibration: Calibration, candidate: Candidate, values: F64) -> float:
+def compute_tip_rms_um(
+    arm: Arm, calibration: Calibration, candidate: Candidate, values: F64
+) -> float:
     """RMS over the arm's reach of a change of *values* (p,), a rigid motion of all removed."""
-    states = poses(arm, calibration.reference_temperature_c, POSES, 20)
-    seen = Signals(states, arm, calibration)
-    moved = (seen.of(candidate.columns) @ values).reshape(-1)
-    rigid = rigid_columns(seen.position_mm - seen.position_mm.mean(axis=0)).reshape(-1, 6)
-    left = moved - rigid @ np.linalg.lstsq(rigid, moved, rcond=None)[0]
-    return 1e3 * float(np.sqrt((left**2).sum() / states.n))
+    states = draw_poses(arm, calibration.reference_temperature_c, POSES, 20)
+    signals = Signals(states, arm, calibration)
+    moved = (signals.compute_motions(candidate.columns) @ values).reshape(-1)
+    rigid = rigid_columns(signals.position_mm - signals.position_mm.mean(axis=0)).reshape(-1, 6)
+    residual_mm = moved - rigid @ np.linalg.lstsq(rigid, moved, rcond=None)[0]
+    return 1e3 * float(np.sqrt((residual_mm**2).sum() / states.n))

@@ -8,10 +8,10 @@ from typing import Any
 
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.checks.history import Check, iso
+from armd.compensation.interim.checks.history import Check, format_iso
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
-from armd.compensation.interim.report.growth import SURE, Grown
-from armd.compensation.interim.report.judgement import Epoch, Judgement, Told
+from armd.compensation.interim.report.growth import SURE, FittedGrowth
+from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
 from armd.compensation.wording import ARC_SECOND, minute, plain
 from armd.terminal.counted import counted
 
@@ -27,8 +27,12 @@ def as_json(
 ) -> dict[str, Any]:
     """The whole result as plain data; *calibrations*: file and SHA-256 of each change, in order;
     *with_growth*: of the calibration that has the growth of the links."""
-    changes = [(told, epoch) for epoch in judgement.epochs for told in epoch.told]
-    checks = [(one, epoch, i) for epoch in judgement.epochs for i, one in enumerate(epoch.checks)]
+    changes = [
+        (reported, epoch) for epoch in judgement.epochs for reported in epoch.reported_changes
+    ]
+    checks = [
+        (check, epoch, i) for epoch in judgement.epochs for i, check in enumerate(epoch.checks)
+    ]
     checks.sort(key=lambda row: row[0].line.first_unix_s)
     latest = judgement.latest.checks[-1]
     return {
@@ -40,8 +44,8 @@ def as_json(
         "in_control_run_length": RUN_LENGTH,
         "checks": [_check(*row) for row in checks],
         "changes": [
-            _change(told, epoch, *(file or (None, None)))
-            for (told, epoch), file in zip(changes, calibrations, strict=True)
+            _change(reported, epoch, *(file or (None, None)))
+            for (reported, epoch), file in zip(changes, calibrations, strict=True)
         ],
         "growth": _growth(judgement.latest.grown, *(with_growth or (None, None))),
         "far_off": list(judgement.far_off),
@@ -50,7 +54,7 @@ def as_json(
 
 
 def _check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:
-    statistic = float(epoch.found.statistic[index])
+    statistic = float(epoch.detected.statistic[index])
     return {
         "name": check.line.name,
         "started": check.line.started,
@@ -63,7 +67,9 @@ def _check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:
     }
 
 
-def _growth(grown: Grown | None, path: str | None, sha256: str | None) -> dict[str, Any] | None:
+def _growth(
+    grown: FittedGrowth | None, path: str | None, sha256: str | None
+) -> dict[str, Any] | None:
     if grown is None:
         return None
     before_um, after_um = grown.heldout_um
@@ -88,14 +94,14 @@ def _growth(grown: Grown | None, path: str | None, sha256: str | None) -> dict[s
         "heldout_rms_um_after": after_um,
         "calibration_from": path,
         "calibration_sha256": sha256,
-        "reading": growth_in_words(grown),
+        "reading": describe_growth(grown),
     }
 
 
-def growth_in_words(grown: Grown) -> str:
+def describe_growth(grown: FittedGrowth) -> str:
     """The growth in a few sentences, for the console and the page."""
     before_um, after_um = grown.heldout_um
-    each = ", ".join(
+    sizes = ", ".join(
         f"{link.location} by {plain(1e6 * link.per_k, sign='+')} ± "
         f"{plain(1e6 * SURE * link.standard_uncertainty)}"
         for link in grown.links
@@ -104,16 +110,18 @@ def growth_in_words(grown: Grown) -> str:
     return (
         f"The calibration was made within {plain(grown.made_within_k)} K and contains no thermal "
         f"expansion. The checks show it: the links expand {which}in µm per metre and kelvin (95 %):"
-        f" {each}. This is no change of the arm. With it, checks held out in turn err by "
+        f" {sizes}. This is no change of the arm. With it, checks held out in turn err by "
         f"{plain(after_um)} µm instead of {plain(before_um)} µm."
     )
 
 
-def _change(told: Told, epoch: Epoch, path: str | None, sha256: str | None) -> dict[str, Any]:
-    change, cause = told.change, told.cause
-    low, high = told.between_unix_s
-    found: dict[str, Any] = {
-        "between": [iso(math.floor(low)), iso(math.ceil(high))],
+def _change(
+    reported: ReportedChange, epoch: Epoch, path: str | None, sha256: str | None
+) -> dict[str, Any]:
+    change, cause = reported.change, reported.cause
+    low, high = reported.between_unix_s
+    entry: dict[str, Any] = {
+        "between": [format_iso(math.floor(low)), format_iso(math.ceil(high))],
         "cause": "unknown" if cause is None else cause.candidate.cause,
         "location": "-" if cause is None else str(cause.candidate.location),
         "probability": change.probability,
@@ -123,56 +131,58 @@ def _change(told: Told, epoch: Epoch, path: str | None, sha256: str | None) -> d
                 "location": str(rival.candidate.location),
                 "probability": share,
             }
-            for rival, share in told.rivals
+            for rival, share in reported.rivals
         ],
         "gradual": change.gradual,
         "gradual_probability": change.gradual_probability,
-        "tip_rms_um": None if math.isnan(told.tip_rms_um) else told.tip_rms_um,
+        "tip_rms_um": None if math.isnan(reported.tip_rms_um) else reported.tip_rms_um,
         "calibration_from": path,
         "calibration_sha256": sha256,
         "judged_under": epoch.checks[0].calibration.sha256,
-        "from": None if math.isnan(told.instant_unix_s) else iso(round(told.instant_unix_s)),
-        "reading": reading(told),
+        "from": None
+        if math.isnan(reported.instant_unix_s)
+        else format_iso(round(reported.instant_unix_s)),
+        "reading": describe_change(reported),
         "parameters": [],
     }
     if cause is not None:
-        found["parameters"] = [
+        entry["parameters"] = [
             {
                 "name": column.name,
                 "value": float(value),
                 "unit": column.unit,
                 "standard_uncertainty": float(deviation),
-                **({} if told.per_day is None else {"per_day": float(told.per_day[j])}),
+                **({} if reported.per_day is None else {"per_day": float(reported.per_day[j])}),
             }
             for j, (column, value, deviation) in enumerate(
-                zip(cause.candidate.columns, told.values, told.deviations, strict=True)
+                zip(cause.candidate.columns, reported.values, reported.deviations, strict=True)
             )
         ]
-    return found
+    return entry
 
 
-def reading(told: Told) -> str:
+def describe_change(reported: ReportedChange) -> str:
     """A change in one sentence."""
-    if told.cause is None:
+    if reported.cause is None:
         return "since then the checks are off in a way that no cause of the catalogue makes"
-    candidate = told.cause.candidate
+    candidate = reported.cause.candidate
     if candidate.cause == "encoder_slip":
-        size = plain(abs(float(told.values[0])) / ARC_SECOND)
+        size = plain(abs(float(reported.values[0])) / ARC_SECOND)
         text = f"the index of {candidate.location} slipped by {size}″"
     else:
-        text = CATALOGUE[candidate.cause].describe(candidate, told.values)
-    if told.per_day is not None:
-        days = abs(float(told.values[0] / told.per_day[0])) if told.per_day[0] else 0.0
+        text = CATALOGUE[candidate.cause].describe(candidate, reported.values)
+    if reported.per_day is not None:
+        days = abs(float(reported.values[0] / reported.per_day[0])) if reported.per_day[0] else 0.0
         text += f" by the last check, grown over {plain(days)} days"
     return text
 
 
-def named(cause: Cause) -> str:
+def name_cause(cause: Cause) -> str:
     """A cause and its place in words."""
     return f"{cause.candidate.cause.replace('_', ' ')} ({cause.candidate.location})"
 
 
-def in_words(judgement: Judgement) -> list[str]:
+def describe_judgement(judgement: Judgement) -> list[str]:
     """What came of it, for the console and the page."""
     latest = judgement.latest
     last = latest.checks[-1]
@@ -183,28 +193,30 @@ def in_words(judgement: Judgement) -> list[str]:
             f"In control: {counted(count, 'check')}, the last "
             f"{last.line.name} of {minute(last.reduced.first_unix_s)}."
         )
-    for told in (told for epoch in judgement.epochs for told in epoch.told):
-        low, high = told.between_unix_s
-        how = "growing since" if told.change.gradual else "changed"
+    for reported in (reported for epoch in judgement.epochs for reported in epoch.reported_changes):
+        low, high = reported.between_unix_s
+        how = "growing since" if reported.change.gradual else "changed"
         lines.append(
-            f"{how.capitalize()} between {minute(low)} and {minute(high)} (95 %): {reading(told)}"
-            f" [probability {told.change.probability:.2f}]."
+            f"{how.capitalize()} between {minute(low)} and {minute(high)} (95 %):"
+            f" {describe_change(reported)} [probability {reported.change.probability:.2f}]."
         )
-        if not math.isnan(told.tip_rms_um):
+        if not math.isnan(reported.tip_rms_um):
             lines.append(
-                f"Over the arm's reach that is {plain(told.tip_rms_um)} µm RMS at the tip."
+                f"Over the arm's reach that is {plain(reported.tip_rms_um)} µm RMS at the tip."
             )
-        if told.rivals:
-            rivals = ", ".join(f"{named(rival)} {share:.2f}" for rival, share in told.rivals[:4])
+        if reported.rivals:
+            rivals = ", ".join(
+                f"{name_cause(rival)} {share:.2f}" for rival, share in reported.rivals[:4]
+            )
             lines.append(f"It could also be {rivals}.")
-    bad = [epoch.checks[i].line.name for epoch in judgement.epochs for i in epoch.found.bad]
+    bad = [epoch.checks[i].line.name for epoch in judgement.epochs for i in epoch.detected.bad]
     if bad:
         lines.append(
             f"Bad by {'itself' if len(bad) == 1 else 'themselves'}, and no change: {', '.join(bad)}"
             " (dirt in a seat, or another artefact)."
         )
     if latest.grown is not None:
-        lines.append(growth_in_words(latest.grown))
+        lines.append(describe_growth(latest.grown))
     lines += [f"Far off: {line}." for line in judgement.far_off]
     if judgement.far_off:
         lines.append("In the air, or beside its seat? Then measure that check again.")

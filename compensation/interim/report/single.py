@@ -18,20 +18,20 @@ from armd.compensation.interim.report.judgement import Judgement
 UNDECIDED = 3
 
 
-def single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
+def list_single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
     """Of a history's checks that are bad, or may still be, which readings are far off, and whether
     they count."""
     for epoch in judgement.epochs:
         for i, check in enumerate(epoch.checks):
-            bad = i in epoch.found.bad
+            bad = i in epoch.detected.bad
             if not bad and i < len(epoch.checks) - UNDECIDED:
                 continue
-            session = history.session(folder, check)
+            session = history.load_measured(folder, check)
             fate = "not counted, as nothing of its check is" if bad else "counted until now"
             # New play in a joint takes readings ten times as far as others, and is a change.
-            changed = any(i >= change.first for change in epoch.found.changes)
-            far = _far_off(session, check, SUSPECT if bad and not changed else MONSTROUS)
-            for line in far.in_words(session):
+            changed = any(i >= change.first for change in epoch.detected.changes)
+            far_readings = _far_off(session, check, SUSPECT if bad and not changed else MONSTROUS)
+            for line in far_readings.in_words(session):
                 yield f"{line}; {fate}"
 
 

@@ -20,7 +20,7 @@ from armd.daemon.bridges.tips import Tips
 from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import Recording
 from armd.files.schema import json_data, validate
-from armd.files.writing import whole_file
+from armd.files.writing import replace_file
 
 M_PER_MM = 1e-3
 BLUE = (0.12, 0.47, 0.71, 1.0)
@@ -75,7 +75,10 @@ def write_foxglove(recording: Recording, path: Path) -> tuple[int, int]:
     draw = _Drawing(serial, Tips(info))
     context = foxglove.Context()
     points = measurements = 0
-    with whole_file(path) as part, foxglove.open_mcap(part, allow_overwrite=True, context=context):
+    with (
+        replace_file(path) as part,
+        foxglove.open_mcap(part, allow_overwrite=True, context=context),
+    ):
         tip = channels.PoseInFrameChannel(f"/{serial}/tip", context=context)
         frames = channels.FrameTransformChannel("/tf", context=context)
         balls = channels.SceneUpdateChannel(f"/{serial}/measurements", context=context)

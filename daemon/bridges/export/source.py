@@ -21,7 +21,7 @@ from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import INFO_ATTACHMENT, Recording
 from armd.errors import BadInput
 from armd.files.inputs import open_input
-from armd.files.schema import KeyTwice, json_data, json_value
+from armd.files.schema import KeyTwice, decode_json_text, json_data
 from armd.received import names_arm_and_tips
 
 RECORDING = ".mcap"
@@ -135,7 +135,9 @@ def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
     for path in files:
         for number, line in _lines(path):
             try:
-                result.measurements.append(_measurement(path, f"line {number}", json_value(line)))
+                result.measurements.append(
+                    _measurement(path, f"line {number}", decode_json_text(line))
+                )
             except KeyTwice as error:
                 location = f"line {number}: {error.key}"
                 raise BadInput(path, location, error.description, "it once") from error

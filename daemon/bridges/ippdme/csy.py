@@ -17,7 +17,7 @@ from armd.arrays import F64
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_json
-from armd.files.state_folder import state_folder
+from armd.files.state_folder import find_state_folder
 from armd.files.writing import write_whole
 
 MACHINE = "MachineCsy"
@@ -80,7 +80,7 @@ class Saved(Strict):
 
 def state_file(serial: str) -> Path:
     """Of the arm that is served."""
-    return state_folder() / f"ippdme-{serial}.json"
+    return find_state_folder() / f"ippdme-{serial}.json"
 
 
 class CoordinateSystems:

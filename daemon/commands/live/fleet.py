@@ -21,7 +21,7 @@ from armd.daemon.commands.screen import COLOURS, temperatures
 from armd.daemon.host.metrics import MetricsServer
 from armd.errors import BadInput
 from armd.printable import printable
-from armd.terminal.plain import moving_console
+from armd.terminal.plain import make_moving_console
 from armd.zenoh_session import open_session
 
 EVERY_S = 1.0
@@ -104,7 +104,7 @@ class _Screen(Live):
     """A table in the terminal."""
 
     def __init__(self) -> None:
-        super().__init__(console=moving_console(), auto_refresh=False)
+        super().__init__(console=make_moving_console(), auto_refresh=False)
 
     def show(self, fleet: Fleet) -> None:
         self.update(table_of(fleet), refresh=True)

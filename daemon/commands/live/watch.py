@@ -12,7 +12,7 @@ from armd import Arm, Point, keys
 from armd.daemon.commands.screen import Screen, refreshes
 from armd.daemon.commands.terminal import hush
 from armd.terminal.arguments import add_arm, seconds
-from armd.terminal.plain import moving_console
+from armd.terminal.plain import make_moving_console
 
 REFRESH_S = 0.1
 
@@ -47,6 +47,6 @@ def _to_json(point: Point) -> dict[str, object]:
 
 
 def _show(arm: Arm, seconds: float | None) -> None:
-    with Screen(arm, moving_console()) as screen, arm.stream(keys.POINT) as stream:
+    with Screen(arm, make_moving_console()) as screen, arm.stream(keys.POINT) as stream:
         for elapsed_s in refreshes(seconds, REFRESH_S):
             screen.show(arm.decode(stream.take()), elapsed_s)

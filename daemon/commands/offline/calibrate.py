@@ -20,7 +20,7 @@ from armd.offline.arm_model import read_arm
 from armd.offline.calibrate import METHODS, ORDERS, calibrate
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
-from armd.terminal.plain import plain_console
+from armd.terminal.plain import make_plain_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(result: Result, written: str) -> None:
-    console = plain_console()
+    console = make_plain_console()
     fit = result.fit
     console.print(
         f"{fit.observations.n} readings, {result.rms_um:.2f} µm 3-D RMS,"

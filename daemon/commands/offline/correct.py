@@ -20,9 +20,9 @@ from armd.daemon.commands.offline.given import (
 from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
 from armd.printable import printable
-from armd.terminal.aside import aside, bar
+from armd.terminal.aside import aside, show_bar
 from armd.terminal.counted import counted
-from armd.terminal.suggest import within
+from armd.terminal.suggest import list_folder
 
 #: What more there is to remark is counted.
 MOST_REMARKS = 10
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     readings: Path = args.readings
     if readings.is_dir():
-        expected = f".csv or .parquet{within(readings)}"
+        expected = f".csv or .parquet{list_folder(readings)}"
         raise BadInput(readings, "the file", "a folder", expected)
     if readings.suffix not in (".csv", ".parquet"):
         raise BadInput(readings, "the file", f"a {readings.suffix} file", ".csv or .parquet")
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         names = ", ".join(repeated)
         twice = f"armd: {readings}: has {names} already; the last of each is new"
         print(printable(twice), file=sys.stderr)
-    with bar(aside(args), "correcting") as report_progress:
+    with show_bar(aside(args), "correcting") as report_progress:
         n = correct_file(
             readings, args.output, corrector, lambda share: report_progress("correcting", share)
         )

@@ -20,8 +20,8 @@ from armd.files.writing import write_whole
 from armd.offline.design import DesignResult, check_readings, design
 from armd.offline.first_design import FirstDesignResult
 from armd.terminal.arguments import finite
-from armd.terminal.aside import aside, bar
-from armd.terminal.plain import plain_console
+from armd.terminal.aside import aside, show_bar
+from armd.terminal.plain import make_plain_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     _print(chosen.experiment, rows, chosen.next_experiment)
     for session in chosen.sessions:
         for remark in session.remarks:
-            plain_console().print(remark)
+            make_plain_console().print(remark)
     return 0
 
 
@@ -100,14 +100,14 @@ def _choose(args: argparse.Namespace) -> DesignResult:
             raise BadInput("command line", f"--{option}", "it beside sessions", expected)
     arm, calibration = load_given(args)
     sessions: list[str] = args.session
-    with bar(aside(args), "reading") as report_progress:
+    with show_bar(aside(args), "reading") as report_progress:
         return design(
             arm, sessions, calibration=calibration, readings=args.readings, progress=report_progress
         )
 
 
 def _print(experiment: Experiment, rows: list[dict[str, Any]], sentence: str) -> None:
-    console = plain_console()
+    console = make_plain_console()
     criterion = experiment.criterion
     console.print(
         f"To {criterion.words}: {experiment.climate.words}, these poses on one new placement\n"

@@ -19,8 +19,8 @@ from armd.daemon.commands.offline.given import add_arm, add_model_under_test, lo
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.offline.diagnose import diagnose
-from armd.terminal.aside import aside, bar
-from armd.terminal.plain import plain_console
+from armd.terminal.aside import aside, show_bar
+from armd.terminal.plain import make_plain_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     about = read_about(args)
     arm, calibration = load_given(args)
     command = shlex.join(["armd", *sys.argv[1:]])
-    with bar(aside(args), "reading") as report_progress:
+    with show_bar(aside(args), "reading") as report_progress:
         diagnosis = diagnose(
             args.session,
             arm,
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
-    console, findings = plain_console(), result["findings"]
+    console, findings = make_plain_console(), result["findings"]
     console.print(
         f"{diagnosis.rms_um:.2f} µm 3-D RMS, {diagnosis.heldout_rms_um:.2f} µm held out; "
         f"the noise alone: {diagnosis.noise_floor_um:.2f} µm"

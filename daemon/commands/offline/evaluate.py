@@ -21,7 +21,7 @@ from armd.files.writing import write_whole
 from armd.offline.evaluate import evaluate
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
-from armd.terminal.plain import plain_console
+from armd.terminal.plain import make_plain_console
 
 #: More readings are not held at once only to say what may be wrong with them.
 MOST_HELD = 1_000_000
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         if figures["n"]:
             values = (f"{figures[key]:.2f}" for key in ("rms_um", "median_um", "max_um"))
             table.add_row(name, str(figures["n"]), *values)
-    console = plain_console()
+    console = make_plain_console()
     console.print(table)
     for length in evaluation.lengths:
         console.print(f"certified length {length.in_words()}")

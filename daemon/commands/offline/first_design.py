@@ -12,7 +12,7 @@ from armd.errors import BadInput
 from armd.offline.calibration import resolve_calibration
 from armd.offline.first_design import FirstDesignResult, design_without_sessions
 from armd.terminal.aside import aside
-from armd.terminal.plain import plain_console
+from armd.terminal.plain import make_plain_console
 
 
 def choose(args: argparse.Namespace) -> FirstDesignResult:
@@ -24,7 +24,7 @@ def choose(args: argparse.Namespace) -> FirstDesignResult:
 
 
 def show(chosen: FirstDesignResult) -> None:
-    console = plain_console()
+    console = make_plain_console()
     for sentence in chosen.words:
         console.print(sentence, soft_wrap=True)
     places = ["placement", "target"] if chosen.experiment.placements else []

@@ -19,14 +19,14 @@ import numpy as np
 from armd.compensation.data.session import load_sessions
 from armd.compensation.interim.checks import chain, history, keeping
 from armd.compensation.interim.checks.admission import refuse_unfit
-from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.report.judge import judge
 from armd.compensation.interim.report.judgement import Judgement
-from armd.compensation.interim.report.remembered import recall, remember
-from armd.compensation.interim.report.result import as_json, in_words
-from armd.compensation.interim.report.single import single_readings
-from armd.compensation.interim.report.tomorrow import Tomorrow, tomorrow
+from armd.compensation.interim.report.next_check import NextCheck, plan_next_check
+from armd.compensation.interim.report.result import as_json, describe_judgement
+from armd.compensation.interim.report.single import list_single_readings
+from armd.compensation.interim.report.watch_memory import recall, remember
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.compensation.report.about import About, add_about, read_about
@@ -35,7 +35,7 @@ from armd.daemon.commands.offline import interim_points
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_changed, write_whole
-from armd.terminal.aside import aside, bar
+from armd.terminal.aside import aside, show_bar
 
 #: In a history's folder: the calibration with the growth of the links, where the one in
 #: use could not know it.
@@ -101,7 +101,7 @@ def _add(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm)
     sessions = load_sessions(args.session, arm)
-    dated = [keeping.CheckDate.of_session(session) for session in sessions]
+    dated = [keeping.CheckDate.from_session(session) for session in sessions]
     if not args.future:
         keeping.check_past(dated, math.floor(time.time()))
     # Twice: before the long part for a quick answer, and again when nobody else may write.
@@ -110,13 +110,13 @@ def _add(args: argparse.Namespace) -> int:
         keeping.check_clock(folder, lines, math.floor(time.time()))
     keeping.check_new(folder, lines, dated)
     remarks = refuse_unfit(sessions, arm, calibration.content)
-    causes = causes_of(arm, calibration.content)
+    causes = list_causes(arm, calibration.content)
     console, new = aside(args), []
-    with bar(console, "evaluating the checks") as report_progress:
+    with show_bar(console, "evaluating the checks") as report_progress:
         for number, session in enumerate(sessions, 1):
-            new.append(keeping.New(session, reduce(session, arm, calibration.content, causes)))
+            new.append(keeping.NewCheck(session, reduce(session, arm, calibration.content, causes)))
             report_progress("evaluating the checks", number / len(sessions))
-    with keeping.locked(folder), console.status("judging the history …"):
+    with keeping.lock_history(folder), console.status("judging the history …"):
         lines = chain.read_chain(folder).lines
         before = history.load(folder) if lines else []  # a damaged history takes no more
         keeping.check_new(folder, lines, dated)
@@ -126,7 +126,7 @@ def _add(args: argparse.Namespace) -> int:
         except BadInput as error:  # no room for the report, it may be
             advice = f"{error.expected} (the checks are kept: armd interim report judges them)"
             raise BadInput(error.file, error.where, error.found, advice) from error
-    for remark in filter(None, [*remarks, keeping.dated_before(lines, dated)]):
+    for remark in filter(None, [*remarks, keeping.report_early_dates(lines, dated)]):
         console.print(f"armd: {remark}", soft_wrap=True, markup=False, highlight=False)
     _say(folder, judgement, result, "-" if args.json else None)
     return 1 if judgement.changed else 0
@@ -159,28 +159,28 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _page(folder: Path, judgement: Judgement, result: dict[str, Any], about: About) -> str:
-    from armd.compensation.interim.report.page import interim_page  # draws: slow to load
+    from armd.compensation.interim.report.page import render_interim_page  # draws: slow to load
 
-    sessions = [history.session(folder, check) for check in judgement.checks]
-    return interim_page(judgement, result, sessions, about)
+    sessions = [history.load_measured(folder, check) for check in judgement.checks]
+    return render_interim_page(judgement, result, sessions, about)
 
 
 def _judged(
     folder: Path, before: Sequence[history.Check] = ()
-) -> tuple[Judgement, dict[str, Any], Tomorrow]:
+) -> tuple[Judgement, dict[str, Any], NextCheck]:
     """Judge a history, some of which was loaded *before*; its changes' calibrations and the result
     are written beside it."""
     judgement = judge(history.load(folder, before), recall(folder))
-    judgement = replace(judgement, far_off=tuple(single_readings(folder, judgement)))
+    judgement = replace(judgement, far_off=tuple(list_single_readings(folder, judgement)))
     files: list[tuple[str, str] | None] = []
-    for finding in (finding for epoch in judgement.epochs for finding in epoch.told):
+    for finding in (finding for epoch in judgement.epochs for finding in epoch.reported_changes):
         if finding.calibration is None:
             files.append(None)
             continue
         name = f"calibration-{len(files) + 1}.json"
         saved = save_calibration(folder / name, finding.calibration, write_changed)
         files.append((name, saved.sha256))
-    after = tomorrow(judgement)
+    after = plan_next_check(judgement)
     with_growth = None
     if (grown := judgement.latest.grown) is not None:
         saved = save_calibration(folder / GROWTH, grown.calibration, write_changed)
@@ -191,7 +191,7 @@ def _judged(
     return judgement, result, after
 
 
-def _poses(after: Tomorrow) -> str:
+def _poses(after: NextCheck) -> str:
     """The next check's poses, as a table that `armd measure poses` takes."""
     if after.advised is None:
         raise BadInput("--poses", "the next check", "no poses of its own", "a cause in doubt")
@@ -212,7 +212,7 @@ def _say(folder: Path, judgement: Judgement, result: dict[str, Any], to: str | N
     if to == "-":
         print(json.dumps(result, indent=1, allow_nan=False))
         return
-    for line in in_words(judgement):
+    for line in describe_judgement(judgement):
         print(line)
     if result["growth"]:
         print(f"calibration with the growth: {GROWTH} (in the history's folder)")

@@ -12,10 +12,10 @@ from typing import Any
 
 from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.interim.checks import chain, keeping
-from armd.compensation.interim.points.figures import figures_of_points
+from armd.compensation.interim.points.figures import compute_figures
 from armd.compensation.interim.points.history import keep_tables, load_checks, read_tables
 from armd.compensation.interim.points.judge import PointEpoch, judge_points
-from armd.compensation.interim.points.result import points_as_json, points_in_words
+from armd.compensation.interim.points.result import describe_points, points_as_json
 from armd.compensation.report.about import About
 from armd.compensation.report.written import write_pages
 from armd.daemon.files.session_folder import load_artefact
@@ -74,8 +74,8 @@ def add(args: argparse.Namespace) -> int:
     if not args.future:
         keeping.check_past(dated, now)
     for table in new:
-        figures_of_points(table.path, table.points, artefact, radius_mm)
-    with keeping.locked(folder), aside(args).status("judging the history …"):
+        compute_figures(table.path, table.points, artefact, radius_mm)
+    with keeping.lock_history(folder), aside(args).status("judging the history …"):
         lines = chain.read_lines(folder, chain.PointsLine).lines
         if not args.future:
             keeping.check_clock(folder, lines, now)
@@ -92,8 +92,8 @@ def add(args: argparse.Namespace) -> int:
             load_checks(folder)  # a damaged history takes no more
         keep_tables(folder, len(lines), new, args.artefact, radius_mm)
         epochs, result = _judged(folder)
-    remarks = [] if args.quiet else [sentence for table in new for sentence in table.said]
-    for remark in filter(None, [*remarks, keeping.dated_before(lines, dated)]):
+    remarks = [] if args.quiet else [sentence for table in new for sentence in table.remarks]
+    for remark in filter(None, [*remarks, keeping.report_early_dates(lines, dated)]):
         aside(args).print(f"armd: {printable(remark)}", soft_wrap=True, markup=False)
     return _say(epochs, result, print_json=args.json)
 
@@ -116,9 +116,9 @@ def report(args: argparse.Namespace, to_file: str | None, about: About) -> int:
 
 
 def _page(folder: Path, epochs: Sequence[PointEpoch], result: dict[str, Any], about: About) -> str:
-    from armd.compensation.interim.points.page import points_page  # draws: slow to load
+    from armd.compensation.interim.points.page import render_points_page  # draws: slow to load
 
-    return points_page(folder, epochs, result, about)
+    return render_points_page(folder, epochs, result, about)
 
 
 def _judged(folder: Path) -> tuple[list[PointEpoch], dict[str, Any]]:
@@ -132,7 +132,7 @@ def _say(epochs: Sequence[PointEpoch], result: dict[str, Any], *, print_json: bo
     if print_json:
         print(json.dumps(result, indent=1, allow_nan=False))
     else:
-        for line in points_in_words(epochs):
+        for line in describe_points(epochs):
             print(line)
         print(f"next: {result['next_check']['sentence']}")
     return 1 if result["state"] == "changed" else 0

@@ -15,8 +15,8 @@ import numpy as np
 from armd import Flag
 from armd.arrays import F64
 from armd.compensation.data.session_columns import LEAST_C, MOST_C
-from armd.compensation.interim.again.quality_page import Impact, quality_page
-from armd.compensation.interim.again.recorrect import Recorrected, recorrect
+from armd.compensation.interim.recorrection.quality_page import Impact, render_quality_page
+from armd.compensation.interim.recorrection.recorrect import Recorrected, recorrect
 from armd.compensation.model.arm import Arm, Vector3, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.compensation.model.state import States
@@ -122,7 +122,9 @@ def run(args: argparse.Namespace) -> int:
         left_out.append(f"{remark} older armd) taken for {arm.serial_number}'s")
     write_whole(args.output, _table(chosen, old, new, change, calibration))
     celsius = [c for m in chosen for c in m.temperatures_c.values() if c is not None]
-    write_pages(args, lambda: quality_page(change, _inputs(args), left_out, args.operator, celsius))
+    write_pages(
+        args, lambda: render_quality_page(change, _inputs(args), left_out, args.operator, celsius)
+    )
     print(f"armd: {args.output}: {change.in_words()}")
     for sentence in left_out:
         print(f"armd: {sentence}")

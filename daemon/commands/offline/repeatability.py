@@ -26,7 +26,7 @@ from armd.daemon.commands.offline.given import load_given
 from armd.errors import BadInput
 from armd.files.outputs import RESULT, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.plain import plain_console
+from armd.terminal.plain import make_plain_console
 from armd.terminal.suggest import few
 
 
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
         result = repeatability.as_json() | {"sensors": list(visits.sensors)}
         write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     write_pages(args, lambda: _page(args, repeatability, words, visits, path))
-    console = plain_console()
+    console = make_plain_console()
     for line in words:
         console.print(line, soft_wrap=True)
     return 0

@@ -25,7 +25,7 @@ from armd.offline.verify import require_judged, resolve_limits, verify
 from armd.printable import printable
 from armd.terminal.arguments import positive
 from armd.terminal.aside import aside
-from armd.terminal.plain import plain_console
+from armd.terminal.plain import make_plain_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,7 +116,7 @@ def _page(
 
 
 def _print(verdict: Verdict, limits: PermissibleErrors | None) -> None:
-    console = plain_console()
+    console = make_plain_console()
     table = Table(box=None, pad_edge=False)
     for heading in ("Figure", "Standard"):
         table.add_column(heading)

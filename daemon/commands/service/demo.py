@@ -26,7 +26,7 @@ from armd.daemon.commands.service.comparison import (
 )
 from armd.daemon.commands.service.stage import CAN, SERIAL, Stage, servo_wire
 from armd.terminal.arguments import parse_integer, seconds, seed
-from armd.terminal.plain import moving_console
+from armd.terminal.plain import make_moving_console
 
 WARM_UP_K = 10.0
 WARM_UP_S = 20.0
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """1 if samples were lost."""
-    console = moving_console()
+    console = make_moving_console()
     meter = Meter()
     if args.servo:
         wire = servo_wire(args.servo, args.joints or SERVO_JOINTS)

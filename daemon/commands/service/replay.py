@@ -32,7 +32,7 @@ from armd.drivers.table import open_driver
 from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
 from armd.files.schema import validate
-from armd.files.writing import whole_file
+from armd.files.writing import replace_file
 from armd.printable import printable
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
@@ -153,7 +153,7 @@ def _compare(recording: Recording, points: Points) -> int:
 
 
 def _write(path: Path, points: Points) -> None:
-    with whole_file(path) as part, part.open("w", newline="") as file:
+    with replace_file(path) as part, part.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         for point in points:

@@ -14,7 +14,7 @@ from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.schema import json_data, load_toml, toml_data
+from armd.files.schema import decode_toml, json_data, load_toml
 from armd.printable import printable
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
@@ -123,7 +123,7 @@ def _checker(path: Path) -> Checker:
 def _schema(path: Path) -> str:
     """What a TOML or JSON file says it is; empty if it does not say."""
     content = read_input(path)
-    data = json_data(path, content) if path.suffix == ".json" else toml_data(path, content)
+    data = json_data(path, content) if path.suffix == ".json" else decode_toml(path, content)
     if not isinstance(data, dict):
         return ""
     if "schema" not in data and "arm" not in data:  # two kinds of file need not say it

@@ -18,7 +18,7 @@ from armd.drivers.config import ServoConfig
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.ports import serial_ports
 from armd.errors import BadInput
-from armd.terminal.plain import moving_console
+from armd.terminal.plain import make_moving_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     ports = [port] if port else [str(port) for port in serial_ports()]
     patients = []
     for port in ports:
-        with moving_console(stderr=True).status(f"asking on {port} …"):
+        with make_moving_console(stderr=True).status(f"asking on {port} …"):
             patients.append(examine_port(port, machine))
     if driver is not None:
         compare(patients[0], args.config, driver)

@@ -24,7 +24,7 @@ from armd.daemon.doctor.expected import compare
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.machine import ThisMachine, can_buses
 from armd.drivers.config import ServoConfig
-from armd.simulator.servobus.arm import arm_toml
+from armd.simulator.servobus.arm import make_arm_toml
 from support.pty_link import PtyLink
 from support.selection import parametrize_default
 from support.simulated_arm import simulated_arm
@@ -93,7 +93,7 @@ def test_servos_are_held_against_armd_toml(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A missing id at the end of the row, which the line alone cannot tell, and one too many."""
-    (tmp_path / "arm.toml").write_text(arm_toml("SO-101"))
+    (tmp_path / "arm.toml").write_text(make_arm_toml("SO-101"))
     config = tmp_path / "armd.toml"
     with FakeServos("feetech", {i: sts3215() for i in (1, 2, 3, 4, 6)}) as bus:
         config.write_text(
@@ -188,7 +188,7 @@ def test_several_that_are_missing_are_one_finding(capsys: pytest.CaptureFixture[
 
 
 def test_another_kind_of_servo_than_the_files_is_told_with_the_key(tmp_path: Path) -> None:
-    (tmp_path / "arm.toml").write_text(arm_toml("SO-101"))
+    (tmp_path / "arm.toml").write_text(make_arm_toml("SO-101"))
     config = tmp_path / "armd.toml"
     config.write_text(
         'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "dynamixel"\n'

@@ -18,7 +18,7 @@ from armd.daemon.cli import main, module_of
 from armd.daemon.commands.groups import COMMANDS, GROUPS
 from armd.daemon.commands.usage import USAGE
 from armd.simulator import options
-from armd.simulator.__main__ import sessions_parser
+from armd.simulator.__main__ import make_sessions_parser
 
 DOCS = Path(__file__).parents[3] / "docs"
 VERBS = set(
@@ -68,7 +68,7 @@ def test_help_ends_with_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
         assert words in told
 
 
-@pytest.mark.parametrize("parser", [options.parser, sessions_parser])
+@pytest.mark.parametrize("parser", [options.make_parser, make_sessions_parser])
 def test_the_simulators_help_has_it_too(parser: Callable[[], argparse.ArgumentParser]) -> None:
     told = parser().format_help()
     for words in (
@@ -79,9 +79,9 @@ def test_the_simulators_help_has_it_too(parser: Callable[[], argparse.ArgumentPa
     ):
         assert words in told
     live, measured, twin = (shlex.split(example)[2:] for example in options.USAGE.examples)
-    options.parser().parse_args(live)
-    options.parser().parse_args(twin)
-    sessions_parser().parse_args(measured)
+    options.make_parser().parse_args(live)
+    options.make_parser().parse_args(twin)
+    make_sessions_parser().parse_args(measured)
     assert (DOCS / options.USAGE.page).is_file()
 
 

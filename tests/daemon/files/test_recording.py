@@ -24,7 +24,7 @@ from armd.drivers.replay.mcap_file import MOST_BYTES
 from armd.drivers.replay.recording import INFO_ATTACHMENT, RAW_TOPIC, Recording
 from armd.drivers.sample import RawFrame
 from armd.errors import BadInput
-from armd.simulator.truth.nominal import arm_toml
+from armd.simulator.truth.nominal import make_arm_toml
 from support.running_daemon import free_endpoint, running_daemon
 from support.simulated_arm import simulated_arm
 
@@ -285,7 +285,7 @@ def test_info_that_is_none(tmp_path, info):
 
 @pytest.mark.slow
 def test_an_arm_that_says_nothing_is_told_at_once_and_at_the_end(tmp_path):
-    (tmp_path / "arm.toml").write_text(arm_toml())
+    (tmp_path / "arm.toml").write_text(make_arm_toml())
     silent, out = tmp_path / "unplugged", tmp_path / "silent.mcap"
     with running_daemon(tmp_path, str(silent)) as daemon:
         command = [sys.executable, "-m", "armd.daemon.cli", "record", "--endpoint", daemon.endpoint]

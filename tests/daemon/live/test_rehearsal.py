@@ -21,7 +21,7 @@ from armd.drivers.serial import wire
 from armd.drivers.serial.decoder import SerialDecoder
 from armd.drivers.serial.port import SerialDriver
 from armd.simulator.live.electronics import ArmParts
-from armd.simulator.truth.nominal import arm_toml
+from armd.simulator.truth.nominal import make_arm_toml
 from support.known_expansion import known_expansion
 from support.running_daemon import write_config
 
@@ -61,7 +61,7 @@ def stream(decoder: SerialDecoder, arm: ArmInUse) -> set[str]:
     def sample(seq: int, status: int = 0, count: int = 0) -> bytes:
         return wire.encode_sample(seq, 1000 * (seq + 1), [count] * 6, status)
 
-    hello = wire.Hello(1, 6, 6, 1000, 1, "SIM-0001", ArmParts.of_the_demo_arm(6).bits)
+    hello = wire.Hello(1, 6, 6, 1000, 1, "SIM-0001", ArmParts.for_demo_arm(6).bits)
     feed(0, "link", b"up")
     feed(1, "rx", b"\0" + sample(0) + wire.encode_hello(hello) + sample(1))
     for k in range(2, 40):
@@ -87,7 +87,7 @@ def main(config: Path) -> None:
 
 
 def test_nothing_is_compiled_while_samples_come(tmp_path):
-    (tmp_path / "arm.toml").write_text(arm_toml("SIM-0001"))
+    (tmp_path / "arm.toml").write_text(make_arm_toml("SIM-0001"))
     arm = load_arm(tmp_path / "arm.toml")
     save_calibration(tmp_path / "calibration.json", known_expansion(arm, 2e-6))
     config = write_config(

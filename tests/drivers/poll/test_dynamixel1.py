@@ -15,12 +15,12 @@ from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.protocol.packet import ReadRequest
 from armd.drivers.poll.protocol.rates import BAUDS
 from armd.drivers.table import open_driver
-from armd.simulator.servobus.arm import servo_ids
+from armd.simulator.servobus.arm import list_servo_ids
 from support.servo_truth import JOINTS, Truth
 from support.simulated_arm import simulated_arm
 
 FAMILY = FAMILIES["dynamixel1"]
-IDS = servo_ids(5)
+IDS = list_servo_ids(5)
 MX_28, AX_12 = 29, 12
 
 #: from the e-Manual's page of the protocol, and the manuals of the AX-12 and the DX-116

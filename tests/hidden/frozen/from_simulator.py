@@ -16,7 +16,7 @@ from armd.simulator.campaigns.hidden import NOISE, Design
 from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.measured.measuring import Measured
 from armd.simulator.measured.noise import Noise
-from armd.simulator.plants.plant import Plant, depends_on
+from armd.simulator.plants.plant import Plant, list_columns
 from armd.simulator.truth.arm import Materials, TrueArm
 from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.rotations import ARC_SECOND
@@ -83,7 +83,7 @@ def _cause(plant: Plant, units: float) -> Cause:
     if plant.cause == "thermal_lag":
         names = (("thermal_lag", f"sensor t{plant.number}"),)
     return Cause(
-        plant.cause, plant.location, rounded(units), names, variables=tuple(depends_on(plant)),
+        plant.cause, plant.location, rounded(units), names, variables=tuple(list_columns(plant)),
         needs="time_s" if "course" in plant.detail else "",
     )  # fmt: skip
 

@@ -13,7 +13,7 @@ SAME = 1e-7
 
 
 @dataclass(frozen=True)
-class Quiet:
+class QuietRun:
     """What came of checks one after another, after none of which a change was told: all that
     watching the later ones needs of it."""
 
@@ -21,7 +21,7 @@ class Quiet:
     bad: tuple[int, ...] = ()  # those of them and before that will not be doubted again
 
 
-NOTHING_YET = Quiet()
+NOTHING_YET = QuietRun()
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class EpochLook:
 
     since: int
     left_out: tuple[int, ...]  # checks before that are bad
-    known: tuple[float, ...]  # the changes known, as numbers
-    quiet: Quiet
+    known_changes: tuple[float, ...]  # the changes known, as numbers
+    quiet: QuietRun
 
     @property
     def until(self) -> int:
@@ -39,17 +39,18 @@ class EpochLook:
 
     @property
     def finite(self) -> bool:
-        return all(math.isfinite(value) for value in (*self.known, *self.quiet.statistic))
+        return all(math.isfinite(value) for value in (*self.known_changes, *self.quiet.statistic))
 
-    def is_at(self, since: int, left_out: Sequence[int], known: Sequence[float]) -> bool:
+    def is_at(self, since: int, left_out: Sequence[int], known_changes: Sequence[float]) -> bool:
         return (
-            (self.since, self.left_out, len(self.known)) == (since, tuple(left_out), len(known))
-            and bool(np.allclose(self.known, known, rtol=SAME, atol=0.0))
+            (self.since, self.left_out) == (since, tuple(left_out))
+            and len(self.known_changes) == len(known_changes)
+            and bool(np.allclose(self.known_changes, known_changes, rtol=SAME, atol=0.0))
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Looked:
+class EpochLooks:
     """All looks at an epoch's checks, in turn: with no change known, and after each one told."""
 
     looks: tuple[EpochLook, ...] = ()
@@ -57,9 +58,11 @@ class Looked:
     after: tuple[float, ...] = ()
     left_out: tuple[int, ...] = ()
 
-    def begun(self, since: int, left_out: Sequence[int], known: Sequence[float]) -> Quiet:
+    def find_quiet_run(
+        self, since: int, left_out: Sequence[int], known_changes: Sequence[float]
+    ) -> QuietRun:
         """What is known of a look already."""
-        matching = (look for look in self.looks if look.is_at(since, left_out, known))
+        matching = (look for look in self.looks if look.is_at(since, left_out, known_changes))
         return next((look.quiet for look in matching), NOTHING_YET)
 
     def after_alarm(self, alarm: int, check: int, left_out: Sequence[int]) -> float | None:
@@ -72,4 +75,4 @@ class Looked:
         return self.after[place] if same else None
 
 
-NEVER_YET = Looked()
+NEVER_YET = EpochLooks()

@@ -24,7 +24,7 @@ from pydantic import Field
 from armd import __version__
 from armd.compensation.interim.checks.history import STATISTICS, Check
 from armd.compensation.interim.evidence.likelihood import LIMIT
-from armd.compensation.interim.evidence.quiet import NEVER_YET, EpochLook, Looked, Quiet
+from armd.compensation.interim.evidence.looks import NEVER_YET, EpochLook, EpochLooks, QuietRun
 from armd.compensation.interim.report.judgement import Judgement
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_json
@@ -47,13 +47,13 @@ class _Look(Strict):
             and _is_set(self.bad, self.since + len(self.statistic))
         )
 
-    def told(self) -> EpochLook:
-        quiet = Quiet(tuple(self.statistic), tuple(self.bad))
+    def to_epoch_look(self) -> EpochLook:
+        quiet = QuietRun(tuple(self.statistic), tuple(self.bad))
         return EpochLook(self.since, tuple(self.left_out), tuple(self.known), quiet)
 
 
-def _is_set(of: Sequence[int], until: int) -> bool:
-    return list(of) == sorted(set(of)) and all(0 <= i < until for i in of)
+def _is_set(numbers: Sequence[int], until: int) -> bool:
+    return list(numbers) == sorted(set(numbers)) and all(0 <= i < until for i in numbers)
 
 
 class _WatchedEpoch(Strict):
@@ -66,7 +66,7 @@ class _WatchedEpoch(Strict):
         n = len(self.checks)
         return (
             bool(self.looks)
-            and all(look.is_sound() and look.told().until <= n for look in self.looks)
+            and all(look.is_sound() and look.to_epoch_look().until <= n for look in self.looks)
             and (self.looks[0].since, self.looks[0].known) == (0, [])
             and (not self.after or len(self.looks[0].statistic) + 1 + len(self.after) <= n)
             and _is_set(self.left_out, n)
@@ -87,7 +87,7 @@ class Remembered:
 
     epochs: tuple[_WatchedEpoch, ...] = ()
 
-    def of(self, checks: Sequence[Check]) -> Looked:
+    def recall_looks(self, checks: Sequence[Check]) -> EpochLooks:
         """Of the *checks* of an epoch, in order of time, as many as were watched before."""
         if not self.epochs:
             return NEVER_YET
@@ -95,10 +95,10 @@ class Remembered:
         for epoch in self.epochs:
             pairs = zip(epoch.checks, keys, strict=False)
             same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
-            looks = [look for look in map(_Look.told, epoch.looks) if look.until <= same]
+            looks = [look for look in map(_Look.to_epoch_look, epoch.looks) if look.until <= same]
             if looks and looks[0].since == 0 and looks[0].until:
                 after = epoch.after[: max(same - looks[0].until - 1, 0)]
-                return Looked(tuple(looks), tuple(after), tuple(epoch.left_out))
+                return EpochLooks(tuple(looks), tuple(after), tuple(epoch.left_out))
         return NEVER_YET
 
 
@@ -109,7 +109,7 @@ def recall(folder: Path) -> Remembered:
     """What a history's folder has of it; nothing where any of it is in doubt."""
     with suppress(BadInput):
         file = load_json(folder / WATCHED, _WatchedFile)
-        ours = (file.armd, file.code) == (__version__, code())
+        ours = (file.armd, file.code) == (__version__, hash_sources())
         right = file.sha256 == _sha256(file.epochs)
         if ours and right and all(epoch.is_sound() for epoch in file.epochs):
             return Remembered(tuple(file.epochs))
@@ -125,22 +125,22 @@ def remember(folder: Path, judgement: Judgement) -> None:
                 _Look(
                     since=look.since,
                     left_out=list(look.left_out),
-                    known=list(look.known),
+                    known=list(look.known_changes),
                     statistic=list(look.quiet.statistic),
                     bad=list(look.quiet.bad),
                 )
-                for look in epoch.found.looked.looks
+                for look in epoch.detected.looked.looks
                 if look.finite
             ],
-            after=list(takewhile(math.isfinite, epoch.found.looked.after)),
-            left_out=list(epoch.found.looked.left_out),
+            after=list(takewhile(math.isfinite, epoch.detected.looked.after)),
+            left_out=list(epoch.detected.looked.left_out),
         )
         for epoch in judgement.epochs
     ]
     file = {
         "schema": "armd.interim.watched/1",
         "armd": __version__,
-        "code": code(),
+        "code": hash_sources(),
         "epochs": [epoch.model_dump() for epoch in epochs],
         "sha256": _sha256(epochs),
     }
@@ -149,7 +149,7 @@ def remember(folder: Path, judgement: Judgement) -> None:
 
 
 @functools.cache
-def code(room: Path = Path(__file__).parents[2]) -> str:
+def hash_sources(room: Path = Path(__file__).parents[2]) -> str:
     """What tells one state of the sources from another that may say other numbers of a check: a
     version has many states until it is released. The catalogue, its priors and all that weighs them
     stand in *room*, `compensation`."""
@@ -162,8 +162,8 @@ def code(room: Path = Path(__file__).parents[2]) -> str:
 
 def _key(check: Check) -> str:
     """What a check says, of which arm under which calibration, by which catalogue of causes."""
-    said = (*check.epoch, check.line.files[STATISTICS], check.reduced.catalogue)
-    return hashlib.sha256("\n".join(said).encode()).hexdigest()
+    facts = (*check.epoch, check.line.files[STATISTICS], check.reduced.catalogue)
+    return hashlib.sha256("\n".join(facts).encode()).hexdigest()
 
 
 def _sha256(epochs: Sequence[_WatchedEpoch]) -> str:

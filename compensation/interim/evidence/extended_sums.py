@@ -8,29 +8,29 @@ from collections.abc import Sequence
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.evidence.cleared import CheckSums
+from armd.compensation.interim.evidence.elimination import CheckSums
 from armd.compensation.interim.evidence.stack import Stack
 
 
-class Beside:
-    """Of the checks *chosen* of a stack."""
+class ExtendedSums:
+    """Sums over the checks *chosen* of a stack, with further known errors."""
 
     def __init__(self, stack: Stack, chosen: Sequence[int]) -> None:
         self._chosen = list(chosen)
-        self._known = self._stacked(stack.known)
+        self._error_columns = self._stacked(stack.error_columns)
         self._residual = self._stacked(stack.residual)
-        self._own = stack.sums(self._chosen)
+        self._sums = stack.sum_checks(self._chosen)
 
-    def sums(self, extra: Sequence[F64]) -> CheckSums:
+    def sum_with(self, extra: Sequence[F64]) -> CheckSums:
         """With *extra* known errors, (r, ·) of every check of the stack: the same as of a stack
-        that has them (`Stack.knowing`)."""
+        that has them (`Stack.add_known_errors`)."""
         added = self._stacked(extra)
-        across = self._known.T @ added
+        across = self._error_columns.T @ added
         return CheckSums(
-            np.block([[self._own.curvature, across], [across.T, added.T @ added]]),
-            np.concatenate([self._own.side, added.T @ self._residual]),
-            self._own.square,
-            self._own.numbers,
+            np.block([[self._sums.curvature, across], [across.T, added.T @ added]]),
+            np.concatenate([self._sums.side, added.T @ self._residual]),
+            self._sums.square,
+            self._sums.numbers,
         )
 
     def _stacked(self, rows_of_checks: Sequence[F64]) -> F64:

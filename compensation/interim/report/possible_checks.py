@@ -11,12 +11,12 @@ from scipy.linalg import block_diag
 from armd.arrays import F64, I64
 from armd.compensation.design.clearance import column_distance_mm, height_mm
 from armd.compensation.estimate.adjustment import adjusted
-from armd.compensation.interim.checks.catalogue_digest import digest
+from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals
-from armd.compensation.interim.report.reach import poses
+from armd.compensation.interim.report.reach import draw_poses
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import forward
@@ -34,20 +34,20 @@ STEPS, THERE_MM = 25, 0.5
 
 
 @dataclass(frozen=True)
-class Planned:
+class PossibleCheck:
     """Poses on seats that may be chosen from, each seat in the same number of them."""
 
     seats_mm: F64  # (S, 3) base frame
     states: States  # S × `POOL`, seat by seat
 
-    def poses_on(self, seat: int) -> I64:
+    def list_poses_on(self, seat: int) -> I64:
         return seat * POOL + np.arange(POOL)
 
 
-def planned(arm: Arm, calibration: Calibration, at_unix_s: float) -> Planned:
+def plan_check(arm: Arm, calibration: Calibration, at_unix_s: float) -> PossibleCheck:
     """Seats that the arm reaches in enough poses, no part of it below its base."""
     constants = calibration.vector(arm.n_joints)
-    drawn = poses(arm, calibration.reference_temperature_c, DRAWN, 21)
+    drawn = draw_poses(arm, calibration.reference_temperature_c, DRAWN, 21)
     drawn = replace(drawn, time_s=np.full(drawn.n, at_unix_s))
     tips = forward(drawn.q, np.tile(constants, (drawn.n, 1)))[0]
     away = column_distance_mm(drawn.q, constants)
@@ -61,7 +61,7 @@ def planned(arm: Arm, calibration: Calibration, at_unix_s: float) -> Planned:
         if on_seat.n >= POOL:
             seats.append(seat)
             on_seats.append(on_seat.rows(slice(POOL)))
-    return Planned(
+    return PossibleCheck(
         np.array(seats).reshape(-1, 3), States.joined(on_seats) if seats else drawn.rows(slice(0))
     )
 
@@ -72,53 +72,59 @@ def _reaching(arm: Arm, constants: F64, seat: F64, drawn: States) -> States:
     q = drawn.q
     for _ in range(STEPS):
         q = adjusted(q, parameters, np.tile(seat, (drawn.n, 1)))
-    near = np.linalg.norm(forward(q, parameters)[0] - seat, axis=1) < THERE_MM
+    is_on_seat = np.linalg.norm(forward(q, parameters)[0] - seat, axis=1) < THERE_MM
     low, high = arm.limits_rad
     inside = ((q > low + MARGIN_RAD) & (q < high - MARGIN_RAD)).all(axis=1)
-    good = np.flatnonzero(near & inside & (height_mm(q, constants, arm) >= 0.0))
+    good = np.flatnonzero(is_on_seat & inside & (height_mm(q, constants, arm) >= 0.0))
     return replace(drawn, q=q).rows(good)
 
 
-def as_check(plan: Planned, arm: Arm, calibration: Calibration, causes: Sequence[Cause]) -> Reduced:
+def predict_check(
+    plan: PossibleCheck, arm: Arm, calibration: Calibration, causes: Sequence[Cause]
+) -> Reduced:
     """What a check of all these poses would see, three rows for each; its seats are not projected
     out."""
-    seen = Signals(plan.states, arm, calibration)
-    whitener = seen.whitener()
+    signals = Signals(plan.states, arm, calibration)
+    whitener = signals.compute_whitener()
     columns = [column for cause in causes for column in cause.candidate.columns]
 
-    def rows(of: F64) -> F64:
-        return (whitener @ of).reshape(3 * plan.states.n, -1)
+    def rows(motions: F64) -> F64:
+        return (whitener @ motions).reshape(3 * plan.states.n, -1)
 
     growth = open_growth(arm, calibration)
-    known = rows(np.concatenate([seen.calibrated(), seen.grown(growth)], axis=2))
-    at = float(plan.states.time_s[0])
+    error_columns = rows(
+        np.concatenate(
+            [signals.compute_calibration_motions(), signals.compute_growth_motions(growth)], axis=2
+        )
+    )
+    instant_s = float(plan.states.time_s[0])
     count = len(plan.seats_mm)
     return Reduced(
         residual=np.zeros(3 * plan.states.n),
-        causes=rows(seen.of(columns)),
-        known=known,
+        causes=rows(signals.compute_motions(columns)),
+        error_columns=error_columns,
         known_names=(
-            *(f"calibrated {i}" for i in range(known.shape[1] - len(growth))),
-            *(one.name for one in growth),
+            *(f"calibrated {i}" for i in range(error_columns.shape[1] - len(growth))),
+            *(expansion.name for expansion in growth),
         ),
         targets=block_diag(*whitener.reshape(count, -1, 3)),
         target_names=tuple(f"seat {i}" for i in range(count)),
         certified=(False,) * count,
-        mean_unix_s=at,
-        first_unix_s=at,
-        last_unix_s=at,
+        mean_unix_s=instant_s,
+        first_unix_s=instant_s,
+        last_unix_s=instant_s,
         readings=plan.states.n,
         rms_um=0.0,
-        catalogue=digest(causes, growth),
+        catalogue=hash_catalogue(causes, growth),
     )
 
 
-def rows(check: Reduced, chosen: I64) -> Reduced:
+def select_rows(check: Reduced, chosen: I64) -> Reduced:
     """Some of a check's numbers."""
     return replace(
         check,
         residual=check.residual[chosen],
         causes=check.causes[chosen],
-        known=check.known[chosen],
+        error_columns=check.error_columns[chosen],
         targets=check.targets[chosen],
     )

@@ -1,4 +1,4 @@
-"""In which ways an arm may have changed: what the checks cannot tell apart, each with its share."""
+"""How an arm may have changed: scenarios that the checks cannot tell apart, and their shares."""
 
 from __future__ import annotations
 
@@ -7,58 +7,60 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, Way
-from armd.compensation.interim.changes.growth import Growths, origin_d
-from armd.compensation.interim.changes.likeliest import weighed_again
+from armd.compensation.interim.changes.change import Change, Scenario
+from armd.compensation.interim.changes.growth import Growths, find_origin_d
+from armd.compensation.interim.changes.likeliest import weigh_again
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import SIZES
 from armd.compensation.interim.evidence.stack import Stack
 
-#: The likeliest ways that together have so much of the probability, and no more than so many.
-KEPT_SHARE, MOST_WAYS = 0.99, 60
+#: The likeliest scenarios that together have so much of the probability, and no more than so many.
+KEPT_SHARE, MOST_SCENARIOS = 0.99, 60
 
 
-def list_ways(
+def list_scenarios(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], bad: Sequence[int]
-) -> list[Way]:
-    """The likeliest ways in which all *changes* may have been; their shares add up to 1.
+) -> list[Scenario]:
+    """The likeliest scenarios in which all *changes* may have been; their shares add up to 1.
 
     Each change may be of any cause, place, onset, shape and size that its weight in the readings
     gives it, the others being what they are told to be.
     """
     named = [change for change in changes if change.cause is not None]
-    ways_so_far: list[Way] = [(1.0, ())]
+    scenarios_so_far: list[Scenario] = [(1.0, ())]
     for index in range(len(named)):
         its = _likeliest(_alternatives(stack, causes, changes, index, bad))
-        ways_so_far = _likeliest(
+        scenarios_so_far = _likeliest(
             (share * weight, (*before, *alternative))
-            for share, before in ways_so_far
+            for share, before in scenarios_so_far
             for weight, alternative in its
         )
     strange = tuple(change for change in changes if change.cause is None)
-    return [(share, (*changes_of_way, *strange)) for share, changes_of_way in ways_so_far]
+    return [
+        (share, (*changes_of_scenario, *strange)) for share, changes_of_scenario in scenarios_so_far
+    ]
 
 
-def _likeliest(ways: Iterator[Way]) -> list[Way]:
-    ordered = sorted(ways, key=lambda pair: -pair[0])
+def _likeliest(scenarios: Iterator[Scenario]) -> list[Scenario]:
+    ordered = sorted(scenarios, key=lambda pair: -pair[0])
     shares = np.array([share for share, _ in ordered])
     until = int(np.searchsorted(np.cumsum(shares), KEPT_SHARE * shares.sum())) + 1
-    chosen = ordered[: min(until, MOST_WAYS)]
+    chosen = ordered[: min(until, MOST_SCENARIOS)]
     total = sum(share for share, _ in chosen)
     return [(share / total, changes) for share, changes in chosen]
 
 
 def _alternatives(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], index: int, bad: Sequence[int]
-) -> Iterator[Way]:
+) -> Iterator[Scenario]:
     """Everything that one change may be: a step by cause, onset and size, or a growth by cause and
     onset."""
-    without_it, weighed, good = weighed_again(stack, causes, changes, index, bad)
+    without_it, weighed, good = weigh_again(stack, causes, changes, index, bad)
     share = np.exp(weighed.log_by_size - weighed.log_sum)  # (T, K, 2, S)
     firsts = [good[int(first)] for first in weighed.first]
 
     def make_change(t: int, k: int, gradual: bool, size: float) -> Change:
-        first, origin = firsts[t], origin_d(stack, good, int(weighed.first[t]))
+        first, origin = firsts[t], find_origin_d(stack, good, int(weighed.first[t]))
         return Change(k, gradual, first, first, first, origin, np.nan, size=size)
 
     for t, k, s in _largest(share[:, :, 0]):
@@ -75,5 +77,5 @@ def _alternatives(
 
 def _largest(share: F64) -> Iterator[tuple[int, ...]]:
     """Indices of all that may be among those kept."""
-    smallest = (1 - KEPT_SHARE) / MOST_WAYS
+    smallest = (1 - KEPT_SHARE) / MOST_SCENARIOS
     yield from (tuple(int(i) for i in indices) for indices in np.argwhere(share > smallest))

@@ -28,18 +28,18 @@ class CheckSums:
     square: float
     numbers: int
 
-    def without(self, known: F64, residual: F64) -> CheckSums:
-        """All but a check of these *known* errors (r, q) and this *residual* (r,)."""
+    def subtract_check(self, error_columns: F64, residual: F64) -> CheckSums:
+        """All but a check of these *error_columns* (r, q) and this *residual* (r,)."""
         return CheckSums(
-            self.curvature - known.T @ known,
-            self.side - known.T @ residual,
+            self.curvature - error_columns.T @ error_columns,
+            self.side - error_columns.T @ residual,
             self.square - float(residual @ residual),
             self.numbers - len(residual),
         )
 
 
 @dataclass(frozen=True)
-class Cleared:
+class EliminatedErrors:
     """What some checks leave when the q known errors are eliminated, by S sizes of the standing."""
 
     rotation: F64  # (q, q) T
@@ -49,9 +49,9 @@ class Cleared:
     square: F64  # (S,) what is left of the readings' square
 
 
-def cleared(
+def eliminate_standing(
     curvature: F64, side: F64, square: float, standing: slice, scales: tuple[float, ...]
-) -> Cleared:
+) -> EliminatedErrors:
     """Of *curvature* (q, q), *side* (q,) and *square*, the *standing* errors multiplied by each of
     *scales*; all others have a prior variance of 1."""
     q = len(side)
@@ -73,7 +73,7 @@ def cleared(
     weights = np.ones((len(scales), q))
     weights[:, free] = by / (1.0 + by * value)
     turned = rotation @ side
-    return Cleared(
+    return EliminatedErrors(
         rotation,
         weights,
         turned,

@@ -65,20 +65,20 @@ class Impact:
         if doubtful := int(self.may_matter.sum()):
             return f"{doubtful} OF {counted(count, 'measurement').upper()} MAY BE AFFECTED", False
         # Without its uncertainty no measurement is known to have been within the tolerance.
-        known = bool(np.isfinite(self.at_most_mm).all())
+        has_uncertainties = bool(np.isfinite(self.at_most_mm).all())
         return (
             f"NONE OF {counted(count, 'measurement').upper()} AFFECTED",
-            True if known and count else None,
+            True if has_uncertainties and count else None,
         )
 
     def in_words(self) -> str:
         """One sentence for the console and the page."""
-        known = self.distance_mm[np.isfinite(self.distance_mm)]
+        distances_mm = self.distance_mm[np.isfinite(self.distance_mm)]
         words = [counted(len(self.distance_mm), "measurement")]
-        if len(known):
-            rms = float(np.sqrt(np.mean(known**2)))
-            words.append(f"moved by {rms:.4f} mm RMS, at most {known.max():.4f} mm")
-        if (unknown := len(self.distance_mm) - len(known)) > 0:
+        if len(distances_mm):
+            rms = float(np.sqrt(np.mean(distances_mm**2)))
+            words.append(f"moved by {rms:.4f} mm RMS, at most {distances_mm.max():.4f} mm")
+        if (unknown := len(self.distance_mm) - len(distances_mm)) > 0:
             words.append(f"{unknown} without an old or a new position")
         if np.isfinite(self.at_most_mm).any():
             words.append(f"off by at most {np.nanmax(self.at_most_mm):.4f} mm (95 %)")
@@ -89,7 +89,7 @@ class Impact:
         return ", ".join(words)
 
 
-def quality_page(
+def render_quality_page(
     change: Impact,
     inputs: Mapping[str, str],
     left_out: Sequence[str],

@@ -10,7 +10,7 @@ from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.model.slow_factors import DAY_S
 
 
-def between(
+def find_interval(
     checks: Sequence[Reduced], stack: Stack, change: Change, bad: Collection[int]
 ) -> tuple[float, float]:
     """What holds the change's instant: from the last good check without it to the first with it."""
@@ -25,7 +25,9 @@ def between(
     return checks[0].first_unix_s - beyond, until
 
 
-def instant(checks: Sequence[Reduced], stack: Stack, change: Change, bad: Collection[int]) -> float:
+def find_instant(
+    checks: Sequence[Reduced], stack: Stack, change: Change, bad: Collection[int]
+) -> float:
     """From when on the calibration has a change: halfway between two good checks, or where it
     began."""
     if change.gradual:

@@ -1,0 +1,153 @@
+"""What has changed, averaged over the scenarios in which it may have been.
+
+Of several causes that the checks cannot tell apart the likeliest is wrong too often to correct by
+it alone. Of all corrections the mean over what is possible has the least expected square error
+(Bayes), and its variance is the mean of each scenario's own plus the spread between them:
+
+    m = Σ w·μ,   C = Σ w·(V + μ·μᵀ) − m·mᵀ
+
+over the amplitudes of all scenarios side by side, those that one does not have being zero in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armd.compensation.interim.changes.change import Change, Scenario, count_amplitudes
+from armd.compensation.interim.changes.growth import FEW_BENDS
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.extended_sums import ExtendedSums
+from armd.compensation.interim.evidence.stack import Stack
+from armd.compensation.interim.report.amend import Amplitudes, fit, list_telling_checks
+
+#: A calibration file has a covariance of so many rows at most: a file of more than 100 000 values
+#: is refused (`armd.files.schema`).
+MOST_ROWS = 300
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """Everything that changes may have been, side by side."""
+
+    changes: tuple[Change, ...]
+    of_change: tuple[int, ...]  # which change in order of onset each may have been, ascending
+    shares: tuple[float, ...]
+    amplitudes: Amplitudes  # of all of them; mean and covariance over the scenarios
+
+    def count_until(self, index: int) -> int:
+        """How many of them belong to the changes up to *index*."""
+        return sum(number <= index for number in self.of_change)
+
+
+def choose_affordable(
+    scenarios: Sequence[Scenario], causes: Sequence[Cause], rows: int
+) -> list[Scenario]:
+    """The likeliest of *scenarios* that a calibration whose covariance has so many *rows* can hold,
+    beside as many again in the epochs to come; their shares add up to 1.
+
+    A growth of unsure course in doubtful months has a term for each bend of each cause. While not
+    all scenarios have room, growths of many bends get half as many. If the likeliest scenario alone
+    still has too many, its growths go straight.
+    """
+    max_terms = (MOST_ROWS - rows) // 2
+    ordered = sorted(scenarios, key=lambda scenario: -scenario[0])
+    chosen, terms = _fitting(ordered, causes, max_terms)
+    while (len(chosen) < len(ordered) or terms > max_terms) and any(
+        _bends(changes) for _, changes in ordered
+    ):
+        ordered = [
+            (share, tuple(c.coarser if len(c.bends_d) > FEW_BENDS else c for c in changes))
+            for share, changes in ordered
+        ]
+        chosen, terms = _fitting(ordered, causes, max_terms)
+    if terms > max_terms:
+        chosen = [
+            (share, tuple(replace(c, bends_d=()) for c in changes)) for share, changes in chosen
+        ]
+    total = sum(share for share, _ in chosen)
+    return [(share / total, changes) for share, changes in chosen]
+
+
+def _bends(changes: Sequence[Change]) -> bool:
+    """Whether a growth has so many bends that half of them may be enough."""
+    return any(len(change.bends_d) > FEW_BENDS for change in changes)
+
+
+def _fitting(
+    ordered: Sequence[Scenario], causes: Sequence[Cause], max_terms: int
+) -> tuple[list[Scenario], int]:
+    """The first scenarios, one at least, that together have no more than *max_terms* terms, and
+    the number of their terms."""
+    chosen: list[Scenario] = []
+    terms: set[tuple[object, ...]] = set()
+    for share, changes in ordered:
+        extended = terms.union(*(_terms(change, causes) for change in changes))
+        if chosen and len(extended) > max_terms:
+            break
+        chosen.append((share, changes))
+        terms = extended
+    return chosen, len(terms)
+
+
+def _terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ...]]:
+    """What a calibration has of a change: terms of its columns, each since every instant."""
+    if change.cause is None:
+        return set()
+    since = (change.origin_d, *change.bends_d) if change.gradual else (change.first,)
+    return {
+        (change.gradual, begin, term.model_dump_json(include={"parameter", "basis"}))
+        for column in causes[change.cause].candidate.columns
+        for term in column.terms
+        for begin in since
+    }
+
+
+def average_amplitudes(
+    stacked: Stack, causes: Sequence[Cause], scenarios: Sequence[Scenario], bad: Sequence[int]
+) -> Averaged:
+    """Mean and covariance of the amplitudes over *scenarios*, whose shares add up to 1; a change of
+    no cause is the same in all."""
+    distinct: dict[tuple[object, ...], tuple[int, Change]] = {}
+    shares: dict[tuple[object, ...], float] = {}
+    for share, changes in scenarios:
+        for number, change in enumerate(changes):
+            distinct.setdefault(_key(number, change), (number, change))
+            shares[_key(number, change)] = shares.get(_key(number, change), 0.0) + share
+    keys = sorted(distinct, key=lambda key: distinct[key][0])
+    sizes = [count_amplitudes(stacked, distinct[key][1]) for key in keys]
+    ends = np.cumsum(sizes)
+    slots = {key: np.arange(end - n, end) for key, n, end in zip(keys, sizes, ends, strict=True)}
+    width = int(ends[-1]) if len(ends) else 0
+    mean, second = np.zeros(width), np.zeros((width, width))
+    told_by = ExtendedSums(stacked, list_telling_checks(stacked, scenarios[0][1], bad))
+    for share, changes in scenarios:
+        amplitudes = fit(stacked, causes, changes, bad, told_by)
+        used_slots = [slots[_key(number, change)] for number, change in enumerate(changes)]
+        places = np.concatenate(used_slots) if used_slots else np.zeros(0, int)
+        values = (
+            np.concatenate([value.ravel() for value in amplitudes.values])
+            if used_slots
+            else np.zeros(0)
+        )
+        mean[places] += share * values
+        second[np.ix_(places, places)] += share * (amplitudes.covariance + np.outer(values, values))
+    split = tuple(
+        mean[slots[key]].reshape(1 + len(distinct[key][1].bends_d), -1)
+        if len(slots[key])
+        else np.zeros((0, 0))
+        for key in keys
+    )
+    return Averaged(
+        tuple(distinct[key][1] for key in keys),
+        tuple(distinct[key][0] for key in keys),
+        tuple(shares[key] for key in keys),
+        Amplitudes(split, second - np.outer(mean, mean)),
+    )
+
+
+def _key(number: int, change: Change) -> tuple[object, ...]:
+    """The same change by another size is the same column."""
+    return number, *change.key, change.origin_d if change.gradual else None, change.bends_d
