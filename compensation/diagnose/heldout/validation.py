@@ -161,7 +161,7 @@ def validate_by_placement(
         for folds in (assign_folds(rests), _assign_folds_by_target(points)[rests.point_of])
     ]
     able = [
-        not finding.candidate.told_only and stands_alone(finding, step)
+        not finding.candidate.is_report_only and stands_alone(finding, step)
         for finding, step in zip(result.findings, stepwise, strict=True)
     ]
     later = make_later_squares(last, arm) if any(map(may_go_on_otherwise, last.findings)) else None
@@ -240,7 +240,7 @@ def validate_by_session(
         )
 
     look = Look(squares, group_readings(readings), float(readings.freedom.mean()))
-    able = [not finding.candidate.told_only for finding in result.findings]
+    able = [not finding.candidate.is_report_only for finding in result.findings]
     return choose(result, [look], able, growth=knows_growth(last, arm))
 
 
