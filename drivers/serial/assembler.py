@@ -12,7 +12,8 @@ from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, SampleArray, sample_dtype
 from armd.drivers.serial.clock import ClockMapping, holds, host_ns
 from armd.drivers.serial.sequence import Rows, Run, SequenceExtender, goes_on
-from armd.drivers.serial.wire import row_layout
+from armd.drivers.serial.unpacking import SampleBytes, unpack_samples
+from armd.drivers.serial.wire import encode_sample, row_layout
 from armd.drivers.unwrap import Unwrapper, unwrap
 
 #: Samples that an array is made for at once: to make one costs numpy as much as to fill it.
@@ -37,7 +38,8 @@ class SampleAssembler:
         self._out = np.empty(0, self._dtype)
         self._used = 0
         self._jumped = np.zeros(0, np.uint16)
-        #: `_go_on`, settled: what it takes is made here or in `wire`, never of other kinds.
+        self._bytes = SampleBytes(n_joints)
+        #: `_unpack_and_go_on`, settled: what it takes is made here, never of other kinds.
         self._go_on: Callable[..., int] | None = None
 
     def set_bits(self, bits: Sequence[int]) -> None:
@@ -53,22 +55,26 @@ class SampleAssembler:
             self._unwrapper.restart()
 
     def go_on(
-        self, rows: Rows, sequence: SequenceExtender, arrival_ns: int, unix_minus_monotonic_ns: int
+        self, data: bytes, sequence: SequenceExtender, arrival_ns: int, unix_minus_monotonic_ns: int
     ) -> list[Item] | None:
-        """The usual case in one compiled call: rows that plainly follow the last ones. None, and
-        nothing done, where they do not."""
-        assert self._unwrapper is not None
-        if sequence.in_doubt:
+        """The usual case in one compiled call: *data* is whole packets, all good SAMPLEs that
+        plainly follow the last ones. None, and nothing done, where it is not."""
+        unwrapper, sample_bytes = self._unwrapper, self._bytes
+        if unwrapper is None or sequence.in_doubt:
             return None
-        out = self._room(len(rows))
+        n = sample_bytes.put(data)
+        if n == 0:
+            return None
+        out = self._room(n)
         arguments = (
-            rows, sequence.memory, self._clock.line, arrival_ns, unix_minus_monotonic_ns,
-            self._next_seq, self._unwrapper.memory, out, self._jumped,
+            n, sample_bytes.packets, sample_bytes.row_bytes, sample_bytes.rows, sequence.memory,
+            self._clock.line, arrival_ns, unix_minus_monotonic_ns, self._next_seq,
+            unwrapper.memory, out, self._jumped,
         )  # fmt: skip
         if self._go_on is None:
-            self._go_on = settled(_go_on, *arguments)
+            self._go_on = settled(_unpack_and_go_on, *arguments)
         trouble = self._go_on(*arguments)
-        return None if trouble == NONE else self._with_events(rows, out, trouble)
+        return None if trouble == NONE else self._with_events(sample_bytes.rows, out, trouble)
 
     def assemble(self, run: Run, unix_minus_monotonic_ns: int) -> list[Item]:
         """One array, after the events its joints give rise to."""
@@ -94,7 +100,7 @@ class SampleAssembler:
         self.delivered += len(out)
         if not trouble and not self._status_watch.active and not self._jump_watch.active:
             return [out]
-        status = rows["joint_status"].astype(np.uint16)
+        status = rows["joint_status"][: len(out)].astype(np.uint16)
         return [
             *self._status_watch.events(out, status),
             *self._jump_watch.events(out, self._jumped[: len(out)]),
@@ -107,7 +113,7 @@ class SampleAssembler:
         trial = SampleAssembler(n_joints, self._clock, self._max_rate)
         trial.set_bits([20] * n_joints)
         sequence, rows = SequenceExtender(), np.zeros(1, row_layout(n_joints))
-        trial.go_on(rows, sequence, 0, 0)
+        trial.go_on(encode_sample(0, 0, [0] * n_joints), sequence, 0, 0)
         for run in sequence.push(rows, 0):
             trial.assemble(run, 0)
         trial.assemble(Run(rows, 0, 0, False), 0)
@@ -115,10 +121,13 @@ class SampleAssembler:
 
 
 @jit
-def _go_on(
-    rows: Any, sequence: Any, line: Any, arrival_ns: int, unix_minus_monotonic_ns: int,
-    next_seq: Any, memory: Any, out: Any, jumped: Any,
+def _unpack_and_go_on(
+    n: int, packets: Any, row_bytes: Any, rows: Any, sequence: Any, line: Any, arrival_ns: int,
+    unix_minus_monotonic_ns: int, next_seq: Any, memory: Any, out: Any, jumped: Any,
 ) -> int:  # fmt: skip
+    if not unpack_samples(n, packets, row_bytes):
+        return NONE
+    rows = rows[:n]
     if not goes_on(rows, arrival_ns, sequence):
         return NONE
     return _assemble(

@@ -106,7 +106,11 @@ class SerialDecoder:
     # --- packets -------------------------------------------------------------------------
 
     def _decode(self, frame: RawFrame) -> list[Item]:
-        items: list[Item] = []
+        if self.accepted:
+            items = self._plain_samples(frame)
+            if items is not None:
+                return items
+        items = []
         run: list[bytes] = []  # consecutive SAMPLEs, decoded at once
         for packet in self._splitter.push(frame.data):
             data = self._unpack(packet)
@@ -122,6 +126,18 @@ class SerialDecoder:
             run = []
             items += self._process_other(data, frame)
         return items + self._samples(run, frame)
+
+    def _plain_samples(self, frame: RawFrame) -> list[Item] | None:
+        """The usual: SAMPLEs that plainly follow, and nothing else. None, and nothing done, where
+        it is not so."""
+        data, tail = self._splitter.cut(frame.data)
+        arrival_ns = frame.monotonic_ns
+        items = self._assembler.go_on(data, self._sequence, arrival_ns, frame.unix_ns - arrival_ns)
+        if items is not None:
+            self._splitter.keep(tail)
+            self._synchronised = True
+            self.last_sample_ns = arrival_ns
+        return items
 
     def _unpack(self, packet: bytes) -> bytes | None:
         synchronised, self._synchronised = self._synchronised, True
@@ -255,11 +271,7 @@ class SerialDecoder:
     def _deliver(self, reading: HeldReading, arrival_ns: int, unix_ns: int) -> list[Item]:
         if isinstance(reading, wire.TemperatureReading):
             return [self._temperatures(reading, arrival_ns, unix_ns - arrival_ns)]
-        unix_minus_monotonic_ns = unix_ns - arrival_ns
-        items = self._assembler.go_on(reading, self._sequence, arrival_ns, unix_minus_monotonic_ns)
-        if items is not None:
-            return items
-        return self._follow(reading, arrival_ns, unix_minus_monotonic_ns)
+        return self._follow(reading, arrival_ns, unix_ns - arrival_ns)
 
     def _follow(self, rows: Rows, arrival_ns: int, unix_minus_monotonic_ns: int) -> list[Item]:
         """Rows that may not follow the last ones."""

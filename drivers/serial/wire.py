@@ -266,6 +266,18 @@ class CobsSplitter:
         self._tail = b""
         self._skipping = False
 
+    def cut(self, data: bytes) -> tuple[bytes, bytes]:
+        """The whole packets, each with its 0x00, that *data* completes, and what is left over to
+        `keep`; nothing where junk is among it."""
+        stream = self._tail + data
+        end = stream.rfind(b"\0") + 1
+        is_junk = self._skipping or len(stream) - end > PACKET_LIMIT
+        return (b"", b"") if is_junk else (stream[:end], stream[end:])
+
+    def keep(self, tail: bytes) -> None:
+        """What `cut` left over."""
+        self._tail = tail
+
     def push(self, data: bytes) -> list[bytes]:
         stream = self._tail + data
         packets = stream.split(b"\0")

@@ -16,7 +16,9 @@ from armd.simulator.live.pty_port import PtyPort
 
 JOINTS, SENSORS = 6, 6
 SETTLE_HZ = 1000  # first of all, and not counted
-HELLO = wire.Hello(1, JOINTS, SENSORS, 1000, 1, "SIM-0001", (COUNTS_PER_TURN,) * JOINTS)
+HELLO = wire.Hello(
+    1, JOINTS, SENSORS, 1000, 1, "SIM-0001", (COUNTS_PER_TURN.bit_length() - 1,) * JOINTS
+)
 TICK_S = 0.001
 PAUSE_S = 0.4  # what is on its way arrives; longer would be silence
 
