@@ -38,7 +38,9 @@ def write_verdict(diagnosis: Diagnosis) -> str:
     gains = diagnosis.gains
     contradicted_later = diagnosis.contradicted_later
     numbered = partial(_numbers, diagnosis)
-    report_only = [i for i, finding in enumerate(diagnosis.findings) if finding.candidate.is_report_only]
+    report_only = [
+        i for i, finding in enumerate(diagnosis.findings) if finding.candidate.is_report_only
+    ]
     unwritten = {*contradicted_later, *report_only}
     doubtful = numbered(i for i, g in enumerate(gains) if not g.is_confirmed and i not in unwritten)
     if not gains:
