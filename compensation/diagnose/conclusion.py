@@ -211,7 +211,7 @@ def describe_off_orientations(rests: I64, all_rests: Rests, last: Fit) -> list[s
     """Say of which of these *rests* the orientation is off, and by how much."""
     observations = all_rests.observations
     turned = rests[observations.turned[rests]]
-    off_deg = np.degrees(np.linalg.norm(last.left_mm[turned], axis=1) / TURN_MM)
+    off_deg = np.degrees(np.linalg.norm(last.rest_residual_mm[turned], axis=1) / TURN_MM)
     return [
         f"The orientation of {observations.row_name(rest)} is off by {off:.3g}°."
         for rest, off in zip(turned.tolist(), off_deg, strict=True)
@@ -224,7 +224,7 @@ def name_outliers(rests: I64, all_rests: Rests, last: Fit) -> tuple[Outlier, ...
     first = np.concatenate([[0], np.cumsum(lengths)])
     named = []
     for rest in rests:
-        error = 1e3 * float(np.linalg.norm(last.left_mm[rest]))
+        error = 1e3 * float(np.linalg.norm(last.rest_residual_mm[rest]))
         for reading in np.flatnonzero(all_rests.rest_of == rest):
             session = int(np.searchsorted(first, reading, side="right")) - 1
             row = int(all_rests.sessions[session].row[reading - first[session]]) + 1

@@ -41,7 +41,7 @@ def is_farther_off(fitted: Fit, number: int) -> bool:
     Where one session in ten is another arm's, its readings are tails of a noise that the others
     make.
     """
-    squared_norms = fitted.noise.squares(fitted.left_mm)
+    squared_norms = fitted.noise.squares(fitted.rest_residual_mm)
     is_of_session = fitted.linear.rests.observations.session == number
     return bool(
         np.median(squared_norms[is_of_session])

@@ -30,7 +30,9 @@ def test_an_outlier_is_every_reading_of_its_rest_by_session_and_row() -> None:
         SimpleNamespace(n=3, row=np.array([2, 3, 4]), name="evening"),
     ]
     rests: Any = SimpleNamespace(sessions=sessions, rest_of=np.array([0, 0, 1, 2, 2, 3]))
-    last: Any = SimpleNamespace(left_mm=np.array([[0, 0, 0], [0, 0, 0], [0.3, 0, 0.4], [0, 0, 0]]))
+    last: Any = SimpleNamespace(
+        rest_residual_mm=np.array([[0, 0, 0], [0, 0, 0], [0.3, 0, 0.4], [0, 0, 0]])
+    )
     assert name_outliers(np.array([2]), rests, last) == (
         Outlier("evening", 3, pytest.approx(500.0)),
         Outlier("evening", 4, pytest.approx(500.0)),
@@ -56,7 +58,7 @@ def test_nothing_explains_the_residuals_only_where_nothing_absorbs_them(
     of = SimpleNamespace(stop=0, start=0)
     last = SimpleNamespace(
         baseline=SimpleNamespace(growth=(), is_given=held),
-        points_left_mm=left_mm,
+        point_residual_mm=left_mm,
         layout=SimpleNamespace(blocks={EXPANSIONS: of}),
     )
     found: Any = SimpleNamespace(rms_um=20.0, noise_floor_um=4.0, search=SimpleNamespace(last=last))

@@ -39,7 +39,7 @@ def found_in(left: np.ndarray) -> tuple[list[int], float]:
     rests = SimpleNamespace(n=n, observations=SimpleNamespace(states=states))
     fit: Any = SimpleNamespace(
         linear=SimpleNamespace(rests=rests),
-        left_mm=left,
+        rest_residual_mm=left,
         noise=unit_noise(n),
     )
     found, p = find_outliers(fit)

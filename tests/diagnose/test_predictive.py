@@ -126,7 +126,9 @@ def test_drawn_sets_scatter_as_the_algebra_of_the_refit_says(
     columns = fit.nuisance.columns.dense()[:, :6]
     basis = np.linalg.qr(columns)[0]
     left = np.eye(3 * N) - basis @ basis.T
-    drawn = np.concatenate([*Refitted(fit, fit.left_mm).replicates()], axis=2).reshape(3 * N, -1)
+    drawn = np.concatenate([*Refitted(fit, fit.rest_residual_mm).replicates()], axis=2).reshape(
+        3 * N, -1
+    )
     assert drawn.shape[1] == 4 * DRAWS_AT_ONCE
     assert np.abs(basis.T @ drawn).max() < 1e-9
     ratio = (drawn**2).mean(axis=1) / np.diag(left)
@@ -140,7 +142,7 @@ def test_copies_of_a_posture_share_their_error_by_the_part_found(
     fit = a_fit(np.random.default_rng(4))
     fit.linear.rests.posture = np.arange(N) // 2
     shared = replace(fit, noise=replace(fit.noise, shared_part=0.6, counts=np.ones(N)))
-    drawn = np.concatenate([*Refitted(shared, shared.left_mm).replicates()], axis=2)
+    drawn = np.concatenate([*Refitted(shared, shared.rest_residual_mm).replicates()], axis=2)
     pairs = (drawn[::2] * drawn[1::2]).mean() / (drawn**2).mean()
     assert pairs == pytest.approx(0.6, abs=0.03)
 

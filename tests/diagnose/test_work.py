@@ -119,7 +119,7 @@ def test_a_session_that_is_clipped_awayis_farther_off_all_the_same(
     left[session == 4] *= times
     rests = SimpleNamespace(observations=SimpleNamespace(session=session))
     fit: Any = SimpleNamespace(
-        noise=unit_noise(n), left_mm=left, linear=SimpleNamespace(rests=rests)
+        noise=unit_noise(n), rest_residual_mm=left, linear=SimpleNamespace(rests=rests)
     )
     assert times < AS_FAR_OFF or farther
     assert is_farther_off(fit, 4) is farther

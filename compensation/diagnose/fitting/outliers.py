@@ -11,6 +11,6 @@ from armd.compensation.estimate.robust import DOWNWEIGHT_CHI2, far_off, outlying
 def find_outliers(current: Fit) -> tuple[I64, float]:
     """Rests gone wrong, and the smallest family-wise p."""
     rests = current.linear.rests
-    squares = current.noise.squares(current.left_mm)
+    squares = current.noise.squares(current.rest_residual_mm)
     region = in_region(far_off(squares, DOWNWEIGHT_CHI2), rests.observations.states.q)
     return outlying(squares, region)

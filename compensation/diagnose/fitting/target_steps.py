@@ -32,7 +32,7 @@ class TargetStep:
 def measure_target_steps(last: Fit) -> list[TargetStep]:
     """One entry per placement and target."""
     observations = last.linear.rests.points
-    residual_um, normal = 1e3 * last.points_left_mm, last.linear.normal
+    residual_um, normal = 1e3 * last.point_residual_mm, last.linear.normal
     pairs = np.stack([observations.placement, observations.target], axis=1)
     entries = []
     named, group = np.unique(pairs, axis=0, return_inverse=True)

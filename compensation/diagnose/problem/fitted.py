@@ -41,15 +41,15 @@ class Fit:
         return self.problem.covariance
 
     @property
-    def left_mm(self) -> F64:
+    def rest_residual_mm(self) -> F64:
         """(n, 3) what is left of each rest as it was measured."""
         n = self.linear.rests.n
         return (self.raw_residual - self.fitted)[: 3 * n].reshape(n, 3)
 
     @property
-    def points_left_mm(self) -> F64:
+    def point_residual_mm(self) -> F64:
         """The same of the points alone: how far an orientation is off is no distance."""
-        return self.left_mm[self.noise.points]
+        return self.rest_residual_mm[self.noise.points]
 
     def across(self, columns: F64) -> F64:
         """Products (b, …) of the nuisance columns with others (N, …), both whitened."""

@@ -170,7 +170,7 @@ def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
     """What residuals without a finding are, *but* for what the verdict says else."""
     rms, floor = diagnosis.rms_um, diagnosis.noise_floor_um
     absorbing = _absorbing(diagnosis)
-    remain = 1e3 * float(np.sqrt((diagnosis.search.last.points_left_mm**2).sum(axis=1).mean()))
+    remain = 1e3 * float(np.sqrt((diagnosis.search.last.point_residual_mm**2).sum(axis=1).mean()))
     if absorbing and rms > BEYOND_NOISE * floor >= remain:
         return (
             f"The residuals, {format_um(rms)} µm, are more than noise of {format_um(floor)} µm "
@@ -206,7 +206,7 @@ def _absorbing(diagnosis: Diagnosis) -> str:
 def _few(diagnosis: Diagnosis) -> str:
     """Which readings make the residuals, where few do: too many to be single ones gone wrong."""
     last = diagnosis.search.last
-    off_mm = np.linalg.norm(last.points_left_mm, axis=1)
+    off_mm = np.linalg.norm(last.point_residual_mm, axis=1)
     usual_mm = float(np.median(off_mm))
     n_far = int((off_mm > FAR_TIMES * usual_mm).sum())
     if not n_far:
