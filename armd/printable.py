@@ -21,7 +21,7 @@ _TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 _LINES = frozenset("\n\r\t")
 
 
-def find_invisible(text: str) -> str:
+def invisible(text: str) -> str:
     """The first character, as an escape, that a terminal obeys or that turns the writing round; or
     nothing. Lines and tabs are none, nor marks that words of some languages have."""
     if text.isprintable():

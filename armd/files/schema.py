@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd.errors import BadInput
 from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
-from armd.printable import find_invisible, printable
+from armd.printable import invisible, printable
 from armd.terminal.suggest import few, find_nearest, hint, list_keys_at
 
 
@@ -260,7 +260,7 @@ def _refuse_invisible(path: str | Path, data: object) -> None:
     name has any, and names go into messages and reports."""
     for key, value in _texts(data, ""):
         for text in (key, value):
-            if hidden := find_invisible(text):
+            if hidden := invisible(text):
                 expected = "text without control characters and marks that turn the writing"
                 raise BadInput(
                     path, printable(key) or "the file", f"the character {hidden}", expected

@@ -24,7 +24,7 @@ from armd.compensation.data.header import check_header
 from armd.compensation.data.within import LARGEST, is_within
 from armd.errors import BadInput
 from armd.files.inputs import check_input, open_input
-from armd.printable import find_invisible
+from armd.printable import invisible
 from armd.terminal.suggest import did_you_mean, few
 
 MISSING = ("", "nan", "NaN", "NAN")
@@ -91,7 +91,7 @@ class Readings:
         indices: I64 = np.asarray(encoded.indices.to_numpy(), dtype=np.int64)
         names = [str(text) for text in encoded.dictionary.to_pylist()]
         for code, text in enumerate(names):
-            if hidden := find_invisible(text):
+            if hidden := invisible(text):
                 row = int(np.argmax(indices == code))
                 raise self.fault(row, name, f"the character {hidden}", "a name that can be read")
         return indices, names

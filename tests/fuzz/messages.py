@@ -18,7 +18,7 @@ from armd.daemon.bridges.fleet import Fleet
 from armd.daemon.bridges.ros2.bridge import Bridge
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.bridges.view import page_messages
-from armd.received import is_sound, parse_message
+from armd.received import is_sound, json_object
 from support.careless_network import EVENT, HEALTH, MEASUREMENT
 
 WHOLE = MEASUREMENT | {
@@ -64,7 +64,7 @@ def message_doors(folder: Path) -> Iterator[Door]:
     table = lines.template("{x:.3f};{sd_x_um};{u_x_um};{tip};{calibration};{count};{flag_names}")
 
     def measurement(data: bytes) -> None:
-        content = parse_message(keys.MEASUREMENT, data)
+        content = json_object(keys.MEASUREMENT, data)
         if content is None:
             return
         page_messages.measurement(content)
@@ -76,14 +76,14 @@ def message_doors(folder: Path) -> Iterator[Door]:
         ros2()._tell_measurement(content)
 
     def health(data: bytes) -> None:
-        content = parse_message(keys.HEALTH, data)
+        content = json_object(keys.HEALTH, data)
         if content is None:
             return
         json.dumps(fleet_of(content).rows(), allow_nan=False)
         ros2()._tell_health(content)
 
     def event(data: bytes) -> None:
-        content = parse_message(keys.EVENT, data)
+        content = json_object(keys.EVENT, data)
         if content is None:
             return
         Fleet().note_event("S", content)
@@ -94,7 +94,7 @@ def message_doors(folder: Path) -> Iterator[Door]:
             ros2()._tell_joints(data)
 
     def info(data: bytes) -> None:
-        content = parse_message(keys.INFO, data)
+        content = json_object(keys.INFO, data)
         if content is not None:
             Tips(content)
 

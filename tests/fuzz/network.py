@@ -48,7 +48,7 @@ from armd.daemon.unexpected import Unexpected
 from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame
 from armd.files.toml_text import toml_text
-from armd.received import is_sound, parse_message
+from armd.received import is_sound, json_object
 from support.careless_network import EVENT, HEALTH
 from support.small_arm_toml import ARM
 
@@ -146,7 +146,7 @@ def screens() -> Iterator[Door]:
         check_printed(console.file.getvalue())
 
     def health(data: bytes) -> None:
-        content = parse_message(keys.HEALTH, data)
+        content = json_object(keys.HEALTH, data)
         if content is None:
             return
         fleet = fleet_of(content)
@@ -157,7 +157,7 @@ def screens() -> Iterator[Door]:
         shown(screen._panel(1.0))
 
     def event(data: bytes) -> None:
-        content = parse_message(keys.EVENT, data)
+        content = json_object(keys.EVENT, data)
         if content is None:
             return
         fleet = Fleet()
