@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -30,31 +30,75 @@ POINT = np.dtype(
 )
 assert POINT.itemsize == 136
 
+FlagOrigin = Literal["sample", "arm", "calibration"]
+FlagSeverity = Literal["info", "warning", "error"]
+
 
 class Flag(IntFlag):
-    """Why a point deserves caution; bit numbers are part of the wire contract."""
+    """Why a point deserves caution; bit numbers are part of the wire contract.
 
-    INVALID = 1 << 0
-    """Position, orientation and covariance are NaN: a joint is invalid or its count jumped,
-    or the temperature is older than the configured hold."""
-    TEMPERATURE_RANGE = 1 << 1
-    """A temperature lies outside the range the calibration was identified in."""
-    TEMPERATURE_STALE = 1 << 2
-    """A sensor that a joint uses is invalid or has not been heard for 5 s."""
-    TEMPERATURE_RATE = 1 << 3
-    """A temperature changes faster than the model can follow."""
-    JOINT_WARNING = 1 << 4
-    """A joint reports a warning; its angle still holds."""
-    END_STOP = 1 << 5
-    """A joint stands within 0.5 degrees of a limit."""
-    SAMPLES_LOST = 1 << 6
-    """The sample before this one is missing."""
-    NOT_CALIBRATED = 1 << 7
-    """Nominal geometry: no calibration is loaded."""
-    CLOCK = 1 << 8
-    """The device clock is not yet mapped to the host's."""
-    AT_REST = 1 << 9
-    """The tip has rested for at least 0.5 s."""
+    A row is all that is known of a flag: bit, origin, severity, quality, title, meaning. A sum of
+    flags is a `Flag` without these attributes.
+    """
+
+    bit: int
+    origin: FlagOrigin
+    """What decides it. A new correction keeps a flag of the sample and decides the others again."""
+    severity: FlagSeverity
+    """"info" says nothing against a measurement."""
+    quality: int
+    """Of a position with this flag: 0 good … 100 none (Q of I++ DME)."""
+    title: str
+    """In a word or two, as a screen shows it."""
+    meaning: str
+    """One sentence for users; docs/reference/subscriber.md has the same."""
+
+    INVALID = (
+        0, "sample", "error", 100, "No position",
+        "position is NaN: bad joint, impossible jump, temperature missing too long, or a non-finite"
+        " result",
+    )  # fmt: skip
+    TEMPERATURE_RANGE = (
+        1, "calibration", "warning", 50, "Outside calibrated temperatures",
+        "a sensor in use, or the time of a term, is outside the calibrated range",
+    )  # fmt: skip
+    TEMPERATURE_STALE = (
+        2, "sample", "warning", 75, "Temperature missing",
+        "a sensor in use is invalid or silent for 5 s; the last value is held",
+    )  # fmt: skip
+    TEMPERATURE_RATE = (
+        3, "sample", "warning", 50, "Temperature changes",
+        "a temperature changes faster than calibration or armd.toml allow, or jumps impossibly",
+    )  # fmt: skip
+    JOINT_WARNING = 4, "sample", "warning", 75, "Joint warns", "a joint warns; its angle is valid"
+    END_STOP = 5, "arm", "warning", 25, "End stop", "within 0.5° of a limit"
+    SAMPLES_LOST = (
+        6, "sample", "warning", 0, "Samples lost",
+        "the sample before this one never reached the daemon",
+    )  # fmt: skip
+    NOT_CALIBRATED = 7, "calibration", "warning", 75, "Not calibrated", "nominal geometry"
+    CLOCK = (
+        8, "sample", "warning", 0, "Clock",
+        "stamps are arrival times: the device's clock is not mapped, jumps, drifts over 500 ppm or"
+        " answers too late",
+    )  # fmt: skip
+    AT_REST = 9, "sample", "info", 0, "At rest", "at rest for 0.5 s"
+
+    def __new__(
+        cls,
+        bit: int,
+        origin: FlagOrigin = "sample",  # defaults: `Flag(bits)` takes a sum
+        severity: FlagSeverity = "warning",
+        quality: int = 0,
+        title: str = "",
+        meaning: str = "",
+    ) -> Self:
+        flag = int.__new__(cls, 1 << bit)
+        flag._value_ = 1 << bit
+        flag.bit, flag.origin, flag.severity = bit, origin, severity
+        flag.quality, flag.title, flag.meaning = quality, title, meaning
+        flag.__doc__ = meaning
+        return flag
 
 
 class Point(NamedTuple):

@@ -81,7 +81,7 @@ class Tally:
         if not self._points:
             return Second(seconds)
         by_bit = self._by_bit.tolist()
-        flagged = {flag.name or "": by_bit[flag.bit_length() - 1] for flag in Flag}
+        flagged = {flag.name or "": by_bit[flag.bit] for flag in Flag}
         flagged = {name: count for name, count in flagged.items() if count}
         latency_ms = np.array(self._latency_ns) * 1e-6
         p50, p99 = np.percentile(latency_ms, [50, 99])

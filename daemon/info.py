@@ -40,7 +40,7 @@ def describe(
             "encoding": POINT_ENCODING,
             "size": POINT.itemsize,
             "layout": _layout(POINT),
-            "flags": {str(flag.bit_length() - 1): flag.name for flag in Flag},
+            "flags": {str(flag.bit): flag.name for flag in Flag},
         },
         "joints": {
             "key": keys.key(config.arm.serial_number, keys.JOINTS),

@@ -42,8 +42,8 @@ class Supervisor:
         self._tally = Tally(now_ns)
         self._second = Second()
         self._next_second_ns = now_ns + SECOND_NS
-        self._missing: tuple[str, ...] = ()  # sensors without a value
-        self._lost: dict[str, int] = {}  # those of them that are told as events, when seen last
+        self._stale: tuple[str, ...] = ()  # sensors that are invalid or silent
+        self._reported: dict[str, int] = {}  # those of them with an event, when seen last
         self._stops = EndStopWatch(config.arm)
         self._changed = self._interim_due = ""  # what the history of interim checks says
         self.interim: InterimChecks | None = None
@@ -84,21 +84,21 @@ class Supervisor:
     def _hear_sensors(self, now_ns: int) -> list[Event]:
         """Who is without a value now, and who has one again."""
         temperature = self._arm.pipeline.temperature
-        missing = temperature.missing(self._tally.latched_ns)
-        lost = temperature.lost(self._tally.latched_ns)
-        if not (lost or self._lost):
-            self._missing = missing
+        stale = temperature.stale_sensors(self._tally.latched_ns)
+        to_report = temperature.sensors_to_report(self._tally.latched_ns)
+        if not (to_report or self._reported):
+            self._stale = stale
             return []
-        lost_before = {*self._lost}
-        self._lost = {
+        reported_before = {*self._reported}
+        self._reported = {
             sensor: seen_ns
-            for sensor, seen_ns in {**self._lost, **dict.fromkeys(lost, now_ns)}.items()
+            for sensor, seen_ns in {**self._reported, **dict.fromkeys(to_report, now_ns)}.items()
             if now_ns - seen_ns < BACK_AFTER_NS
         }
-        self._missing = tuple({**dict.fromkeys(missing), **self._lost})
+        self._stale = tuple({**dict.fromkeys(stale), **self._reported})
         events = []
-        for sensor in sorted(lost_before ^ {*self._lost}):
-            if sensor in self._lost:
+        for sensor in sorted(reported_before ^ {*self._reported}):
+            if sensor in self._reported:
                 text = f"sensor {sensor} is invalid or silent; its last value is held"
                 if sensor in temperature.impossible:
                     read_c, held_c = temperature.impossible[sensor]
@@ -200,7 +200,7 @@ class Supervisor:
             lossy=lossy,
             invalid_joints=second.invalid_joints,
             warning_joints=second.warning_joints,
-            missing_sensors=self._missing,
+            missing_sensors=self._stale,
             outside_sensors=temperature.outside,
             late_s=0.0 if self._replays else second.latency_ms.get("p50", 0.0) * 1e-3,
             changed=self._changed,

@@ -27,15 +27,7 @@ RECORDED_TYPES: dict[str, pa.DataType] = {STAMP: pa.int64(), FLAGS: pa.uint32()}
 #: Columns that a new correction replaces.
 REPLACED = frozenset([*POSITION, *COVARIANCE, "u_x_mm", "u_y_mm", "u_z_mm", FLAGS])
 #: Flags that describe the sample, whatever corrects it.
-OF_SAMPLE = (
-    Flag.INVALID
-    | Flag.TEMPERATURE_STALE
-    | Flag.TEMPERATURE_RATE
-    | Flag.JOINT_WARNING
-    | Flag.SAMPLES_LOST
-    | Flag.CLOCK
-    | Flag.AT_REST
-)
+OF_SAMPLE = sum(flag for flag in Flag if flag.origin == "sample")
 
 
 def is_recorded(header: Collection[str]) -> bool:

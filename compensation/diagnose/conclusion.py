@@ -87,7 +87,8 @@ def conclude(
     measured = [
         replace(
             written.gains.get(i, g),
-            is_confirmed=i in written.numbers or (finding.candidate.told_only and g.is_confirmed),
+            is_confirmed=i in written.numbers
+            or (finding.candidate.is_report_only and g.is_confirmed),
         )
         for i, (finding, g) in enumerate(zip(result.findings, heldout.gains, strict=True))
     ]

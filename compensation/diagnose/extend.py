@@ -168,7 +168,7 @@ def _artefact(last: Fit, sessions: Sequence[Session]) -> ArtefactCorrection | No
     for candidate, values in zip(last.findings, last.amplitudes, strict=True):
         for column, value in zip(candidate.columns, values, strict=True):
             change = column.artefact
-            if change is None or change.told_only or change.kind == "distance":
+            if change is None or change.is_report_only or change.kind == "distance":
                 continue
             has_change = True
             if change.artefact:

@@ -52,7 +52,7 @@ class ArtefactChange:
     artefact: str = ""  # name of the artefact, where the sessions have several; empty: all
 
     @property
-    def told_only(self) -> bool:
+    def is_report_only(self) -> bool:
         """Whether no correction of an artefact can hold it."""
         return self.kind in ("sag", "warmth")
 
@@ -121,10 +121,12 @@ class Candidate:
     expected: bool = False
 
     @property
-    def told_only(self) -> bool:
+    def is_report_only(self) -> bool:
         """Whether no calibration can hold it: nothing that the daemon or `evaluate` could apply."""
         changes = (column.artefact for column in self.columns)
-        return self.looks_back or any(change is not None and change.told_only for change in changes)
+        return self.looks_back or any(
+            change is not None and change.is_report_only for change in changes
+        )
 
     @property
     def looks_back(self) -> bool:

@@ -27,7 +27,7 @@ from armd.compiled.library import kind
 from armd.daemon.config import Limits
 from armd.daemon.live.flags import Flagger, finish
 from armd.daemon.live.motion import Motion, follow
-from armd.daemon.live.temperature import TemperatureWatch
+from armd.daemon.live.temperature_age import TemperatureWatch
 from armd.drivers.sample import SampleArray, Temperatures
 
 PointArray = npt.NDArray[np.void]
@@ -144,7 +144,7 @@ class Pipeline:
 
     def _judge(self) -> None:
         watch = self.temperature
-        flags = self._own_flags | watch.slow_flags
+        flags = self._own_flags | watch.temperature_flags
         if self.outside_period is not None:
             flags |= Flag.TEMPERATURE_RANGE
         self._flagger.judge_by(flags, watch.stale_after_ns, watch.invalid_after_ns, self._identity)

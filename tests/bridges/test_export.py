@@ -69,6 +69,28 @@ def test_a_sensor_may_be_called_like_a_column(tmp_path: Path) -> None:
     assert (row["tip"], row["temperature_tip"]) == ("", "21.0")
 
 
+def test_a_table_is_read_as_it_was_written_and_an_unknown_column_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = export(tmp_path, ".csv", MEASUREMENT | {"temperatures_c": {"q3": 21.0, "elbow": None}})
+    assert text.splitlines()[0].endswith(
+        ",w1,w2,approach_x,approach_y,approach_z,temperature_q3,elbow"
+    )
+    path, again = tmp_path / "out.csv", tmp_path / "again.csv"
+    assert main(["export", str(path), "-o", str(again)]) == 0
+    rows = [next(csv.DictReader(table.splitlines())) for table in (text, again.read_text())]
+    for row in rows:  # a table has no orientation
+        del row["i"], row["j"], row["k"]
+    assert rows[0] == rows[1]
+    again.unlink()
+    path.write_text(text.replace(",seq,", ",humidity,").replace(",elbow", ",seq"))
+    capsys.readouterr()
+    assert main(["export", str(path), "-o", str(again)]) == 2
+    said = capsys.readouterr().err
+    assert "out.csv: the header: found column 'humidity'" in said, said
+    assert not again.exists()
+
+
 def test_xyz_is_six_numbers_a_line(tmp_path: Path) -> None:
     points = np.loadtxt(export(tmp_path, ".xyz", MEASUREMENT, PRESSED_IN_VAIN).splitlines())
     assert points.tolist() == [1.5, -2.25, 3.0, 0.0, -0.6, 0.8]

@@ -108,12 +108,10 @@ def test_a_point_is_told_to_the_last_bit_and_an_invalid_one_has_no_position() ->
 
 
 def test_every_flag_has_words() -> None:
-    assert list(page_messages.FLAGS) == list(Flag)
-    assert {severity for _, severity, _ in page_messages.FLAGS.values()} <= {
-        "info",
-        "warning",
-        "error",
-    }
+    flags = page_messages.flags()
+    assert [int(bit) for bit in flags] == [flag.bit_length() - 1 for flag in Flag]
+    assert {flag["severity"] for flag in flags.values()} <= {"info", "warning", "error"}
+    assert flags["0"]["text"].startswith("Position is NaN: ")
 
 
 def test_the_geometry_is_the_calibrations_and_the_tips(tmp_path: Path) -> None:

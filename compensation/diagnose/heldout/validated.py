@@ -157,7 +157,7 @@ def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> Va
         for folds in (folds_of(rests), _by_target(points)[rests.point_of])
     ]
     able = [
-        not finding.candidate.told_only and stands_alone(finding, step)
+        not finding.candidate.is_report_only and stands_alone(finding, step)
         for finding, step in zip(result.findings, stepwise, strict=True)
     ]
     later = later_squares(last, arm) if any(map(may_go_on_otherwise, last.findings)) else None
@@ -232,7 +232,7 @@ def by_session(
         return on_sessions(refit.with_subset(numbers), arm, sessions, holdout, growth)
 
     look = Look(squares, groups_of(readings), float(readings.freedom.mean()))
-    able = [not finding.candidate.told_only for finding in result.findings]
+    able = [not finding.candidate.is_report_only for finding in result.findings]
     return choose(result, [look], able, growth=knows_growth(last, arm))
 
 

@@ -35,8 +35,10 @@ def verdict(diagnosis: Diagnosis) -> str:
     gains = diagnosis.gains
     contradicted_later = diagnosis.contradicted_later
     numbered = partial(_numbers, diagnosis)
-    told_only = [i for i, finding in enumerate(diagnosis.findings) if finding.candidate.told_only]
-    unwritten = {*contradicted_later, *told_only}
+    report_only = [
+        i for i, finding in enumerate(diagnosis.findings) if finding.candidate.is_report_only
+    ]
+    unwritten = {*contradicted_later, *report_only}
     doubtful = numbered(i for i, g in enumerate(gains) if not g.is_confirmed and i not in unwritten)
     if not gains:
         sentences.append(
@@ -64,8 +66,8 @@ def verdict(diagnosis: Diagnosis) -> str:
                 f"What goes with time, {numbered(contradicted_later)}, is not in it: fitted to the "
                 "earlier readings, it makes the later ones worse. Measure longer."
             )
-        if told_only:
-            numbers = numbered(told_only)
+        if report_only:
+            numbers = numbered(report_only)
             sentences.append(f"No calibration can contain {numbers}: reported, and not written.")
         guesses = numbered(
             i

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator
+import itertools
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,7 +34,7 @@ COLUMNS = (
     "buttons", "trigger", "tip", "calibration", "tip_x_mm", "tip_y_mm", "tip_z_mm", "tip_radius_mm",
     "serial",
 )  # fmt: skip
-#: Before the name of a sensor that is called like one of the columns.
+#: Before the name of a sensor that is called like one of the columns, or like a joint's.
 CLASH = "temperature_"
 
 
@@ -204,8 +205,10 @@ def _from_table(path: Path) -> Measurements:
                 if name not in names:
                     expected = "a table of `armd export`"
                     raise BadInput(path, f"column {name}", "nothing", expected)
+            sensors = _sensor_columns(path, names)
             measurements = [
-                _measurement(path, f"row {n}", _of_row(row)) for n, row in enumerate(rows, 1)
+                _measurement(path, f"row {n}", _of_row(row, sensors))
+                for n, row in enumerate(rows, 1)
             ]
         except (ValueError, OverflowError, csv.Error) as error:
             raise BadInput(path, "the table", str(error), "a table of `armd export`") from error
@@ -221,9 +224,28 @@ def _of_points(path: Path) -> list[MeasurementLine]:
     ]
 
 
-def _of_row(row: dict[str, str]) -> dict[str, Any]:
-    """A row of a table as its measurement; raises `ValueError` for what is no number, or not
-    as many cells as the header has."""
+def _joint_columns(names: Container[str], letter: str) -> list[str]:
+    """Those of all joints, from 1 on."""
+    numbered = (f"{letter}{k}" for k in itertools.count(1))
+    return list(itertools.takewhile(names.__contains__, numbered))
+
+
+def _sensor_columns(path: Path, names: Sequence[str]) -> list[str]:
+    """The columns after all that a table has by name: the sensors' temperatures, whatever they are
+    called; raises `BadInput` for an unknown column before them."""
+    joints = [*_joint_columns(names, "q"), *_joint_columns(names, "w")]
+    column_names = {*COLUMNS, *APPROACH, *joints}
+    last = max(i for i, name in enumerate(names) if name in column_names)
+    for name in names[:last]:
+        if name and name not in column_names:
+            expected = f"a column of `armd export`, or a sensor's after {names[last]}"
+            raise BadInput(path, "the header", f"column {name!r}", expected)
+    return [name for name in names[last + 1 :] if name]
+
+
+def _of_row(row: dict[str, str], sensors: Sequence[str]) -> dict[str, Any]:
+    """A row of a table as its measurement, temperatures from the columns *sensors*; raises
+    `ValueError` for what is no number, or not as many cells as the header has."""
     if None in row or None in row.values():  # of csv: cells too many, cells too few
         raise ValueError("a row with more or fewer cells than the header")
 
@@ -232,14 +254,8 @@ def _of_row(row: dict[str, str]) -> dict[str, Any]:
         texts = [row.get(name) or "" for name in names]
         return [float(text) for text in texts] if texts and all(texts) else None
 
-    def joints(letter: str) -> list[str]:
-        return [name for name in row if name[:1] == letter and name[1:].isdecimal()]
-
     deviation = numbers(f"u_{axis}_mm" for axis in "xyz")
-    column_names = {*COLUMNS, *APPROACH, *joints("q"), *joints("w")}
-    sensors = {
-        name.removeprefix(CLASH): row[name] for name in row if name and name not in column_names
-    }
+    texts_c = {name.removeprefix(CLASH): row[name] for name in sensors}
     return {
         "position_mm": numbers(f"{axis}_mm" for axis in "xyz"),
         "standard_deviation_mm": numbers(f"sd_{axis}_mm" for axis in "xyz"),
@@ -248,9 +264,9 @@ def _of_row(row: dict[str, str]) -> dict[str, Any]:
         "approach": numbers(APPROACH),
         "tip_offset_mm": numbers(f"tip_{axis}_mm" for axis in "xyz"),
         "tip_radius_mm": float(row["tip_radius_mm"]) if row.get("tip_radius_mm") else None,
-        "angles_rad": numbers(joints("q")),
-        "rates_rad_s": numbers(joints("w")),
-        "temperatures_c": {name: float(text) if text else None for name, text in sensors.items()},
+        "angles_rad": numbers(_joint_columns(row, "q")),
+        "rates_rad_s": numbers(_joint_columns(row, "w")),
+        "temperatures_c": {name: float(text) if text else None for name, text in texts_c.items()},
         "flag_names": (row.get("flag_names") or "").split(),
         "tip": row.get("tip") or None,
         "calibration": row.get("calibration") or None,
@@ -258,6 +274,7 @@ def _of_row(row: dict[str, str]) -> dict[str, Any]:
         "trigger": row.get("trigger") or "",
         **{name: int(row[name]) for name in ("stamp_ns", "seq", "flags")},
         **{name: int(row[name]) for name in ("count", "buttons") if row.get(name)},
+        **{name: float(row[name]) for name in ("duration_s",) if row.get(name)},
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Sequence
 
 from armd.compensation.data.session_columns import APPROACH
@@ -22,8 +23,11 @@ def as_csv(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
     joints = max((len(m.angles_rad or ()) for m in measurements), default=0)
     sensors = list(dict.fromkeys(name for m in measurements for name in m.temperatures_c))
     q, w = ([f"{letter}{k}" for k in range(1, joints + 1)] for letter in "qw")
-    column_names = {*COLUMNS, *q, *w, *APPROACH}
-    columns = [f"{CLASH}{name}" if name in column_names else name for name in sensors]
+    column_names = {*COLUMNS, *APPROACH}
+    columns = [
+        f"{CLASH}{name}" if name in column_names or re.fullmatch(r"[qw]\d+", name) else name
+        for name in sensors
+    ]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*COLUMNS, *q, *w, *APPROACH, *columns])

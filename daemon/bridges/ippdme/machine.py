@@ -18,16 +18,6 @@ from armd.daemon.bridges.tips import Tips, shaft
 
 #: Without a point for this long the arm is out of reach.
 SILENT_S = 1.0
-#: Q of a measurement: 0 good … 100 bad; the worst of its flags counts.
-QUALITY = {
-    Flag.INVALID: 100,
-    Flag.NOT_CALIBRATED: 75,
-    Flag.TEMPERATURE_STALE: 75,
-    Flag.JOINT_WARNING: 75,
-    Flag.TEMPERATURE_RANGE: 50,
-    Flag.TEMPERATURE_RATE: 50,
-    Flag.END_STOP: 25,
-}
 
 SelectTip = Callable[[str, Callable[[bool], None]], None]
 """Ask the daemon for a tip by name ("": its own); it calls back with whether it was done."""
@@ -112,13 +102,12 @@ class Machine:
         position = self.systems.position(np.array(measurement["position_mm"]))
         out = self.systems.direction(np.array(self.tips.out_of_material(measurement)))
         x, y, z = position.tolist()
-        flags = Flag(measurement["flags"])
         return {
             "X": (x,),
             "Y": (y,),
             "Z": (z,),
             "IJK": tuple(out.tolist()),
             "ER": (self.tips.used_in(measurement).radius_mm,),
-            "Q": (max((QUALITY.get(flag, 0) for flag in flags), default=0),),
+            "Q": (max((flag.quality for flag in Flag(measurement["flags"])), default=0),),
             "IJKAct": (0,),
         }

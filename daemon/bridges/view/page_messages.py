@@ -16,44 +16,6 @@ from armd.compensation.model.parameters import (
     TIP_PARAMETERS,
 )
 
-#: Each flag in two words, how grave it is, and what it means for the number on the screen.
-FLAGS: dict[Flag, tuple[str, str, str]] = {
-    Flag.INVALID: (
-        "No position",
-        "error",
-        "A joint or a temperature is invalid: there is no position, and none is guessed.",
-    ),
-    Flag.TEMPERATURE_RANGE: (
-        "Outside calibrated temperatures",
-        "warning",
-        "A temperature, or the time, lies outside what the calibration was identified in.",
-    ),
-    Flag.TEMPERATURE_STALE: (
-        "Temperature missing",
-        "warning",
-        "A sensor in use is invalid or silent; its last value is held.",
-    ),
-    Flag.TEMPERATURE_RATE: (
-        "Temperature changes",
-        "warning",
-        "A temperature changes faster than the model can follow.",
-    ),
-    Flag.JOINT_WARNING: ("Joint warns", "warning", "A joint warns; its angle still holds."),
-    Flag.END_STOP: ("End stop", "warning", "A joint stands within 0.5° of a limit."),
-    Flag.SAMPLES_LOST: (
-        "Samples lost",
-        "warning",
-        "Samples before this one never reached the daemon.",
-    ),
-    Flag.NOT_CALIBRATED: (
-        "Not calibrated",
-        "warning",
-        "Nominal geometry: no calibration is loaded.",
-    ),
-    Flag.CLOCK: ("Clock", "warning", "Time stamps are times of arrival."),
-    Flag.AT_REST: ("At rest", "info", "The tip has rested for half a second."),
-}
-
 
 def live(point: np.void, angles_rad: Sequence[float] | None) -> str:
     """The newest point of `armd.POINT`, and the joints' angles where they are known."""
@@ -154,8 +116,13 @@ def trigger(configuration: Mapping[str, Any]) -> str | None:
 def flags() -> dict[str, dict[str, str | None]]:
     """What each bit of a point's flags means; the same for every arm."""
     return {
-        str(flag.bit_length() - 1): {"name": flag.name, "title": t, "severity": s, "text": w}
-        for flag, (t, s, w) in FLAGS.items()
+        str(flag.bit): {
+            "name": flag.name,
+            "title": flag.title,
+            "severity": flag.severity,
+            "text": f"{flag.meaning[0].upper()}{flag.meaning[1:]}.",
+        }
+        for flag in Flag
     }
 
 

@@ -41,6 +41,8 @@ COLUMNS = (
     "u_x_old_mm", "u_y_old_mm", "u_z_old_mm", "u_x_new_mm", "u_y_new_mm", "u_z_new_mm",
     "flags_old", "flags_new", "calibration_old", "calibration_new", "tip", "matters",
 )  # fmt: skip
+#: Flags that another calibration decides again.
+OF_CALIBRATION = sum(flag for flag in Flag if flag.origin == "calibration")
 RECORRECTED = OutputKind(
     "measurements recorrected", lambda head: head.startswith(b"seq,stamp_ns,x_old")
 )
@@ -262,7 +264,7 @@ def _table(
                 *("" if np.isnan(value) else f"{value:.6f}" for value in numbers),
                 # What the measuring itself said of its points holds for the new position, too.
                 m.flags,
-                int(new.flags[i]) | m.flags & ~int(Flag.TEMPERATURE_RANGE | Flag.NOT_CALIBRATED),
+                int(new.flags[i]) | m.flags & ~OF_CALIBRATION,
                 m.calibration or "",
                 calibration.sha256[:16],
                 m.tip or "",

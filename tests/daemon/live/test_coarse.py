@@ -12,7 +12,7 @@ from armd.compensation.model.kinematics import forward
 from armd.daemon.config import Limits
 from armd.daemon.live.drift import CoarseHistory
 from armd.daemon.live.pipeline import Pipeline
-from armd.daemon.live.temperature import TemperatureWatch
+from armd.daemon.live.temperature_age import TemperatureWatch
 from armd.drivers.sample import sample_dtype
 from support.small_arm import COUNTS  # the small arm's own encoders are fine
 
@@ -120,15 +120,15 @@ def watch(readings):
 def test_a_step_of_a_degree_is_no_fast_change():
     told = [(k / 2, 30.0 if k < 100 else 31.0) for k in range(400)]
     for n in range(20, 400, 7):
-        assert Flag.TEMPERATURE_RATE not in watch(told[:n]).slow_flags
+        assert Flag.TEMPERATURE_RATE not in watch(told[:n]).temperature_flags
     flickering = [(k / 2, 30.0 + (k % 3 == 0)) for k in range(100)]
-    assert Flag.TEMPERATURE_RATE not in watch(flickering).slow_flags
+    assert Flag.TEMPERATURE_RATE not in watch(flickering).temperature_flags
 
 
 @pytest.mark.parametrize("k_per_s", [90.0 / 3600, 1.0])
 def test_what_no_step_explains_is_a_fast_change(k_per_s):
     told = [(k / 2, float(round(30 + k_per_s * k / 2))) for k in range(360)]
-    assert Flag.TEMPERATURE_RATE in watch(told).slow_flags
+    assert Flag.TEMPERATURE_RATE in watch(told).temperature_flags
 
 
 def test_the_certain_rate_against_the_plain_formula():

@@ -287,17 +287,18 @@ def test_an_arm_without_sensors_needs_no_temperature():
 def test_a_sensor_is_told_lost_once_it_had_a_value_or_has_been_waited_for():
     watch = calibrated().temperature
     watch.begin(10**9)
-    assert watch.missing(10**9) == ("a", "b") and watch.lost(10**9) == ()  # nobody spoke yet
+    assert watch.stale_sensors(10**9) == ("a", "b")  # nobody spoke yet
+    assert watch.sensors_to_report(10**9) == ()
     first = reading([20.0, math.nan, 20.0], 0.1)
     watch.update(first.celsius, first.monotonic_ns)
-    assert watch.missing(2 * 10**9) == ("b",) and watch.lost(2 * 10**9) == ()
-    assert watch.lost(6_200_000_000) == ("a", "b")  # a is stale by now, b never came
+    assert watch.stale_sensors(2 * 10**9) == ("b",) and watch.sensors_to_report(2 * 10**9) == ()
+    assert watch.sensors_to_report(6_200_000_000) == ("a", "b")  # a is stale by now, b never came
     warm = reading(WARM, 6.0)
     watch.update(warm.celsius, warm.monotonic_ns)
-    assert watch.lost(7 * 10**9) == ()
+    assert watch.sensors_to_report(7 * 10**9) == ()
     gone = reading([20.0, math.nan, math.nan], 6.5)
     watch.update(gone.celsius, gone.monotonic_ns)
-    assert watch.lost(7_500_000_000) == ("b",)
+    assert watch.sensors_to_report(7_500_000_000) == ("b",)
 
 
 def test_what_is_not_finite_is_invalid():

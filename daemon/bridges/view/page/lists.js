@@ -3,12 +3,13 @@
 import { clock, element, instant, micrometres, millimetres, norm, resolution, write } from "./say.js";
 
 const MOST = 1000;
-const NO_DOUBT = 1 << 9; // at rest: says nothing against a measurement
 
 export class Measurements {
-  constructor(body, changed) {
+  /** `warnings(bits)`: titles of the flags that say something against a measurement. */
+  constructor(body, changed, warnings) {
     this.body = body;
     this.changed = changed;
+    this.warnings = warnings;
     this.clear();
     body.addEventListener("click", (event) => {
       const row = event.target.closest("tr");
@@ -32,7 +33,7 @@ export class Measurements {
     const digits = resolution(m.u ? 2 * Math.max(...m.u) : 0);
     for (const i of [0, 1, 2]) row.append(element("td", m.p ? millimetres(m.p[i], digits) : "–"));
     row.append(element("td", deviation), element("td", expanded), element("td", clock(m.ms), { class: "wide" }));
-    if (!m.p || m.f & ~NO_DOUBT) row.classList.add("doubt");
+    if (!m.p || this.warnings(m.f)) row.classList.add("doubt");
     if (fresh) row.classList.add("fresh");
     this.body.prepend(row);
     if (this.body.children.length > MOST) this.body.lastChild.remove();
@@ -71,12 +72,12 @@ export class Measurements {
   }
 
   /** What there is to say of those picked. */
-  words(flags) {
+  words() {
     const chosen = this.chosen;
     if (chosen.length === 1) {
       const [m] = chosen;
       const deviations = m.sd ? `s = ${m.sd.map((x) => micrometres(x)).join(", ")} µm in x, y, z of ${m.n} readings over ${m.s.toFixed(2)} s` : "a single reading";
-      const doubts = flags(m.f & ~NO_DOUBT);
+      const doubts = this.warnings(m.f);
       return `No. ${this.number(m)}: ${deviations}; tip ${m.tip ?? "of the calibration"}${doubts ? `; ${doubts}` : ""}`;
     }
     const placed = chosen.filter((m) => m.p);

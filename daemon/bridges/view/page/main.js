@@ -49,12 +49,12 @@ let features = null;
 const measurements = new Measurements($("rows"), () => {
   const placed = measurements.all.filter((m) => m.p);
   scene?.points(placed.map((m) => m.p), measurements.chosen.filter((m) => m.p).map((m) => m.p));
-  write($("picked"), measurements.words(flagWords));
+  write($("picked"), measurements.words());
   features?.offer(measurements.chosen.filter((m) => m.p));
   write($("count"), measurements.all.length ? String(measurements.all.length) : "");
   showNone();
   showDistance();
-});
+}, flagWarnings);
 features = new Features();
 const events = new Events($("events"), $("none-happened"));
 
@@ -138,8 +138,8 @@ function showFlags(bits) {
   $("flags").replaceChildren(...(standing.length ? standing : [element("li", "no flags", { class: "none" })]));
 }
 
-function flagWords(bits) {
-  return Object.entries(page.hello?.flags ?? {}).filter(([bit]) => (bits >>> Number(bit)) & 1).map(([, flag]) => flag.title.toLowerCase()).join(", ");
+function flagWarnings(bits) {
+  return Object.entries(page.hello?.flags ?? {}).filter(([bit, flag]) => (bits >>> Number(bit)) & 1 && flag.severity !== "info").map(([, flag]) => flag.title.toLowerCase()).join(", ");
 }
 
 /** A figure that nobody renews must not look like one that is. */

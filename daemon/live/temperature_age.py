@@ -1,4 +1,4 @@
-"""How far the temperatures can be trusted at an instant: held, stale, out of range, drifting."""
+"""Decides when a temperature is too old, out of range or changes too fast; holds the last value."""
 
 from __future__ import annotations
 
@@ -108,8 +108,8 @@ class TemperatureWatch:
         """Every sensor in use has had a value."""
         return not any(math.isnan(self._heard_c[i]) for i in self._used)
 
-    def missing(self, monotonic_ns: int) -> tuple[str, ...]:
-        """Names of the sensors in use without a value at this instant."""
+    def stale_sensors(self, monotonic_ns: int) -> tuple[str, ...]:
+        """Names of the sensors in use that are invalid, or silent for 5 s, at this instant."""
         if monotonic_ns <= self.stale_after_ns:
             return ()
         late_ns = monotonic_ns - STALE_AFTER_NS
@@ -119,13 +119,12 @@ class TemperatureWatch:
             if self._good_ns[i] < late_ns or math.isnan(self._current_c[i])
         )
 
-    def lost(self, monotonic_ns: int) -> tuple[str, ...]:
-        """Of the missing ones those that a person wants to hear of: after the start the first value
-        of each is waited for."""
+    def sensors_to_report(self, monotonic_ns: int) -> tuple[str, ...]:
+        """The stale sensors but those whose first value is still waited for after the start."""
         waited = self._begun_ns is not None and monotonic_ns > self._begun_ns + STALE_AFTER_NS
         return tuple(
             name
-            for name in self.missing(monotonic_ns)
+            for name in self.stale_sensors(monotonic_ns)
             if waited or not math.isnan(self._heard_c[self.sensors.index(name)])
         )
 
@@ -152,14 +151,14 @@ class TemperatureWatch:
         self.outside = tuple(
             self.sensors[i] for i, low, high in self._ranges if held_c[i] < low or held_c[i] > high
         )
-        self.slow_flags = Flag(0)
+        self.temperature_flags = Flag(0)
         if self.outside:
-            self.slow_flags |= Flag.TEMPERATURE_RANGE
+            self.temperature_flags |= Flag.TEMPERATURE_RANGE
         used = (self.sensors[i] for i in self._used)
         if (self.drift is not None and self.drift.exceeds(self._rate_limit)) or any(
             name in self.impossible for name in used
         ):
-            self.slow_flags |= Flag.TEMPERATURE_RATE
+            self.temperature_flags |= Flag.TEMPERATURE_RATE
 
     def _judge_age(self) -> None:
         #: Samples later than this carry flag 2, …
