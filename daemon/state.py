@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
 
 from armd import Flag
 
@@ -30,7 +30,8 @@ class State(StrEnum):
     """It does not measure."""
 
 
-class Observation(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class Observation:
     """What the daemon saw of the arm during the last second."""
 
     silent_s: float | None  # since the last sample; None: none yet

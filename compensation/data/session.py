@@ -47,7 +47,7 @@ from armd.terminal.suggest import hint
 TEXTS = ["placement", "target", "reflector"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Session:
     """Readings of one arm on one artefact, checked; arrays have one row per reading."""
 

@@ -53,7 +53,7 @@ class Bounds:
     lowest_mm: float | None = None  # least height over the base of any part of the arm
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FirstExperiment:
     """Chosen postures, and how well they determine the constants."""
 

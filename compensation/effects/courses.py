@@ -114,8 +114,8 @@ def _along(
         tuple(column for function in (*course.functions, *before) for column in make(function)),
         depends_on,
         course.setting,
-        refine if finer else None,
-        rebuild if elsewhere else None,
+        refine=refine if finer else None,
+        elsewhere=rebuild if elsewhere else None,
     )
 
 
@@ -137,7 +137,7 @@ def steps(
             tuple(make(After(instant_unix_s=instant))),
             ("time_s",),
             (("instant", instant, "s (Unix)"),),
-            None if finest else refine,
+            refine=None if finest else refine,
         )
 
     return map(make_step, facts.instants_unix_s)

@@ -8,7 +8,7 @@ An `Effect` lists the candidates an arm and its sessions allow, and reads amplit
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from typing import Literal
 
@@ -109,6 +109,7 @@ class Candidate:
     columns: tuple[Column, ...]
     depends_on: tuple[str, ...]
     setting: tuple[tuple[str, float, str], ...] = ()  # (name, value, unit)
+    _: KW_ONLY
     #: a finer grid around this candidate for its non-linear parameters, or of what is unknown a
     #: richer function of the same variables; none if there is none
     refine: Callable[[], Sequence[Candidate]] | None = field(default=None, compare=False)
@@ -190,7 +191,7 @@ def join_finding(findings: Sequence[Candidate], finding: Candidate) -> list[Cand
     return [*(c for c in findings if not c.is_within(finding)), finding]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SessionFacts:
     """What the catalogue needs to know of the arm, the model under test and the sessions."""
 
@@ -264,6 +265,7 @@ class Effect:
     describe: Callable[[Candidate, F64], str]
     #: what sessions must hold for the cause to show at all; empty: any poses will do
     needs: str = ""
+    _: KW_ONLY
     #: a blow, a slip, a wrong certificate: of any size; others are bounded by their typical one
     accident: bool = False
     #: shows by the rate, the side of approach or the moment only, never by the pose

@@ -41,7 +41,7 @@ class CoordinateDrift:
         return {"value": self.value.tolist(), "standard_uncertainty": uncertainty}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Repeatability:
     """What n visits of one place say."""
 
@@ -114,15 +114,15 @@ def fit_repeatability(position_mm: F64, time_h: F64, temperature_c: F64) -> Repe
     size = math.sqrt(float(np.trace(covariance)))
     distance = np.linalg.norm(residual, axis=1)
     return Repeatability(
-        size,
-        _interval(covariance, freedom, size),
-        per_h,
-        per_k,
-        float(distance.mean() + 3 * distance.std(ddof=1)),
-        float(distance.max()),
-        position_um,
-        fitted - fitted.mean(axis=0),
-        tuple(remarks),
+        repeatability_um=size,
+        interval_um=_interval(covariance, freedom, size),
+        per_h=per_h,
+        per_k=per_k,
+        rp_um=float(distance.mean() + 3 * distance.std(ddof=1)),
+        largest_um=float(distance.max()),
+        offset_um=position_um,
+        fitted_um=fitted - fitted.mean(axis=0),
+        remarks=tuple(remarks),
     )
 
 

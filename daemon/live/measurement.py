@@ -35,7 +35,7 @@ class Press:
     row: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Measurement:
     """Averages over `count` points; positions in mm, base frame."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from enum import Enum
 
 from armd.drivers.can.objects import BOOT_UP, ENCODER_LAYOUT, OPERATIONAL, EncoderLayout
@@ -24,6 +24,7 @@ class Node:
 
     number: int
     name: str  # "joint 3", "temperature module 0x20"
+    _: KW_ONLY
     state: NodeState = NodeState.NEW
     fault: str = ""
     range_counts: int = 0  # joints only

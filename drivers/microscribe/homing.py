@@ -13,7 +13,7 @@ what holds it, and no hand. Why: docs/decisions/0012.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import KW_ONLY, asdict, dataclass
 from typing import Any, NamedTuple, Self
 
 from armd.drivers.microscribe.timer import TICK_NS
@@ -48,6 +48,7 @@ class Homing:
 
     counts_per_turn: Sequence[int]
     before: Before | None = None
+    _: KW_ONLY
     homed: bool = False
     unconfirmed: bool = False  # HOME was acknowledged, and is not believed yet
     _home: Sequence[int] | None = None  # counts in the rest, or in what may be it

@@ -144,7 +144,9 @@ def test_a_rival_step_is_taken_nearest_to_the_instant_between_those_of_the_grid(
             (Column("step", "rad", 1e-5),),
             ("time_s",),
             (("instant", at, "s (Unix)"),),
-            None if finest else lambda: [step(at + by, True) for by in (-40.0, -20.0, 20.0, 40.0)],
+            refine=None
+            if finest
+            else lambda: [step(at + by, True) for by in (-40.0, -20.0, 20.0, 40.0)],
         )
 
     grid = [step(1000.0), step(1100.0), step(1200.0)]

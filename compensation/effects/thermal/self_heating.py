@@ -50,8 +50,8 @@ def _warmed(
         (column,),
         (f"{'w' if by_rate else 'q'}{joint}", "time_s"),
         (("time constant", lag_s, "s"),),
-        None if finest else lambda: [rebuild(lag_s * factor) for factor in FINER],
-        rebuild,
+        refine=None if finest else lambda: [rebuild(lag_s * factor) for factor in FINER],
+        elsewhere=rebuild,
     )
 
 

@@ -59,9 +59,9 @@ def _lagging(
         (column,),
         (*weights, "time_s"),
         (("time constant", lag_s, "s"),),
-        None if finest else refine,
-        rebuild,
-        () if share else None,
+        refine=None if finest else refine,
+        elsewhere=rebuild,
+        through=() if share else None,
     )
 
 

@@ -4,7 +4,7 @@ registers and codec."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import KW_ONLY, asdict, dataclass
 from typing import Any, Protocol
 
 from armd.drivers.poll.protocol import dynamixel, feetech
@@ -27,6 +27,7 @@ class Servo:
     mode: int  # of operation, as the register has it
     torque: bool  # on: it holds the joint
     return_delay_us: int  # that it waits before it answers
+    _: KW_ONLY
     offset_in_force: bool = True  # false where its mode ignores so large a homing offset
     divider: int = 1  # of its counts, where its mode divides them
 
