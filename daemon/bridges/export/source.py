@@ -236,10 +236,10 @@ def _sensor_columns(path: Path, names: Sequence[str]) -> list[str]:
     """The columns after all that a table has by name: the sensors' temperatures, whatever they are
     called; raises `BadInput` for an unknown column before them."""
     joints = [*_joint_columns(names, "q"), *_joint_columns(names, "w")]
-    known = {*COLUMNS, *APPROACH, *joints}
-    last = max(i for i, name in enumerate(names) if name in known)
+    column_names = {*COLUMNS, *APPROACH, *joints}
+    last = max(i for i, name in enumerate(names) if name in column_names)
     for name in names[:last]:
-        if name and name not in known:
+        if name and name not in column_names:
             expected = f"a column of `armd export`, or a sensor's after {names[last]}"
             raise BadInput(path, "the header", f"column {name!r}", expected)
     return [name for name in names[last + 1 :] if name]
