@@ -120,12 +120,11 @@ INTERVAL_TAIL = 0.025  # 1; below and above an interval of 95 %
 # What depends on a variable
 HALF_WIDTH = 1.96  # standard deviations; the pointwise band that holds 95 % of the drawn sets
 BEYOND = 0.05  # 1; the share outside it
-BEYOND_FLAT = 10.0  # χ² − 2 k; what varies must explain so much more than what is flat
+BEYOND_FLAT = 10.0  # 2 Δ ln L; what varies must explain so much more than what is flat
 SHARE_BEYOND = 0.1  # 1; and this share of it
-BEYOND_VALUES = 10.0  # χ² − 2 k; a name must explain so much more than a value
+BEYOND_VALUES = 10.0  # 2 Δ ln L; a name must explain so much more than a value
 SHARE_OF_NAMES = 0.05  # 1; and this share
-LEAST_VARIANCE_SHARE = 0.02  # 1; a direction that keeps less variance in a refit is absorbed
-SEARCHED_VARIABLES = 1  # unknowns; a second variable that is searched for
+LEAST_VARIANCE_SHARE = 1e-5  # 1; a direction of which absorbing leaves less is absorbed
 LEAST_PART_SHOWN = 0.005  # 1; a part in which less of the cause shows says nothing of its size
 
 # What is told
@@ -229,9 +228,11 @@ WIDEST_DEG = 10.0  # °; no bin of an angle is wider
 MOST_BINS = 36  # bins of equal count
 LEAST_BIN_RESTS = 8  # rests in each
 LEAST_BINS = 2  # bins; nothing is told by fewer
+WAVES = 20  # a turn, at most: a wheel's few teeth, a bearing's rollers
 INSEPARABLE = 0.9  # 1; squared correlation of variables that readings do not tell apart
 SHORTEST_MM = 20.0  # mm; a shorter link has no component of its own
-CURVES = 10_000  # curves for the p-values: the smallest of 400 must be below 0.05 / 400
+CURVES = 50_000  # curves for a small p-value: the least of 500 must be below 0.05 / 500
+FIRST_CURVES = 2000  # for one that is not small
 CURVES_SEED = 0xC0E  # of their random numbers
 MOST_TOGETHER = 120  # sums whose covariance is known as a whole; more count as independent
 SETS_SHOWN = 12  # drawn sets kept to be shown

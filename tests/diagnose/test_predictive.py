@@ -189,6 +189,7 @@ def test_components_are_how_the_tip_moves() -> None:
     assert np.array_equal(by_name["angle joint 3"], linear.joints[:, :, 2])
     along = {f"{axis} artefact" for axis in "xyz"} | {f"{axis} base" for axis in "xyz"}
     assert {*along, "length link 2", "length stylus", "scale artefact"} < {*by_name}
+    assert {"lean x link 1", "lean y link 5"} < {*by_name} and "lean x link 6" not in by_name
     for name in (*along, "length link 2", "length stylus"):  # a mm of each moves the tip by one
         assert np.linalg.norm(by_name[name], axis=1) == pytest.approx(1.0, abs=1e-6), name
 
@@ -233,7 +234,7 @@ def test_the_report_picks_what_stands_out_most_of_each_group_and_of_a_finding() 
     assert choose_for_finding(every, {"depends_on": [], "location": "rows"}) is None
     figure = draw_rows(choose_overview([*every, strong]))
     assert [panel.get_title() for panel in figure.axes[2:4]] == [
-        "model under test: 90 % outside, p < 0.0001",
+        "model under test: 90 % outside, p < 2e-05",
         "with the findings: 0 % outside, p = 1",
     ]
     assert [panel.get_ylabel() for panel in figure.axes[:4:2]] == [

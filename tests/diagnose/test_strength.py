@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.predictive.bins import Bins
-from armd.compensation.diagnose.predictive.moments import Moments
+from armd.compensation.diagnose.predictive.scores import Score
 from armd.compensation.diagnose.predictive.strength import (
-    Scatter,
+    Misfit,
     Strength,
+    beyond,
     features,
     lines_together,
     of_pairs,
     strength,
 )
+from armd.compensation.diagnose.predictive.waves import waves_of
 
 
 def over(kind: Any, values: np.ndarray) -> Bins:
@@ -27,13 +29,15 @@ def over(kind: Any, values: np.ndarray) -> Bins:
     return Bins(kind, kind, np.arange(len(values)), starts, middle, values=values, kind=kind)
 
 
+def score_of(residual: np.ndarray) -> tuple[Score, Misfit]:
+    """Of independent residuals of unit variance of which nothing is absorbed."""
+    n = len(residual)
+    return Score(residual, np.ones(n), np.zeros((n, 0))), Misfit(float(residual @ residual), n)
+
+
 def strength_of(bins: Bins, residual: np.ndarray, joint: float = -np.inf) -> Strength:
-    """Of independent residuals of unit variance."""
-    drawn = Moments(features(bins), bins.order, bins.starts)
-    drawn.add(np.random.default_rng(8).normal(size=(1, len(residual), 4000)))
-    values = drawn.sums(residual[None, :, None])[0, :, 0]
-    unabsorbed = drawn.unabsorbed(np.ones((1, len(residual))))[0]
-    return strength(bins, values, Scatter(drawn.covariance[0], unabsorbed, drawn.draws), joint)
+    score, misfit = score_of(residual)
+    return strength(bins, *score.over(features(bins), bins.order, bins.starts), misfit, joint)
 
 
 def test_strength_is_of_what_varies_and_does_not_grow_with_the_bins() -> None:
@@ -47,10 +51,12 @@ def test_strength_is_of_what_varies_and_does_not_grow_with_the_bins() -> None:
     }.items():
         bins = over(kind, values)
         found, none = strength_of(bins, shape + noise), strength_of(bins, noise)
-        assert found.noise_units**2 == pytest.approx((shape**2).sum(), rel=0.15), kind
+        gained = 480 * np.log(1.0 + (shape**2).sum() / 480)
+        assert found.noise_units**2 == pytest.approx(gained, rel=0.15), kind
         assert none.noise_units < 3.5, kind
     flat = strength_of(over("temperature", values), 1.0 + noise)
-    assert flat.flat > flat.best - 10.0 and flat.noise_units > 20.0
+    assert flat.flat > flat.best - 10.0
+    assert flat.noise_units**2 == pytest.approx(480 * np.log(2.0), rel=0.15)
     names = replace(over("time", values), labels=("a",) * 40, values=None, kind="name")
     loosened = noise + 2.5 * (np.arange(480) // 12 == 7)
     alone = strength_of(names, loosened)
@@ -68,10 +74,45 @@ def test_a_difference_of_two_temperatures_is_of_the_pair() -> None:
         one = over("temperature", own[order])
         bins.append(replace(one, variable=f"t{i + 1}", order=order))
     residual = 6.0 * (values[0] - 0.6 * values[2]) + rng.normal(size=480)
-    drawn = Moments(lines_together(bins, 480), np.arange(480), np.zeros(0, dtype=np.int64))
-    drawn.add(rng.normal(size=(1, 480, 4000)))
-    sums = drawn.sums(residual[None, :, None])[0, :, 0]
-    unabsorbed = drawn.unabsorbed(np.ones((1, 480)))[0]
-    pairs = of_pairs(bins, sums, Scatter(drawn.covariance[0], unabsorbed, drawn.draws))
+    score, misfit = score_of(residual)
+    lines = lines_together(bins, 480)
+    sums, scatter = score.over(lines, np.arange(480), np.zeros(0, dtype=np.int64))
+    pairs = of_pairs(bins, sums, scatter, misfit)
     assert max(pairs, key=lambda name: pairs[name]) == "t1"
     assert pairs["t1"] > 1.2 * strength_of(bins[0], residual[bins[0].order]).best
+
+
+def test_teeth_show_over_the_joint_or_the_neighbour_that_turns_them() -> None:
+    rng = np.random.default_rng(11)
+    degrees = rng.uniform(-150.0, 150.0, (4, 480))
+    angles = []
+    for k, own in enumerate(degrees, 1):
+        order = np.argsort(own)
+        one = over("angle", own[order])
+        angles.append(replace(one, variable=f"q{k}", order=order))
+    waves, turn, noise = waves_of(angles, 480), np.radians(degrees), rng.normal(size=480)
+    for phase, right in ((12 * turn[2], {"q3"}), (7 * (turn[1] - turn[2]), {"q2", "q3"})):
+        found = waves.strengths(*_swapped(score_of(3.0 * np.cos(phase) + noise), "q2"))
+        first = max(found, key=lambda name: found[name])
+        assert first in right and found[first] > 5.0 * abs(found["q1"]), found
+    # Of joint 1 neither q2 nor q3 alone turns a wheel by their difference.
+    found = waves.strengths(*_swapped(score_of(3.0 * np.cos(7 * (turn[1] - turn[2]))), "q4"))
+    assert found["q2"] < 0.0
+
+
+def _swapped(of: tuple[Score, Misfit], joint: str) -> tuple[Score, str, Misfit]:
+    return of[0], joint, of[1]
+
+
+def test_a_curve_that_is_absorbed_but_for_a_hundredth_counts_by_what_is_left() -> None:
+    rng = np.random.default_rng(12)
+    line = rng.normal(size=480)
+    other = line + 0.1 * rng.normal(size=480)
+    absorbed = (other / np.linalg.norm(other))[:, None]
+    residual = 5.0 * line + rng.normal(size=480)
+    left = residual - absorbed[:, 0] * float(absorbed[:, 0] @ residual)
+    score = Score(left, np.ones(480), absorbed)
+    misfit = Misfit(float(left @ left), 479.0)
+    sums, scatter = score.over(line[:, None], np.arange(480), np.zeros(0, dtype=np.int64))
+    assert scatter.covariance[0, 0] < 0.02 * scatter.unabsorbed[0]
+    assert beyond(sums, scatter, misfit) > 80.0

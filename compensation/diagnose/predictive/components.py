@@ -1,7 +1,8 @@
-"""Along what residuals are looked at: a joint's angle, a link's length, base and artefact.
+"""Along what residuals are looked at: a joint's angle, a link's lean and length, base and artefact.
 
-What a joint does shows along its motion. What a link's growth does shows along the link, and what
-a wrong artefact does in the artefact's frame, where no joint's angle has a clear curve of it.
+What a joint does shows along its motion. What a link's bow or growth does shows along its lean or
+length, and what a wrong artefact does in the artefact's frame, where no joint's angle has a clear
+curve of it.
 """
 
 from __future__ import annotations
@@ -30,12 +31,18 @@ class Component:
     @property
     def title(self) -> str:
         """As an axis has it."""
-        return self.place if self.quantity == "angle" else self.name.replace("scale", "scale of")
+        return self.name.removeprefix("angle ").replace("scale", "scale of")
 
 
 def components(linear: Linear) -> tuple[list[Component], F64]:
     """Every component, and the tip's motion (n, 3, K) in mm per unit of each."""
-    named = [*_angles(linear), *_lengths(linear), *_of_base(linear), *_of_artefact(linear)]
+    named = [
+        *_angles(linear),
+        *_leans(linear),
+        *_lengths(linear),
+        *_of_base(linear),
+        *_of_artefact(linear),
+    ]
     return [one for one, _ in named], np.stack([moves for _, moves in named], axis=2)
 
 
@@ -43,6 +50,20 @@ def _angles(linear: Linear) -> list[tuple[Component, F64]]:
     return [
         (Component(f"angle joint {k + 1}", "angle", f"joint {k + 1}"), linear.joints[:, :, k])
         for k in range(linear.joints.shape[2])
+    ]
+
+
+def _leans(linear: Linear) -> list[tuple[Component, F64]]:
+    """Of each link but the last, whose lean is the stylus' place: about the two axes across that of
+    its joint."""
+    layout = linear.rests.observations.arm.layout
+    return [
+        (
+            Component(f"lean {axis} link {k}", "angle", f"link {k}"),
+            linear.jacobian[layout.index(f"{parameter}_{k}")][: 3 * linear.rests.n].reshape(-1, 3),
+        )
+        for k in range(1, linear.joints.shape[2])
+        for axis, parameter in (("x", "alpha"), ("y", "beta"))
     ]
 
 

@@ -9,12 +9,12 @@ from scipy.special import bdtrc
 
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import (
-    AXES,
     BEYOND,
     BEYOND_FLAT,
     BEYOND_VALUES,
     CURVES,
     CURVES_SEED,
+    FIRST_CURVES,
     HALF_WIDTH,
     LEAST_POSITIVE,
     LEAST_SQUARE,
@@ -30,14 +30,15 @@ from armd.compensation.diagnose.predictive.bins import Bins, all_bins
 from armd.compensation.diagnose.predictive.components import Component, components
 from armd.compensation.diagnose.predictive.moments import Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
+from armd.compensation.diagnose.predictive.scores import misfit_of, scores
 from armd.compensation.diagnose.predictive.strength import (
-    Scatter,
     Strength,
     features,
     lines_together,
     of_pairs,
     strength,
 )
+from armd.compensation.diagnose.predictive.waves import waves_of
 
 
 @dataclass(frozen=True)
@@ -135,64 +136,53 @@ def _noise_scale(last: Refitted) -> F64:
 
 def _curves(model: Refitted, bins: list[Bins], scale: F64) -> list[ResidualCurve]:
     """Bins by bins, component by component, whose noise is so many times that found."""
-    linear = model.fit.linear
-    _, moves = components(linear)  # (n, 3, K)
+    _, moves = components(model.fit.linear)  # (n, 3, K)
     square = (moves**2).sum(axis=1)
     measured = np.einsum("nij,ni->jn", moves, model.left_mm)[:, :, None]
     moves_of_noise = moves * scale
-    drawn = [Moments(features(one), one.order, one.starts) for one in bins]
-    warm = [one for one in bins if one.kind == "temperature" and one.variable != "artefact_c"]
-    lines = lines_together(warm, linear.rests.n)
-    together = Moments(lines, np.arange(len(lines)), np.zeros(0, dtype=np.int64))
+    drawn = [Moments(one.order, one.starts) for one in bins]
     for left in model.replicates():
         along = np.einsum("nij,nir->jnr", moves_of_noise, left)
-        for kept in (*drawn, together):
+        for kept in drawn:
             kept.add(along)
-    rng = np.random.default_rng(CURVES_SEED)
-    normal = rng.normal(size=(MOST_TOGETHER, CURVES))
-    own_mm = model.fit.noise.own_mm / np.sqrt(AXES)
-    variance = (own_mm * scale[:, None]) ** 2 * square.T  # (K, n)
-    joint = [
-        of_pairs(warm, values, scatter) if len(warm) > 1 else {}
-        for values, scatter in _each(together, measured, variance)
-    ]
+    normal = np.random.default_rng(CURVES_SEED).normal(size=(MOST_TOGETHER, CURVES))
     found = []
-    for one, kept in zip(bins, drawn, strict=True):
+    for one, kept, strong in zip(bins, drawn, _strengths(model, bins, moves), strict=True):
         levers = np.maximum(one.sums(square), LEAST_SQUARE)  # (B, K)
-        for k, (values, scatter) in enumerate(_each(kept, measured, variance)):
-            also = joint[k].get(one.variable, -np.inf)
-            shown = kept.shown[k]
-            found.append(_curve(one, levers[:, k], values, scatter, shown, normal, also))
+        sums = kept.sums(measured)[:, :, 0]
+        found += [
+            _curve(one, levers[:, k], sums[k], kept, k, normal, strong[k]) for k in range(len(sums))
+        ]
     return found
 
 
-def _each(kept: Moments, measured: F64, variance: F64) -> list[tuple[F64, Scatter]]:
-    """Of each component the measured sums, and how drawn ones scatter."""
-    sums, covariance = kept.sums(measured)[:, :, 0], kept.covariance
-    unabsorbed = kept.unabsorbed(variance)
-    return [
-        (own, Scatter(scatter, free, kept.draws))
-        for own, scatter, free in zip(sums, covariance, unabsorbed, strict=True)
-    ]
+def _strengths(model: Refitted, bins: list[Bins], moves: F64) -> list[list[Strength]]:
+    """Of each of the bins, of each component."""
+    warm = [one for one in bins if one.kind == "temperature" and one.variable != "artefact_c"]
+    lines = lines_together(warm, len(moves))
+    rests, none = np.arange(len(moves)), np.zeros(0, dtype=np.int64)
+    curves, waves = [features(one) for one in bins], waves_of(bins, len(moves))
+    misfit = misfit_of(model)
+    found: list[list[Strength]] = [[] for _ in bins]
+    named, _ = components(model.fit.linear)
+    for component, score in zip(named, scores(model, moves), strict=True):
+        joint: dict[str, float] = {}
+        if len(warm) > 1:
+            joint |= of_pairs(warm, *score.over(lines, rests, none), misfit)
+        if component.name.startswith("angle"):
+            joint |= waves.strengths(score, component.name.replace("angle joint ", "q"), misfit)
+        for one, curve, kept in zip(bins, curves, found, strict=True):
+            also = joint.get(one.variable, -np.inf)
+            kept.append(strength(one, *score.over(curve, one.order, one.starts), misfit, also))
+    return found
 
 
 def _curve(
-    bins: Bins,
-    lever: F64,
-    values: F64,
-    scatter: Scatter,
-    shown: F64,
-    normal: F64,
-    joint: float,
+    bins: Bins, lever: F64, sums: F64, drawn: Moments, k: int, normal: F64, strong: Strength
 ) -> ResidualCurve:
-    """Of one component, by measured *values* (m + B,)."""
-    at = slice(len(values) - len(bins.starts), None)
-    sums, moments = values[at], scatter.covariance[at]
-    variance = moments
-    if moments.ndim == 2:
-        moments = moments[:, at]
-        variance = np.diag(moments)
-    sigma = np.sqrt(variance)
+    """Of the component *k*, by measured *sums* (B,)."""
+    moments = drawn.covariance[k]
+    sigma = np.sqrt(np.diag(moments) if moments.ndim == 2 else moments)
     outside = float((np.abs(sums) > HALF_WIDTH * sigma).mean())
     band = HALF_WIDTH * sigma / lever
     return ResidualCurve(
@@ -201,11 +191,11 @@ def _curve(
         band,
         outside,
         _p_value(outside, moments, normal),
-        (shown / lever[:, None]).T,
-        scatter.draws,
+        (drawn.shown[k] / lever[:, None]).T,
+        drawn.draws,
         lever,
         len(bins.order),
-        strength(bins, values, scatter, joint),
+        strong,
     )
 
 
@@ -218,5 +208,9 @@ def _p_value(outside: float, moments: F64, normal: F64) -> float:
     sigma = np.sqrt(np.maximum(np.diag(moments), LEAST_POSITIVE))
     root, turned = np.linalg.eigh(moments / np.outer(sigma, sigma))
     factor = turned * np.sqrt(np.maximum(root, 0.0))
-    share = (np.abs(factor @ normal[: len(factor)]) > HALF_WIDTH).mean(axis=0)
-    return float((share >= outside - ROUNDING).mean())
+    for count in (FIRST_CURVES, CURVES):
+        share = (np.abs(factor @ normal[: len(factor), :count]) > HALF_WIDTH).mean(axis=0)
+        p_value = float((share >= outside - ROUNDING).mean())
+        if p_value > BEYOND:
+            break
+    return p_value

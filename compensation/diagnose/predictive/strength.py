@@ -1,10 +1,11 @@
 """How far residuals over a variable stand out of noise, whatever the number of its bins.
 
 Shapes of more and more freedom are tried: flat, a straight line, what the variable's kind suggests
-(an angle's first harmonics, a rate's amount and sign, a step in time), every bin by itself. Each
-gives the χ² of what it explains by the drawn sets' covariance. The one counts of which χ² − 2 k is
-the largest, k being its freedom (Akaike, IEEE Trans. Autom. Control 19, 1974), so that many bins
-have no advantage over few.
+(an angle's harmonics and waves, a rate's amount and sign, a step in time), every bin by itself.
+Each is as strong as the model would be likelier with it: twice the logarithm of the ratio, less
+k log n, k being its freedom (Schwarz, Annals of Statistics 6, 1978), so that many bins have no
+advantage over few. What a shape leaves counts as noise beside the noise that was found: of a large
+error every set of many bins takes a part by chance.
 """
 
 from __future__ import annotations
@@ -20,15 +21,38 @@ from armd.compensation.diagnose.constants import (
     DEPENDENT_SHARE,
     LEAST_POSITIVE,
     LEAST_VARIANCE_SHARE,
-    SEARCHED_VARIABLES,
     SHAPES_BY_KIND,
 )
 from armd.compensation.diagnose.predictive.bins import Bins
 
 
 @dataclass(frozen=True)
+class Misfit:
+    """What a model leaves in all."""
+
+    square: float  # χ² by the noise that was found
+    freedom: float  # what it would be of noise alone
+
+    def gain(self, explained: F64 | float) -> F64:
+        """Twice the log likelihood that a curve gains which explains so much of χ², by the noise
+        found or, where more is left, by what is left."""
+        gain: F64 = self._cost(self.square) - self._cost(self.square - explained)
+        return gain
+
+    def _cost(self, square: F64 | float) -> F64:
+        over = np.maximum(square / self.freedom, 1.0)
+        cost: F64 = self.freedom * np.log(over) + square / over
+        return cost
+
+    def price(self, unknowns: I64 | int, searched: int = 1) -> F64:
+        """Of so many unknowns, and of the best of so many shapes."""
+        price: F64 = unknowns * np.log(self.freedom) + 2.0 * np.log(max(searched, 1))
+        return price
+
+
+@dataclass(frozen=True)
 class Strength:
-    """χ² − 2 k of the best shape, and of a flat one."""
+    """Of the best shape, and of a flat one."""
 
     best: float
     flat: float
@@ -75,49 +99,60 @@ def shapes(bins: Bins, count: int) -> list[I64]:
 
 @dataclass(frozen=True)
 class Scatter:
-    """How sums (m,) of drawn sets scatter."""
+    """How sums (m,) of noise scatter."""
 
     covariance: F64  # (m, m); or variances (m,) of sums taken as independent
     unabsorbed: F64  # (m,) variances if nothing absorbed any of them
-    draws: int  # that have told the covariance
 
     def of(self, at: I64) -> Scatter:
         """Of some of the sums."""
-        return Scatter(self.covariance[np.ix_(at, at)], self.unabsorbed[at], self.draws)
+        return Scatter(self.covariance[np.ix_(at, at)], self.unabsorbed[at])
 
     def along(self, shape: F64) -> Scatter:
         """Of sums (k,) of these sums that are apart from each other, by rows (k, m)."""
-        covariance = shape @ self.covariance @ shape.T
-        return Scatter(covariance, shape**2 @ self.unabsorbed, self.draws)
+        return Scatter(shape @ self.covariance @ shape.T, shape**2 @ self.unabsorbed)
 
 
-def strength(bins: Bins, values: F64, scatter: Scatter, joint: float = -np.inf) -> Strength:
+def strength(
+    bins: Bins, values: F64, scatter: Scatter, misfit: Misfit, joint: float = -np.inf
+) -> Strength:
     """Of a variable's *values* (m + B,); *joint*: what it explains with another of its kind."""
-    covariance = scatter.covariance
-    if covariance.ndim == 1:
-        known = covariance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
-        square = np.where(known, values**2 / np.maximum(covariance, LEAST_POSITIVE), 2.0)
-        flat = float(values.sum()) ** 2 / max(float(covariance.sum()), LEAST_POSITIVE) - 2.0
-        return Strength(max(float(square.sum()) - 2.0 * len(values), flat), flat)
+    if scatter.covariance.ndim == 1:
+        return _of_many(values, scatter, misfit)
     count = len(values) - len(bins.starts)
-    tried = [beyond(values[at], scatter.of(at)) for at in shapes(bins, count)]
+    tried = [beyond(values[at], scatter.of(at), misfit) for at in shapes(bins, count)]
     if bins.kind == "time":
         every = np.arange(count, len(values))
-        tried.append(_step(values[every], scatter.of(every)))
+        tried.append(_step(values[every], scatter.of(every), misfit))
     if bins.kind == "name":
-        tried.append(_single(values, scatter, count))
+        tried.append(_single(values[count:], scatter.of(np.arange(count, len(values))), misfit))
     return Strength(max(joint, *tried), tried[0])
 
 
-def beyond(values: F64, scatter: Scatter) -> float:
-    """χ² − 2 k of *values* (m,), by a covariance that draws have told (Hotelling)."""
+def _of_many(values: F64, scatter: Scatter, misfit: Misfit) -> Strength:
+    """Of more bins than are taken together."""
+    known = scatter.covariance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
+    total = max(float(scatter.covariance.sum()), LEAST_POSITIVE)
+    flat = float(misfit.gain(float(values.sum()) ** 2 / total) - misfit.price(1))
+    square = float((values[known] ** 2 / scatter.covariance[known]).sum())
+    every = float(misfit.gain(square) - misfit.price(int(known.sum())))
+    return Strength(max(every, flat), flat)
+
+
+def beyond(values: F64, scatter: Scatter, misfit: Misfit, searched: int = 1) -> float:
+    """Of a shape with *values* (m,), the best of so many *searched*."""
+    one = Scatter(scatter.covariance[None], scatter.unabsorbed[None])
+    return float(each_beyond(values[None], one, misfit, searched)[0])
+
+
+def each_beyond(values: F64, scatter: Scatter, misfit: Misfit, searched: int) -> F64:
+    """(s,) of each of some shapes with *values* (s, m), the best of so many *searched*."""
     scale = np.sqrt(np.maximum(scatter.unabsorbed, LEAST_POSITIVE))
-    root, turned = np.linalg.eigh(scatter.covariance / np.outer(scale, scale))
+    root, turned = np.linalg.eigh(scatter.covariance / (scale[:, :, None] * scale[:, None]))
     kept = root > LEAST_VARIANCE_SHARE
-    freedom = int(kept.sum())
-    along = turned[:, kept].T @ (values / scale)
-    square = float((along**2 / root[kept]).sum())
-    return square * (scatter.draws - freedom - 1) / scatter.draws - 2.0 * freedom
+    along = np.einsum("sij,si->sj", turned, values / scale)
+    explained = np.where(kept, along**2 / np.where(kept, root, 1.0), 0.0).sum(axis=1)
+    return misfit.gain(explained) - misfit.price(kept.sum(axis=1), searched)
 
 
 def lines_together(bins: Sequence[Bins], rests: int) -> F64:
@@ -131,38 +166,40 @@ def lines_together(bins: Sequence[Bins], rests: int) -> F64:
     return lines
 
 
-def of_pairs(bins: Sequence[Bins], values: F64, scatter: Scatter) -> dict[str, float]:
-    """χ² − 2 k of straight lines (1 + S,) over two variables together, for the one of each pair
-    that explains more by itself: a difference of two temperatures is explained by neither."""
-    alone = [_part(values, scatter, [0, i]) for i in range(1, len(values))]
+def of_pairs(
+    bins: Sequence[Bins], values: F64, scatter: Scatter, misfit: Misfit
+) -> dict[str, float]:
+    """Of straight lines (1 + S,) over two variables together, for the one of each pair that
+    explains more by itself: a difference of two temperatures is explained by neither."""
+
+    def part(places: list[int], searched: int = 1) -> float:
+        return beyond(values[places], scatter.of(np.array(places)), misfit, searched)
+
+    alone = [part([0, i]) for i in range(1, len(values))]
     found: dict[str, float] = {}
     for i, j in combinations(range(len(bins)), 2):
         name = bins[i if alone[i] >= alone[j] else j].variable
-        both = _part(values, scatter, [0, i + 1, j + 1]) - 2.0 * SEARCHED_VARIABLES
+        both = part([0, i + 1, j + 1], len(bins) - 1)
         found[name] = max(found.get(name, -np.inf), both)
     return found
 
 
-def _part(values: F64, scatter: Scatter, places: list[int]) -> float:
-    return beyond(values[places], scatter.of(np.array(places)))
-
-
-def _step(sums: F64, scatter: Scatter) -> float:
-    """χ² − 2 k of the best step between two of the bins."""
+def _step(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
+    """Of the best step between two of the bins."""
     found = []
     for end in range(1, len(sums)):
         sides = np.zeros((2, len(sums)))
         sides[0, :end] = sides[1, end:] = 1.0
-        found.append(beyond(sides @ sums, scatter.along(sides)))
-    return max(found, default=-np.inf) - 2.0 * float(np.log(max(len(sums), 1)))
+        found.append(beyond(sides @ sums, scatter.along(sides), misfit, len(sums) - 1))
+    return max(found, default=-np.inf)
 
 
-def _single(values: F64, scatter: Scatter, first: int) -> float:
-    """χ² − 2 k of the one bin that stands out most by itself: a target that was loosened."""
-    variance = np.diag(scatter.covariance)[first:]
-    known = variance > LEAST_VARIANCE_SHARE * scatter.unabsorbed[first:]
-    square = np.where(known, values[first:] ** 2 / np.maximum(variance, LEAST_POSITIVE), 0.0)
-    return float(square.max()) - 2.0 - 2.0 * float(np.log(len(square)))
+def _single(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
+    """Of the one bin that stands out most by itself: a target that was loosened."""
+    variance = np.diag(scatter.covariance)
+    known = variance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
+    square = np.where(known, sums**2 / np.maximum(variance, LEAST_POSITIVE), 0.0)
+    return float(misfit.gain(float(square.max())) - misfit.price(1, len(sums)))
 
 
 def _scaled(values: F64) -> F64:

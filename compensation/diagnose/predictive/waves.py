@@ -1,0 +1,65 @@
+"""Waves of a joint's angle error over angles: teeth and rollers, which bins of degrees smear.
+
+Of each joint's angle, and of the sum and the difference of two neighbours' angles: a wheel that
+runs between two joints turns by either (`effects/mechanical/gear_mesh.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.constants import WAVES
+from armd.compensation.diagnose.predictive.bins import Bins
+from armd.compensation.diagnose.predictive.scores import Score
+from armd.compensation.diagnose.predictive.strength import Misfit, each_beyond
+
+
+@dataclass(frozen=True)
+class Waves:
+    """Of all joints' angles."""
+
+    single: dict[str, F64]  # of each variable (WAVES, n, 3): flat, cosine and sine of each order
+    pairs: dict[tuple[str, str], F64]  # (2 WAVES, n, 3) of the sum and of the difference
+
+    def strengths(self, score: Score, joint: str, misfit: Misfit) -> dict[str, float]:
+        """Of the variables, for a component along a *joint*'s motion, as "q2"; of its angle with a
+        neighbour's, for the one that explains more by itself."""
+        found = {
+            name: float(each_beyond(*score.along(shapes), misfit, WAVES).max())
+            for name, shapes in self.single.items()
+        }
+        alone = dict(found)
+        own = [names for names in self.pairs if joint in names]
+        for names in own:
+            name = max(names, key=lambda name: alone[name])
+            searched = 2 * WAVES * len(own)
+            both = each_beyond(*score.along(self.pairs[names]), misfit, searched).max()
+            found[name] = max(found[name], float(both))
+        return found
+
+
+def waves_of(bins: Sequence[Bins], rests: int) -> Waves:
+    """Over those of *bins* that are joints' angles, each of all points."""
+    angles = [one for one in bins if one.kind == "angle"]
+    turns = {one.variable: np.full(rests, np.nan) for one in angles}
+    for one in angles:
+        if one.values is not None:
+            turns[one.variable][one.order] = np.radians(one.values)
+    single = {name: _of(turn) for name, turn in turns.items()}
+    pairs = {
+        (a, b): np.concatenate([_of(turns[a] + turns[b]), _of(turns[a] - turns[b])])
+        for a, b in ((f"q{k}", f"q{k + 1}") for k in range(1, len(turns)))
+        if a in turns and b in turns
+    }
+    return Waves(single, pairs)
+
+
+def _of(turn: F64) -> F64:
+    phase = np.arange(1, WAVES + 1)[:, None] * turn
+    waves = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=2)
+    waves[:, np.isnan(turn)] = 0.0
+    return waves
