@@ -23,8 +23,10 @@ TriggeredBy: TypeAlias = Literal["button", "rest"]
 #: A contact bounces for some milliseconds: a button that was let go for less was not let go. No
 #: finger presses twice in so short a time.
 BOUNCE_NS = 30_000_000
-#: Points remembered: `average_s` at the highest rate any wire carries.
-REMEMBERED = 1 << 15
+#: Points remembered at first, and at most: `average_s` at the highest rate any wire carries.
+ROOM, REMEMBERED = 1 << 11, 1 << 15
+#: What `_keep` answers.
+_UNTOUCHED, _TOUCHED, _NO_ROOM = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -71,24 +73,31 @@ class Averager:
 
     def __init__(self, average_s: float, n_joints: int) -> None:
         self._average_ns = round(average_s * 1e9)
-        self._past = np.zeros(REMEMBERED, POINT)
-        self._angles = np.zeros((REMEMBERED, n_joints))
+        self._span_ns = self._average_ns  # for which points must stay; 0: there is room for no more
+        self._past = np.zeros(ROOM, POINT)
+        self._angles = np.zeros((ROOM, n_joints))
         self._written = 0
         self._buttons = np.zeros(1, _BUTTONS)
         self._buttons["down_ns"] = -(1 << 62)  # long ago
         self._risen = np.zeros(0, np.uint32)
         self._touched = False  # a button was down in the last batch
         #: `_keep`, settled: points and angles are the pipeline's, the rest is made here.
-        self._keep: Callable[..., bool] | None = None
+        self._keep: Callable[..., int] | None = None
         self._resting = False
 
     def remember(self, points: npt.NDArray[np.void], angles: F64) -> list[Press]:
         """Keep a batch of points (n,) with angles (m ≥ n, N) rad; returns the presses in it."""
-        arguments = points, angles, self._past, self._angles, self._written
+        arguments = points, angles, self._past, self._angles, self._written, self._span_ns
         if self._keep is None:
             self._keep = settled(_keep, *arguments)
-        touched = self._keep(*arguments)
+        kept = self._keep(*arguments)
+        while kept == _NO_ROOM:
+            self._make_room()
+            kept = self._keep(
+                points, angles, self._past, self._angles, self._written, self._span_ns
+            )
         self._written += len(points)
+        touched = kept == _TOUCHED
         before, self._touched = self._touched, touched
         if not touched and not before:
             return []
@@ -146,14 +155,26 @@ class Averager:
     def _rows_since(self, since_ns: int) -> I64:
         """Where the points from an instant on are remembered, the oldest first."""
         times = self._past["monotonic_ns"]
-        low, high = max(0, self._written - REMEMBERED), self._written
+        room = len(times)
+        low, high = max(0, self._written - room), self._written
         while low < high:
             middle = (low + high) // 2
-            if times[middle % REMEMBERED] < since_ns:
+            if times[middle % room] < since_ns:
                 low = middle + 1
             else:
                 high = middle
-        return np.arange(low, self._written) % REMEMBERED
+        return np.arange(low, self._written) % room
+
+    def _make_room(self) -> None:
+        """For twice as many points; what is remembered stays."""
+        room = len(self._past)
+        rows = np.arange(max(0, self._written - room), self._written)
+        past, angles = np.zeros(2 * room, POINT), np.zeros((2 * room, self._angles.shape[1]))
+        past[rows % (2 * room)] = self._past[rows % room]
+        angles[rows % (2 * room)] = self._angles[rows % room]
+        self._past, self._angles = past, angles
+        if len(past) >= REMEMBERED:
+            self._span_ns = 0
 
 
 #: Which buttons were down at the last point, and when each was so last (monotonic).
@@ -161,17 +182,26 @@ _BUTTONS = np.dtype([("down", "i8"), ("down_ns", "i8", (32,))])
 
 
 @jit
-def _keep(points: Any, angles: Any, past: Any, past_angles: Any, written: int) -> bool:
+def _keep(points: Any, angles: Any, past: Any, past_angles: Any, written: int, span_ns: int) -> int:
     """Points (n,) and angles (≥ n, N) into the ring after the *written* ones; whether a button was
-    down at any."""
-    touched = False
+    down at any. Nothing, where one less than *span_ns* older than a new one would go for it."""
+    room = len(past)
+    if span_ns > 0:
+        if len(points) > room:
+            return _NO_ROOM
+        for i in range(len(points)):
+            oldest = past[(written + i) % room].monotonic_ns
+            if written + i >= room and points[i].monotonic_ns - oldest <= span_ns:
+                return _NO_ROOM
+    kept = _UNTOUCHED
     for i in range(len(points)):
-        place = (written + i) % len(past)
+        place = (written + i) % room
         past[place] = points[i]
         for k in range(angles.shape[1]):
             past_angles[place, k] = angles[i, k]
-        touched = touched or points[i].buttons != 0
-    return touched
+        if points[i].buttons != 0:
+            kept = _TOUCHED
+    return kept
 
 
 @jit

@@ -71,10 +71,13 @@ class Pipeline:
 
     def __init__(self, arm: Arm, calibration: LoadedCalibration | None, limits: Limits) -> None:
         turns = [joint.counts_per_turn or 1 for joint in arm.joint]
-        self._encoders = _encoders(arm, turns)
-        self._motion = Motion(turns, arm.reach_mm)
-        self._flagger = Flagger(arm)
-        self._make_room(ROOM, len(turns))
+        motion, self._flagger = Motion(turns, arm.reach_mm), Flagger(arm)
+        #: All that is remembered between samples, in one record.
+        self._memory = _one_record(
+            encoders=_encoders(arm, turns), motion=motion.memory, flags=self._flagger.memory
+        )
+        self._flagger.memory = self._memory["flags"]
+        self._room = ROOM
         #: `_correct`, settled for samples of this kind and the model in use; all else is made here.
         self._settled: Callable[..., None] | None = None
         self._kind: Hashable = None
@@ -103,6 +106,7 @@ class Pipeline:
         for celsius, stamp_ns in self._past:
             if stamp_ns > past_ns:  # what came while it was prepared
                 self._model.follow(celsius, stamp_ns * 1e-9)
+        self._lay_out()
         self._fold()
 
     def take_temperatures(self, reading: Temperatures) -> None:
@@ -118,15 +122,11 @@ class Pipeline:
     def take_beyond_stops(self) -> dict[int, float]:
         """Joints that were invalid since the last call because they read far beyond an end stop,
         with the farthest angle in degrees."""
-        encoders = self._encoders
-        if not encoders["excess"].any():
+        excess, farthest = (self._memory["encoders"][name][0] for name in ("excess", "farthest"))
+        if not excess.any():
             return {}
-        beyond = {
-            k: math.degrees(encoder["farthest"])
-            for k, encoder in enumerate(encoders, 1)
-            if encoder["excess"]
-        }
-        encoders["excess"] = 0.0
+        beyond = {k + 1: math.degrees(farthest[k]) for k in np.flatnonzero(excess).tolist()}
+        excess[:] = 0.0
         return beyond
 
     @property
@@ -156,9 +156,9 @@ class Pipeline:
             self._begun = True
             self.temperature.begin(int(samples["monotonic_ns"][0]))
             self._judge()
-        joints = self._joints
-        if n > len(joints.q):
-            joints = self._make_room(2 * n, joints.q.shape[1])
+        if n > self._room:
+            self._room = 2 * n
+            self._lay_out()
         points = self._new_points(n)
         start = 0
         if self._model.dated:
@@ -169,17 +169,15 @@ class Pipeline:
                     start, self._stamp_ns = row, stamp_ns
                     self._fold()
         self._correct(samples, start, n, points)
-        return points, joints
+        return points, self._joints
 
     def _correct(self, samples: SampleArray, start: int, end: int, points: PointArray) -> None:
-        joints, tip = self._joints, self._tip
         if end - start < len(samples):  # rarely: slices cost more than the call
-            samples, points, tip = samples[start:end], points[start:end], tip[start:]
-            q, rate, approach, still_since_ns = joints
-            joints = Joints(q[start:], rate[start:], approach[start:], still_since_ns[start:])
+            samples, points = samples[start:end], points[start:end]
+        factor, _, floor_mm2 = self._model.covariance
         arguments = (
-            samples, self._encoders, *joints, tip, self._motion.memory, *self._model.flat,
-            *self._model.covariance, self._flagger.memory, points,
+            samples, start, self._room, self._memory, self._floats, self._n_numbers, self._ints,
+            factor, floor_mm2, points,
         )  # fmt: skip
         if self._settled is None or kind(samples) != self._kind:
             self._settled, self._kind = settled(_correct, *arguments), kind(samples)
@@ -194,30 +192,65 @@ class Pipeline:
         points, self._used = self._points[self._used : end], end
         return points
 
-    def _make_room(self, m: int, n_joints: int) -> Joints:
-        """For batches of up to *m* samples."""
-        q, rate = np.empty((2, m, n_joints))
-        self._joints = Joints(q, rate, np.empty((m, 3)), np.empty(m, np.int64))
-        self._tip = np.empty((m, 3))
-        return self._joints
+    def _lay_out(self) -> None:
+        """One array of floats and one of integers hold the joints' columns and the model: each
+        array that crosses into the compiled call costs as much as a tenth of what it does."""
+        m, n_joints = self._room, len(self._memory["encoders"]["radians"][0])
+        sizes, numbers, work = self._model.flat
+        rows = self._model.covariance[1]
+        self._floats = np.zeros(2 * m * (n_joints + 3) + numbers.size + work.size)
+        self._ints = np.concatenate([np.zeros(m, np.int64), sizes, rows.astype(np.int64)])
+        self._n_numbers = numbers.size
+        q, rate, approach, _, own_numbers, own_work = _parts(
+            self._floats, m, n_joints, numbers.size
+        )
+        own_numbers[:], own_work[:] = numbers, work
+        self._joints = Joints(q, rate, approach, self._ints[:m])
+        self._model.flat = FlatModel(sizes, own_numbers, own_work)
+
+
+def _one_record(**memories: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """(1,) with a record (1,) under each name."""
+    record = np.zeros(1, [(name, memory.dtype) for name, memory in memories.items()])
+    for name, memory in memories.items():
+        record[name] = memory
+    return record
+
+
+@jit
+def _parts(floats: Any, room: int, n_joints: int, n_numbers: int) -> Any:
+    """Joint angles, rates, approaches and tips of *room* samples, and a model's numbers and scratch
+    for one sample, where they lie in *floats*."""
+    m = room * n_joints
+    q, rate, rest = floats[:m], floats[m : 2 * m], floats[2 * m :]
+    m = 3 * room
+    approach, tip, rest = rest[:m], rest[m : 2 * m], rest[2 * m :]
+    work = rest[n_numbers:]
+    return (
+        q.reshape(room, n_joints), rate.reshape(room, n_joints), approach.reshape(room, 3),
+        tip.reshape(room, 3), rest[:n_numbers], work.reshape(len(work), 1),
+    )  # fmt: skip
 
 
 @jit
 def _correct(
-    samples: Any, encoders: Any, q: Any, rate: Any, approach: Any, still_since_ns: Any, tip: Any,
-    motion: Any, sizes: Any, numbers: Any, work: Any, factor: Any, rows: Any, floor_mm2: float,
-    flags: Any, points: Any,
+    samples: Any, start: int, room: int, memory: Any, floats: Any, n_numbers: int, ints: Any,
+    factor: Any, floor_mm2: float, points: Any,
 ) -> None:  # fmt: skip
     """From samples (n,) to finished points (n,): the live path's one compiled call, because each
-    call from Python costs as much as what it does for one sample, and each argument a tenth."""
-    n = len(samples)
-    q, rate, approach, still_since_ns = q[:n], rate[:n], approach[:n], still_since_ns[:n]
+    call from Python costs as much as what it does for one sample, and each array a tenth. Rows from
+    *start* on become what the joints did."""
+    encoders, n = memory[0].encoders, len(samples)
+    q, rate, approach, tip, numbers, work = _parts(floats, room, len(encoders.radians), n_numbers)
+    end, first = start + n, len(ints) - len(factor)
+    q, rate, approach, tip = q[start:end], rate[start:end], approach[start:end], tip[start:end]
+    still_since_ns, sizes, rows = ints[start:end], ints[room:first], ints[first:]
     flat = FlatModel(sizes, numbers, work)
     _angles(samples, encoders, q)
     uncorrected(q, flat, tip)
-    follow(samples, q, tip, motion, rate, approach, still_since_ns)
+    follow(samples, q, tip, memory["motion"], rate, approach, still_since_ns)
     fill(q, rate, approach, flat, factor, rows, floor_mm2, points)
-    finish(samples, q, still_since_ns, flags, points)
+    finish(samples, q, still_since_ns, memory["flags"], points)
 
 
 @jit
@@ -225,26 +258,27 @@ def _angles(samples: Any, encoders: Any, q: Any) -> None:
     """Angles (n, N) rad; a joint that turns at most once is in the turn of its limits. One that
     cannot be where it says it is becomes invalid."""
     for i in range(len(samples)):
-        for k in range(len(encoders)):
-            encoder = encoders[k]
-            angle = samples[i].count[k] * encoder.radians
-            if encoder.one_turn:
-                angle -= 2 * math.pi * math.floor((angle - encoder.middle) / (2 * math.pi) + 0.5)
-                excess = max(encoder.least - angle, angle - encoder.most)
+        for k in range(q.shape[1]):
+            angle = samples[i].count[k] * encoders.radians[k]
+            if encoders.one_turn[k]:
+                turns = math.floor((angle - encoders.middle[k]) / (2 * math.pi) + 0.5)
+                angle -= 2 * math.pi * turns
+                excess = max(encoders.least[k] - angle, angle - encoders.most[k])
                 if excess > 0.0 and not samples[i].joint_invalid >> k & 1:
                     samples[i].joint_invalid |= 1 << k
-                    if excess > encoder.excess:
-                        encoder.excess = excess
-                        encoder.farthest = angle
+                    if excess > encoders.excess[k]:
+                        encoders.excess[k] = excess
+                        encoders.farthest[k] = angle
             q[i, k] = angle
 
 
 def _encoders(arm: Arm, counts_per_turn: list[int]) -> npt.NDArray[np.void]:
-    """Of each joint: rad per count, the middle of its range, whether that is at most one turn, the
-    angles (rad) between which it can be, and by how much it was beyond since that was asked last,
-    where at the farthest."""
-    numbers = ("radians", "middle", "least", "most", "excess", "farthest")
-    encoders = np.zeros(arm.n_joints, [(name, "f8") for name in numbers] + [("one_turn", "?")])
+    """One record of all joints: rad per count, the middle of its range, whether that is at most one
+    turn, the angles (rad) between which it can be, and by how much it was beyond since that was
+    asked last, where at the farthest."""
+    names = ("radians", "middle", "least", "most", "excess", "farthest")
+    joints = (arm.n_joints,)
+    encoders = np.zeros(1, [(name, "f8", joints) for name in names] + [("one_turn", "u1", joints)])
     low = np.array([-180.0 if joint.min_deg is None else joint.min_deg for joint in arm.joint])
     high = np.array([180.0 if joint.max_deg is None else joint.max_deg for joint in arm.joint])
     direction = np.array([joint.direction for joint in arm.joint])

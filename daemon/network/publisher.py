@@ -123,12 +123,13 @@ class KeptStream:
             publisher_detection=True,
         )
         self._session = session
-        self.past: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=KEPT)
+        #: Bytes that Zenoh's cache has too, not copies of them.
+        self.past: deque[tuple[zenoh.ZBytes, zenoh.Timestamp]] = deque(maxlen=KEPT)
 
     def put(self, content: dict[str, Any]) -> str:
         """Publish *content*; returns it as published."""
         text = json.dumps(content, allow_nan=False)
-        timestamp = self._session.new_timestamp()
-        self.past.append((text, timestamp))
-        self._publisher.put(text, timestamp=timestamp)
+        payload, timestamp = zenoh.ZBytes(text), self._session.new_timestamp()
+        self.past.append((payload, timestamp))
+        self._publisher.put(payload, timestamp=timestamp)
         return text

@@ -34,6 +34,8 @@ RING = 32
 #: Of one kind, answered at once: in a look of a thread, or on a tick of the daemon.
 AT_ONCE = 4
 LOOK_S = 0.02
+#: So long at most between two looks while nobody asks: each costs as much as some samples.
+IDLE_LOOK_S = 0.1
 #: A thread that answers rests so many times as long as it worked: the stream has the processor.
 REST = 4.0
 #: Replies of one answer that leave without a pause, so that a reader keeps up with them.
@@ -133,16 +135,20 @@ class _Teller:
         pause_s = LOOK_S
         while not self._stopped.wait(pause_s):
             began_s = time.thread_time()
-            _answer_some(self._queryables, self._unexpected)
-            pause_s = max(LOOK_S, REST * (time.thread_time() - began_s))
+            if _answer_some(self._queryables, self._unexpected):
+                pause_s = max(LOOK_S, REST * (time.thread_time() - began_s))
+            else:
+                pause_s = min(2 * max(LOOK_S, pause_s), IDLE_LOOK_S)
 
 
 def _declare(session: zenoh.Session, key: str, tell: _Tell) -> tuple[_Queryable, _Tell]:
     return session.declare_queryable(key, handlers.RingChannel(RING)), tell
 
 
-def _answer_some(queryables: Iterable[tuple[_Queryable, _Tell]], unexpected: Unexpected) -> None:
-    """One question that cannot be answered does not keep the others from their answers."""
+def _answer_some(queryables: Iterable[tuple[_Queryable, _Tell]], unexpected: Unexpected) -> bool:
+    """Whether anybody asked. One question that cannot be answered does not keep the others from
+    their answers."""
+    asked = False
     for queryable, tell in queryables:
         for _ in range(AT_ONCE):
             with unexpected.survive("questions"), suppress(zenoh.ZError):
@@ -150,11 +156,16 @@ def _answer_some(queryables: Iterable[tuple[_Queryable, _Tell]], unexpected: Une
                 query = queryable.try_recv()
                 if query is None:
                     break
+                asked = True
                 tell(query)
+    return asked
 
 
 def _reply(
-    query: zenoh.Query, key: str, text: str, timestamp: zenoh.Timestamp | None = None
+    query: zenoh.Query,
+    key: str,
+    text: str | zenoh.ZBytes,
+    timestamp: zenoh.Timestamp | None = None,
 ) -> None:
     query.reply(key, text, encoding=JSON, timestamp=timestamp)
 
@@ -170,8 +181,8 @@ def _tell(key: str, text: Callable[[], str]) -> _Tell:
 def _tell_past(stream: KeptStream) -> _Tell:
     def tell(query: zenoh.Query) -> None:
         with query:
-            for i, (text, timestamp) in enumerate(list(stream.past), 1):
-                _reply(query, stream.key, text, timestamp)
+            for i, (payload, timestamp) in enumerate(list(stream.past), 1):
+                _reply(query, stream.key, payload, timestamp)
                 if i % BURST == 0:
                     time.sleep(PAUSE_S)
 

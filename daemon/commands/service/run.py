@@ -9,10 +9,10 @@ import signal
 import termios  # noqa: F401  # where it is missing, so are an arm's wires: said before all else
 from contextlib import ExitStack, closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from armd.daemon.config import Config, load_config
 from armd.daemon.host.journal import keep_standard_streams_open, say
-from armd.daemon.host.metrics import MetricsServer
 from armd.daemon.host.priority import go_first
 from armd.daemon.host.root import refuse_root_service
 from armd.daemon.live.arm_in_use import ArmInUse
@@ -21,6 +21,9 @@ from armd.daemon.rehearsal import rehearse
 from armd.daemon.service import Service
 from armd.drivers.table import open_driver
 from armd.errors import BadInput
+
+if TYPE_CHECKING:
+    from armd.daemon.host.metrics import MetricsServer
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,6 +84,8 @@ class SignalRequests:
 
 
 def _serve_metrics(config: Config, service: Service) -> MetricsServer:
+    from armd.daemon.host.metrics import MetricsServer  # asyncio and TLS take 3 MB
+
     assert config.file.metrics is not None
     port = config.file.metrics.port
     try:

@@ -97,6 +97,23 @@ def test_memory_is_bounded_and_the_last_points_are_kept():
     np.testing.assert_allclose(measured.angles_rad, angles_of(points)[-501:].mean(axis=0))
 
 
+def test_half_a_second_is_remembered_where_the_rate_rises_twentyfold():
+    points = points_of(23_000)
+    points["monotonic_ns"][3000:] = 3_000_000_000 + np.arange(20_000) * 50_000
+    measured = []
+    for rows in (7, 4099, 23_000):
+        averager = Averager(0.5, 2)
+        for start in range(0, len(points), rows):
+            batch = points[start : start + rows]
+            averager.remember(batch, angles_of(batch))
+        measured.append(averager.average("rest", points[-1], 0))
+    assert measured[0].count == 10_001
+    np.testing.assert_allclose(
+        measured[0].position_mm, points["position_mm"][-10_001:].mean(axis=0)
+    )
+    assert measured[0] == measured[1] == measured[2]
+
+
 def test_a_contact_that_bounces_is_one_press():
     points = points_of(400)
     for start in (50, 200):  # pressed at 50 and 200 ms, let go 100 ms later; 5 ms of bounce each
