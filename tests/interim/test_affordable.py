@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from test_interim_history import true_calibration
 
-from armd.compensation.interim.changes.change import Change, Scenario
+from armd.compensation.interim.changes.change import Change, ChangeScenario
 from armd.compensation.interim.checks.columns import Cause, list_causes
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.report.amend import amend_calibration
@@ -60,7 +60,7 @@ def a_growth(causes: list[Cause], cause: int, first: int) -> Change:
 
 
 def written(
-    path: Path, of: Stack, causes: list[Cause], calibration: Calibration, ways: list[Scenario]
+    path: Path, of: Stack, causes: list[Cause], calibration: Calibration, ways: list[ChangeScenario]
 ) -> Calibration:
     every = average_amplitudes(of, causes, ways, ())
     instants = [BEGUN_UNIX_S] * len(every.changes)

@@ -59,7 +59,7 @@ class Change:
 
 
 #: A share of the probability, and all changes as they may have been.
-Scenario = tuple[float, tuple[Change, ...]]
+ChangeScenario = tuple[float, tuple[Change, ...]]
 
 
 @dataclass(frozen=True)

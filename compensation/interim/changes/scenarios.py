@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, Scenario
+from armd.compensation.interim.changes.change import Change, ChangeScenario
 from armd.compensation.interim.changes.growth import Growths, find_origin_d
 from armd.compensation.interim.changes.likeliest import weigh_again
 from armd.compensation.interim.checks.columns import Cause
@@ -20,14 +20,14 @@ KEPT_SHARE, MOST_SCENARIOS = 0.99, 60
 
 def list_scenarios(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], bad: Sequence[int]
-) -> list[Scenario]:
+) -> list[ChangeScenario]:
     """The likeliest scenarios in which all *changes* may have been; their shares add up to 1.
 
     Each change may be of any cause, place, onset, shape and size that its weight in the readings
     gives it, the others being what they are told to be.
     """
     named = [change for change in changes if change.cause is not None]
-    scenarios_so_far: list[Scenario] = [(1.0, ())]
+    scenarios_so_far: list[ChangeScenario] = [(1.0, ())]
     for index in range(len(named)):
         its = _likeliest(_alternatives(stack, causes, changes, index, bad))
         scenarios_so_far = _likeliest(
@@ -41,7 +41,7 @@ def list_scenarios(
     ]
 
 
-def _likeliest(scenarios: Iterator[Scenario]) -> list[Scenario]:
+def _likeliest(scenarios: Iterator[ChangeScenario]) -> list[ChangeScenario]:
     ordered = sorted(scenarios, key=lambda pair: -pair[0])
     shares = np.array([share for share, _ in ordered])
     until = int(np.searchsorted(np.cumsum(shares), KEPT_SHARE * shares.sum())) + 1
@@ -52,7 +52,7 @@ def _likeliest(scenarios: Iterator[Scenario]) -> list[Scenario]:
 
 def _alternatives(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], index: int, bad: Sequence[int]
-) -> Iterator[Scenario]:
+) -> Iterator[ChangeScenario]:
     """Everything that one change may be: a step by cause, onset and size, or a growth by cause and
     onset."""
     without_it, weighed, good = weigh_again(stack, causes, changes, index, bad)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armd.compensation.interim.changes.change import Change, Scenario, count_amplitudes
+from armd.compensation.interim.changes.change import Change, ChangeScenario, count_amplitudes
 from armd.compensation.interim.changes.growth import FEW_BENDS
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.extended_sums import ExtendedSums
@@ -43,8 +43,8 @@ class Averaged:
 
 
 def choose_affordable(
-    scenarios: Sequence[Scenario], causes: Sequence[Cause], rows: int
-) -> list[Scenario]:
+    scenarios: Sequence[ChangeScenario], causes: Sequence[Cause], rows: int
+) -> list[ChangeScenario]:
     """The likeliest of *scenarios* that a calibration whose covariance has so many *rows* can hold,
     beside as many again in the epochs to come; their shares add up to 1.
 
@@ -77,11 +77,11 @@ def _bends(changes: Sequence[Change]) -> bool:
 
 
 def _fitting(
-    ordered: Sequence[Scenario], causes: Sequence[Cause], max_terms: int
-) -> tuple[list[Scenario], int]:
+    ordered: Sequence[ChangeScenario], causes: Sequence[Cause], max_terms: int
+) -> tuple[list[ChangeScenario], int]:
     """The first scenarios, one at least, that together have no more than *max_terms* terms, and
     the number of their terms."""
-    chosen: list[Scenario] = []
+    chosen: list[ChangeScenario] = []
     terms: set[tuple[object, ...]] = set()
     for share, changes in ordered:
         extended = terms.union(*(_terms(change, causes) for change in changes))
@@ -106,7 +106,7 @@ def _terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ...]]:
 
 
 def average_amplitudes(
-    stacked: Stack, causes: Sequence[Cause], scenarios: Sequence[Scenario], bad: Sequence[int]
+    stacked: Stack, causes: Sequence[Cause], scenarios: Sequence[ChangeScenario], bad: Sequence[int]
 ) -> Averaged:
     """Mean and covariance of the amplitudes over *scenarios*, whose shares add up to 1; a change of
     no cause is the same in all."""

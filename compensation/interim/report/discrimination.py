@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armd.arrays import F64, I64
-from armd.compensation.interim.changes.change import Change, Scenario, list_change_columns
+from armd.compensation.interim.changes.change import Change, ChangeScenario, list_change_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.extended_sums import ExtendedSums
 from armd.compensation.interim.evidence.likelihood import estimate_known_errors
@@ -52,12 +52,12 @@ class PredictedCheck:
 
 
 def group_by_place(
-    scenarios: Sequence[Scenario], causes: Sequence[Cause], index: int
+    scenarios: Sequence[ChangeScenario], causes: Sequence[Cause], index: int
 ) -> tuple[F64, list[tuple[Change, ...]]]:
     """What change number *index* may have been: the share (H,) of each cause at its place, and the
     likeliest scenario of it."""
     share: dict[tuple[str, str], float] = {}
-    likeliest: dict[tuple[str, str], Scenario] = {}
+    likeliest: dict[tuple[str, str], ChangeScenario] = {}
     for scenario in scenarios:
         cause = scenario[1][index].cause
         assert cause is not None
@@ -71,7 +71,7 @@ def group_by_place(
 
 
 def list_all_scenarios(
-    scenarios: Sequence[Scenario],
+    scenarios: Sequence[ChangeScenario],
     causes: Sequence[Cause],
     index: int,
     probability_of: Mapping[tuple[str, str], float],

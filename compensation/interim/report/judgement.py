@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, ChangesFound, Scenario
+from armd.compensation.interim.changes.change import Change, ChangeScenario, ChangesFound
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.evidence.stack import Stack
@@ -38,7 +38,7 @@ class Epoch:
     causes: tuple[Cause, ...]
     detected: ChangesFound
     reported_changes: tuple[ReportedChange, ...]
-    scenarios: tuple[Scenario, ...]  # in which all changes may have been
+    scenarios: tuple[ChangeScenario, ...]  # in which all changes may have been
     grown: FittedGrowth | None = None  # how the links grow, where the calibration could not know it
 
     def verdict(self, index: int) -> str:
