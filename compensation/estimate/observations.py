@@ -100,6 +100,18 @@ class Observations:
         """(n,) how many equations each row gives."""
         return np.where(self.on_surface, 1, 3)
 
+    @cached_property
+    def rows_by_session(self) -> dict[int, dict[int, I64]]:
+        """The rows of each placement of each session, both ascending; a placement's by target."""
+        rows: dict[int, dict[int, I64]] = {}
+        order = np.lexsort((self.target, self.placement, self.session))
+        session, placement = self.session[order], self.placement[order]
+        edges = np.flatnonzero((np.diff(session) != 0) | (np.diff(placement) != 0)) + 1
+        for part in np.split(order, edges) if len(order) else []:
+            of_session = rows.setdefault(int(self.session[part[0]]), {})
+            of_session[int(self.placement[part[0]])] = part
+        return rows
+
     def row_name(self, i: int) -> str:
         """A reading as a person finds it: its session, and its row counted from 1."""
         return f"{self.session_names[self.session[i]]} row {self.row[i] + 1}"
