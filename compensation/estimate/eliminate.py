@@ -16,7 +16,7 @@ from armd.arrays import F64, I64
 from armd.compensation.estimate.linear.linear_model import LEAST_TAKEN
 
 #: Rows and sessions of a batch take about so many numbers in memory at most.
-MOST_NUMBERS = 1 << 19
+MOST_NUMBERS = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -144,10 +144,16 @@ def _sums_by_target(columns: F64, of_target: F64, part: I64, slot: I64) -> tuple
     over the rows of one *part* (m,) and *slot* (m,); and of each of these sums its part and slot.
     """
     starts = np.flatnonzero(np.r_[True, (np.diff(part) != 0) | (np.diff(slot) != 0)])
-    products = of_target.transpose(0, 2, 1) @ np.concatenate([of_target, columns], axis=2)
-    sums = np.add.reduceat(products, starts, axis=0)
-    free = slot[starts] >= 0
-    return sums[free], part[starts][free], slot[starts][free]
+    counts = np.diff(np.append(starts, len(part)))
+    is_free = slot[starts] >= 0
+    starts, counts = starts[is_free], counts[is_free]
+    both = np.concatenate([of_target, columns], axis=2)
+    sums = np.empty((len(starts), 3, both.shape[2]))
+    for count in np.unique(counts).tolist():  # targets with as many rows each: one stack
+        alike = counts == count
+        rows = both[starts[alike, None] + np.arange(count)].reshape(-1, 3 * count, both.shape[2])
+        sums[alike] = rows[:, :, :3].transpose(0, 2, 1) @ rows
+    return sums, part[starts], slot[starts]
 
 
 def _unit(square: F64) -> F64:

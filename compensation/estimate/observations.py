@@ -15,6 +15,8 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.data.session_format import Distance
+from armd.compensation.estimate.group_rows import group_rows
+from armd.compensation.estimate.postures import number_postures
 from armd.compensation.estimate.surface_kinds import PLANE, POINT, TURN, kinds_of, own_placements
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection
@@ -103,14 +105,17 @@ class Observations:
     @cached_property
     def rows_by_session(self) -> dict[int, dict[int, I64]]:
         """The rows of each placement of each session, both ascending; a placement's by target."""
-        rows: dict[int, dict[int, I64]] = {}
-        order = np.lexsort((self.target, self.placement, self.session))
-        session, placement = self.session[order], self.placement[order]
-        edges = np.flatnonzero((np.diff(session) != 0) | (np.diff(placement) != 0)) + 1
-        for part in np.split(order, edges) if len(order) else []:
-            of_session = rows.setdefault(int(self.session[part[0]]), {})
-            of_session[int(self.placement[part[0]])] = part
-        return rows
+        return group_rows(self.session, self.placement, self.target)
+
+    @cached_property
+    def posture(self) -> I64:
+        """(n,) number of each reading's posture, from 0 in the order of the readings."""
+        known = np.where(self.has_truth, -1, self.target)
+        return number_postures(self.states.q, self.placement, known)
+
+    @property
+    def n_postures(self) -> int:
+        return int(self.posture.max(initial=-1)) + 1
 
     def row_name(self, i: int) -> str:
         """A reading as a person finds it: its session, and its row counted from 1."""
