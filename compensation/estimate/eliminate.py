@@ -59,11 +59,11 @@ def in_batches(sessions: Sequence[SessionColumns], c: int) -> list[list[SessionC
     numbers = 0
     for session in sorted(sessions, key=lambda session: len(session.targets)):
         k = len(session.targets)
-        own = sum(map(len, session.rows.values())) * 6 * (c + 9) + (3 * k + c) ** 2
-        numbers += own
+        size = sum(map(len, session.rows.values())) * 6 * (c + 9) + (3 * k + c) ** 2
+        numbers += size
         if not batches or len(batches[-1][0].targets) != k or numbers > MOST_NUMBERS:
             batches.append([])
-            numbers = own
+            numbers = size
         batches[-1].append(session)
     return batches
 
@@ -92,8 +92,8 @@ def eliminate(
     for i, (low, high) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
         flat = columns[low:high].reshape(-1, 6 + c)
         gram[i] = flat.T @ flat
-    others = np.add.reduceat(gram[:, 6:, 6:], first_part[:-1], axis=0)
-    squares = np.einsum("sii->si", others).copy()
+    reduced = np.add.reduceat(gram[:, 6:, 6:], first_part[:-1], axis=0)
+    squares = np.einsum("sii->si", reduced).copy()
     across = np.zeros((len(parts), 6, 3 * k + c))
     across[:, :, 3 * k :] = gram[:, :6, 6:]
     of_targets = np.zeros((len(sessions), 3 * k, 3 * k))
@@ -105,33 +105,33 @@ def eliminate(
         by_target[part, :, slot] = sums[:, :, 3:9].transpose(0, 2, 1)
         across[:, :, : 3 * k] = by_target.reshape(len(parts), 6, 3 * k)
         session = np.repeat(np.arange(len(sessions)), counts)[part]
-        own = np.zeros((len(sessions), k, 3, 3 + c))
-        np.add.at(own, (session, slot), sums[:, :, [0, 1, 2, *range(9, 9 + c)]])
-        meeting[:] = own[:, :, :, 3:].reshape(meeting.shape)
+        by_slot = np.zeros((len(sessions), k, 3, 3 + c))
+        np.add.at(by_slot, (session, slot), sums[:, :, [0, 1, 2, *range(9, 9 + c)]])
+        meeting[:] = by_slot[:, :, :, 3:].reshape(meeting.shape)
         diagonal = of_targets.reshape(len(sessions), k, 3, k, 3)
-        diagonal[:, np.arange(k), :, np.arange(k)] = own[:, :, :, :3].transpose(1, 0, 2, 3)
+        diagonal[:, np.arange(k), :, np.arange(k)] = by_slot[:, :, :, :3].transpose(1, 0, 2, 3)
     shift_unit = _unit(np.einsum("sii->si", of_targets))
     pose_factor, pose_rank = _factors(gram[:, :6, :6], _unit(np.einsum("pii->pi", gram)[:, :6]))
     projected = pose_factor.transpose(0, 2, 1) @ across
     for s, session_columns in enumerate(sessions):
-        taken = projected[first_part[s] : first_part[s + 1]].reshape(-1, 3 * k + c)
-        by_targets, by_others = taken[:, : 3 * k], taken[:, 3 * k :]
+        projected_rows = projected[first_part[s] : first_part[s + 1]].reshape(-1, 3 * k + c)
+        by_targets, by_others = projected_rows[:, : 3 * k], projected_rows[:, 3 * k :]
         of_targets[s] -= by_targets.T @ by_targets
         meeting[s] -= by_targets.T @ by_others
-        others[s] -= by_others.T @ by_others
+        reduced[s] -= by_others.T @ by_others
         if certified:  # no yardstick of what the readings tell of a target
             certificate, missed = certified(session_columns.number)
             of_targets[s] += certificate.T @ certificate
             meeting[s, :, -1] += missed @ certificate
-            others[s, -1, -1] += missed @ missed
+            reduced[s, -1, -1] += missed @ missed
     shift_factor, shift_rank = _factors(of_targets, shift_unit)
     shift_projected = shift_factor.transpose(0, 2, 1) @ meeting
-    others -= shift_projected.transpose(0, 2, 1) @ shift_projected
+    reduced -= shift_projected.transpose(0, 2, 1) @ shift_projected
     rank = shift_rank + np.add.reduceat(pose_rank, first_part[:-1])
     return [
         EliminatedSession(
             session, pose_factor[low:high], projected[low:high], shift_factor[s],
-            shift_projected[s], int(rank[s]), others[s], squares[s],
+            shift_projected[s], int(rank[s]), reduced[s], squares[s],
         )
         for s, (session, low, high) in enumerate(
             zip(sessions, first_part[:-1], first_part[1:], strict=True)
@@ -147,11 +147,13 @@ def _sums_by_target(columns: F64, of_target: F64, part: I64, slot: I64) -> tuple
     counts = np.diff(np.append(starts, len(part)))
     is_free = slot[starts] >= 0
     starts, counts = starts[is_free], counts[is_free]
-    both = np.concatenate([of_target, columns], axis=2)
-    sums = np.empty((len(starts), 3, both.shape[2]))
+    stacked = np.concatenate([of_target, columns], axis=2)
+    sums = np.empty((len(starts), 3, stacked.shape[2]))
     for count in np.unique(counts).tolist():  # targets with as many rows each: one stack
         alike = counts == count
-        rows = both[starts[alike, None] + np.arange(count)].reshape(-1, 3 * count, both.shape[2])
+        rows = stacked[starts[alike, None] + np.arange(count)].reshape(
+            -1, 3 * count, stacked.shape[2]
+        )
         sums[alike] = rows[:, :, :3].transpose(0, 2, 1) @ rows
     return sums, part[starts], slot[starts]
 

@@ -110,8 +110,8 @@ class Observations:
     @cached_property
     def posture(self) -> I64:
         """(n,) number of each reading's posture, from 0 in the order of the readings."""
-        known = np.where(self.has_truth, -1, self.target)
-        return number_postures(self.states.q, self.placement, known)
+        target = np.where(self.has_truth, -1, self.target)
+        return number_postures(self.states.q, self.placement, target)
 
     @property
     def n_postures(self) -> int:

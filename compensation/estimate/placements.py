@@ -103,9 +103,9 @@ class Placements:
                 pose = _times(columns[:, :, :6], factor)
                 shifts = of_target @ by_target[self._slot[rows]]
                 shifts -= _times(pose, projected[:, :k] @ shift_factor)
-                others = _times(columns[:, :, 6:], root)
-                others -= _times(pose, projected[:, k:] @ root) + _times(shifts, turned)
-                root_columns = np.concatenate([pose, shifts, others], axis=2)
+                remainder = _times(columns[:, :, 6:], root)
+                remainder -= _times(pose, projected[:, k:] @ root) + _times(shifts, turned)
+                root_columns = np.concatenate([pose, shifts, remainder], axis=2)
                 residual_share[rows] -= root_columns @ root_columns.transpose(0, 2, 1)
         return residual_share
 
@@ -113,24 +113,24 @@ class Placements:
     def _sessions(self) -> dict[int, EliminatedSession]:
         """By number, ascending."""
         rows = self.observations.rows_by_session
-        own: dict[int, EliminatedSession] = {}
+        sessions: dict[int, EliminatedSession] = {}
         if self.whole is not None:
             of_whole = self.whole._sessions
-            own = {number: of_whole[number] for number in rows if self._is_as_in_whole(number)}
-        wanted = [
+            sessions = {number: of_whole[number] for number in rows if self._is_as_in_whole(number)}
+        unsolved = [
             SessionColumns(number, rows_by_placement, self.targets_of(number))
             for number, rows_by_placement in rows.items()
-            if number not in own
+            if number not in sessions
         ]
         solve = partial(
             eliminate, whitened=self._whitened, touched=self._slot, certified=self.certified
         )
-        batches = in_batches(wanted, self._n_others)
+        batches = in_batches(unsolved, self._n_others)
         large = len(self.observations.session) > LARGE * len(rows)
         solved = in_order(solve, batches) if large else map(solve, batches)
         for session in itertools.chain.from_iterable(solved):
-            own[session.columns.number] = session
-        return {number: own[number] for number in rows}
+            sessions[session.columns.number] = session
+        return {number: sessions[number] for number in rows}
 
     def _is_as_in_whole(self, number: int) -> bool:
         """Whether no reading of a session weighs otherwise in the whole."""

@@ -60,7 +60,7 @@ def run() -> dict[str, dict[str, float]]:
             floor_s = start_s + _reading_s(case.sessions)
             floor_s += STEPS * _dense_step_s(3 * sessions * BALLS * articulations, sessions)
             if size == "20000_readings":
-                without = measured([*command, "--thermal-order", "0"])
+                without = measured([*command, "--thermal", "off"])
                 figures[f"{size}_without_temperature"] = without
             figures[size] = {**measured(command), "floor_s": floor_s}
         figures["power"] = {
