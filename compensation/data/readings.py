@@ -20,6 +20,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.data.arrow_columns import codes_of, numbers_of
 from armd.compensation.data.header import check_header
 from armd.compensation.data.within import LARGEST, is_within
 from armd.errors import BadInput
@@ -55,8 +56,7 @@ class Readings:
         self._must_have(name)
         column = self.table[name]  # combining would copy what is one chunk already
         chunk = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
-        numbers: F64 = np.asarray(chunk.to_numpy(zero_copy_only=False), dtype=np.float64)
-        return numbers
+        return numbers_of(chunk)
 
     def number(self, name: str) -> F64:
         """A column of numbers (n,), NaN where missing; BadInput if there is no such column."""
@@ -84,12 +84,13 @@ class Readings:
         """A column of names as indices (n,) into the list of distinct names, in their order."""
         self._must_have(name)
         column = self.table[name].combine_chunks()
-        missing = pc.or_(pc.is_null(column), pc.is_in(column, pa.array(MISSING)))
-        if row := _first(missing.to_numpy(zero_copy_only=False)):
-            raise self.fault(row - 1, name, "nothing", f"the name of a {name}")
         encoded = column.dictionary_encode()
-        indices: I64 = np.asarray(encoded.indices.to_numpy(), dtype=np.int64)
         names = [str(text) for text in encoded.dictionary.to_pylist()]
+        if column.null_count or not set(MISSING).isdisjoint(names):
+            missing = pc.or_(pc.is_null(column), pc.is_in(column, pa.array(MISSING)))
+            if row := _first(missing.to_numpy(zero_copy_only=False)):
+                raise self.fault(row - 1, name, "nothing", f"the name of a {name}")
+        indices = codes_of(encoded)
         for code, text in enumerate(names):
             if hidden := invisible(text):
                 row = int(np.argmax(indices == code))

@@ -6,7 +6,6 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.postures import find_postures
 
 MOST_FOLDS = 8
 
@@ -27,7 +26,7 @@ def blocks_of_time(time_s: F64, blocks: int) -> I64:
 
 def blocks_of_postures(observations: Observations, blocks: int) -> I64:
     """Return the fold (n,) of each reading: so many runs of postures, by when each came first."""
-    posture = find_postures(observations)
+    posture = observations.posture
     first = np.unique(posture, return_index=True)[1]
     folds: I64 = blocks_of_time(observations.states.time_s[first], blocks)[posture]
     return folds
@@ -41,7 +40,7 @@ def placement_folds(observations: Observations, most: int = MOST_FOLDS) -> tuple
     """
     fold, by = whole_groups(observations.placement, most), "placement"
     if not fold.any():
-        posture = find_postures(observations)
+        posture = observations.posture
         repeated = len(posture) > len(np.unique(posture))
         fold, by = posture % most, "posture" if repeated else "reading"
     return [fold == i for i in np.unique(fold)], by

@@ -15,6 +15,8 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.data.session_format import Distance
+from armd.compensation.estimate.group_rows import group_rows
+from armd.compensation.estimate.postures import number_postures
 from armd.compensation.estimate.surface_kinds import PLANE, POINT, TURN, kinds_of, own_placements
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection
@@ -99,6 +101,21 @@ class Observations:
     def freedom(self) -> I64:
         """(n,) how many equations each row gives."""
         return np.where(self.on_surface, 1, 3)
+
+    @cached_property
+    def rows_by_session(self) -> dict[int, dict[int, I64]]:
+        """The rows of each placement of each session, both ascending; a placement's by target."""
+        return group_rows(self.session, self.placement, self.target)
+
+    @cached_property
+    def posture(self) -> I64:
+        """(n,) number of each reading's posture, from 0 in the order of the readings."""
+        target = np.where(self.has_truth, -1, self.target)
+        return number_postures(self.states.q, self.placement, target)
+
+    @property
+    def n_postures(self) -> int:
+        return int(self.posture.max(initial=-1)) + 1
 
     def row_name(self, i: int) -> str:
         """A reading as a person finds it: its session, and its row counted from 1."""

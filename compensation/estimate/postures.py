@@ -12,27 +12,26 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.observations import Observations
 
 #: Angles no farther apart than this are the same: a robot returns within a tenth of it. An error of
 #: the 20th order of a turn differs by 4 % over it.
 SAME_RAD = 2e-3
 
 
-def find_postures(observations: Observations) -> I64:
+def number_postures(q: F64, placement: I64, target: I64) -> I64:
     """Return the number (n,) of each reading's posture, from 0 in the order of the readings.
 
-    Copies are of one placement and, where the artefact is what is known, of one target.
+    *q* (n, N) rad. Copies are of one placement and of one *target* (n,), by number, -1 where the
+    artefact is not what is known.
     """
-    q, n = observations.states.q, observations.n
-    target = np.where(observations.has_truth, -1, observations.target)
+    n = len(q)
     finite = np.flatnonzero(np.isfinite(q).all(axis=1))
     if not len(finite):
         return np.arange(n)
     angles = np.concatenate([np.cos(q[finite]), np.sin(q[finite])], axis=1)
     pairs = KDTree(angles).query_pairs(SAME_RAD, p=np.inf, output_type="ndarray")
     first_rows, second_rows = finite[np.sort(pairs, axis=1)].T
-    copies = (observations.placement[first_rows] == observations.placement[second_rows]) & (
+    copies = (placement[first_rows] == placement[second_rows]) & (
         target[first_rows] == target[second_rows]
     )
     first_rows, second_rows = first_rows[copies], second_rows[copies]
@@ -42,11 +41,6 @@ def find_postures(observations: Observations) -> I64:
             first[j] = i
     postures: I64 = np.unique(first, return_inverse=True)[1].reshape(n)
     return postures
-
-
-def count_postures(observations: Observations) -> int:
-    """Return how many postures the readings have."""
-    return int(find_postures(observations).max(initial=-1)) + 1
 
 
 def counts_as(posture: I64, share: float) -> F64:

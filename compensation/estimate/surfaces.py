@@ -48,8 +48,10 @@ def heights(kind: I64, local_mm: F64) -> tuple[F64, F64]:
 def project_on_normals(normal: F64, columns: F64) -> F64:
     """Columns (n, 3, m) of readings, those across a surface's *normal* (n, 3) taken away; a
     reading whose normal is 0 touches a point, and keeps all of them."""
-    along_normal = np.einsum("ni,nim->nm", normal, columns)
     on_surface: Mask = np.any(normal, axis=1)
+    if not on_surface.any():
+        return columns
+    along_normal = np.einsum("ni,nim->nm", normal, columns)
     projected: F64 = np.where(
         on_surface[:, None, None], normal[:, :, None] * along_normal[:, None, :], columns
     )

@@ -13,6 +13,8 @@ from armd.compensation.estimate.linearise import Linearisation
 from armd.compensation.estimate.placements import Placements
 from armd.compensation.estimate.poses import Poses
 
+NONE = np.empty(0, dtype=np.int64)
+
 
 @dataclass(frozen=True)
 class ArmAlone:
@@ -53,15 +55,16 @@ class ArmAlone:
     @property
     def n_certified(self) -> int:
         """Rows of what is certified about free targets."""
-        return sum(len(rows) for rows in self._certified_by_session())
+        return sum(len(missed) for _, missed in self._certified_by_session.values())
 
     def certified_entries(self) -> I64:
         """(E, 2) what each row of what is certified is: the certificate's entry, and 0, 1, 2 for
         an axis of a position, 3 for a distance."""
         observations = self.at.observations
         entries = []
-        for session in self._sessions:
-            targets, distances = self._certificate_of(self._placements.targets_of(session))
+        for session in observations.rows_by_session:
+            slots, distances = self._certificate_of(session)
+            targets = self._placements.targets_of(session)[slots]
             axes = np.tile(np.arange(3), len(targets))
             entries.append(np.column_stack([np.repeat(observations.certificate[targets], 3), axes]))
             numbers = observations.distances.certificate[distances]
@@ -71,18 +74,19 @@ class ArmAlone:
     def certified_rows(self) -> F64:
         """(E, C) how these rows, whitened, answer the unknowns, placements and targets fitted
         along."""
-        rows_by_session = []
-        for session, rows in zip(self._sessions, self._certified_by_session(), strict=True):
-            shifting = self._placements.shifting(session)
-            rows_by_session.append(rows[:, : len(shifting)] @ shifting[:, :-1])
-        return np.vstack(rows_by_session)
+        return np.vstack(
+            [
+                rows @ self._placements.shifting(session)[:, :-1]
+                for session, (rows, _) in self._certified_by_session.items()
+            ]
+        )
 
     @cached_property
     def cost(self) -> float:
         """Sum of squares of all whitened residuals where the linearisation stands."""
         whitened = np.einsum("nij,nj->ni", self.whitening, self.at.residual_mm)
-        certified = [rows[:, -1] for rows in self._certified_by_session()]
-        return float(np.sum(whitened**2) + np.sum(np.concatenate(certified) ** 2))
+        missed = [missed for _, missed in self._certified_by_session.values()]
+        return float(np.sum(whitened**2) + np.sum(np.concatenate(missed) ** 2))
 
     @property
     def clear_cost(self) -> float:
@@ -114,52 +118,63 @@ class ArmAlone:
             self.at.free_targets,
             (self.columns, self.at.residual_mm[:, :, None]),
             self.whitening,
-            self._certified,
+            lambda session: self._certified_by_session[session],
             self.whole._placements if self.whole else None,
         )
 
-    @property
-    def _sessions(self) -> list[int]:
-        """Those with readings."""
-        sessions: list[int] = np.unique(self.at.observations.session).tolist()
-        return sessions
+    @cached_property
+    def _certified_by_session(self) -> dict[int, tuple[F64, F64]]:
+        """Of each session with readings: rows (E, 3 K), whitened, of what is certified about its K
+        free targets, and by how much it is missed (E,)."""
+        return {
+            session: self._certified(session) for session in self.at.observations.rows_by_session
+        }
 
-    def _certified_by_session(self) -> list[F64]:
-        return [self._certified(self._placements.targets_of(session)) for session in self._sessions]
+    def _certificate_of(self, session: int) -> tuple[I64, I64]:
+        """Which of a session's free targets, by their place among these, and which distances have
+        rows of a certificate."""
+        is_certified = ~self.at.observations.unknown[self._placements.targets_of(session)]
+        return np.flatnonzero(is_certified), self._distances_by_session.get(session, NONE)
 
-    def _certificate_of(self, targets: I64) -> tuple[I64, I64]:
-        """Which of a session's free *targets*, and which distances, have rows of a certificate."""
+    @cached_property
+    def _distances_by_session(self) -> dict[int, I64]:
+        """Distances, of two targets apart from each other, that move with a free one."""
         observations = self.at.observations
         between = observations.distances.between
-        is_apart = self.at.poses.apart(between)[0] != 0
-        distances: I64 = np.flatnonzero(is_apart & np.isin(between, targets).any(axis=1))
-        return targets[~observations.unknown[targets]], distances
+        if not len(between):
+            return {}
+        is_free = np.isin(between, self.at.free_targets).any(axis=1)
+        numbers = np.flatnonzero((self._lengths[0] != 0) & is_free)
+        session = observations.target_session[between[numbers, 0]]
+        return {int(s): numbers[session == s] for s in np.unique(session)}
 
-    def _certified(self, targets: I64) -> F64:
-        """(E, 3 K + C + 1) rows of what is certified about a session's free *targets*: these, no
-        unknown, and by how much it is missed."""
+    @cached_property
+    def _lengths(self) -> tuple[F64, F64]:
+        return self.at.poses.apart(self.at.observations.distances.between)
+
+    def _certified(self, session: int) -> tuple[F64, F64]:
         observations, position = self.at.observations, self.at.poses.target_mm
-        place = {int(k): 3 * j for j, k in enumerate(targets)}
-        last = 3 * len(targets) + self.columns.shape[2]
-        positions, lengths = self._certificate_of(targets)
-        of_positions = np.zeros((len(positions), 3, last + 1))
-        first_columns = np.array([place[k] for k in positions.tolist()], dtype=np.int64)
-        uncertainty = observations.uncertainty_mm[positions]
-        for axis in range(3):
-            of_positions[np.arange(len(first_columns)), axis, first_columns + axis] = (
-                1.0 / uncertainty
-            )
-        off = position[positions] - observations.position_mm[positions]
-        of_positions[:, :, last] = off / uncertainty[:, None]
-        rows = [of_positions.reshape(-1, last + 1)]
-        distances = observations.distances
-        uncertain = np.maximum(distances.standard_uncertainty_mm, self.length_floor_mm)
-        lengths_mm, directions = self.at.poses.apart(distances.between)
-        for i in lengths.tolist():
-            of_distance = np.zeros((1, last + 1))
-            for k, sign in zip(distances.between[i].tolist(), (1.0, -1.0), strict=True):
-                if k in place:
-                    of_distance[0, place[k] : place[k] + 3] = sign * directions[i]
-            of_distance[0, last] = lengths_mm[i] - distances.length_mm[i]
-            rows.append(of_distance / uncertain[i])
-        return np.vstack(rows)
+        targets = self._placements.targets_of(session)
+        slots, distances = self._certificate_of(session)
+        weight = np.repeat(1.0 / observations.uncertainty_mm[targets[slots]], 3)
+        off = position[targets[slots]] - observations.position_mm[targets[slots]]
+        rows = np.zeros((len(weight) + len(distances), 3 * len(targets)))
+        columns = (3 * slots[:, None] + np.arange(3)).ravel()
+        rows[np.arange(len(weight)), columns] = weight
+        missed = [off.ravel() * weight]
+        if len(distances):
+            rows[len(weight) :], lengths = self._certified_lengths(targets, distances)
+            missed.append(lengths)
+        return rows, np.concatenate(missed)
+
+    def _certified_lengths(self, targets: I64, numbers: I64) -> tuple[F64, F64]:
+        """Rows (D, 3 K) and misses (D,) of the distances *numbers* (D,) between K *targets*."""
+        distances = self.at.observations.distances
+        lengths_mm, directions = self._lengths
+        uncertain = np.maximum(distances.standard_uncertainty_mm, self.length_floor_mm)[numbers]
+        rows = np.zeros((len(numbers), len(targets), 3))
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            row, slot = np.nonzero(distances.between[numbers, end, None] == targets)
+            rows[row, slot] = sign * directions[numbers[row]]
+        missed: F64 = (lengths_mm - distances.length_mm)[numbers] / uncertain
+        return rows.reshape(len(numbers), -1) / uncertain[:, None], missed

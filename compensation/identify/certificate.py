@@ -11,7 +11,6 @@ import numpy as np
 from armd.compensation.estimate.gauge import PLAUSIBLE, scale_is_free
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.postures import count_postures
 from armd.compensation.estimate.unknowns import is_indicator
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, LEAST_TIMES
 from armd.compensation.identify.admission.requirements import readings_needed
@@ -235,7 +234,7 @@ def _too_few(observations: Observations) -> list[Objection]:
         )
         faults.append(Objection(Why.PLACEMENTS, words))
     needed = LEAST_TIMES * readings_needed(observations)
-    postures = count_postures(observations)
+    postures = observations.n_postures
     if postures < needed:
         copies = f" of {counted(postures, 'posture')}" if postures < observations.n else ""
         words = (

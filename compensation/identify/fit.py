@@ -30,7 +30,7 @@ from armd.compensation.estimate.noise import (
 )
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.orientations import observe
-from armd.compensation.estimate.postures import counts_as, find_postures, shared_part
+from armd.compensation.estimate.postures import counts_as, shared_part
 from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.robust import (
     DOWNWEIGHT_CHI2,
@@ -175,7 +175,7 @@ def fit(
     distance2 = np.where(monstrous(residual_mm), squared, 0.0)
     region = np.zeros(observations.n, dtype=bool)
     steps, held = 0, noise is None
-    posture = find_postures(observations)
+    posture = observations.posture
     counts = counts_as(posture, 1.0)
     for round_ in range(1, rounds + 1):
         begun = linearise(observations, constants, terms, poses, reference_c, basis)

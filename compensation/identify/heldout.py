@@ -19,7 +19,6 @@ from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation
 from armd.compensation.estimate.noise import whitening
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.postures import count_postures
 from armd.compensation.estimate.robust import redescending_weights
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.fit import Identification, rms_um
@@ -134,7 +133,7 @@ def left_out_in_words(observations: Observations, errors: Errors, left_out_by: s
     if left_out_by == "placement":
         groups = len(np.unique(observations.placement))
     else:
-        groups = count_postures(observations)
+        groups = observations.n_postures
     sets = len(errors.of_sets_um)
     if left_out_by == "temperature" or groups <= sets:
         return f"each {left_out_by}"

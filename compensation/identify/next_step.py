@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.postures import count_postures
 from armd.compensation.identify.admission.needed import (
     LEAST_PLACEMENTS,
     LEAST_TIMES,
@@ -177,7 +176,7 @@ def _missing(observations: Observations, places: int) -> int:
     free = unknowns_of_artefacts(observations) + 6 * places + 3 * again
     each = float(observations.freedom.mean())
     needed = LEAST_TIMES * readings_for(observations.arm.n_joints, free, each)
-    return needed - count_postures(observations)
+    return needed - observations.n_postures
 
 
 def _artefact_targets(observations: Observations) -> list[int]:

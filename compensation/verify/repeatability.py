@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import gammaincinv
 
 from armd.arrays import F64
 
@@ -158,7 +158,7 @@ def _interval(covariance: F64, freedom: int, size: float) -> tuple[float, float]
     Biometrics Bull. 2, 1946)."""
     square_sum = float((covariance**2).sum())
     together = freedom * size**4 / square_sum if square_sum > 0 else 3.0 * freedom
-    tails = stats.chi2.ppf([0.5 + CONFIDENCE / 2, 0.5 - CONFIDENCE / 2], together)
+    tails = 2.0 * gammaincinv(together / 2.0, [0.5 + CONFIDENCE / 2, 0.5 - CONFIDENCE / 2])
     low, high = size * np.sqrt(together / tails)
     return float(low), float(high)
 

@@ -76,10 +76,15 @@ MARKS = [
     Mark("diagnose.20000_readings.seconds", "s", 60, None, "diagnose.imports_s", "its imports"),
     Mark("diagnose.20000_readings.peak_mb", "MB", 2000),
     *(
-        Mark(f"calibrate.{n}.seconds", "s", most, None, f"calibrate.{n}.floor_s", "one dense step")
+        Mark(f"calibrate.{n}.seconds", "s", most, None, f"calibrate.{n}.floor_s", "20 dense steps")
         for n, most in (("2000_readings", 5), ("20000_readings", 60))
     ),
     Mark("calibrate.20000_readings.peak_mb", "MB", 2000),
+    Mark(
+        "calibrate.20000_readings.processor_s", "s", 5, None,
+        "calibrate.20000_readings.floor_s", "20 dense steps",
+    ),
+    Mark("calibrate.verify.processor_s", "s", 2, None, "calibrate.verify.floor_s", "its imports"),
     Mark(
         "growth.correct_processor_us_a_reading", "µs", None, None,
         "growth.duckdb_copy_processor_us_a_reading", "DuckDB reads and writes",

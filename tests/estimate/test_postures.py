@@ -8,9 +8,7 @@ import pytest
 from armd.compensation.estimate.folds import placement_folds
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.postures import (
-    count_postures,
     counts_as,
-    find_postures,
     shared_part,
 )
 from support import synthetic
@@ -30,23 +28,23 @@ def copied(times: int, scatter_rad: float = 1e-4, in_rounds: bool = False) -> Ob
 def test_copies_are_one_posture(in_rounds: bool) -> None:
     observations = copied(3, in_rounds=in_rounds)
     expected = np.tile(np.arange(20), 3) if in_rounds else np.repeat(np.arange(20), 3)
-    np.testing.assert_array_equal(find_postures(observations), expected)
-    assert count_postures(observations) == 20
+    np.testing.assert_array_equal(observations.posture, expected)
+    assert observations.n_postures == 20
 
 
 def test_another_placement_is_another_posture_and_so_are_angles_further_apart() -> None:
     observations = copied(2)
     second = np.arange(observations.n) % 2
     elsewhere = replace(observations, placement=observations.placement + 100 * second)
-    assert count_postures(elsewhere) == 40
-    assert count_postures(copied(2, 0.1)) == 40
+    assert elsewhere.n_postures == 40
+    assert copied(2, 0.1).n_postures == 40
 
 
 def test_copies_on_no_two_sides_of_a_fold() -> None:
     """Of one placement, postures are left out in turn, each with all its copies."""
     observations = copied(3)
     one = replace(observations, placement=np.zeros_like(observations.placement))
-    posture = find_postures(one)
+    posture = one.posture
     folds, by = placement_folds(one)
     assert by == "posture" and len(folds) == 8
     for out in folds:

@@ -31,7 +31,7 @@ LEFT = {
     "compensation/design": 0,
     "compensation/diagnose": 53,
     "compensation/effects": 0,
-    "compensation/estimate": 37,
+    "compensation/estimate": 36,
     "compensation/features": 0,
     "compensation/geometry": 0,
     "compensation/identify": 295,

@@ -42,7 +42,6 @@ from armd.compensation.effects.by_session import is_by_session
 from armd.compensation.effects.courses import is_drift, is_slow
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.postures import find_postures
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 
@@ -218,7 +217,7 @@ def _is_in_one_fold(last: Fit, moves: F64) -> bool:
 def _assign_folds_by_target(observations: Observations) -> I64:
     """Fold of each rest: its target's within the placement; of readings with truth their
     posture's turn."""
-    turn = np.where(observations.has_truth, find_postures(observations), observations.target)
+    turn = np.where(observations.has_truth, observations.posture, observations.target)
     folds: I64 = turn % TARGET_FOLDS
     return folds
 

@@ -17,7 +17,6 @@ from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.observations import TURN_MM, Observations
 from armd.compensation.estimate.poses import Poses
-from armd.compensation.estimate.postures import find_postures
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.estimate.surfaces import planes_together, project_on_normals
 from armd.compensation.model.arm import Arm
@@ -65,7 +64,7 @@ class Rests:
     @cached_property
     def posture(self) -> I64:
         """(n,) the posture of each rest: copies share what the model does not know."""
-        return find_postures(self.observations)
+        return self.observations.posture
 
     @cached_property
     def in_order(self) -> dict[int, I64]:

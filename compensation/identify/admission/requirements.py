@@ -9,7 +9,6 @@ import numpy as np
 from armd.arrays import Mask
 from armd.compensation.estimate.gauge import unidentifiable
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.postures import count_postures
 from armd.compensation.estimate.surface_kinds import FREEDOM, POINT, TURN
 from armd.compensation.identify.admission.needed import readings_for
 from armd.compensation.identify.fit import Identification, rms_um
@@ -81,7 +80,7 @@ def require_help(found: Identification, share: float, files: str, notes: list[st
     observations, arm = found.observations, found.observations.arm
     needed, ideal = readings_needed(observations), 4 * arm.n_joints - 3
     rank = found.solution.rank - len(found.unknowns.terms)
-    if count_postures(observations) >= needed and rank >= LEAST_RANK * ideal:
+    if observations.n_postures >= needed and rank >= LEAST_RANK * ideal:
         return
     if share < MOST_SHARE and rank > 0:
         notes.append(
@@ -111,7 +110,7 @@ def require_help(found: Identification, share: float, files: str, notes: list[st
 def require_enough(observations: Observations, unknown: Sequence[str], files: str) -> None:
     """Refuse readings that are fewer than the unknowns, where these are identified alone."""
     needed = readings_needed(observations)
-    if count_postures(observations) < needed:
+    if observations.n_postures < needed:
         placements, seats = _placements(observations), _seats(observations)
         expected = (
             f"at least {needed} for {len(unknown)} constants, {placements} placements"
@@ -123,7 +122,7 @@ def require_enough(observations: Observations, unknown: Sequence[str], files: st
 
 def _of_postures(observations: Observations) -> str:
     """Of how many postures readings are, where some are copies."""
-    postures = count_postures(observations)
+    postures = observations.n_postures
     return f" of {counted(postures, 'posture')}" if postures < observations.n else ""
 
 

@@ -1,0 +1,197 @@
+"""Placements and free targets of sessions eliminated from their problem, many sessions at once.
+
+A row touches one target only. So products with targets are sums over the rows of each target, and
+the sessions of a batch, alike in their number of free targets, are solved as one stack of matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import dtrtri
+
+from armd.arrays import F64, I64
+from armd.compensation.estimate.linear.linear_model import LEAST_TAKEN
+
+#: Rows and sessions of a batch take about so many numbers in memory at most.
+MOST_NUMBERS = 1 << 20
+
+
+@dataclass(frozen=True)
+class SessionColumns:
+    """A session's rows, placement by placement, each ordered by target, and its K free targets."""
+
+    number: int
+    rows: Mapping[int, I64]
+    targets: I64  # (K,)
+
+
+@dataclass(frozen=True)
+class EliminatedSession:
+    """What a session's p placements and K free targets leave of c other columns."""
+
+    columns: SessionColumns
+    pose_factor: F64  # (p, 6, 6) times its transpose the poses' covariance, all others held
+    pose_projected: F64  # (p, 6, 3 K + c) the factor's transpose times the products with others
+    shift_factor: F64  # (3 K, 3 K) likewise of the targets, poses being fitted along
+    shift_projected: F64  # (3 K, c)
+    rank: int  # degrees of freedom that poses and targets took
+    gram: F64  # (c, c) products of what is left of the others
+    square: F64  # (c,) squared lengths of the others before
+
+    @property
+    def following(self) -> F64:
+        """(3 K, c) how the targets' shifts follow amplitudes of the others."""
+        return -self.shift_factor @ self.shift_projected
+
+    def followed(self, amplitudes: F64) -> tuple[F64, F64]:
+        """Twists (p, 6) and shifts (3 K,) that answer *amplitudes* (c,) of the others."""
+        shifts = -self.shift_factor @ (self.shift_projected @ amplitudes)
+        along = self.pose_projected @ np.append(shifts, amplitudes)
+        return -np.einsum("pij,pj->pi", self.pose_factor, along), shifts
+
+
+def in_batches(sessions: Sequence[SessionColumns], c: int) -> list[list[SessionColumns]]:
+    """*sessions* in batches alike in their number of free targets, none of them large."""
+    batches: list[list[SessionColumns]] = []
+    numbers = 0
+    for session in sorted(sessions, key=lambda session: len(session.targets)):
+        k = len(session.targets)
+        size = sum(map(len, session.rows.values())) * 6 * (c + 9) + (3 * k + c) ** 2
+        numbers += size
+        if not batches or len(batches[-1][0].targets) != k or numbers > MOST_NUMBERS:
+            batches.append([])
+            numbers = size
+        batches[-1].append(session)
+    return batches
+
+
+def eliminate(
+    sessions: Sequence[SessionColumns],
+    whitened: Callable[[I64], tuple[F64, F64]],
+    touched: I64,
+    certified: Callable[[int], tuple[F64, F64]] | None,
+) -> list[EliminatedSession]:
+    """Eliminate poses, then targets, of a batch of *sessions*.
+
+    *whitened* gives columns (m, 3, 6 + c) of rows (m,), poses first, and their targets' (m, 3, 3).
+    *touched* (n,): each row's target among its session's free ones, -1 if it is not free.
+    *certified* gives of a session's number rows (E, 3 K) of its targets and misses (E,), which
+    count as the last column.
+    """
+    parts = [rows for session in sessions for rows in session.rows.values()]
+    counts = [len(session.rows) for session in sessions]
+    first_part = np.concatenate([[0], np.cumsum(counts)])
+    rows = np.concatenate(parts)
+    edges = np.concatenate([[0], np.cumsum([len(part) for part in parts])])
+    columns, of_target = whitened(rows)
+    c, k = columns.shape[2] - 6, len(sessions[0].targets)
+    gram = np.empty((len(parts), 6 + c, 6 + c))
+    for i, (low, high) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
+        flat = columns[low:high].reshape(-1, 6 + c)
+        gram[i] = flat.T @ flat
+    reduced = np.add.reduceat(gram[:, 6:, 6:], first_part[:-1], axis=0)
+    squares = np.einsum("sii->si", reduced).copy()
+    across = np.zeros((len(parts), 6, 3 * k + c))
+    across[:, :, 3 * k :] = gram[:, :6, 6:]
+    of_targets = np.zeros((len(sessions), 3 * k, 3 * k))
+    meeting = np.zeros((len(sessions), 3 * k, c))
+    if k:
+        part = np.repeat(np.arange(len(parts)), np.diff(edges))
+        sums, part, slot = _sums_by_target(columns, of_target, part, touched[rows])
+        by_target = across[:, :, : 3 * k].reshape(len(parts), 6, k, 3)
+        by_target[part, :, slot] = sums[:, :, 3:9].transpose(0, 2, 1)
+        across[:, :, : 3 * k] = by_target.reshape(len(parts), 6, 3 * k)
+        session = np.repeat(np.arange(len(sessions)), counts)[part]
+        by_slot = np.zeros((len(sessions), k, 3, 3 + c))
+        np.add.at(by_slot, (session, slot), sums[:, :, [0, 1, 2, *range(9, 9 + c)]])
+        meeting[:] = by_slot[:, :, :, 3:].reshape(meeting.shape)
+        diagonal = of_targets.reshape(len(sessions), k, 3, k, 3)
+        diagonal[:, np.arange(k), :, np.arange(k)] = by_slot[:, :, :, :3].transpose(1, 0, 2, 3)
+    shift_unit = _unit(np.einsum("sii->si", of_targets))
+    pose_factor, pose_rank = _factors(gram[:, :6, :6], _unit(np.einsum("pii->pi", gram)[:, :6]))
+    projected = pose_factor.transpose(0, 2, 1) @ across
+    for s, session_columns in enumerate(sessions):
+        projected_rows = projected[first_part[s] : first_part[s + 1]].reshape(-1, 3 * k + c)
+        by_targets, by_others = projected_rows[:, : 3 * k], projected_rows[:, 3 * k :]
+        of_targets[s] -= by_targets.T @ by_targets
+        meeting[s] -= by_targets.T @ by_others
+        reduced[s] -= by_others.T @ by_others
+        if certified:  # no yardstick of what the readings tell of a target
+            certificate, missed = certified(session_columns.number)
+            of_targets[s] += certificate.T @ certificate
+            meeting[s, :, -1] += missed @ certificate
+            reduced[s, -1, -1] += missed @ missed
+    shift_factor, shift_rank = _factors(of_targets, shift_unit)
+    shift_projected = shift_factor.transpose(0, 2, 1) @ meeting
+    reduced -= shift_projected.transpose(0, 2, 1) @ shift_projected
+    rank = shift_rank + np.add.reduceat(pose_rank, first_part[:-1])
+    return [
+        EliminatedSession(
+            session, pose_factor[low:high], projected[low:high], shift_factor[s],
+            shift_projected[s], int(rank[s]), reduced[s], squares[s],
+        )
+        for s, (session, low, high) in enumerate(
+            zip(sessions, first_part[:-1], first_part[1:], strict=True)
+        )
+    ]  # fmt: skip
+
+
+def _sums_by_target(columns: F64, of_target: F64, part: I64, slot: I64) -> tuple[F64, I64, I64]:
+    """Products (g, 3, 3 + 6 + c) of each target's columns with themselves and all others, summed
+    over the rows of one *part* (m,) and *slot* (m,); and of each of these sums its part and slot.
+    """
+    starts = np.flatnonzero(np.r_[True, (np.diff(part) != 0) | (np.diff(slot) != 0)])
+    counts = np.diff(np.append(starts, len(part)))
+    is_free = slot[starts] >= 0
+    starts, counts = starts[is_free], counts[is_free]
+    stacked = np.concatenate([of_target, columns], axis=2)
+    sums = np.empty((len(starts), 3, stacked.shape[2]))
+    for count in np.unique(counts).tolist():  # targets with as many rows each: one stack
+        alike = counts == count
+        rows = stacked[starts[alike, None] + np.arange(count)].reshape(
+            -1, 3 * count, stacked.shape[2]
+        )
+        sums[alike] = rows[:, :, :3].transpose(0, 2, 1) @ rows
+    return sums, part[starts], slot[starts]
+
+
+def _unit(square: F64) -> F64:
+    """(s,) the largest squared length of columns (s, m); a column that is zero counts as 1."""
+    lengths = np.where(square > 0.0, square, 1.0)
+    return lengths.max(axis=1, initial=0.0) if lengths.shape[1] else np.ones(len(lengths))
+
+
+def _factors(matrices: F64, unit: F64) -> tuple[F64, I64]:
+    """F (s, m, m) with F Fᵀ the inverse of *matrices* (s, m, m) along what is known of each beside
+    its *unit* (s,), columns of zeros beside these; and how many directions are known (s,)."""
+    scaled = matrices / unit[:, None, None]
+    factors = np.zeros_like(scaled)
+    ranks = np.zeros(len(scaled), dtype=np.int64)
+    is_known = np.any(scaled, axis=(1, 2))
+    numbers = np.flatnonzero(is_known).tolist()
+    for i, lower in zip(numbers, _cholesky(scaled[is_known]), strict=True):
+        if lower is not None:
+            # No eigenvalue is below one over the inverse's trace.
+            inverse, _ = dtrtri(lower.T, lower=0)
+            if float(np.vdot(inverse, inverse)) * LEAST_TAKEN < 1.0:
+                factors[i], ranks[i] = inverse, len(inverse)
+                continue
+        values, vectors = np.linalg.eigh(scaled[i])
+        along = values > LEAST_TAKEN
+        ranks[i] = np.count_nonzero(along)
+        factors[i, :, : ranks[i]] = vectors[:, along] / np.sqrt(values[along])
+    factors /= np.sqrt(unit)[:, None, None]
+    return factors, ranks
+
+
+def _cholesky(matrices: F64) -> Sequence[F64 | None]:
+    """Each one's lower factor; None where it has none."""
+    try:
+        return list(np.linalg.cholesky(matrices))
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return [None]
+    return [factor for matrix in matrices for factor in _cholesky(matrix[None])]
