@@ -51,23 +51,24 @@ MARKS = [
     ),
     _latency("p50", 1.2, "zenoh_alone", ZENOH),
     _latency("p99", 1.5, "zenoh_alone", ZENOH),
-    _latency("p50", 2.0, "zenoh_alone_awake", ZENOH_AWAKE),
-    _latency("p99", 2.5, "zenoh_alone_awake", ZENOH_AWAKE),
+    _latency("p50", 1.3, "zenoh_alone_awake", ZENOH_AWAKE),
+    _latency("p99", 1.5, "zenoh_alone_awake", ZENOH_AWAKE),
     *(
         Mark(
             f"{bench}.{hz}_hz.cpu_percent_of_a_core", "%", most, None,
-            f"{bench}.{hz}_hz.zenoh_alone_cpu_percent_of_a_core", ZENOH,
+            f"{bench}.{hz}_hz.zenoh_alone_cpu_percent_of_a_core", ZENOH, ratio,
         )
-        for hz, most in ((1000, 12), (5000, 10))
+        for hz, most, ratio in ((1000, 1.15, True), (5000, 10, False))
         for bench in ("daemon", "controller")
     ),
     *(
         Mark(
-            f"{bench}.1000_hz.rss_mb", "MB", 120, None,
+            f"{bench}.1000_hz.rss_mb", "MB", 60, None,
             f"{bench}.1000_hz.zenoh_alone_rss_mb", ZENOH,
         )
         for bench in ("daemon", "controller")
     ),
+    Mark("rate.10000_hz.processor_percent", "%", 20),
     Mark("daemon.5000_hz.lost", most=0),
     Mark("daemon.5000_hz.undisturbed.lost", most=0),
     Mark("installed.mb", "MB", 300, None, "installed.numpy_and_zenoh_mb", "numpy and Zenoh"),
