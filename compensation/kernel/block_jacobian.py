@@ -30,9 +30,9 @@ BASE_ROWS = 24
 
 
 @jit
-def make_work(n_joints: int) -> F64:
-    """Room (rows, W) for the derivatives of a block."""
-    return np.zeros((ROWS * (n_joints + 1) + BASE_ROWS, W))
+def make_work(n_joints: int, more_rows: int) -> F64:
+    """Room (rows, W) for the derivatives of a block, and after them for *more_rows*."""
+    return np.zeros((ROWS * (n_joints + 1) + BASE_ROWS + more_rows, W))
 
 
 @jit

@@ -10,9 +10,13 @@ import numpy.typing as npt
 from armd.arrays import F64, I64
 from armd.compensation.kernel.chain import quaternion
 from armd.compensation.kernel.kernel import take_angles, to_world, to_world_posed
-from armd.compensation.kernel.memory import FlatModel, Program, Work, opened
+from armd.compensation.kernel.memory import FlatModel, Folded, Program, Work, opened
 from armd.compensation.model.kinematics import compiled_jacobian
-from armd.compiled.jit import jit
+from armd.compiled.jit import inlined, jit
+
+#: Columns of the factor that are worked off together. A constant, so that LLVM can prove that the
+#: sums along x, y and z do not overlap.
+COLUMNS = 128
 
 
 @jit
@@ -26,7 +30,7 @@ def fill(
     and, from P on, pose terms; NaN if *floor* is.
     """
     folded, program, work = opened(flat)
-    angle, trig, vectors, count = work.angle, work.trig, work.vectors, len(folded.parameters)
+    angle, trig, vectors = work.angle, work.trig, work.vectors
     tip, plain_tip = folded.parameters[5 * len(angle) :], folded.constants[5 * len(angle) :]
     for start in range(0, len(q), angle.shape[1]):
         m = min(angle.shape[1], len(q) - start)
@@ -50,39 +54,77 @@ def fill(
                 for part in range(6):
                     points[start + i].covariance_mm2[part] = math.nan
         else:
-            parameters = folded.parameters.reshape(1, count)
-            _covariances(q, start, parameters, program, work, factor, rows, floor, points, m)
+            _covariances(q, start, folded, program, work, factor, rows, floor, points, m)
 
 
 @jit
 def _covariances(
-    q: F64, start: int, parameters: F64, program: Program, work: Work, factor: F64, rows: I64,
+    q: F64, start: int, folded: Folded, program: Program, work: Work, factor: F64, rows: I64,
     floor: float, points: npt.NDArray[np.void], m: int,
 ) -> None:  # fmt: skip
-    rank, count = factor.shape[1], parameters.shape[1]
+    rank, count = factor.shape[1], len(folded.parameters)
+    parameters = folded.parameters.reshape(1, count)
+    if len(program.parameter):
+        parameters = _with_pose_terms(folded, program, work, m)
     position = np.empty((m, 3))
     derivatives = np.empty((m, 3, count))
     compiled_jacobian(q[start : start + m], parameters, position, derivatives)
-    moved = np.empty((3, rank))
+    # Rows of L are taken four at a time: a row that is not there has no derivatives.
+    j, along = np.zeros(3 * (len(rows) + 3)), np.empty(3 * COLUMNS)
     for i in range(m):
-        moved[:] = 0.0
-        for row in range(len(factor)):
+        for row in range(len(rows)):
             column, weight = moves_by(rows[row], count, program, work, i)
-            jx = weight * derivatives[i, 0, column]
-            jy = weight * derivatives[i, 1, column]
-            jz = weight * derivatives[i, 2, column]
-            for r in range(rank):
-                moved[0, r] += jx * factor[row, r]
-                moved[1, r] += jy * factor[row, r]
-                moved[2, r] += jz * factor[row, r]
-        part = 0
-        for a in range(3):
-            for b in range(a, 3):
-                total = floor if a == b else 0.0
-                for r in range(rank):
-                    total += moved[a, r] * moved[b, r]
-                points[start + i].covariance_mm2[part] = total
-                part += 1
+            for axis in range(3):
+                j[3 * row + axis] = weight * derivatives[i, axis, column]
+        xx, xy, xz, yy, yz, zz = floor, 0.0, 0.0, floor, 0.0, floor
+        for first in range(0, rank, COLUMNS):
+            width = min(COLUMNS, rank - first)
+            for axis in range(3):
+                for r in range(width):
+                    along[axis * COLUMNS + r] = 0.0
+            for row in range(0, len(rows), 4):
+                last = len(rows) - 1
+                _add_four(
+                    j[3 * row :], factor[row, first:], factor[min(row + 1, last), first:],
+                    factor[min(row + 2, last), first:], factor[min(row + 3, last), first:],
+                    width, along,
+                )  # fmt: skip
+            for r in range(width):
+                x, y, z = along[r], along[COLUMNS + r], along[2 * COLUMNS + r]
+                xx, xy, xz = xx + x * x, xy + x * y, xz + x * z
+                yy, yz, zz = yy + y * y, yz + y * z, zz + z * z
+        covariance = points[start + i].covariance_mm2
+        covariance[0], covariance[1], covariance[2] = xx, xy, xz
+        covariance[3], covariance[4], covariance[5] = yy, yz, zz
+
+
+@inlined
+def _add_four(j: F64, a: F64, b: F64, c: F64, d: F64, width: int, along: F64) -> None:
+    """Add to *along* (3 COLUMNS,), x, y, z of J·L, what four rows of L give by their derivatives
+    *j*: three each."""
+    ax, ay, az = j[0], j[1], j[2]
+    bx, by, bz = j[3], j[4], j[5]
+    cx, cy, cz = j[6], j[7], j[8]
+    dx, dy, dz = j[9], j[10], j[11]
+    for r in range(width):
+        p, q, s, t = a[r], b[r], c[r], d[r]
+        along[r] += ax * p + bx * q + cx * s + dx * t
+        along[COLUMNS + r] += ay * p + by * q + cy * s + dy * t
+        along[2 * COLUMNS + r] += az * p + bz * q + cz * s + dz * t
+
+
+@jit
+def _with_pose_terms(folded: Folded, program: Program, work: Work, m: int) -> F64:
+    """The parameters (m, P) of the block's samples, pose terms and all."""
+    count = len(folded.parameters)
+    parameters = np.empty((m, count))
+    for i in range(m):
+        for p in range(count):
+            parameters[i, p] = folded.parameters[p]
+        for t in range(len(program.parameter)):
+            change = folded.coefficients[t] * pose_basis(program, work, t, i)
+            parameters[i, program.parameter[t]] += change
+    return parameters
 
 
 @jit

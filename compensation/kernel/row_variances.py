@@ -51,13 +51,15 @@ def row_variances(
     changes = np.empty((celsius.shape[1] + 2 if more_c else 2, values.shape[1]))
     # Rows of Σ are taken four at a time: those after the last one are zero.
     padded = np.zeros((n + 3 - (n + 3) % 4, n + 3 - (n + 3) % 4))
-    moved, along = np.zeros(len(padded) * AXES), np.empty(4 * AXES)
+    along = np.empty(4 * AXES)
     total = np.empty(6 * W)
     # Of each sample of a block: is it the first with its temperatures; parameters, coefficients.
     begins = np.empty(W, np.bool_)
     parameters, with_pose = np.empty((count, W)), np.empty((count, W))
     coefficients = np.empty((len(program.parameter), W))
-    derivatives = make_work(n_joints)
+    derivatives = make_work(n_joints, 3 + 3 * len(program.parameter))
+    places = _places(rows, count, n_joints, len(padded), derivatives)
+    flat_derivatives = derivatives.reshape(derivatives.size)
     settled = False  # all samples of the block before had one row of parameters, which still holds
     for start in range(0, len(q), W):
         m = min(W, len(q) - start)
@@ -88,7 +90,8 @@ def row_variances(
                 take_parameters(parameters, n_joints, derivatives)
             block_jacobian(q, start, m, parameters, derivatives)
         settled = not changed
-        _move(rows, count, n_joints, program, work, derivatives, m, moved)
+        if posed:
+            _weigh(rows, count, n_joints, program, work, derivatives, m, places)
         low = 0
         while low < m:
             high = low + 1
@@ -102,7 +105,7 @@ def row_variances(
                 for i in range(n):
                     for j in range(n):
                         padded[i, j] = matrix[i, j] / (parts.scale[i] * parts.scale[j])
-            _multiply(padded, moved, low, high, along, total)
+            _multiply(padded, flat_derivatives, places, low, high, along, total)
             low = high
         for i in range(m):
             for part in range(6):
@@ -136,27 +139,46 @@ def _add_pose_terms(
 
 
 @jit
-def _move(
-    rows: I64, count: int, n_joints: int, program: Program, work: Work, derivatives: F64, m: int,
-    moved: F64,
-) -> None:  # fmt: skip
-    """How far a unit of each of *rows* (R,) moves the tip: x, y, z of a block's samples."""
-    for row in range(len(rows)):
-        if rows[row] < count:
+def _places(rows: I64, count: int, n_joints: int, padded: int, derivatives: F64) -> I64:
+    """Where x, y, z of a block's samples begin, moved by a unit of each of *rows* (R,), among the
+    numbers of *derivatives*.
+
+    Pose terms and rows of zeros, up to *padded* rows, have room at its end.
+    """
+    places = np.empty(padded, np.int64)
+    zeros = len(derivatives) - 3
+    following = zeros
+    for row in range(padded):
+        if row >= len(rows):
+            first = zeros
+        elif rows[row] < count:
             first = row_of(rows[row], n_joints)
-            for axis in range(3):
-                for i in range(W):
-                    moved[row * AXES + axis * W + i] = derivatives[first + axis, i]
-            continue
-        for i in range(m):
-            column, weight = moves_by(rows[row], count, program, work, i)
-            first = row_of(column, n_joints)
-            for axis in range(3):
-                moved[row * AXES + axis * W + i] = weight * derivatives[first + axis, i]
+        else:
+            following -= 3
+            first = following
+        places[row] = first * W
+    return places
 
 
 @jit
-def _multiply(matrix: F64, moved: F64, low: int, high: int, along: F64, total: F64) -> None:
+def _weigh(
+    rows: I64, count: int, n_joints: int, program: Program, work: Work, derivatives: F64, m: int,
+    places: I64,
+) -> None:  # fmt: skip
+    """How far a unit of each pose term's coefficient moves the tip, to its place."""
+    for row in range(len(rows)):
+        if rows[row] >= count:
+            for i in range(m):
+                column, weight = moves_by(rows[row], count, program, work, i)
+                source, target = row_of(column, n_joints), places[row] // W
+                for axis in range(3):
+                    derivatives[target + axis, i] = weight * derivatives[source + axis, i]
+
+
+@jit
+def _multiply(
+    matrix: F64, moved: F64, places: I64, low: int, high: int, along: F64, total: F64
+) -> None:
     """J Σ J' of the samples *low* … *high* − 1 of a block, all of one *matrix*, into *total*."""
     for part in range(6):
         for i in range(low, high):
@@ -170,17 +192,24 @@ def _multiply(matrix: F64, moved: F64, low: int, high: int, along: F64, total: F
         for since in range(low, AXES, AXES if is_whole else W):
             sums = along[since:]
             for b in range(0, a, 4):
-                _add_sixteen(matrix, a, b, moved[b * AXES + since :], n, sums)
-            _add_within(matrix, a, moved[a * AXES + since :], n, sums)
+                _add_sixteen(
+                    matrix, a, b, moved[places[b] + since :], moved[places[b + 1] + since :],
+                    moved[places[b + 2] + since :], moved[places[b + 3] + since :], n, sums,
+                )  # fmt: skip
+            _add_within(
+                matrix, a, moved[places[a] + since :], moved[places[a + 1] + since :],
+                moved[places[a + 2] + since :], n, sums,
+            )  # fmt: skip
         for r in range(4):
-            begin = r * AXES + low
-            weight = matrix[a + r, a + r]
-            _add_products(weight, moved[a * AXES + begin :], along[begin:], high - low, total[low:])
+            weight, own = matrix[a + r, a + r], moved[places[a + r] + low :]
+            _add_products(weight, own, along[r * AXES + low :], high - low, total[low:])
 
 
 @jit
-def _add_sixteen(matrix: F64, a: int, b: int, moved: F64, n: int, along: F64) -> None:
-    """Add four rows of *moved*, by the weights of rows *a* … and columns *b* …, to *along*."""
+def _add_sixteen(
+    matrix: F64, a: int, b: int, p: F64, r: F64, s: F64, t: F64, n: int, along: F64
+) -> None:
+    """Add four rows p, r, s, t, by the weights of rows *a* … and columns *b* …, to *along*."""
     a0, a1, a2, a3 = matrix[a, b], matrix[a, b + 1], matrix[a, b + 2], matrix[a, b + 3]
     a += 1
     b0, b1, b2, b3 = matrix[a, b], matrix[a, b + 1], matrix[a, b + 2], matrix[a, b + 3]
@@ -189,24 +218,22 @@ def _add_sixteen(matrix: F64, a: int, b: int, moved: F64, n: int, along: F64) ->
     a += 1
     d0, d1, d2, d3 = matrix[a, b], matrix[a, b + 1], matrix[a, b + 2], matrix[a, b + 3]
     for j in range(n):
-        p, r, s, t = moved[j], moved[AXES + j], moved[2 * AXES + j], moved[3 * AXES + j]
-        along[j] += a0 * p + a1 * r + a2 * s + a3 * t
-        along[AXES + j] += b0 * p + b1 * r + b2 * s + b3 * t
-        along[2 * AXES + j] += c0 * p + c1 * r + c2 * s + c3 * t
-        along[3 * AXES + j] += d0 * p + d1 * r + d2 * s + d3 * t
+        along[j] += a0 * p[j] + a1 * r[j] + a2 * s[j] + a3 * t[j]
+        along[AXES + j] += b0 * p[j] + b1 * r[j] + b2 * s[j] + b3 * t[j]
+        along[2 * AXES + j] += c0 * p[j] + c1 * r[j] + c2 * s[j] + c3 * t[j]
+        along[3 * AXES + j] += d0 * p[j] + d1 * r[j] + d2 * s[j] + d3 * t[j]
 
 
 @jit
-def _add_within(matrix: F64, a: int, moved: F64, n: int, along: F64) -> None:
+def _add_within(matrix: F64, a: int, p: F64, r: F64, s: F64, n: int, along: F64) -> None:
     """The same of the columns before each of the four rows that are among them."""
     b0 = matrix[a + 1, a]
     c0, c1 = matrix[a + 2, a], matrix[a + 2, a + 1]
     d0, d1, d2 = matrix[a + 3, a], matrix[a + 3, a + 1], matrix[a + 3, a + 2]
     for j in range(n):
-        p, r, s = moved[j], moved[AXES + j], moved[2 * AXES + j]
-        along[AXES + j] += b0 * p
-        along[2 * AXES + j] += c0 * p + c1 * r
-        along[3 * AXES + j] += d0 * p + d1 * r + d2 * s
+        along[AXES + j] += b0 * p[j]
+        along[2 * AXES + j] += c0 * p[j] + c1 * r[j]
+        along[3 * AXES + j] += d0 * p[j] + d1 * r[j] + d2 * s[j]
 
 
 @jit

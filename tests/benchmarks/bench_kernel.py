@@ -1,4 +1,5 @@
-"""The batch kernel against C of the same mathematics; one live call; what a pose term costs.
+"""The batch kernel against C of the same mathematics, and against what the machine can do; one live
+call; what a covariance and what a pose term costs.
 
 All in one process and one run, on the same inputs, the results held against each other. Every
 figure is the best of many short rounds taken in turn, so that a busy machine slows all alike.
@@ -7,6 +8,7 @@ figure is the best of many short rounds taken in turn, so that a busy machine sl
 from __future__ import annotations
 
 import ctypes
+import math
 import shutil
 import subprocess
 import tempfile
@@ -21,12 +23,19 @@ from armd import POINT
 from armd.arrays import F64
 from armd.compensation.kernel import kernel
 from armd.compensation.kernel.model import Model
+from armd.compensation.kernel.points import fill
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
+from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.state import States
 
 SAMPLES = 1 << 14
 ROUNDS = 60
 AGREEMENT_MM = 1e-9
+#: Additions and multiplications of one sample in a batch, counted in `chain` and `kernel`, a fused
+#: one as two, a rounding as one. Of each joint: its sine and cosine (reduction 8, polynomials 25,
+#: quadrant 9) and its step toward the world (18 of the matrix, 6 of the turn).
+OPERATIONS = 6 * (8 + 25 + 9 + 18 + 6)
 FLAGS = {
     "one_by_one": ["-O3"],
     "in_blocks": ["-O3", "-march=native", "-ffast-math"],
@@ -59,6 +68,7 @@ def run() -> dict[str, Any]:
             apart = float(np.abs(way() - truth).max())
             assert apart < AGREEMENT_MM, f"{name} differs by {apart} mm"
         ns = {name: best / SAMPLES for name, best in best_ns(ways).items()}
+        peak_per_ns = _peak_per_ns(Path(folder)) if shutil.which("gcc") else math.nan
     figures: dict[str, Any] = {"batch_ns": ns["kernel"]}
     if "in_blocks" in ns:
         figures |= {
@@ -66,8 +76,47 @@ def run() -> dict[str, Any]:
             "c_vectorised_ns": ns["in_blocks"],
             "times_faster_than_scalar_c": ns["one_by_one"] / ns["kernel"],
             "ratio_to_vectorised_c": ns["kernel"] / ns["in_blocks"],
+            "operations": OPERATIONS,
+            "operations_per_ns": OPERATIONS / ns["kernel"],
+            "multiply_add_operations_per_ns": peak_per_ns,
+            "share_of_peak": OPERATIONS / ns["kernel"] / peak_per_ns,
         }
-    return figures | {"live": live(model), "pose_terms": pose_terms(arm)}
+    return figures | {
+        "covariance": covariance(model),
+        "live": live(model),
+        "pose_terms": pose_terms(arm),
+    }
+
+
+def covariance(model: Model) -> dict[str, float]:
+    """What a covariance adds to a point, in a batch and live, ns; its floor is the product of the
+    derivatives and the factor alone, by BLAS."""
+    n, angle = 1 << 11, np.random.default_rng(1).uniform(-3, 3, (1 << 11, 6))
+    unknown = np.full((n, 6), np.nan), np.full((n, 3), np.nan)
+    celsius = np.full((n, 6), 25.0)
+    states = States(angle, unknown[0], celsius, np.zeros(n), unknown[1], np.zeros(n, np.int64))
+    slow = np.ascontiguousarray(model.slow_values(states))
+    model.fold(celsius[0], 0.0)
+    factor, rows, floor = model.covariance
+    derivatives = jacobian(angle, model.constants)[1][:, :, rows].reshape(3 * n, -1)
+    product, points = np.empty((3 * n, factor.shape[1])), np.zeros(n, POINT)
+
+    def live(floor_mm2: float) -> Callable[[], object]:
+        return lambda: fill(angle, *unknown, model.flat, factor, rows, floor_mm2, points)
+
+    best = best_ns(
+        {
+            "batch": lambda: model.covariance_rows(states, slow),
+            "floor": lambda: np.matmul(derivatives, factor, out=product),
+            "live": live(floor),
+            "position": live(math.nan),
+        }
+    )
+    return {
+        "batch_ns": best["batch"] / n,
+        "live_ns": (best["live"] - best["position"]) / n,
+        "product_alone_ns": best["floor"] / n,
+    }
 
 
 def live(model: Model) -> dict[str, float]:
@@ -182,6 +231,16 @@ def polynomial_terms(coefficients: F64) -> list[dict[str, object]]:
         for j, name in enumerate(names)
         for order in range(4)
     ]
+
+
+def _peak_per_ns(folder: Path) -> float:
+    """Operations in a nanosecond, of fused multiply-adds alone."""
+    function = ctypes.CDLL(str(folder / "in_blocks.so")).multiply_add
+    function.restype = ctypes.c_double
+    count, by, out = ctypes.c_long(2000), ctypes.c_double(0.999), ctypes.c_double()
+    operations = float(function(count, by, ctypes.byref(out)))
+    best = best_ns({"peak": lambda: function(count, by, ctypes.byref(out))}, calls=1)
+    return operations / best["peak"]
 
 
 def _c(

@@ -30,7 +30,18 @@ def _latency(percentile: str, most: float, alone: str, alone_is: str) -> Mark:
 
 
 MARKS = [
-    Mark("kernel.ratio_to_vectorised_c", most=1.3),
+    Mark("kernel.ratio_to_vectorised_c", most=1.0),
+    Mark(
+        "kernel.operations_per_ns", "/ns", None, None,
+        "kernel.multiply_add_operations_per_ns", "multiply-adds in registers",
+    ),
+    *(
+        Mark(
+            f"kernel.covariance.{way}_ns", "ns", most, None,
+            "kernel.covariance.product_alone_ns", "BLAS multiplies alone",
+        )
+        for way, most in (("batch", 500), ("live", 2000))
+    ),
     Mark("kernel.times_faster_than_scalar_c", least=8),
     *(
         Mark(

@@ -35,7 +35,7 @@ def test_they_are_the_slopes_of_the_tip(n_joints: int) -> None:
     lengths = [i for i in range(5 * n_joints) if i % 5 in (1, 2)]
     parameters[:, [*lengths, *range(5 * n_joints, 5 * n_joints + 6)]] *= 100
     q = rng.uniform(-3, 3, (7, n_joints))
-    work, columns = make_work(n_joints), np.ascontiguousarray(parameters.T)
+    work, columns = make_work(n_joints, 0), np.ascontiguousarray(parameters.T)
     take_parameters(columns, n_joints, work)
     block_jacobian(q, 2, m, columns, work)
     for column in range(parameters.shape[1]):
