@@ -6,10 +6,11 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from typing import TypeVar, cast
 
 Piece = TypeVar("Piece")
 T = TypeVar("T")
+_END = object()
 
 
 def _processors() -> int:
@@ -35,3 +36,20 @@ def in_order(work: Callable[[Piece], T], pieces: Iterable[Piece]) -> Iterator[T]
         finally:
             for future in waiting:
                 future.cancel()
+
+
+def read_ahead(pieces: Iterable[Piece]) -> Iterator[Piece]:
+    """The same pieces, the next of which is made in a thread while the last is worked on.
+
+    What making one raises is raised in its place.
+    """
+    iterator = iter(pieces)
+
+    def following() -> Piece | object:
+        return next(iterator, _END)
+
+    with ThreadPoolExecutor(1) as reader:
+        coming = reader.submit(following)
+        while (piece := coming.result()) is not _END:
+            coming = reader.submit(following)
+            yield cast(Piece, piece)

@@ -1,6 +1,7 @@
 """Files of readings in, the same tables with corrected points out, piece by piece.
 
-So memory does not grow with the file. Pieces are worked off on all processors, some at a time.
+So memory does not grow with the file. Pieces are worked off on all processors, some at a time,
+while the next is read and the last are written.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.csv
 
-from armd.compensation.data.in_order import in_order
+from armd.compensation.data.in_order import in_order, read_ahead
 from armd.compensation.data.offline import Corrector, Taken
 from armd.compensation.data.pieces import line_pieces, open_parquet, parquet_pieces
 from armd.compensation.data.point_columns import COLUMNS, make_point_columns
 from armd.compensation.data.readings import Readings, cast_columns, parse_csv, read_header
 from armd.compensation.data.recorded import drop_published, is_recorded
-from armd.compensation.data.table_writing import table_writer, write_group
+from armd.compensation.data.table_writing import GroupWriter, table_writer
 from armd.errors import BadInput
 from armd.files.inputs import open_input
 from armd.files.writing import replace_file
@@ -94,7 +95,7 @@ def _csv_pieces(
             pa.csv.write_csv(make_point_columns(*corrector.correct(new)), text, options)
             return rows, text.getvalue().to_pybytes(), end
 
-        for rows, text, end in in_order(written, take_pieces()):
+        for rows, text, end in in_order(written, read_ahead(take_pieces())):
             added = text.splitlines(keepends=True)
             out.writelines(
                 old.rstrip(b"\r") + b"," + new for old, new in zip(rows, added, strict=True)
@@ -127,14 +128,18 @@ def _parquet_pieces(
             columns = [*table.columns, *make_point_columns(*corrector.correct(new)).columns]
             return pa.Table.from_arrays(columns, schema=schema)
 
-        with table_writer(source, part, suffix, schema) as out:
+        with (
+            table_writer(source, part, suffix, schema) as out,
+            GroupWriter(source, out) as writer,
+        ):
             group: list[pa.Table] = []
-            for table in in_order(corrected, take_pieces()):
+            for table in in_order(corrected, read_ahead(take_pieces())):
                 group.append(table)
                 if sum(map(len, group)) >= GROUP_ROWS:
-                    write_group(source, out, group)
-                    group.clear()
+                    writer.write(group)
+                    group = []
                 done += len(table)
                 yield done, done / file.metadata.num_rows
             if group:
-                write_group(source, out, group)
+                writer.write(group)
+            writer.wait()

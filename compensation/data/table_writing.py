@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -32,6 +33,35 @@ def write_group(
     rows = pa.concat_tables(group)
     with _columns_held(source, rows):
         out.write_table(rows)
+
+
+class GroupWriter:
+    """Writes groups of rows in a thread, while the next group is worked out.
+
+    One group is written at a time, and one waits: memory stays flat. What fails is raised by the
+    next call, or at the end.
+    """
+
+    def __init__(self, source: Path, out: pa.parquet.ParquetWriter | pa.csv.CSVWriter) -> None:
+        self._source, self._out = source, out
+        self._thread = ThreadPoolExecutor(1)
+        self._writing: Future[None] | None = None
+
+    def __enter__(self) -> GroupWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._thread.shutdown()
+
+    def write(self, group: list[pa.Table]) -> None:
+        """Have *group* written as one; raises `BadInput` as `write_group`, of an earlier one."""
+        self.wait()
+        self._writing = self._thread.submit(write_group, self._source, self._out, group)
+
+    def wait(self) -> None:
+        """Until all is written; raises `BadInput` as `write_group`."""
+        if self._writing is not None:
+            self._writing.result()
 
 
 @contextmanager
