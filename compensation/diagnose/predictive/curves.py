@@ -128,8 +128,9 @@ def _noise_scale(last: Refitted) -> F64:
     do: the noise found is right over all, not along each."""
     _, moves = components(last.fit.linear)
     measured = (np.einsum("nij,ni->jn", moves, last.left_mm) ** 2).sum(axis=1)
-    drawn = np.einsum("nij,nir->jnr", moves, next(last.replicates()))
-    expected = (drawn**2).sum(axis=1).mean(axis=1)
+    some = next(last.replicates())
+    drawn = (np.einsum("ni,nir->nr", along, some) for along in moves.transpose(2, 0, 1))
+    expected = np.array([(one**2).sum(axis=0).mean() for one in drawn])
     scale: F64 = np.sqrt(np.maximum(measured, LEAST_SUM) / np.maximum(expected, LEAST_SUM))
     return scale
 
@@ -138,20 +139,21 @@ def _curves(model: Refitted, bins: list[Bins], scale: F64) -> list[ResidualCurve
     """Bins by bins, component by component, whose noise is so many times that found."""
     _, moves = components(model.fit.linear)  # (n, 3, K)
     square = (moves**2).sum(axis=1)
-    measured = np.einsum("nij,ni->jn", moves, model.left_mm)[:, :, None]
-    moves_of_noise = moves * scale
-    drawn = [Moments(one.order, one.starts) for one in bins]
+    count = moves.shape[2]
+    drawn = [Moments(one.order, one.starts, count) for one in bins]
     for left in model.replicates():
-        along = np.einsum("nij,nir->jnr", moves_of_noise, left)
-        for kept in drawn:
-            kept.add(along)
+        for k in range(count):  # one after the other: all together are large
+            along = np.einsum("ni,nir->nr", scale[k] * moves[:, :, k], left)
+            for kept in drawn:
+                kept.add(k, along)
+    measured = np.einsum("nij,ni->nj", moves, model.left_mm)
     normal = np.random.default_rng(CURVES_SEED).normal(size=(MOST_TOGETHER, CURVES))
     found = []
     for one, kept, strong in zip(bins, drawn, _strengths(model, bins, moves), strict=True):
         levers = np.maximum(one.sums(square), LEAST_SQUARE)  # (B, K)
-        sums = kept.sums(measured)[:, :, 0]
+        sums = kept.sums(measured)
         found += [
-            _curve(one, levers[:, k], sums[k], kept, k, normal, strong[k]) for k in range(len(sums))
+            _curve(one, levers[:, k], sums[:, k], kept, k, normal, strong[k]) for k in range(count)
         ]
     return found
 
@@ -181,7 +183,7 @@ def _curve(
     bins: Bins, lever: F64, sums: F64, drawn: Moments, k: int, normal: F64, strong: Strength
 ) -> ResidualCurve:
     """Of the component *k*, by measured *sums* (B,)."""
-    moments = drawn.covariance[k]
+    moments = drawn.covariance(k)
     sigma = np.sqrt(np.diag(moments) if moments.ndim == 2 else moments)
     outside = float((np.abs(sums) > HALF_WIDTH * sigma).mean())
     band = HALF_WIDTH * sigma / lever

@@ -9,31 +9,36 @@ from armd.compensation.diagnose.constants import MOST_TOGETHER, SETS_SHOWN
 
 
 class Moments:
-    """Second moments of sums over bins of the rests in *order* (k,)."""
+    """Of *components*, each by itself, second moments of sums over bins of the rests in *order*
+    (k,)."""
 
-    def __init__(self, order: I64, starts: I64) -> None:
-        self._together = len(starts) <= MOST_TOGETHER
+    def __init__(self, order: I64, starts: I64, components: int) -> None:
         self._order, self._starts = order, starts
-        self._sum: F64 = np.zeros(0)
-        self.shown: F64 = np.zeros(0)  # (K, B, SHOWN) sums of the first sets
-        self.draws = 0
+        size = len(starts)
+        self._together = size <= MOST_TOGETHER
+        shape = (components, size, size) if self._together else (components, size)
+        self._sum: F64 = np.zeros(shape)
+        self._draws = np.zeros(components, dtype=np.int64)
+        self.shown: F64 = np.zeros((components, size, SETS_SHOWN))  # sums of the first sets
 
     def sums(self, along: F64) -> F64:
-        """(K, B, r) of residuals (K, n, r)."""
-        sums: F64 = np.add.reduceat(along[:, self._order], self._starts, axis=1)
+        """(B, …) of residuals (n, …)."""
+        sums: F64 = np.add.reduceat(along[self._order], self._starts, axis=0)
         return sums
 
-    def add(self, along: F64) -> None:
-        """Residuals (K, n, r) of drawn sets more."""
+    def add(self, component: int, along: F64) -> None:
+        """Residuals (n, r) of drawn sets more."""
         sums = self.sums(along)
-        if not self.draws:
-            self.shown = sums[:, :, :SETS_SHOWN].copy()
-            self._sum = np.zeros(1)
-        more = sums @ sums.transpose(0, 2, 1) if self._together else (sums**2).sum(axis=2)
-        self._sum = self._sum + more
-        self.draws += sums.shape[2]
+        if not self._draws[component]:
+            self.shown[component] = sums[:, :SETS_SHOWN]
+        self._sum[component] += sums @ sums.T if self._together else (sums**2).sum(axis=1)
+        self._draws[component] += sums.shape[1]
 
     @property
-    def covariance(self) -> F64:
-        """(K, B, B) of each component's sums; (K, B) variances of too many bins."""
-        return self._sum / self.draws
+    def draws(self) -> int:
+        return int(self._draws[0])
+
+    def covariance(self, component: int) -> F64:
+        """(B, B) of its sums; (B,) variances of too many bins."""
+        covariance: F64 = self._sum[component] / self._draws[component]
+        return covariance
