@@ -201,8 +201,8 @@ def _multiply(
                 moved[places[a + 2] + since :], n, sums,
             )  # fmt: skip
         for r in range(4):
-            weight, own = matrix[a + r, a + r], moved[places[a + r] + low :]
-            _add_products(weight, own, along[r * AXES + low :], high - low, total[low:])
+            weight, single = matrix[a + r, a + r], moved[places[a + r] + low :]
+            _add_products(weight, single, along[r * AXES + low :], high - low, total[low:])
 
 
 @jit
