@@ -90,14 +90,14 @@ class Averager:
         arguments = points, angles, self._past, self._angles, self._written, self._span_ns
         if self._keep is None:
             self._keep = settled(_keep, *arguments)
-        kept = self._keep(*arguments)
-        while kept == _NO_ROOM:
+        outcome = self._keep(*arguments)
+        while outcome == _NO_ROOM:
             self._make_room()
-            kept = self._keep(
+            outcome = self._keep(
                 points, angles, self._past, self._angles, self._written, self._span_ns
             )
         self._written += len(points)
-        touched = kept == _TOUCHED
+        touched = outcome == _TOUCHED
         before, self._touched = self._touched, touched
         if not touched and not before:
             return []
@@ -193,15 +193,15 @@ def _keep(points: Any, angles: Any, past: Any, past_angles: Any, written: int, s
             oldest = past[(written + i) % room].monotonic_ns
             if written + i >= room and points[i].monotonic_ns - oldest <= span_ns:
                 return _NO_ROOM
-    kept = _UNTOUCHED
+    outcome = _UNTOUCHED
     for i in range(len(points)):
         place = (written + i) % room
         past[place] = points[i]
         for k in range(angles.shape[1]):
             past_angles[place, k] = angles[i, k]
         if points[i].buttons != 0:
-            kept = _TOUCHED
-    return kept
+            outcome = _TOUCHED
+    return outcome
 
 
 @jit

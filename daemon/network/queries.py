@@ -148,7 +148,7 @@ def _declare(session: zenoh.Session, key: str, tell: _Tell) -> tuple[_Queryable,
 def _answer_some(queryables: Iterable[tuple[_Queryable, _Tell]], unexpected: Unexpected) -> bool:
     """Whether anybody asked. One question that cannot be answered does not keep the others from
     their answers."""
-    asked = False
+    is_asked = False
     for queryable, tell in queryables:
         for _ in range(AT_ONCE):
             with unexpected.survive("questions"), suppress(zenoh.ZError):
@@ -156,9 +156,9 @@ def _answer_some(queryables: Iterable[tuple[_Queryable, _Tell]], unexpected: Une
                 query = queryable.try_recv()
                 if query is None:
                     break
-                asked = True
+                is_asked = True
                 tell(query)
-    return asked
+    return is_asked
 
 
 def _reply(
