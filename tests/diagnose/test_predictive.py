@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.constants import DRAWS_AT_ONCE, LEAST_BIN_RESTS, WIDEST_DEG
+from armd.compensation.diagnose.constants import (
+    DRAWS_AT_ONCE,
+    LEAST_BIN_RESTS,
+    MOST_TOGETHER,
+    WIDEST_DEG,
+)
 from armd.compensation.diagnose.predictive import curves, replicates
 from armd.compensation.diagnose.predictive.bins import Bins, _alike, _ordered, all_bins
 from armd.compensation.diagnose.predictive.components import Component, components
@@ -19,6 +24,7 @@ from armd.compensation.diagnose.predictive.curves import (
     _curves,
     _noise_scale,
 )
+from armd.compensation.diagnose.predictive.moments import Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
 from armd.compensation.diagnose.predictive.strength import Strength
 from armd.compensation.report.predictive_plot import choose_for_finding, choose_overview, draw_rows
@@ -180,6 +186,26 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     assert scale[1] > 1.5 and scale[1] > 1.2 * scale[0]
     wide = _curves(refit(planted, fit.noise), [bins], scale)[1]
     assert wide.high == pytest.approx(scale[1] * second.high)
+
+
+def test_moments_of_sums_do_not_depend_on_how_the_sets_come() -> None:
+    rng = np.random.default_rng(8)
+    order, starts = rng.permutation(N), 12 * np.arange(10)
+    drawn = rng.normal(size=(N, 40))
+    moments = Moments(order, starts, 2)
+    for some in np.split(drawn, 2, axis=1):
+        moments.add(0, some)
+        moments.add(1, 2.0 * some)
+    sums = drawn[order].reshape(10, 12, 40).sum(axis=1)
+    assert moments.draws == 40
+    assert moments.covariance(0) == pytest.approx(sums @ sums.T / 40)
+    assert moments.covariance(1) == pytest.approx(4.0 * moments.covariance(0))
+    assert np.allclose(moments.shown[1], 2.0 * sums[:, : moments.shown.shape[2]])
+    # Too many bins to be taken together: each by itself.
+    many = Moments(np.arange(MOST_TOGETHER + 1), np.arange(MOST_TOGETHER + 1), 1)
+    wide = rng.normal(size=(MOST_TOGETHER + 1, 20))
+    many.add(0, wide)
+    assert many.covariance(0) == pytest.approx((wide**2).mean(axis=1))
 
 
 def test_components_are_how_the_tip_moves() -> None:

@@ -128,9 +128,9 @@ def _noise_scale(last: Refitted) -> F64:
     do: the noise found is right over all, not along each."""
     _, moves = components(last.fit.linear)
     measured = (np.einsum("nij,ni->jn", moves, last.left_mm) ** 2).sum(axis=1)
-    some = next(last.replicates())
-    drawn = (np.einsum("ni,nir->nr", along, some) for along in moves.transpose(2, 0, 1))
-    expected = np.array([(one**2).sum(axis=0).mean() for one in drawn])
+    sets = next(last.replicates())
+    drawn = (np.einsum("ni,nir->nr", along, sets) for along in moves.transpose(2, 0, 1))
+    expected = np.array([(along**2).sum(axis=0).mean() for along in drawn])
     scale: F64 = np.sqrt(np.maximum(measured, LEAST_SUM) / np.maximum(expected, LEAST_SUM))
     return scale
 

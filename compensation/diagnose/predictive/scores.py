@@ -31,18 +31,18 @@ class Score:
         """Sums (m + B,) over features (k, m) and bins of the rests in *order*, and how they scatter
         where there is noise alone; of too many bins, each by itself and no feature."""
         together = features.shape[1] + len(starts) <= MOST_TOGETHER
-        kept = features if together else features[:, :0]
+        columns = features if together else features[:, :0]
         square = self.square[order]
-        weighed = kept * square[:, None]
+        weighed = columns * square[:, None]
 
         def sums(values: F64) -> F64:
-            parts = [kept.T @ values]
+            parts = [columns.T @ values]
             if len(starts):
                 parts.append(np.add.reduceat(values, starts, axis=0))
             return np.concatenate(parts)
 
         absorbed = sums(self.absorbed[order])
-        count = kept.shape[1]
+        count = columns.shape[1]
         if not together:
             free = sums(square)
             return sums(self.own[order]), Scatter(free - (absorbed**2).sum(axis=1), free)
@@ -50,8 +50,8 @@ class Score:
         information[:, :count] = sums(weighed)
         information[:count, count:] = information[count:, :count].T
         if len(starts):
-            at = count + np.arange(len(starts))
-            information[at, at] = np.add.reduceat(square, starts)
+            diagonal = count + np.arange(len(starts))
+            information[diagonal, diagonal] = np.add.reduceat(square, starts)
         free = np.diag(information).copy()
         return sums(self.own[order]), Scatter(information - absorbed @ absorbed.T, free)
 
@@ -61,8 +61,8 @@ class Score:
         information = turned @ (shapes * self.square[:, None])
         free = np.diagonal(information, axis1=1, axis2=2).copy()
         absorbed = turned @ self.absorbed
-        left = information - absorbed @ absorbed.transpose(0, 2, 1)
-        return turned @ self.own, Scatter(left, free)
+        remaining = information - absorbed @ absorbed.transpose(0, 2, 1)
+        return turned @ self.own, Scatter(remaining, free)
 
 
 def scores(model: Refitted, moves: F64) -> Iterator[Score]:
@@ -70,7 +70,7 @@ def scores(model: Refitted, moves: F64) -> Iterator[Score]:
     fit, noise, nuisance = model.fit, model.fit.noise, model.fit.nuisance.columns
     white = noise.whitener @ moves
     residual = noise.whiten(fit.residual)[: 3 * len(moves)].reshape(-1, 3)
-    taken = _taken(model)
+    coordinates = _taken(model)
     pieces = nuisance.whitened(noise.whitener, noise.distance_mm).pieces
     for k in range(moves.shape[2]):
         across = np.zeros((nuisance.size, len(moves)))
@@ -78,8 +78,8 @@ def scores(model: Refitted, moves: F64) -> Iterator[Score]:
             towards = np.einsum("nij,ni->jn", piece.values, white[piece.rests, :, k])
             across[np.ix_(piece.columns, piece.rests)] = towards
         absorbed = fit.problem.project(across).T
-        own = (white[:, :, k] * residual).sum(axis=1) - absorbed @ taken
-        yield Score(own, (white[:, :, k] ** 2).sum(axis=1), absorbed)
+        products = (white[:, :, k] * residual).sum(axis=1) - absorbed @ coordinates
+        yield Score(products, (white[:, :, k] ** 2).sum(axis=1), absorbed)
 
 
 def misfit_of(model: Refitted) -> Misfit:

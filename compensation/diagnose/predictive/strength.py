@@ -131,28 +131,28 @@ def strength(
 
 def _of_many(values: F64, scatter: Scatter, misfit: Misfit) -> Strength:
     """Of more bins than are taken together."""
-    known = scatter.covariance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
+    is_clear = scatter.covariance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
     total = max(float(scatter.covariance.sum()), LEAST_POSITIVE)
     flat = float(misfit.gain(float(values.sum()) ** 2 / total) - misfit.price(1))
-    square = float((values[known] ** 2 / scatter.covariance[known]).sum())
-    every = float(misfit.gain(square) - misfit.price(int(known.sum())))
+    square = float((values[is_clear] ** 2 / scatter.covariance[is_clear]).sum())
+    every = float(misfit.gain(square) - misfit.price(int(is_clear.sum())))
     return Strength(max(every, flat), flat)
 
 
 def beyond(values: F64, scatter: Scatter, misfit: Misfit, searched: int = 1) -> float:
     """Of a shape with *values* (m,), the best of so many *searched*."""
-    one = Scatter(scatter.covariance[None], scatter.unabsorbed[None])
-    return float(each_beyond(values[None], one, misfit, searched)[0])
+    single = Scatter(scatter.covariance[None], scatter.unabsorbed[None])
+    return float(each_beyond(values[None], single, misfit, searched)[0])
 
 
 def each_beyond(values: F64, scatter: Scatter, misfit: Misfit, searched: int) -> F64:
     """(s,) of each of some shapes with *values* (s, m), the best of so many *searched*."""
     scale = np.sqrt(np.maximum(scatter.unabsorbed, LEAST_POSITIVE))
     root, turned = np.linalg.eigh(scatter.covariance / (scale[:, :, None] * scale[:, None]))
-    kept = root > LEAST_VARIANCE_SHARE
+    is_clear = root > LEAST_VARIANCE_SHARE
     along = np.einsum("sij,si->sj", turned, values / scale)
-    explained = np.where(kept, along**2 / np.where(kept, root, 1.0), 0.0).sum(axis=1)
-    return misfit.gain(explained) - misfit.price(kept.sum(axis=1), searched)
+    explained = np.where(is_clear, along**2 / np.where(is_clear, root, 1.0), 0.0).sum(axis=1)
+    return misfit.gain(explained) - misfit.price(is_clear.sum(axis=1), searched)
 
 
 def lines_together(bins: Sequence[Bins], rests: int) -> F64:
@@ -175,12 +175,12 @@ def of_pairs(
     def part(places: list[int], searched: int = 1) -> float:
         return beyond(values[places], scatter.of(np.array(places)), misfit, searched)
 
-    alone = [part([0, i]) for i in range(1, len(values))]
+    by_itself = [part([0, i]) for i in range(1, len(values))]
     found: dict[str, float] = {}
     for i, j in combinations(range(len(bins)), 2):
-        name = bins[i if alone[i] >= alone[j] else j].variable
-        both = part([0, i + 1, j + 1], len(bins) - 1)
-        found[name] = max(found.get(name, -np.inf), both)
+        name = bins[i if by_itself[i] >= by_itself[j] else j].variable
+        together = part([0, i + 1, j + 1], len(bins) - 1)
+        found[name] = max(found.get(name, -np.inf), together)
     return found
 
 

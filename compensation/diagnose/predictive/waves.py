@@ -28,27 +28,27 @@ class Waves:
     def strengths(self, score: Score, joint: str, misfit: Misfit) -> dict[str, float]:
         """Of the variables, for a component along a *joint*'s motion, as "q2"; of its angle with a
         neighbour's, for the one that explains more by itself."""
-        found = {
+        strengths = {
             name: float(each_beyond(*score.along(shapes), misfit, WAVES).max())
             for name, shapes in self.single.items()
         }
-        alone = dict(found)
-        own = [names for names in self.pairs if joint in names]
-        for names in own:
-            name = max(names, key=lambda name: alone[name])
-            searched = 2 * WAVES * len(own)
-            both = each_beyond(*score.along(self.pairs[names]), misfit, searched).max()
-            found[name] = max(found[name], float(both))
-        return found
+        single_strengths = dict(strengths)
+        pairs = [names for names in self.pairs if joint in names]
+        for names in pairs:
+            name = max(names, key=lambda name: single_strengths[name])
+            searched = 2 * WAVES * len(pairs)
+            pair_strength = each_beyond(*score.along(self.pairs[names]), misfit, searched).max()
+            strengths[name] = max(strengths[name], float(pair_strength))
+        return strengths
 
 
 def waves_of(bins: Sequence[Bins], rests: int) -> Waves:
     """Over those of *bins* that are joints' angles, each of all points."""
-    angles = [one for one in bins if one.kind == "angle"]
-    turns = {one.variable: np.full(rests, np.nan) for one in angles}
-    for one in angles:
-        if one.values is not None:
-            turns[one.variable][one.order] = np.radians(one.values)
+    angles = [angle for angle in bins if angle.kind == "angle"]
+    turns = {angle.variable: np.full(rests, np.nan) for angle in angles}
+    for angle in angles:
+        if angle.values is not None:
+            turns[angle.variable][angle.order] = np.radians(angle.values)
     single = {name: _of(turn) for name, turn in turns.items()}
     pairs = {
         (a, b): np.concatenate([_of(turns[a] + turns[b]), _of(turns[a] - turns[b])])
