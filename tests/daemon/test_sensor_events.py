@@ -17,10 +17,10 @@ class Sensors:
     gone: tuple[str, ...] = ()
     impossible: dict[str, tuple[float, float]] = {}
 
-    def missing(self, _):
+    def stale_sensors(self, _):
         return self.gone
 
-    def lost(self, _):
+    def sensors_to_report(self, _):
         return self.gone
 
 
@@ -43,7 +43,7 @@ def test_a_flickering_sensor_is_told_once(supervisor, sensors):
         sensors.gone = ("t5",) if k % 7 < 2 else ()
         events = supervisor._hear_sensors(k * TICK_NS)
         told += [(event.kind, event.detail["sensor"]) for event in events]
-        assert supervisor._missing == ("t5",)
+        assert supervisor._stale == ("t5",)
     assert told == [("temperature_missing", "t5")]
     sensors.gone = ()
     back = [
@@ -52,7 +52,7 @@ def test_a_flickering_sensor_is_told_once(supervisor, sensors):
         for event in supervisor._hear_sensors(k * TICK_NS)
     ]
     assert [kind for kind, _ in back] == ["temperature_back"]
-    assert back[0][1] <= n * TICK_NS + BACK_AFTER_NS and supervisor._missing == ()
+    assert back[0][1] <= n * TICK_NS + BACK_AFTER_NS and supervisor._stale == ()
 
 
 def test_each_of_two_sensors_is_told(supervisor, sensors):
