@@ -95,7 +95,8 @@ test:
 	    echo "armd: make test took $$(($$(date +%s) - began)) s"; exit $$((parallel | serial | lint))
 
 test-parallel: develop
-	$(PYTEST) -n 3 --dist loadfile -m "not slow and not serial" $(TEST_ARGS) $(EMPTY_IS_FINE)
+	$(PYTEST) -n 3 --dist loadfile --no-loadscope-reorder -m "not slow and not serial" \
+	    $(TEST_ARGS) $(EMPTY_IS_FINE)
 
 test-serial: develop
 	$(SERIAL) -m "serial and not slow" $(SERIAL_IN) $(TEST_ARGS) $(EMPTY_IS_FINE)

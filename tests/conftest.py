@@ -43,6 +43,11 @@ def own_state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
         yield
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Scenarios first: they wait longest, and a worker that begins one last is waited for."""
+    items.sort(key=lambda item: item.path.parent.name != "scenarios")
+
+
 gc.disable()
 
 

@@ -10,6 +10,7 @@ from fuzz.doors import Door, Fault
 from fuzz.run import all_doors, fuzz
 
 
+@pytest.mark.slow
 def test_every_door_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     doors = all_doors(tmp_path)
