@@ -42,7 +42,7 @@ class ScriptedHand:
     def __init__(self, poses: list[tuple[float, np.ndarray]], presses: list[float]) -> None:
         self._poses, self._presses = [(0.0, HOME), *poses], presses
 
-    def homed(self, t_s: float) -> None:
+    def note_home(self, t_s: float) -> None:
         pass
 
     def angles(self, t_s: float) -> np.ndarray:
