@@ -10,10 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.linear.linear_model import LEAST_TAKEN
+from armd.compensation.estimate.linear.linear_model import factor_of_known, lower_factors
 
 #: Rows and sessions of a batch take about so many numbers in memory at most.
 MOST_NUMBERS = 1 << 20
@@ -172,26 +171,9 @@ def _factors(matrices: F64, unit: F64) -> tuple[F64, I64]:
     ranks = np.zeros(len(scaled), dtype=np.int64)
     is_known = np.any(scaled, axis=(1, 2))
     numbers = np.flatnonzero(is_known).tolist()
-    for i, lower in zip(numbers, _cholesky(scaled[is_known]), strict=True):
-        if lower is not None:
-            # No eigenvalue is below one over the inverse's trace.
-            inverse, _ = dtrtri(lower.T, lower=0)
-            if float(np.vdot(inverse, inverse)) * LEAST_TAKEN < 1.0:
-                factors[i], ranks[i] = inverse, len(inverse)
-                continue
-        values, vectors = np.linalg.eigh(scaled[i])
-        along = values > LEAST_TAKEN
-        ranks[i] = np.count_nonzero(along)
-        factors[i, :, : ranks[i]] = vectors[:, along] / np.sqrt(values[along])
+    for i, lower in zip(numbers, lower_factors(scaled[is_known]), strict=True):
+        factor = factor_of_known(scaled[i], lower)
+        ranks[i] = factor.shape[1]
+        factors[i, :, : ranks[i]] = factor
     factors /= np.sqrt(unit)[:, None, None]
     return factors, ranks
-
-
-def _cholesky(matrices: F64) -> Sequence[F64 | None]:
-    """Each one's lower factor; None where it has none."""
-    try:
-        return list(np.linalg.cholesky(matrices))
-    except np.linalg.LinAlgError:
-        if len(matrices) == 1:
-            return [None]
-    return [factor for matrix in matrices for factor in _cholesky(matrix[None])]

@@ -1,18 +1,30 @@
-"""Rows of one table by session and placement, found in one pass."""
+"""Rows of one table that are alike, found in one pass."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from armd.arrays import I64
 
 
+def split_alike(keys: Sequence[I64], order_by: Sequence[I64] = ()) -> list[I64]:
+    """Return the places (m,) at which all *keys* (n,) are alike, part by part, the keys ascending.
+
+    A part's places are ordered by *order_by*, and then ascend.
+    """
+    order = np.lexsort([*reversed(order_by), *reversed(keys)])
+    if not len(order):
+        return []
+    is_edge = np.any([np.diff(key[order]) != 0 for key in keys], axis=0)
+    return np.split(order, np.flatnonzero(is_edge) + 1)
+
+
 def group_rows(session: I64, placement: I64, target: I64) -> dict[int, dict[int, I64]]:
-    """Rows of each placement of each session, both ascending, a placement's ordered by target."""
+    """Return the rows of each session's placements, both ascending, a placement's by target."""
     rows: dict[int, dict[int, I64]] = {}
-    order = np.lexsort((target, placement, session))
-    edges = np.flatnonzero((np.diff(session[order]) != 0) | (np.diff(placement[order]) != 0)) + 1
-    for part in np.split(order, edges) if len(order) else []:
+    for part in split_alike([session, placement], [target]):
         of_session = rows.setdefault(int(session[part[0]]), {})
         of_session[int(placement[part[0]])] = part
     return rows

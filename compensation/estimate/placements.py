@@ -23,6 +23,7 @@ from armd.compensation.estimate.eliminate import (
     eliminate,
     in_batches,
 )
+from armd.compensation.estimate.group_rows import split_alike
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.estimate.observations import Observations
 
@@ -156,10 +157,7 @@ class Placements:
     @cached_property
     def _targets_by_session(self) -> dict[int, I64]:
         session = self.observations.target_session[self.free_targets]
-        order = np.argsort(session, kind="stable")
-        edges = np.flatnonzero(np.diff(session[order])) + 1
-        parts = np.split(order, edges) if len(order) else []
-        return {int(session[part[0]]): self.free_targets[part] for part in parts}
+        return {int(session[part[0]]): self.free_targets[part] for part in split_alike([session])}
 
     @cached_property
     def _slot(self) -> I64:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.estimate.group_rows import split_alike
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation
 from armd.compensation.estimate.placements import Placements
@@ -146,7 +147,7 @@ class ArmAlone:
         is_free = np.isin(between, self.at.free_targets).any(axis=1)
         numbers = np.flatnonzero((self._lengths[0] != 0) & is_free)
         session = observations.target_session[between[numbers, 0]]
-        return {int(s): numbers[session == s] for s in np.unique(session)}
+        return {int(session[part[0]]): numbers[part] for part in split_alike([session])}
 
     @cached_property
     def _lengths(self) -> tuple[F64, F64]:

@@ -87,15 +87,14 @@ class Averager:
 
     def remember(self, points: npt.NDArray[np.void], angles: F64) -> list[Press]:
         """Keep a batch of points (n,) with angles (m ≥ n, N) rad; returns the presses in it."""
-        arguments = points, angles, self._past, self._angles, self._written, self._span_ns
-        if self._keep is None:
-            self._keep = settled(_keep, *arguments)
-        outcome = self._keep(*arguments)
-        while outcome == _NO_ROOM:
+        while True:
+            arguments = points, angles, self._past, self._angles, self._written, self._span_ns
+            if self._keep is None:
+                self._keep = settled(_keep, *arguments)
+            outcome = self._keep(*arguments)
+            if outcome != _NO_ROOM:
+                break
             self._make_room()
-            outcome = self._keep(
-                points, angles, self._past, self._angles, self._written, self._span_ns
-            )
         self._written += len(points)
         touched = outcome == _TOUCHED
         before, self._touched = self._touched, touched

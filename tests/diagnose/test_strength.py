@@ -14,12 +14,12 @@ from armd.compensation.diagnose.predictive.strength import (
     Misfit,
     Strength,
     beyond,
+    compute_strengths_of_pairs,
     features,
     lines_together,
-    of_pairs,
     strength,
 )
-from armd.compensation.diagnose.predictive.waves import waves_of
+from armd.compensation.diagnose.predictive.waves import make_waves
 
 
 def over(kind: Any, values: np.ndarray) -> Bins:
@@ -77,7 +77,7 @@ def test_a_difference_of_two_temperatures_is_of_the_pair() -> None:
     score, misfit = score_of(residual)
     lines = lines_together(bins, 480)
     sums, scatter = score.over(lines, np.arange(480), np.zeros(0, dtype=np.int64))
-    pairs = of_pairs(bins, sums, scatter, misfit)
+    pairs = compute_strengths_of_pairs(bins, sums, scatter, misfit)
     assert max(pairs, key=lambda name: pairs[name]) == "t1"
     assert pairs["t1"] > 1.2 * strength_of(bins[0], residual[bins[0].order]).best
 
@@ -90,7 +90,7 @@ def test_teeth_show_over_the_joint_or_the_neighbour_that_turns_them() -> None:
         order = np.argsort(own)
         one = over("angle", own[order])
         angles.append(replace(one, variable=f"q{k}", order=order))
-    waves, turn, noise = waves_of(angles, 480), np.radians(degrees), rng.normal(size=480)
+    waves, turn, noise = make_waves(angles, 480), np.radians(degrees), rng.normal(size=480)
     for phase, right in ((12 * turn[2], {"q3"}), (7 * (turn[1] - turn[2]), {"q2", "q3"})):
         found = waves.strengths(*_swapped(score_of(3.0 * np.cos(phase) + noise), "q2"))
         first = max(found, key=lambda name: found[name])

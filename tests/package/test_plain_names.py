@@ -29,7 +29,7 @@ LEFT = {
     "daemon": 4,
     "compensation/data": 0,
     "compensation/design": 0,
-    "compensation/diagnose": 47,
+    "compensation/diagnose": 44,
     "compensation/effects": 0,
     "compensation/estimate": 36,
     "compensation/features": 0,

@@ -30,15 +30,15 @@ from armd.compensation.diagnose.predictive.bins import Bins, all_bins
 from armd.compensation.diagnose.predictive.components import Component, components
 from armd.compensation.diagnose.predictive.moments import Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
-from armd.compensation.diagnose.predictive.scores import misfit_of, scores
+from armd.compensation.diagnose.predictive.scores import compute_misfit, compute_scores
 from armd.compensation.diagnose.predictive.strength import (
     Strength,
+    compute_strengths_of_pairs,
     features,
     lines_together,
-    of_pairs,
     strength,
 )
-from armd.compensation.diagnose.predictive.waves import waves_of
+from armd.compensation.diagnose.predictive.waves import make_waves
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _noise_scale(last: Refitted) -> F64:
 
 def _curves(model: Refitted, bins: list[Bins], scale: F64) -> list[ResidualCurve]:
     """Bins by bins, component by component, whose noise is so many times that found."""
-    _, moves = components(model.fit.linear)  # (n, 3, K)
+    named, moves = components(model.fit.linear)  # (n, 3, K)
     square = (moves**2).sum(axis=1)
     count = moves.shape[2]
     drawn = [Moments(one.order, one.starts, count) for one in bins]
@@ -149,7 +149,7 @@ def _curves(model: Refitted, bins: list[Bins], scale: F64) -> list[ResidualCurve
     measured = np.einsum("nij,ni->nj", moves, model.left_mm)
     normal = np.random.default_rng(CURVES_SEED).normal(size=(MOST_TOGETHER, CURVES))
     found = []
-    for one, kept, strong in zip(bins, drawn, _strengths(model, bins, moves), strict=True):
+    for one, kept, strong in zip(bins, drawn, _strengths(model, bins, named, moves), strict=True):
         levers = np.maximum(one.sums(square), LEAST_SQUARE)  # (B, K)
         sums = kept.sums(measured)
         found += [
@@ -158,19 +158,20 @@ def _curves(model: Refitted, bins: list[Bins], scale: F64) -> list[ResidualCurve
     return found
 
 
-def _strengths(model: Refitted, bins: list[Bins], moves: F64) -> list[list[Strength]]:
+def _strengths(
+    model: Refitted, bins: list[Bins], named: list[Component], moves: F64
+) -> list[list[Strength]]:
     """Of each of the bins, of each component."""
     warm = [one for one in bins if one.kind == "temperature" and one.variable != "artefact_c"]
     lines = lines_together(warm, len(moves))
     rests, none = np.arange(len(moves)), np.zeros(0, dtype=np.int64)
-    curves, waves = [features(one) for one in bins], waves_of(bins, len(moves))
-    misfit = misfit_of(model)
+    curves, waves = [features(one) for one in bins], make_waves(bins, len(moves))
+    misfit = compute_misfit(model)
     found: list[list[Strength]] = [[] for _ in bins]
-    named, _ = components(model.fit.linear)
-    for component, score in zip(named, scores(model, moves), strict=True):
+    for component, score in zip(named, compute_scores(model, moves), strict=True):
         joint: dict[str, float] = {}
         if len(warm) > 1:
-            joint |= of_pairs(warm, *score.over(lines, rests, none), misfit)
+            joint |= compute_strengths_of_pairs(warm, *score.over(lines, rests, none), misfit)
         if component.name.startswith("angle"):
             joint |= waves.strengths(score, component.name.replace("angle joint ", "q"), misfit)
         for one, curve, kept in zip(bins, curves, found, strict=True):

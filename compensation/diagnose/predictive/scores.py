@@ -23,7 +23,7 @@ from armd.compensation.diagnose.predictive.strength import Misfit, Scatter
 class Score:
     """Of one component, at each rest."""
 
-    own: F64  # (n,) of the residual
+    product: F64  # (n,) with the residual
     square: F64  # (n,) of the component's motion
     absorbed: F64  # (n, r) what absorbs takes of it, along apart directions
 
@@ -45,7 +45,7 @@ class Score:
         count = columns.shape[1]
         if not together:
             free = sums(square)
-            return sums(self.own[order]), Scatter(free - (absorbed**2).sum(axis=1), free)
+            return sums(self.product[order]), Scatter(free - (absorbed**2).sum(axis=1), free)
         information = np.zeros((count + len(starts),) * 2)
         information[:, :count] = sums(weighed)
         information[:count, count:] = information[count:, :count].T
@@ -53,7 +53,7 @@ class Score:
             diagonal = count + np.arange(len(starts))
             information[diagonal, diagonal] = np.add.reduceat(square, starts)
         free = np.diag(information).copy()
-        return sums(self.own[order]), Scatter(information - absorbed @ absorbed.T, free)
+        return sums(self.product[order]), Scatter(information - absorbed @ absorbed.T, free)
 
     def along(self, shapes: F64) -> tuple[F64, Scatter]:
         """Of each shape (s, n, m) the sums (s, m), and how they scatter."""
@@ -62,15 +62,15 @@ class Score:
         free = np.diagonal(information, axis1=1, axis2=2).copy()
         absorbed = turned @ self.absorbed
         remaining = information - absorbed @ absorbed.transpose(0, 2, 1)
-        return turned @ self.own, Scatter(remaining, free)
+        return turned @ self.product, Scatter(remaining, free)
 
 
-def scores(model: Refitted, moves: F64) -> Iterator[Score]:
+def compute_scores(model: Refitted, moves: F64) -> Iterator[Score]:
     """Of each component, by the tip's motion (n, 3, K)."""
     fit, noise, nuisance = model.fit, model.fit.noise, model.fit.nuisance.columns
     white = noise.whitener @ moves
     residual = noise.whiten(fit.residual)[: 3 * len(moves)].reshape(-1, 3)
-    coordinates = _taken(model)
+    coordinates = _absorbed_coordinates(model)
     pieces = nuisance.whitened(noise.whitener, noise.distance_mm).pieces
     for k in range(moves.shape[2]):
         across = np.zeros((nuisance.size, len(moves)))
@@ -82,16 +82,18 @@ def scores(model: Refitted, moves: F64) -> Iterator[Score]:
         yield Score(products, (white[:, :, k] ** 2).sum(axis=1), absorbed)
 
 
-def misfit_of(model: Refitted) -> Misfit:
+def compute_misfit(model: Refitted) -> Misfit:
     """What a model leaves in all, of its rests and of certified lengths."""
     fit, noise = model.fit, model.fit.noise
-    square = float((noise.whiten(fit.residual) ** 2).sum() - (_taken(model) ** 2).sum())
+    square = float(
+        (noise.whiten(fit.residual) ** 2).sum() - (_absorbed_coordinates(model) ** 2).sum()
+    )
     counts = np.broadcast_to(noise.counts, noise.freedom.shape)
     free = int(np.isinf(fit.nuisance.variance).sum())
     rows = float(counts @ noise.freedom) + len(noise.distance_mm) - free
     return Misfit(max(square, 0.0), max(rows, 1.0))
 
 
-def _taken(model: Refitted) -> F64:
+def _absorbed_coordinates(model: Refitted) -> F64:
     """Coordinates of what absorbs takes of the residual, as exactly as of a curve."""
     return model.fit.problem.project(model.fit.across(model.fit.residual))

@@ -118,7 +118,7 @@ def strength(
 ) -> Strength:
     """Of a variable's *values* (m + B,); *joint*: what it explains with another of its kind."""
     if scatter.covariance.ndim == 1:
-        return _of_many(values, scatter, misfit)
+        return _compute_strength_of_many(values, scatter, misfit)
     count = len(values) - len(bins.starts)
     tried = [beyond(values[at], scatter.of(at), misfit) for at in shapes(bins, count)]
     if bins.kind == "time":
@@ -129,7 +129,7 @@ def strength(
     return Strength(max(joint, *tried), tried[0])
 
 
-def _of_many(values: F64, scatter: Scatter, misfit: Misfit) -> Strength:
+def _compute_strength_of_many(values: F64, scatter: Scatter, misfit: Misfit) -> Strength:
     """Of more bins than are taken together."""
     is_clear = scatter.covariance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
     total = max(float(scatter.covariance.sum()), LEAST_POSITIVE)
@@ -166,7 +166,7 @@ def lines_together(bins: Sequence[Bins], rests: int) -> F64:
     return lines
 
 
-def of_pairs(
+def compute_strengths_of_pairs(
     bins: Sequence[Bins], values: F64, scatter: Scatter, misfit: Misfit
 ) -> dict[str, float]:
     """Of straight lines (1 + S,) over two variables together, for the one of each pair that

@@ -42,23 +42,23 @@ class Waves:
         return strengths
 
 
-def waves_of(bins: Sequence[Bins], rests: int) -> Waves:
+def make_waves(bins: Sequence[Bins], rests: int) -> Waves:
     """Over those of *bins* that are joints' angles, each of all points."""
     angles = [angle for angle in bins if angle.kind == "angle"]
     turns = {angle.variable: np.full(rests, np.nan) for angle in angles}
     for angle in angles:
         if angle.values is not None:
             turns[angle.variable][angle.order] = np.radians(angle.values)
-    single = {name: _of(turn) for name, turn in turns.items()}
+    single = {name: _make_waves(turn) for name, turn in turns.items()}
     pairs = {
-        (a, b): np.concatenate([_of(turns[a] + turns[b]), _of(turns[a] - turns[b])])
+        (a, b): np.concatenate([_make_waves(turns[a] + turns[b]), _make_waves(turns[a] - turns[b])])
         for a, b in ((f"q{k}", f"q{k + 1}") for k in range(1, len(turns)))
         if a in turns and b in turns
     }
     return Waves(single, pairs)
 
 
-def _of(turn: F64) -> F64:
+def _make_waves(turn: F64) -> F64:
     phase = np.arange(1, WAVES + 1)[:, None] * turn
     waves = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=2)
     waves[:, np.isnan(turn)] = 0.0

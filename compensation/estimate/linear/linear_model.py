@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -120,11 +119,6 @@ class LinearModel:
         layout = Layout(tuple((name, columns.shape[1]) for name, columns, _ in blocks))
         rows = np.hstack([columns for _, columns, _ in blocks])
         return cls.of_products(layout, rows.T @ rows, np.concatenate([v for *_, v in blocks]))
-
-    @classmethod
-    def of_nothing(cls, layout: Layout) -> LinearModel:
-        """Of columns that nothing was measured of, every amplitude free."""
-        return cls.of_products(layout, np.zeros((layout.n, layout.n)), np.full(layout.n, np.inf))
 
     def only(self, columns: I64) -> LinearModel:
         """The problem of some columns, by number, ascending."""
@@ -252,7 +246,8 @@ class LinearModel:
         eliminated_gram = self.gram[np.ix_(eliminated, eliminated)] + np.diag(
             1.0 / self.variance[eliminated]
         )
-        factor = _factor_of_known(eliminated_gram / unit) / np.sqrt(unit)
+        scaled = eliminated_gram / unit
+        factor = factor_of_known(scaled, lower_factors(scaled[None])[0]) / np.sqrt(unit)
         projected = factor.T @ self.gram[np.ix_(eliminated, remaining)]
         reduced = self.only(remaining)
         return replace(reduced, gram=reduced.gram - projected.T @ projected), FittedAlong(
@@ -276,17 +271,28 @@ class LinearModel:
         return scaled
 
 
-def _factor_of_known(matrix: F64) -> F64:
-    """F (m, r) with F Fᵀ the inverse along the eigenvectors of which something is known.
+def factor_of_known(matrix: F64, lower: F64 | None) -> F64:
+    """Return F (m, r) with F Fᵀ the inverse of *matrix* (m, m), of columns in one unit, along the
+    eigenvectors of which something is known; *lower*: Cholesky's factor of it, if it has one.
 
     Where that is all of them for sure no eigenvalues are needed: none is below one over the
     inverse's trace.
     """
-    with suppress(np.linalg.LinAlgError):
-        factor = inverse_of_lower(np.asarray(np.linalg.cholesky(matrix), dtype=np.float64))
+    if lower is not None:
+        factor = inverse_of_lower(lower)
         if float((factor**2).sum()) * LEAST_TAKEN < 1.0:
             return factor
     values, vectors = np.linalg.eigh(matrix)
     is_known = values > LEAST_TAKEN
     along: F64 = vectors[:, is_known] / np.sqrt(values[is_known])
     return along
+
+
+def lower_factors(matrices: F64) -> Sequence[F64 | None]:
+    """Return Cholesky's lower factor of each of *matrices* (s, m, m); None where there is none."""
+    try:
+        return list(np.linalg.cholesky(matrices))
+    except np.linalg.LinAlgError:
+        if len(matrices) == 1:
+            return [None]
+    return [factor for matrix in matrices for factor in lower_factors(matrix[None])]

@@ -258,7 +258,7 @@ def _of_row(row: dict[str, str], sensors: Sequence[str]) -> dict[str, Any]:
 
     deviation = numbers(f"u_{axis}_mm" for axis in "xyz")
     texts_c = {name.removeprefix(CLASH): row[name] for name in sensors}
-    return {
+    measurement: dict[str, Any] = {
         "position_mm": numbers(f"{axis}_mm" for axis in "xyz"),
         "standard_deviation_mm": numbers(f"sd_{axis}_mm" for axis in "xyz"),
         "covariance_mm2": deviation
@@ -276,8 +276,10 @@ def _of_row(row: dict[str, str], sensors: Sequence[str]) -> dict[str, Any]:
         "trigger": row.get("trigger") or "",
         **{name: int(row[name]) for name in ("stamp_ns", "seq", "flags")},
         **{name: int(row[name]) for name in ("count", "buttons") if row.get(name)},
-        **{name: float(row[name]) for name in ("duration_s",) if row.get(name)},
     }
+    if row.get("duration_s"):
+        measurement["duration_s"] = float(row["duration_s"])
+    return measurement
 
 
 def _measurement(path: str | Path, location: str, data: Any) -> MeasurementLine:
