@@ -12,7 +12,6 @@ from typing import cast
 
 import numpy as np
 import pytest
-from test_model import an_arm
 
 from armd.compensation.effects.effect import SessionFacts
 from armd.compensation.effects.setup.mount_drift import steady_drift
@@ -31,6 +30,7 @@ from armd.compensation.model.slow_factors import Time
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
+from support.drawn_calibration import an_arm
 from support.spoilt_files import fifo, loop, nest
 
 DATA = Path(__file__).parent / "data"

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_model import REFERENCE_C, WARM, an_arm, calibrated, term
 
 from armd import POINT
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.state import States
+from support.drawn_calibration import REFERENCE_C, WARM, an_arm, calibrated, term
 
 N_JOINTS = 6
 ARM = an_arm(N_JOINTS)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,15 +15,13 @@ from armd.compensation.kernel import kernel
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
+from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
-from support.drawn_arm import draw_arm
+from support.drawn_calibration import REFERENCE_C, WARM, an_arm, calibrated, term
 
-REFERENCE_C = 20.0
 CURVE = [0.0, 1.0, 0.5, -2.0, 0.25, 3.0, -1.0]
-WARM = {"kind": "temperature", "weights": {"t1": 0.4, "t2": 0.6}}
 POSE_FACTORS = [
     {"kind": "sin", "joint": 2},
     {"kind": "cos", "joint": 3, "order": 7},
@@ -50,27 +47,6 @@ SLOW_FACTORS = [
 ]
 
 
-def an_arm(n_joints: int) -> Arm:
-    return draw_arm(n_joints, np.random.default_rng(n_joints), "TEST")
-
-
-def calibrated(arm: Arm, terms: list[dict[str, object]], **more: object) -> LoadedCalibration:
-    rng = np.random.default_rng(8)
-    constants = arm.nominal() + rng.normal(0, 1e-3, arm.layout.count)
-    content = Calibration.model_validate(
-        {
-            "schema": "armd.calibration/1",
-            "arm": "TEST",
-            "created": "2026-01-01T00:00:00Z",
-            "reference_temperature_c": REFERENCE_C,
-            "constants": constants_of(constants, arm.n_joints),
-            "terms": terms,
-            **more,
-        }
-    )
-    return LoadedCalibration(content, "00" * 32, Path("calibration.json"))
-
-
 def some_states(n: int, n_joints: int, seed: int = 1) -> States:
     rng = np.random.default_rng(seed)
     approach = rng.normal(size=(n, 3))
@@ -93,10 +69,6 @@ def reference(arm: Arm, calibration: LoadedCalibration, states: States) -> np.nd
     constants = content.vector(arm.n_joints)
     values = basis_values(content.terms, states, arm, REFERENCE_C, constants)
     return forward(states.q, parameter_rows(constants, content.terms, values))[0]
-
-
-def term(parameter: str, *basis: dict[str, object], coefficient: float = 1e-4) -> dict[str, object]:
-    return {"parameter": parameter, "basis": list(basis), "coefficient": coefficient}
 
 
 def check(arm: Arm, terms: list[dict[str, object]], n: int = 150) -> None:

@@ -8,16 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_model import (
-    POSE_FACTORS,
-    REFERENCE_C,
-    SLOW_FACTORS,
-    WARM,
-    an_arm,
-    calibrated,
-    some_states,
-    term,
-)
+from test_model import POSE_FACTORS, SLOW_FACTORS, some_states
 
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
@@ -26,6 +17,7 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
+from support.drawn_calibration import REFERENCE_C, WARM, an_arm, calibrated, term
 from support.selection import parametrize_default
 
 N_JOINTS = 3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_model import POSE_FACTORS, WARM, an_arm, calibrated, term
+from test_model import POSE_FACTORS
 
 from armd import POINT
 from armd.compensation.kernel.covariance import NEGLECTED, pivoted_cholesky
@@ -14,6 +14,7 @@ from armd.compensation.kernel.model import Model
 from armd.compensation.model import parameters
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.parameters import ParameterLayout
+from support.drawn_calibration import WARM, an_arm, calibrated, term
 
 N_JOINTS = 3
 NAMES = ParameterLayout(N_JOINTS).names
