@@ -191,8 +191,8 @@ def server(talk):
                     connections.append(connection)
                     threading.Thread(target=run, args=(connection,), daemon=True).start()
 
-        def run(connection):
-            with suppress(OSError):
+        def run(connection):  # which closes it itself: its number may soon be another file's
+            with connection, suppress(OSError):
                 talk(connection)
 
         thread = threading.Thread(target=accept, daemon=True)
@@ -204,7 +204,8 @@ def server(talk):
         listener.shutdown(socket.SHUT_RDWR)
         thread.join(5.0)
         for connection in connections:
-            connection.close()
+            with suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
 
 
 def greet(connection):
