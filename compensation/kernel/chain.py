@@ -17,6 +17,8 @@ from armd.compiled.jit import inlined, jit
 # π/2 in two parts. j·_HALF_PI is exact inside a fused multiply-add; without one it is rounded, as
 # the angle itself was.
 _HALF_PI, _HALF_PI_REST = math.pi / 2, 6.123233995736766e-17
+# 1.5 · 2⁵²: added to a number below 2⁵¹, it rounds it to an integer, whose last bits are the sum's.
+_TO_INTEGER = 6755399441055744.0
 
 
 @inlined
@@ -24,7 +26,7 @@ def sincos(angle: F64, first: int, rows: int, order: float, out: F64, to: int) -
     """Sines and cosines of order · angle, error below 2e-16, in turn from row *to* of *out* on.
 
     Reduction to ±π/4 by multiples of π/2, minimax polynomials (of degree 13 and 12, by Remez'
-    exchange: errors 2e-18 and 8e-17), quadrant by arithmetic.
+    exchange: errors 2e-18 and 8e-17), quadrant by the last two bits of the multiple.
     """
     for k in range(rows):
         _sincos_row(angle, first + k, order, out, to + 2 * k)
@@ -34,7 +36,8 @@ def sincos(angle: F64, first: int, rows: int, order: float, out: F64, to: int) -
 def _sincos_row(angle: F64, row: int, order: float, out: F64, to: int) -> None:
     for i in range(angle.shape[1]):
         x = order * angle[row, i]
-        j = np.rint(x * (2 / math.pi))
+        rounded = x * (2 / math.pi) + _TO_INTEGER
+        j = rounded - _TO_INTEGER
         r = (x - j * _HALF_PI) - j * _HALF_PI_REST
         z = r * r
         s = 1.588858598765573e-10 * z - 2.505060023954864e-08
@@ -48,11 +51,17 @@ def _sincos_row(angle: F64, row: int, order: float, out: F64, to: int) -> None:
         c = c * z - 1.388888887827438e-03
         c = c * z + 4.166666666660226e-02
         c = 1.0 + z * (c * z - 0.5)
-        quadrant = j - 4.0 * np.floor(j * 0.25)
-        is_odd = abs(quadrant - 2.0) == 1.0
-        sign = -1.0 if quadrant > 1.5 else 1.0
-        out[to, i] = sign * (c if is_odd else s)
-        out[to + 1, i] = sign * (-s if is_odd else c)
+        quadrant = np.float64(rounded).view(np.int64)
+        is_odd = (quadrant & 1) != 0
+        out[to, i] = _flip_in_second_half(c if is_odd else s, quadrant)
+        out[to + 1, i] = _flip_in_second_half(s if is_odd else c, quadrant + 1)
+
+
+@inlined
+def _flip_in_second_half(value: float, quadrant: np.int64) -> np.float64:
+    """*value* with its sign bit flipped if the quadrant's last two bits are 2 or 3."""
+    bits = np.float64(value).view(np.int64) ^ ((quadrant & 2) << 62)
+    return np.int64(bits).view(np.float64)
 
 
 @inlined

@@ -114,10 +114,22 @@ def alike(rows: F64, i: int, j: int) -> bool:
 def take_angles(q: F64, start: int, m: int, angle: F64, trig: F64) -> None:
     """Angles of m samples, their sines and cosines."""
     n_joints = q.shape[1]
-    for i in range(m):
-        for k in range(n_joints):
+    threes = n_joints - n_joints % 3
+    for k in range(0, threes, 3):
+        _take_three(q, start, m, k, angle)
+    for k in range(threes, n_joints):
+        for i in range(m):
             angle[k, i] = q[start + i, k]
     sincos(angle, 0, n_joints, 1.0, trig, 0)
+
+
+@inlined
+def _take_three(q: F64, start: int, m: int, k: int, angle: F64) -> None:
+    """Angles of three joints from *k* on: together, LLVM loads and sorts them as vectors."""
+    for i in range(m):
+        angle[k, i] = q[start + i, k]
+        angle[k + 1, i] = q[start + i, k + 1]
+        angle[k + 2, i] = q[start + i, k + 2]
 
 
 @inlined
