@@ -192,7 +192,7 @@ def test_moments_of_sums_do_not_depend_on_how_the_sets_come() -> None:
     rng = np.random.default_rng(8)
     order, starts = rng.permutation(N), 12 * np.arange(10)
     drawn = rng.normal(size=(N, 40))
-    moments = Moments(order, starts, 2)
+    moments = Moments(order, starts, N, 2)
     for some in np.split(drawn, 2, axis=1):
         moments.add(0, some)
         moments.add(1, 2.0 * some)
@@ -202,7 +202,7 @@ def test_moments_of_sums_do_not_depend_on_how_the_sets_come() -> None:
     assert moments.covariance(1) == pytest.approx(4.0 * moments.covariance(0))
     assert np.allclose(moments.shown[1], 2.0 * sums[:, : moments.shown.shape[2]])
     # Too many bins to be taken together: each by itself.
-    many = Moments(np.arange(MOST_TOGETHER + 1), np.arange(MOST_TOGETHER + 1), 1)
+    many = Moments(np.arange(MOST_TOGETHER + 1), np.arange(MOST_TOGETHER + 1), MOST_TOGETHER + 1, 1)
     wide = rng.normal(size=(MOST_TOGETHER + 1, 20))
     many.add(0, wide)
     assert many.covariance(0) == pytest.approx((wide**2).mean(axis=1))

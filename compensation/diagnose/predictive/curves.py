@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import bdtrc
 
-from armd.arrays import F64
+from armd.arrays import F32, F64
 from armd.compensation.diagnose.constants import (
     BEYOND,
     BEYOND_FLAT,
@@ -140,14 +140,15 @@ def _curves(model: Refitted, bins: list[Bins], scale: F64) -> list[ResidualCurve
     named, moves = components(model.fit.linear)  # (n, 3, K)
     square = (moves**2).sum(axis=1)
     count = moves.shape[2]
-    drawn = [Moments(one.order, one.starts, count) for one in bins]
+    drawn = [Moments(one.order, one.starts, len(moves), count) for one in bins]
     for left in model.replicates():
         for k in range(count):  # one after the other: all together are large
             along = np.einsum("ni,nir->nr", scale[k] * moves[:, :, k], left)
             for kept in drawn:
                 kept.add(k, along)
     measured = np.einsum("nij,ni->nj", moves, model.left_mm)
-    normal = np.random.default_rng(CURVES_SEED).normal(size=(MOST_TOGETHER, CURVES))
+    most = max((size for one in bins if (size := len(one.starts)) <= MOST_TOGETHER), default=0)
+    normal: F32 = np.random.default_rng(CURVES_SEED).normal(size=(most, CURVES)).astype(np.float32)
     found = []
     for one, kept, strong in zip(bins, drawn, _strengths(model, bins, named, moves), strict=True):
         levers = np.maximum(one.sums(square), LEAST_SQUARE)  # (B, K)
@@ -181,7 +182,7 @@ def _strengths(
 
 
 def _curve(
-    bins: Bins, lever: F64, sums: F64, drawn: Moments, k: int, normal: F64, strong: Strength
+    bins: Bins, lever: F64, sums: F64, drawn: Moments, k: int, normal: F32, strong: Strength
 ) -> ResidualCurve:
     """Of the component *k*, by measured *sums* (B,)."""
     moments = drawn.covariance(k)
@@ -202,7 +203,7 @@ def _curve(
     )
 
 
-def _p_value(outside: float, moments: F64, normal: F64) -> float:
+def _p_value(outside: float, moments: F64, normal: F32) -> float:
     """That a curve of noise has so large a share *outside* its band: of curves drawn by the
     covariance (B, B) of the sets, or of independent bins (B,)."""
     if moments.ndim == 1:
@@ -210,10 +211,14 @@ def _p_value(outside: float, moments: F64, normal: F64) -> float:
         return float(bdtrc(least - 1, len(moments), BEYOND)) if least else 1.0
     sigma = np.sqrt(np.maximum(np.diag(moments), LEAST_POSITIVE))
     root, turned = np.linalg.eigh(moments / np.outer(sigma, sigma))
-    factor = turned * np.sqrt(np.maximum(root, 0.0))
-    for count in (FIRST_CURVES, CURVES):
-        share = (np.abs(factor @ normal[: len(factor), :count]) > HALF_WIDTH).mean(axis=0)
-        p_value = float((share >= outside - ROUNDING).mean())
-        if p_value > BEYOND:
+    factor = (turned * np.sqrt(np.maximum(root, 0.0))).astype(np.float32)
+    least_beyond = (outside - ROUNDING) * len(factor)
+    exceeding = drawn = 0
+    for first in range(0, CURVES, FIRST_CURVES):  # so many as a processor's cache holds
+        curves = factor @ normal[: len(factor), first : first + FIRST_CURVES]
+        is_beyond = np.abs(curves, out=curves) > HALF_WIDTH
+        exceeding += int(np.count_nonzero(is_beyond.sum(axis=0, dtype=np.uint8) >= least_beyond))
+        drawn += curves.shape[1]
+        if first == 0 and exceeding > BEYOND * drawn:
             break
-    return p_value
+    return exceeding / drawn

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import MOST_TOGETHER, SETS_SHOWN
@@ -10,11 +11,13 @@ from armd.compensation.diagnose.constants import MOST_TOGETHER, SETS_SHOWN
 
 class Moments:
     """Of *components*, each by itself, second moments of sums over bins of the rests in *order*
-    (k,)."""
+    (k,), each from one of *starts* on."""
 
-    def __init__(self, order: I64, starts: I64, components: int) -> None:
-        self._order, self._starts = order, starts
+    def __init__(self, order: I64, starts: I64, rests: int, components: int) -> None:
         size = len(starts)
+        ends = np.append(starts, len(order))
+        # (B, n) which rests a bin holds: multiplying takes a fifth of picking and adding
+        self._is_in = csr_array((np.ones(len(order)), order, ends), shape=(size, rests))
         self._together = size <= MOST_TOGETHER
         shape = (components, size, size) if self._together else (components, size)
         self._sum: F64 = np.zeros(shape)
@@ -23,7 +26,7 @@ class Moments:
 
     def sums(self, along: F64) -> F64:
         """(B, …) of residuals (n, …)."""
-        sums: F64 = np.add.reduceat(along[self._order], self._starts, axis=0)
+        sums: F64 = self._is_in @ along
         return sums
 
     def add(self, component: int, along: F64) -> None:

@@ -109,8 +109,9 @@ class Scatter:
         return Scatter(self.covariance[np.ix_(at, at)], self.unabsorbed[at])
 
     def along(self, shape: F64) -> Scatter:
-        """Of sums (k,) of these sums that are apart from each other, by rows (k, m)."""
-        return Scatter(shape @ self.covariance @ shape.T, shape**2 @ self.unabsorbed)
+        """Of sums (…, k) of these sums that are apart from each other, by rows (…, k, m)."""
+        covariance = shape @ self.covariance @ np.swapaxes(shape, -1, -2)
+        return Scatter(covariance, shape**2 @ self.unabsorbed)
 
 
 def strength(
@@ -186,12 +187,12 @@ def compute_strengths_of_pairs(
 
 def _step(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
     """Of the best step between two of the bins."""
-    found = []
-    for end in range(1, len(sums)):
-        sides = np.zeros((2, len(sums)))
-        sides[0, :end] = sides[1, end:] = 1.0
-        found.append(beyond(sides @ sums, scatter.along(sides), misfit, len(sums) - 1))
-    return max(found, default=-np.inf)
+    count = len(sums)
+    if count < 2:
+        return -np.inf
+    before = np.tri(count - 1, count)
+    sides = np.stack([before, 1.0 - before], axis=1)
+    return float(each_beyond(sides @ sums, scatter.along(sides), misfit, count - 1).max())
 
 
 def _single(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
