@@ -84,11 +84,13 @@ class DesignResult(Reported):
 
     def page(self) -> str:
         """Return the report. Not public."""
-        from armd.compensation.report.design import design_report
+        from armd.compensation.report.design import make_design_report
         from armd.offline.pages import list_inputs
 
         files = list_inputs(self._arm, self._calibration)
-        return design_report(self.experiment, self._arm.content, self.sessions, self.rows, files)
+        return make_design_report(
+            self.experiment, self._arm.content, self.sessions, self.rows, files
+        )
 
     def _describe(self) -> tuple[str, Facts]:
         experiment = self.experiment

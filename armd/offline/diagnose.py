@@ -137,11 +137,11 @@ class Diagnosis(Displayed):
 
     def page(self, result: dict[str, Any], about: About | None = None) -> str:
         """Return the report; *result* is what `to_dict` has, *about* for its head. Not public."""
-        from armd.compensation.report.diagnosis import diagnosis_report
+        from armd.compensation.report.diagnosis import make_diagnosis_report
         from armd.offline.pages import list_inputs
 
         files = list_inputs(self._arm, self._calibration)
-        return diagnosis_report(self.details, result, files, self.comparisons, about)
+        return make_diagnosis_report(self.details, result, files, self.comparisons, about)
 
     def _place(self, finding: int) -> int:
         index = finding - len(self.details.touched)  # they are listed first

@@ -102,7 +102,7 @@ class FirstDesignResult(Reported):
 
     def page(self) -> str:
         """Return the report. Not public."""
-        from armd.compensation.report.first_design import first_design_report
+        from armd.compensation.report.first_design import make_first_design_report
         from armd.offline.pages import hash_data, list_inputs
 
         files = list_inputs(self._arm, self._calibration)
@@ -110,7 +110,7 @@ class FirstDesignResult(Reported):
             content = self._artefact.model_dump(mode="json", by_alias=True, exclude_defaults=True)
             files["artefact"] = hash_data(self._artefact.name, content)
         rows_in_degrees = [{k: v for k, v in row.items() if not _is_rad(k)} for row in self.rows]
-        return first_design_report(
+        return make_first_design_report(
             self.experiment, self._arm.content, rows_in_degrees, self.words, files
         )
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.report.about import About
-from armd.compensation.report.calibration import calibration_report
+from armd.compensation.report.calibration import make_calibration_report
 from armd.compensation.report.sessions import InputFile
 from armd.offline.arm_model import ArmModel
 from armd.offline.identified import Identified
@@ -18,7 +18,7 @@ def draw_calibration_page(
     identified: Identified, written: LoadedCalibration, about: About | None = None
 ) -> str:
     """Return the report of a calibration, *written* to a file or not."""
-    return calibration_report(
+    return make_calibration_report(
         identified.result, identified.sessions, describe_arm(identified.arm), written, about
     )
 

@@ -63,14 +63,16 @@ class VerificationResult(Reported):
     def page(self, about: About | None = None) -> str:
         """Return the report; *about* is for its head. Not public."""
         from armd.compensation.report.sessions import InputFile
-        from armd.compensation.report.verification import verification_report
+        from armd.compensation.report.verification import make_verification_report
         from armd.offline.pages import hash_data, list_inputs
 
         files = list_inputs(self._arm, self._calibration)
         mpe = self._mpe
         is_data = isinstance(mpe, Mapping)
         files["limits"] = hash_data("as data", dict(mpe)) if is_data else InputFile.read(mpe)  # type: ignore[arg-type]
-        return verification_report(self.details, self._session, self._arm.content, files, about)
+        return make_verification_report(
+            self.details, self._session, self._arm.content, files, about
+        )
 
     def _describe(self) -> tuple[str, Facts]:
         facts = [

@@ -17,7 +17,7 @@ from armd.compensation.design.observability import (
     decompose_constants,
 )
 from armd.compensation.design.reaching import solve_postures
-from armd.compensation.estimate.poses import rigid_columns
+from armd.compensation.estimate.poses import make_rigid_columns
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
@@ -115,7 +115,7 @@ def draw_places(
             continue
         q, target = q[reached], target[reached]
         tip, constants = constant_columns(arm, q, parameters)
-        lone = ReadingColumns(constants, rigid_columns(tip - tip.mean(axis=0)), tip)
+        lone = ReadingColumns(constants, make_rigid_columns(tip - tip.mean(axis=0)), tip)
         s, v = decompose_constants(lone)
         drawn.append((q, target, turn))
         information.append((v * s**2) @ v.T)
@@ -158,7 +158,9 @@ def artefact_columns(
     nuisances = np.zeros((n, 3, 6 * p + 3 * len(seats)))
     for i in range(p):
         rows = places.placement == i
-        nuisances[rows, :, 6 * i : 6 * i + 6] = rigid_columns(tip[rows] - tip[rows].mean(axis=0))
+        nuisances[rows, :, 6 * i : 6 * i + 6] = make_rigid_columns(
+            tip[rows] - tip[rows].mean(axis=0)
+        )
     for k, seat in enumerate(seats):
         rows = places.target == seat
         first = 6 * p + 3 * k

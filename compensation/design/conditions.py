@@ -14,8 +14,8 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.estimate.noise import ReadingNoise, whitening
-from armd.compensation.estimate.poses import rigid_columns
+from armd.compensation.estimate.noise import ReadingNoise, make_whitening
+from armd.compensation.estimate.poses import make_rigid_columns
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows, tip_motion
 from armd.compensation.model.kinematics import jacobian, joint_jacobian
@@ -135,7 +135,7 @@ def whiten_rows(
         identified_columns = identified_columns @ baseline.root
     columns = [column for candidate in candidates for column in candidate.columns]
     extra = [moves(c.terms) + _artefact(c, position, climate, last) for c in columns]
-    placement = rigid_columns(position - position.mean(axis=0))
+    placement = make_rigid_columns(position - position.mean(axis=0))
     stacked = [identified_columns, *(block[:, :, None] for block in extra), placement]
     whitener = _whitener(joint_jacobian(states.q, p), last.noise, _target_mm(last))
     rows: F64 = whitener @ np.concatenate(stacked, axis=2)
@@ -164,4 +164,4 @@ def _whitener(joints: F64, noise: RestNoise, target_mm: float) -> F64:
     each at a target of its own."""
     of_point = math.hypot(noise.repeat_mm, target_mm)
     covariance = ReadingNoise(noise.encoder_rad, of_point).covariance(joints)
-    return whitening(covariance, np.ones(len(joints)))
+    return make_whitening(covariance, np.ones(len(joints)))

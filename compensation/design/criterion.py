@@ -62,10 +62,10 @@ class Between:
 
     def separations(self, prior: LinearModel, rows: F64 | None = None) -> F64:
         """(n, l, r) projected signal-to-noise of each signal with each rival in the model."""
-        c, e = prior.layout.but([ASKED]), prior.layout.of([ASKED])
+        c, e = prior.layout.find_other_columns([ASKED]), prior.layout.find_columns([ASKED])
         covariance = prior.only(c).covariance
         across = covariance @ prior.gram[np.ix_(c, e)]
-        information = prior.information(ASKED)
+        information = prior.compute_information(ASKED)
         gained: F64 = np.zeros((1, 3, len(e)))
         remainder = gained
         if rows is not None:
@@ -142,7 +142,7 @@ def separate_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: Linear
     share = np.array([doubt.finding.probability, *doubt.share])
     ends = np.cumsum([0, *(len(c.columns) for c in candidates)])
     blocks = tuple(slice(low, high) for low, high in itertools.pairwise(ends))
-    information = prior.information(ASKED)
+    information = prior.compute_information(ASKED)
     finding = np.zeros(len(information))
     finding[blocks[0]] = last.amplitudes[doubt.index]
     leads = [i for i in range(len(blocks)) if i == 0 or share[i] >= LEADING * share.max()]

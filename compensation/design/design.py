@@ -123,12 +123,12 @@ def _make_prior(last: Fit, candidates: list[Candidate], arm: Arm) -> LinearModel
         if placed_finding.place in places
     ]
     blocks = [IDENTIFIED, ASKED] if candidates else [IDENTIFIED]
-    information = problem.without(*itself).information(*blocks)
+    information = problem.without(*itself).compute_information(*blocks)
     sizes = dict(problem.layout.sizes)
     layout = Layout((*((name, sizes[name]) for name in blocks), (PLACEMENT, 6)))
     extended = np.zeros((layout.n, layout.n))
     extended[: len(information), : len(information)] = information
-    return LinearModel.of_products(layout, extended, np.full(layout.n, np.inf))
+    return LinearModel.from_products(layout, extended, np.full(layout.n, np.inf))
 
 
 def _merit(information: LinearModel, criterion: Criterion) -> float:

@@ -26,7 +26,7 @@ from armd.compensation.design.observability import (
     structural_rank,
     tracker_columns,
 )
-from armd.compensation.estimate.gauge import ROUNDING, free_constants, unidentifiable
+from armd.compensation.estimate.gauge import ROUNDING, describe_unidentifiable, list_free_constants
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
 from armd.compensation.identify.admission.needed import (
     LEAST_PLACEMENTS,
@@ -212,7 +212,7 @@ def _assess_readings(arm: Arm, campaign: _Campaign, chosen: I64) -> tuple[F64, i
     s = np.where(s > ROUNDING * s[0], s, 0.0)
     is_determined = s >= LEAST_KNOWN * _noise_mm(arm)
     weak = directions[:, : len(s)][:, ~is_determined]
-    return s, int(is_determined.sum()), unidentifiable(weak, free_constants(arm), arm)
+    return s, int(is_determined.sum()), describe_unidentifiable(weak, list_free_constants(arm), arm)
 
 
 def _noise_mm(arm: Arm) -> float:

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.gauge import ROUNDING, free_constants
-from armd.compensation.estimate.poses import rigid_columns
+from armd.compensation.estimate.gauge import ROUNDING, list_free_constants
+from armd.compensation.estimate.poses import make_rigid_columns
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import GAUGE_POSTURES
 from armd.compensation.model.arm import Arm
@@ -41,16 +41,16 @@ def constant_columns(arm: Arm, q: F64, parameters: F64) -> tuple[F64, F64]:
     """Tips (n, 3) mm, and what the constants that `armd calibrate` identifies move them by
     (n, 3, C), mm per plausible departure."""
     tip, derivatives = jacobian(q, parameters)
-    unknowns = Unknowns(free_constants(arm))
+    unknowns = Unknowns(list_free_constants(arm))
     no_terms = np.zeros((len(q), 0))
-    scale = unknowns.plausible([], no_terms)
+    scale = unknowns.get_plausible([], no_terms)
     return tip, unknowns.columns(derivatives, no_terms, []) * scale
 
 
 def tracker_columns(arm: Arm, q: F64, parameters: F64) -> ReadingColumns:
     """Of a tracker's points: one unknown pose of its frame."""
     tip, constants = constant_columns(arm, q, parameters)
-    return ReadingColumns(constants, rigid_columns(tip - tip.mean(axis=0)), tip)
+    return ReadingColumns(constants, make_rigid_columns(tip - tip.mean(axis=0)), tip)
 
 
 def eliminate_nuisances(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
@@ -93,7 +93,7 @@ def structural_rank(arm: Arm, parameters: F64, seed: int = 0) -> int:
 
     For a chain without parallel axes it is 4 N − 3: four constants a joint and three of the tip,
     less two that move the whole arm about its first axis and four that the last joint shares with
-    the tip. Of parallel axes, β replaces d (`free_constants`), so that they reduce nothing by
+    the tip. Of parallel axes, β replaces d (`list_free_constants`), so that they reduce nothing by
     themselves; special geometry can.
     """
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (GAUGE_POSTURES, arm.n_joints))

@@ -213,7 +213,7 @@ def describe_off_orientations(rests: I64, all_rests: Rests, last: Fit) -> list[s
     turned = rests[observations.turned[rests]]
     off_deg = np.degrees(np.linalg.norm(last.rest_residual_mm[turned], axis=1) / TURN_MM)
     return [
-        f"The orientation of {observations.row_name(rest)} is off by {off:.3g}°."
+        f"The orientation of {observations.name_row(rest)} is off by {off:.3g}°."
         for rest, off in zip(turned.tolist(), off_deg, strict=True)
     ]
 

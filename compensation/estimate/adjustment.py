@@ -28,21 +28,23 @@ MOST_TURN_RAD = 0.1
 TURNS = 2
 
 
-def adjusted(q: F64, parameters: F64, placed_mm: F64) -> F64:
+def adjust_angles(q: F64, parameters: F64, placed_mm: F64) -> F64:
     """Angles (n, N) nearest *q* that put the tip at *placed_mm* (n, 3); parameters (n, P)."""
     adjusted_angles, angles = q.copy(), ParameterLayout(q.shape[1]).angles
     for _ in range(TURNS):
         position, columns = jacobian(adjusted_angles, parameters)
         joints = columns[:, :, angles]
         off = placed_mm - position
-        adjusted_angles = adjusted_angles + (backwards(joints) @ off[:, :, None])[:, :, 0]
+        adjusted_angles = (
+            adjusted_angles + (compute_backwards_map(joints) @ off[:, :, None])[:, :, 0]
+        )
         turn = adjusted_angles - q
         size = np.linalg.norm(turn, axis=1, keepdims=True)
         adjusted_angles = q + turn * np.minimum(1.0, MOST_TURN_RAD / np.maximum(size, 1e-300))
     return adjusted_angles
 
 
-def backwards(joints: F64) -> F64:
+def compute_backwards_map(joints: F64) -> F64:
     """(n, N, 3) rad/mm: the smallest turn that moves the tip so, from d tip / d angle (n, 3, N)."""
     shape = joints @ joints.transpose(0, 2, 1)
     least_square = LEAST_LEVER**2 * np.trace(shape, axis1=1, axis2=2)

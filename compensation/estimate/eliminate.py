@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.linear.linear_model import factor_of_known, lower_factors
+from armd.compensation.estimate.linear.linear_model import factorise_known, factorise_lower
 
 #: Rows and sessions of a batch take about so many numbers in memory at most.
 MOST_NUMBERS = 1 << 20
@@ -45,14 +45,14 @@ class EliminatedSession:
         """(3 K, c) how the targets' shifts follow amplitudes of the others."""
         return -self.shift_factor @ self.shift_projected
 
-    def followed(self, amplitudes: F64) -> tuple[F64, F64]:
+    def follow(self, amplitudes: F64) -> tuple[F64, F64]:
         """Twists (p, 6) and shifts (3 K,) that answer *amplitudes* (c,) of the others."""
         shifts = -self.shift_factor @ (self.shift_projected @ amplitudes)
         along = self.pose_projected @ np.append(shifts, amplitudes)
         return -np.einsum("pij,pj->pi", self.pose_factor, along), shifts
 
 
-def in_batches(sessions: Sequence[SessionColumns], c: int) -> list[list[SessionColumns]]:
+def split_into_batches(sessions: Sequence[SessionColumns], c: int) -> list[list[SessionColumns]]:
     """*sessions* in batches alike in their number of free targets, none of them large."""
     batches: list[list[SessionColumns]] = []
     numbers = 0
@@ -99,7 +99,7 @@ def eliminate(
     meeting = np.zeros((len(sessions), 3 * k, c))
     if k:
         part = np.repeat(np.arange(len(parts)), np.diff(edges))
-        sums, part, slot = _sums_by_target(columns, of_target, part, touched[rows])
+        sums, part, slot = _sum_by_target(columns, of_target, part, touched[rows])
         by_target = across[:, :, : 3 * k].reshape(len(parts), 6, k, 3)
         by_target[part, :, slot] = sums[:, :, 3:9].transpose(0, 2, 1)
         across[:, :, : 3 * k] = by_target.reshape(len(parts), 6, 3 * k)
@@ -109,8 +109,10 @@ def eliminate(
         meeting[:] = by_slot[:, :, :, 3:].reshape(meeting.shape)
         diagonal = of_targets.reshape(len(sessions), k, 3, k, 3)
         diagonal[:, np.arange(k), :, np.arange(k)] = by_slot[:, :, :, :3].transpose(1, 0, 2, 3)
-    shift_unit = _unit(np.einsum("sii->si", of_targets))
-    pose_factor, pose_rank = _factors(gram[:, :6, :6], _unit(np.einsum("pii->pi", gram)[:, :6]))
+    shift_unit = _compute_unit(np.einsum("sii->si", of_targets))
+    pose_factor, pose_rank = _factorise(
+        gram[:, :6, :6], _compute_unit(np.einsum("pii->pi", gram)[:, :6])
+    )
     projected = pose_factor.transpose(0, 2, 1) @ across
     for s, session_columns in enumerate(sessions):
         projected_rows = projected[first_part[s] : first_part[s + 1]].reshape(-1, 3 * k + c)
@@ -123,7 +125,7 @@ def eliminate(
             of_targets[s] += certificate.T @ certificate
             meeting[s, :, -1] += missed @ certificate
             reduced[s, -1, -1] += missed @ missed
-    shift_factor, shift_rank = _factors(of_targets, shift_unit)
+    shift_factor, shift_rank = _factorise(of_targets, shift_unit)
     shift_projected = shift_factor.transpose(0, 2, 1) @ meeting
     reduced -= shift_projected.transpose(0, 2, 1) @ shift_projected
     rank = shift_rank + np.add.reduceat(pose_rank, first_part[:-1])
@@ -138,7 +140,7 @@ def eliminate(
     ]  # fmt: skip
 
 
-def _sums_by_target(columns: F64, of_target: F64, part: I64, slot: I64) -> tuple[F64, I64, I64]:
+def _sum_by_target(columns: F64, of_target: F64, part: I64, slot: I64) -> tuple[F64, I64, I64]:
     """Products (g, 3, 3 + 6 + c) of each target's columns with themselves and all others, summed
     over the rows of one *part* (m,) and *slot* (m,); and of each of these sums its part and slot.
     """
@@ -157,13 +159,13 @@ def _sums_by_target(columns: F64, of_target: F64, part: I64, slot: I64) -> tuple
     return sums, part[starts], slot[starts]
 
 
-def _unit(square: F64) -> F64:
+def _compute_unit(square: F64) -> F64:
     """(s,) the largest squared length of columns (s, m); a column that is zero counts as 1."""
     lengths = np.where(square > 0.0, square, 1.0)
     return lengths.max(axis=1, initial=0.0) if lengths.shape[1] else np.ones(len(lengths))
 
 
-def _factors(matrices: F64, unit: F64) -> tuple[F64, I64]:
+def _factorise(matrices: F64, unit: F64) -> tuple[F64, I64]:
     """F (s, m, m) with F Fᵀ the inverse of *matrices* (s, m, m) along what is known of each beside
     its *unit* (s,), columns of zeros beside these; and how many directions are known (s,)."""
     scaled = matrices / unit[:, None, None]
@@ -171,8 +173,8 @@ def _factors(matrices: F64, unit: F64) -> tuple[F64, I64]:
     ranks = np.zeros(len(scaled), dtype=np.int64)
     is_known = np.any(scaled, axis=(1, 2))
     numbers = np.flatnonzero(is_known).tolist()
-    for i, lower in zip(numbers, lower_factors(scaled[is_known]), strict=True):
-        factor = factor_of_known(scaled[i], lower)
+    for i, lower in zip(numbers, factorise_lower(scaled[is_known]), strict=True):
+        factor = factorise_known(scaled[i], lower)
         ranks[i] = factor.shape[1]
         factors[i, :, : ranks[i]] = factor
     factors /= np.sqrt(unit)[:, None, None]

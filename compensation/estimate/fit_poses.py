@@ -12,12 +12,12 @@ from armd.compensation.estimate.observations import TURN_MM, Observations
 from armd.compensation.estimate.placements import Placements
 from armd.compensation.estimate.poses import (
     Poses,
-    centres,
-    pose_columns,
-    target_columns,
+    compute_centres,
+    make_pose_columns,
+    make_target_columns,
 )
-from armd.compensation.estimate.rigid_motions import group_sum, kabsch
-from armd.compensation.estimate.robust import SUSPECT, monstrous
+from armd.compensation.estimate.rigid_motions import align_by_kabsch, sum_groups
+from armd.compensation.estimate.robust import SUSPECT, find_monstrous
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.estimate.surfaces import fit_each_surface, project_on_normals
 
@@ -28,17 +28,17 @@ FOREIGN_MM = 1.0
 MOST_STEPS, FOREIGN_STEPS = 50, 5
 
 
-def steady_poses(observations: Observations, position_mm: F64) -> Poses:
-    """Those of `fit_poses`, or of `robust_poses` where a reading is monstrously far off."""
+def fit_steady_poses(observations: Observations, position_mm: F64) -> Poses:
+    """Those of `fit_poses`, or of `fit_robust_poses` where a reading is monstrously far off."""
     poses = fit_poses(observations, position_mm)
-    if monstrous(poses.residual(observations, position_mm), SUSPECT).any():
-        steady, _ = robust_poses(observations, position_mm)
-        if monstrous(steady.residual(observations, position_mm)).any():
+    if find_monstrous(poses.residual(observations, position_mm), SUSPECT).any():
+        steady, _ = fit_robust_poses(observations, position_mm)
+        if find_monstrous(steady.residual(observations, position_mm)).any():
             return steady
     return poses
 
 
-def robust_poses(
+def fit_robust_poses(
     observations: Observations, position_mm: F64, roughly: bool = False
 ) -> tuple[Poses, F64]:
     """Poses that few readings far off hardly move (Cauchy's weights), and (n,) mm of each reading
@@ -52,26 +52,28 @@ def robust_poses(
     start, steps = None, MOST_STEPS
     roughly = roughly and not begun and not observations.turned.any()
     if roughly:
-        poses = _start(observations, position_mm, weight)
-        start, steps = _nearer(poses, _distance(poses, observations, position_mm))
+        poses = _make_start(observations, position_mm, weight)
+        start, steps = _choose_rough_start(
+            poses, _measure_distances(poses, observations, position_mm)
+        )
     for _ in range(ROBUST_ROUNDS):
         poses = fit_poses(observations, position_mm, weight, start, steps)
-        distance = _distance(poses, observations, position_mm)
+        distance = _measure_distances(poses, observations, position_mm)
         if begun:
             start = poses
         elif roughly:
-            start, steps = _nearer(poses, distance)
+            start, steps = _choose_rough_start(poses, distance)
         weight = 1.0 / (1.0 + (distance / max(float(np.median(distance)), 1e-9)) ** 2)
     return poses, distance
 
 
-def _nearer(poses: Poses, distance_mm: F64) -> tuple[Poses | None, int]:
+def _choose_rough_start(poses: Poses, distance_mm: F64) -> tuple[Poses | None, int]:
     """Where a rough round begins, and how many steps it takes."""
     is_foreign = float(np.median(distance_mm)) > FOREIGN_MM
     return (poses, FOREIGN_STEPS) if is_foreign else (None, MOST_STEPS)
 
 
-def _distance(poses: Poses, observations: Observations, position_mm: F64) -> F64:
+def _measure_distances(poses: Poses, observations: Observations, position_mm: F64) -> F64:
     distance: F64 = np.linalg.norm(poses.residual(observations, position_mm), axis=1)
     return distance
 
@@ -90,24 +92,24 @@ def fit_poses(
     """
     weight = np.ones(observations.n) if weight is None else weight
     surfaces = observations.on_surface.any()
-    if not surfaces and not _touched_seats(observations).any():
-        return _start(observations, position_mm, weight)
-    poses = start or _start(observations, position_mm, weight)
+    if not surfaces and not _find_touched_seats(observations).any():
+        return _make_start(observations, position_mm, weight)
+    poses = start or _make_start(observations, position_mm, weight)
     if surfaces and start is None:
-        poses = _with_surfaces(observations, position_mm, poses)
+        poses = _fit_surfaces(observations, position_mm, poses)
     if start is None and observations.turned.any():
-        poses = _with_bodies(observations, position_mm, poses)
+        poses = _fit_bodies(observations, position_mm, poses)
     for _ in range(most_steps):
-        placed = poses.placed(observations, position_mm)
-        centre = centres(observations, placed)
-        twist, step = _gauss_newton_step(observations, poses, position_mm, centre, weight)
+        placed = poses.place_tips(observations, position_mm)
+        centre = compute_centres(observations, placed)
+        twist, step = _take_gauss_newton_step(observations, poses, position_mm, centre, weight)
         poses = poses.moved(centre, twist, step)
         if max(np.abs(twist).max(), np.abs(step).max()) < 1e-9:
             break
     return poses
 
 
-def _with_surfaces(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
+def _fit_surfaces(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
     """*poses* with those of the surfaces, each fitted by itself."""
     surface_fits = fit_each_surface(
         observations, position_mm, poses.rotation, poses.translation_mm, poses.target_mm
@@ -120,7 +122,7 @@ def _with_surfaces(observations: Observations, position_mm: F64, poses: Poses) -
     )
 
 
-def _with_bodies(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
+def _fit_bodies(observations: Observations, position_mm: F64, poses: Poses) -> Poses:
     """*poses* with the mean rotation of each measured body against the last frame."""
     rows = np.flatnonzero(observations.turned)
     frame = Rotation.from_rotvec(position_mm[rows] / TURN_MM).as_matrix()
@@ -131,29 +133,29 @@ def _with_bodies(observations: Observations, position_mm: F64, poses: Poses) -> 
     return replace(poses, body=body)
 
 
-def _touched_seats(observations: Observations) -> Mask:
+def _find_touched_seats(observations: Observations) -> Mask:
     """(K,) unknown targets, surfaces among them, that a reading without its own truth touches."""
     touched = np.zeros(len(observations.target_names), dtype=bool)
     touched[observations.target[~observations.has_truth]] = True
     return touched & observations.unknown
 
 
-def _start(observations: Observations, position_mm: F64, weight: F64) -> Poses:
+def _make_start(observations: Observations, position_mm: F64, weight: F64) -> Poses:
     """Poses by Kabsch's method; seats as the mean of what touches them, by turns.
 
     Without unknown seats this is the answer; with them it is where Gauss–Newton starts.
     """
     n_placements = len(observations.placement_names)
     target = observations.position_mm.copy()
-    seats = _touched_seats(observations) & (observations.kind == POINT)
+    seats = _find_touched_seats(observations) & (observations.kind == POINT)
     row_seat = seats[observations.target] & ~observations.has_truth
     poses = Poses(np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3)), target)
     if seats.any():
-        _first_seats(observations, position_mm, target, row_seat)
+        _place_first_seats(observations, position_mm, target, row_seat)
     for _ in range(10 if seats.any() else 1):
-        points = observations.known_mm(target)
+        points = observations.get_known_mm(target)
         points[observations.on_surface | observations.turned] = np.nan
-        rotation, translation = kabsch(
+        rotation, translation = align_by_kabsch(
             points, position_mm, weight, observations.placement, n_placements
         )
         local = np.einsum(
@@ -164,13 +166,13 @@ def _start(observations: Observations, position_mm: F64, weight: F64) -> Poses:
         if seats.any():
             size = np.where(row_seat, observations.stretch, 0.0)
             sums = np.bincount(observations.target, weight * size**2, len(target))
-            mean = group_sum((weight * size)[:, None] * local, observations.target, len(target))
+            mean = sum_groups((weight * size)[:, None] * local, observations.target, len(target))
             target[seats] = mean[seats] / sums[seats, None]
         poses = Poses(rotation, translation, np.nan_to_num(target))
     return poses
 
 
-def _first_seats(
+def _place_first_seats(
     observations: Observations,
     position_mm: F64,
     target: F64,
@@ -185,32 +187,34 @@ def _first_seats(
         of_session = observations.session == session
         waiting = list(np.unique(observations.placement[of_session & row_seat]))
         while waiting:
-            is_known = np.isfinite(observations.known_mm(target)[:, 0])
+            is_known = np.isfinite(observations.get_known_mm(target)[:, 0])
             shared = [int((is_known & (observations.placement == p)).sum()) for p in waiting]
             placement = waiting.pop(int(np.argmax(shared)))
             rows = observations.placement == placement
-            points = observations.known_mm(target)
+            points = observations.get_known_mm(target)
             index = np.zeros(int(rows.sum()), dtype=np.int64)
             alike = np.ones(len(index))
-            rotation, translation = kabsch(points[rows], position_mm[rows], alike, index, 1)
+            rotation, translation = align_by_kabsch(
+                points[rows], position_mm[rows], alike, index, 1
+            )
             first_rows = rows & row_seat & ~is_known
             local = (position_mm[first_rows] - translation[0]) @ rotation[0]
-            sums = group_sum(local, observations.target[first_rows], len(target))
+            sums = sum_groups(local, observations.target[first_rows], len(target))
             counts = np.bincount(observations.target[first_rows], minlength=len(target))
             target[counts > 0] = sums[counts > 0] / counts[counts > 0, None]
 
 
-def _gauss_newton_step(
+def _take_gauss_newton_step(
     observations: Observations, poses: Poses, position_mm: F64, centre_mm: F64, weight: F64
 ) -> tuple[F64, F64]:
     """Step of poses (P, 6) and unknown seats (K, 3), of minimum norm."""
-    placed = poses.placed(observations, position_mm)
-    normal = poses.normals(observations, position_mm)
+    placed = poses.place_tips(observations, position_mm)
+    normal = poses.compute_normals(observations, position_mm)
     return Placements(
         observations,
-        project_on_normals(normal, pose_columns(observations, placed, centre_mm)),
-        target_columns(observations, poses, normal),
-        np.flatnonzero(_touched_seats(observations)),
+        project_on_normals(normal, make_pose_columns(observations, placed, centre_mm)),
+        make_target_columns(observations, poses, normal),
+        np.flatnonzero(_find_touched_seats(observations)),
         ((position_mm - placed)[:, :, None],),
         np.sqrt(weight)[:, None, None] * np.eye(3),
-    ).followed(np.ones(1))
+    ).follow(np.ones(1))

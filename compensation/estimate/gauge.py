@@ -20,7 +20,7 @@ ROUNDING = 1e-9
 ALL_LENGTHS = 0.8
 
 
-def parallel_joints(arm: Arm) -> list[int]:
+def find_parallel_joints(arm: Arm) -> list[int]:
     """Joints k (from 1) whose axis is nearly parallel to that of joint k + 1."""
     limit = math.sin(math.radians(PARALLEL_DEG))
     return [
@@ -30,13 +30,13 @@ def parallel_joints(arm: Arm) -> list[int]:
     ]
 
 
-def free_constants(arm: Arm) -> list[str]:
+def list_free_constants(arm: Arm) -> list[str]:
     """Names of the constants to identify: θ, d, a, α of every joint and the tip's offset.
 
     Where consecutive axes are nearly parallel, their common normal has no place: Hayati's β is
     asked for instead of d (Hayati 1983), which stays as drawn.
     """
-    hayati = parallel_joints(arm)
+    hayati = find_parallel_joints(arm)
     names = []
     for k in range(1, arm.n_joints + 1):
         length = f"beta_{k}" if k in hayati else f"d_{k}"
@@ -44,7 +44,7 @@ def free_constants(arm: Arm) -> list[str]:
     return [*names, *parameters.TIP_PARAMETERS]
 
 
-def gauge(columns: F64, scale: F64) -> F64:
+def compute_gauge(columns: F64, scale: F64) -> F64:
     """(C, k) directions, in scaled unknowns, that move no point.
 
     *columns* (m, 3, C): d tip / d unknown in postures all over the arm's reach. What moves no
@@ -57,17 +57,20 @@ def gauge(columns: F64, scale: F64) -> F64:
     return directions
 
 
-def unidentifiable(null: F64, names: Sequence[str], arm: Arm) -> list[str]:
+def describe_unidentifiable(null: F64, names: Sequence[str], arm: Arm) -> list[str]:
     """Each direction of the null space in words.
 
     *null* (C, k): a basis, in units of plausible departures; *names* (C,) of the unknowns.
     """
-    return [_in_words(vector, lead, names, arm) for vector, lead in _sparse(null, names, arm)]
+    return [
+        _describe_direction(vector, lead, names, arm)
+        for vector, lead in _make_sparse(null, names, arm)
+    ]
 
 
-def scale_is_free(null: F64, names: Sequence[str], arm: Arm) -> bool:
+def is_scale_free(null: F64, names: Sequence[str], arm: Arm) -> bool:
     """Whether one of these directions is the arm's size: nothing measured says how long it is."""
-    return any(_is_size(vector, names, arm) for vector, _ in _sparse(null, names, arm))
+    return any(_is_size(vector, names, arm) for vector, _ in _make_sparse(null, names, arm))
 
 
 def _is_size(vector: F64, names: Sequence[str], arm: Arm) -> bool:
@@ -78,7 +81,7 @@ def _is_size(vector: F64, names: Sequence[str], arm: Arm) -> bool:
     return bool(along > ALL_LENGTHS * np.linalg.norm(vector) * np.linalg.norm(lengths))
 
 
-def _sparse(null: F64, names: Sequence[str], arm: Arm) -> list[tuple[F64, int]]:
+def _make_sparse(null: F64, names: Sequence[str], arm: Arm) -> list[tuple[F64, int]]:
     """The same space by vectors with few entries, each with its leading entry.
 
     Leads are chosen by a pivoted QR that prefers the constants a reader would give up first:
@@ -94,7 +97,7 @@ def _sparse(null: F64, names: Sequence[str], arm: Arm) -> list[tuple[F64, int]]:
     return sorted(zip(rows, map(int, pivots), strict=True), key=lambda lead_pair: lead_pair[1])
 
 
-def _in_words(vector: F64, lead: int, names: Sequence[str], arm: Arm) -> str:
+def _describe_direction(vector: F64, lead: int, names: Sequence[str], arm: Arm) -> str:
     size = np.abs(vector)
     largest = int(np.argmax(size))
     lead = lead if size[lead] > 0.02 * size[largest] else largest
@@ -105,10 +108,10 @@ def _in_words(vector: F64, lead: int, names: Sequence[str], arm: Arm) -> str:
         named = [names[i] for i in involved[:6]]
         remainder = f" and {len(involved) - 6} more" if len(involved) > 6 else ""
         text += " with " + ", ".join(named) + remainder
-    return f"{text}: {_reason(vector, names, together, arm)}"
+    return f"{text}: {_describe_reason(vector, names, together, arm)}"
 
 
-def _reason(vector: F64, names: Sequence[str], together: Sequence[str], arm: Arm) -> str:
+def _describe_reason(vector: F64, names: Sequence[str], together: Sequence[str], arm: Arm) -> str:
     last = f"_{arm.n_joints}"
     if all(name in parameters.TIP_PARAMETERS or name.endswith(last) for name in together):
         return "the last joint's constants and the tip's offset place the same point"

@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.adjustment import adjusted
-from armd.compensation.estimate.fit_poses import steady_poses
+from armd.compensation.estimate.adjustment import adjust_angles
+from armd.compensation.estimate.fit_poses import fit_steady_poses
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.orientations import observe, turn_columns
+from armd.compensation.estimate.orientations import compute_turn_columns, observe
 from armd.compensation.estimate.poses import (
     Poses,
-    centres,
-    pose_columns,
-    target_columns,
+    compute_centres,
+    make_pose_columns,
+    make_target_columns,
 )
 from armd.compensation.estimate.surfaces import project_on_normals
 from armd.compensation.model.basis import basis_values, parameter_rows
@@ -66,7 +66,7 @@ class Linearisation:
             basis=self.basis[mask],
             pose_columns=self.pose_columns[mask],
             target_columns=self.target_columns[mask],
-            free_targets=_free_targets(chosen),
+            free_targets=_find_free_targets(chosen),
         )
 
     @property
@@ -75,13 +75,13 @@ class Linearisation:
         joints: F64 = self.jacobian[:, :, self.observations.arm.layout.angles]
         return joints
 
-    def constant_columns(self, names: Sequence[str]) -> F64:
+    def make_constant_columns(self, names: Sequence[str]) -> F64:
         """d residual / d constant (n, 3, len(names))."""
         return self.jacobian[:, :, self.observations.arm.layout.indices(names)]
 
-    def term_columns(self, terms: Sequence[Term], basis: F64) -> F64:
+    def make_term_columns(self, terms: Sequence[Term], basis: F64) -> F64:
         """d residual / d coefficient (n, 3, T): the parameter's column times the basis (n, T)."""
-        return self.constant_columns([term.parameter for term in terms]) * basis[:, None, :]
+        return self.make_constant_columns([term.parameter for term in terms]) * basis[:, None, :]
 
 
 def linearise(
@@ -103,14 +103,16 @@ def linearise(
     rows = parameter_rows(constants, terms, basis)
     turned = observations.turned
     position = observe(states.q, rows, turned)
-    placed = poses.placed(observations, position)
+    placed = poses.place_tips(observations, position)
     q, points = states.q.copy(), ~turned
-    q[points] = adjusted(states.q[points], rows[points], placed[points])
+    q[points] = adjust_angles(states.q[points], rows[points], placed[points])
     adjusted_position, columns = jacobian(q, rows)
     if turned.any():
         adjusted_position[turned] = position[turned]
-        columns[turned] = turn_columns(q[turned], rows[turned])
-    return _around(observations, poses, position, (q, adjusted_position, columns), basis, placed)
+        columns[turned] = compute_turn_columns(q[turned], rows[turned])
+    return _linearise_around(
+        observations, poses, position, (q, adjusted_position, columns), basis, placed
+    )
 
 
 def linearise_as_read(
@@ -131,13 +133,13 @@ def linearise_as_read(
     position, columns = jacobian(q, rows)
     if turned.any():
         position = observe(q, rows, turned)
-        columns[turned] = turn_columns(q[turned], rows[turned])
-    poses = steady_poses(observations, position)
+        columns[turned] = compute_turn_columns(q[turned], rows[turned])
+    poses = fit_steady_poses(observations, position)
     columns_at = q, position, columns
-    return _around(observations, poses, position, columns_at, basis, position)
+    return _linearise_around(observations, poses, position, columns_at, basis, position)
 
 
-def _around(
+def _linearise_around(
     observations: Observations,
     poses: Poses,
     position: F64,
@@ -146,8 +148,8 @@ def _around(
     levers_to_mm: F64,
 ) -> Linearisation:
     q, column_position, columns = columns_at
-    centre = centres(observations, levers_to_mm)
-    normal = poses.normals(observations, position)
+    centre = compute_centres(observations, levers_to_mm)
+    normal = poses.compute_normals(observations, position)
     return Linearisation(
         observations=observations,
         poses=poses,
@@ -158,13 +160,15 @@ def _around(
         jacobian=project_on_normals(normal, columns),
         basis=basis,
         centre_mm=centre,
-        pose_columns=project_on_normals(normal, pose_columns(observations, levers_to_mm, centre)),
-        target_columns=target_columns(observations, poses, normal),
-        free_targets=_free_targets(observations),
+        pose_columns=project_on_normals(
+            normal, make_pose_columns(observations, levers_to_mm, centre)
+        ),
+        target_columns=make_target_columns(observations, poses, normal),
+        free_targets=_find_free_targets(observations),
     )
 
 
-def _free_targets(observations: Observations) -> I64:
+def _find_free_targets(observations: Observations) -> I64:
     """Targets that readings without their own truth touch, and whose position may move."""
     touched = np.unique(observations.target[~observations.has_truth])
     movable = observations.unknown | (observations.uncertainty_mm > 0)

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.adjustment import backwards
-from armd.compensation.estimate.robust import LEAST_MM, far_off
+from armd.compensation.estimate.adjustment import compute_backwards_map
+from armd.compensation.estimate.robust import LEAST_MM, find_far_off
 
 
 @dataclass(frozen=True)
@@ -39,15 +39,15 @@ class ReadingNoise:
             return np.full(n, self.reading_mm)
         return np.where(turned, self.turn_mm, self.reading_mm)
 
-    def typical_mm(self, joint_columns: F64, freedom: I64 | int = 3) -> float:
+    def compute_typical_mm(self, joint_columns: F64, freedom: I64 | int = 3) -> float:
         """Per-axis standard deviation over all readings (rms); *freedom* (n,): their axes."""
-        return float(np.sqrt(np.mean(self._squares(joint_columns, freedom) / freedom)))
+        return float(np.sqrt(np.mean(self._compute_squares(joint_columns, freedom) / freedom)))
 
     def distance_mm(self, joint_columns: F64, freedom: I64 | int = 3) -> float:
         """RMS distance from the target over all readings; *freedom* (n,): their axes."""
-        return float(np.sqrt(np.mean(self._squares(joint_columns, freedom))))
+        return float(np.sqrt(np.mean(self._compute_squares(joint_columns, freedom))))
 
-    def _squares(self, joint_columns: F64, freedom: I64 | int) -> F64:
+    def _compute_squares(self, joint_columns: F64, freedom: I64 | int) -> F64:
         of_encoders = self.encoder_rad**2 * np.einsum("nij,nij->n", joint_columns, joint_columns)
         squares: F64 = of_encoders + freedom * self.reading_mm**2
         return squares
@@ -66,42 +66,43 @@ class Weighting:
     weight: F64  # (n,) robust weights
     turned: Mask | None = None  # (n,) orientations
 
-    def whitening(self, joints: F64) -> F64:
+    def compute_whitening(self, joints: F64) -> F64:
         """W (n, 3, 3) at levers d tip / d angle (n, 3, N)."""
         stretch = np.eye(3) + (joints - self.joints) @ self._backwards
         covariance = self.noise.encoder_rad**2 * (joints @ joints.transpose(0, 2, 1))
         own_mm = self.noise.own_mm(len(joints), self.turned)[:, None, None]
         covariance += own_mm**2 * (stretch @ stretch.transpose(0, 2, 1))
-        return whitening(covariance, self.weight)
+        return make_whitening(covariance, self.weight)
 
     @cached_property
     def _backwards(self) -> F64:
-        return backwards(self.joints)
+        return compute_backwards_map(self.joints)
 
 
-def whitening(covariance: F64, weight: F64) -> F64:
+def make_whitening(covariance: F64, weight: F64) -> F64:
     """W (n, 3, 3) with WᵀW = weight · covariance⁻¹, from covariances (n, 3, 3), weights (n,)."""
     lower = np.linalg.cholesky(covariance)
     inverse: F64 = np.linalg.inv(lower) * np.sqrt(weight)[:, None, None]
     return inverse
 
 
-def estimate(
+def estimate_noise(
     residual_mm: F64,
     joint_columns: F64,
     whiten: F64,
-    left: F64,
+    residual_share: F64,
     region: Mask,
     counts: F64 | None = None,
     freedom: I64 | None = None,
 ) -> ReadingNoise:
     """Most likely noise for residuals (n, 3), outliers set aside but those of a *region* (n,).
 
-    *whiten* (n, 3, 3) is what the fit weighed by, *left* (n, 3, 3) what it left of each whitened
-    reading. Restricted maximum likelihood: a component counts as the share of it that is left, and
-    where noise and weights agree, after some rounds, this is its gradient (docs/decisions/0029).
-    *counts* (n,): how much each reading counts, copies of a posture together as one or more.
-    *freedom* (n,): 1 of a reading on a surface, whose columns lie along its normal, else 3.
+    *whiten* (n, 3, 3) is what the fit weighed by, *residual_share* (n, 3, 3) what it left of each
+    whitened reading. Restricted maximum likelihood: a component counts as the share of it that is
+    left, and where noise and weights agree, after some rounds, this is its gradient
+    (docs/decisions/0029). *counts* (n,): how much each reading counts, copies of a posture together
+    as one or more. *freedom* (n,): 1 of a reading on a surface, whose columns lie along its normal,
+    else 3.
     """
     counts = np.ones(len(residual_mm)) if counts is None else counts
     shape = joint_columns @ joint_columns.transpose(0, 2, 1)
@@ -111,12 +112,12 @@ def estimate(
     typical = float(value.mean()) or 1.0
     axes = whiten @ vector
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    share_left = np.clip(np.einsum("nij,nik,nkj->nj", axes, left, axes), 0.0, 1.0)
+    share_left = np.clip(np.einsum("nij,nik,nkj->nj", axes, residual_share, axes), 0.0, 1.0)
     share_left = np.maximum(share_left - (1.0 - counts)[:, None], 0.0)  # counts less the fitted
     if freedom is not None:  # the levers move along the normal, which comes last
         share_left[freedom == 1, :2] = 0.0
     counted2 = turned2 * counts[:, None]
-    inliers = ~far_off(turned2.sum(axis=1), LEAST_MM**2, freedom) | region
+    inliers = ~find_far_off(turned2.sum(axis=1), LEAST_MM**2, freedom) | region
 
     def scaled(log_ratio: float) -> F64:
         """Variances (n, 3) up to one common factor; encoders' share of it = ratio / (1+ratio)."""
@@ -138,7 +139,7 @@ def estimate(
         minimize_scalar(negative_log_likelihood, bounds=(-12.0, 12.0), method="bounded").x
     )
     variance = scaled(log_ratio)
-    inliers = ~far_off((turned2 / variance).sum(axis=1), LEAST_MM**2, freedom) | region
+    inliers = ~find_far_off((turned2 / variance).sum(axis=1), LEAST_MM**2, freedom) | region
     size = size_of(variance)
     share = 1.0 / (1.0 + np.exp(-log_ratio))
     return ReadingNoise(
@@ -147,14 +148,15 @@ def estimate(
     )
 
 
-def estimate_turns(
-    noise: ReadingNoise, residual_mm: F64, joint_columns: F64, left: F64, counts: F64
+def estimate_turn_noise(
+    noise: ReadingNoise, residual_mm: F64, joint_columns: F64, residual_share: F64, counts: F64
 ) -> ReadingNoise:
-    """*noise* with that of orientations, by residuals (n, 3) and *left* (n, 3, 3) as `estimate` has
-    them: what their squares exceed that of the encoders by, those far off set aside."""
+    """*noise* with that of orientations, by residuals (n, 3) and *residual_share* (n, 3, 3) as
+    `estimate_noise` has them: what their squares exceed that of the encoders by, those far off set
+    aside."""
     distance2 = np.sum(residual_mm**2, axis=1)
-    inliers = ~far_off(distance2, LEAST_MM**2)
-    share = np.trace(left, axis1=1, axis2=2) - 3.0 * (1.0 - counts)
+    inliers = ~find_far_off(distance2, LEAST_MM**2)
+    share = np.trace(residual_share, axis1=1, axis2=2) - 3.0 * (1.0 - counts)
     freedom = max(float(np.maximum(share, 0.0)[inliers].sum()), 1.0)
     mean_square = float((counts * distance2)[inliers].sum()) / freedom
     of_encoders = np.einsum("nij,nij->n", joint_columns, joint_columns)[inliers].mean() / 3.0

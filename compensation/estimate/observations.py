@@ -17,7 +17,7 @@ from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.data.session_format import Distance
 from armd.compensation.estimate.group_rows import group_rows
 from armd.compensation.estimate.postures import number_postures
-from armd.compensation.estimate.surface_kinds import PLANE, POINT, TURN, kinds_of, own_placements
+from armd.compensation.estimate.surface_kinds import PLANE, POINT, TURN, list_kinds, list_placements
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.state import States
@@ -117,11 +117,11 @@ class Observations:
     def n_postures(self) -> int:
         return int(self.posture.max(initial=-1)) + 1
 
-    def row_name(self, i: int) -> str:
+    def name_row(self, i: int) -> str:
         """A reading as a person finds it: its session, and its row counted from 1."""
         return f"{self.session_names[self.session[i]]} row {self.row[i] + 1}"
 
-    def known_mm(self, target_mm: F64) -> F64:
+    def get_known_mm(self, target_mm: F64) -> F64:
         """Where the tip stood (n, 3), in the placement's frame, given target positions (K, 3)."""
         points = self.stretch[:, None] * target_mm[self.target]
         return np.where(self.has_truth[:, None], self.truth_mm, points)
@@ -160,9 +160,9 @@ def gather(
     step from a guess finds.
     """
     names = distinct_names(sessions)
-    corrections = [_correction_of(session, artefact) for session in sessions]
-    reflectors = _reflectors(sessions)
-    placements_by_session = [own_placements(session) for session in sessions]
+    corrections = [_get_correction(session, artefact) for session in sessions]
+    reflectors = _collect_reflectors(sessions)
+    placements_by_session = [list_placements(session) for session in sessions]
     counts = [len(placements) for placements, _ in placements_by_session]
     first_placement = np.concatenate([[0], np.cumsum(counts)])
     sizes = [len(session.artefact.target_names) for session in sessions]
@@ -195,33 +195,33 @@ def gather(
         ),
         truth_mm=np.concatenate([s.truth_mm for s in sessions]),
         stretch=np.concatenate(
-            [_stretch(s, c) for s, c in zip(sessions, corrections, strict=True)]
+            [_compute_stretch(s, c) for s, c in zip(sessions, corrections, strict=True)]
         ),
-        kind=np.concatenate([kinds_of(s.artefact) for s in sessions]),
+        kind=np.concatenate([list_kinds(s.artefact) for s in sessions]),
         position_mm=np.concatenate(
-            [_positions(s, c) for s, c in zip(sessions, corrections, strict=True)]
+            [_compute_positions(s, c) for s, c in zip(sessions, corrections, strict=True)]
         ),
         uncertainty_mm=np.concatenate([s.artefact.uncertainties_mm() for s in sessions]),
-        certificate=_numbered(
+        certificate=_number_equal(
             [(s.artefact.name, entry) for s in sessions for entry in s.artefact.entries]
         ),
         placement_session=np.repeat(np.arange(len(sessions)), counts),
         target_session=np.repeat(np.arange(len(sessions)), sizes),
-        distances=_distances(sessions, first_target, every_length),
-        reflector=np.concatenate([_reflector(s, list(reflectors)) for s in sessions]),
+        distances=_make_distances(sessions, first_target, every_length),
+        reflector=np.concatenate([_index_reflectors(s, list(reflectors)) for s in sessions]),
         reflectors=reflectors,
-        measured_turn=np.concatenate([_turn(s) for s in sessions]),
+        measured_turn=np.concatenate([_get_turns(s) for s in sessions]),
         turned=np.zeros(len(of_session), dtype=bool),
     )
 
 
-def _turn(session: Session) -> F64:
+def _get_turns(session: Session) -> F64:
     """(n, 3, 3); of a session without orientations NaN, and no memory."""
     nothing = np.broadcast_to(np.full((1, 1, 1), np.nan), (session.n, 3, 3))
     return nothing if session.turn is None else session.turn
 
 
-def _reflectors(sessions: Sequence[Session]) -> dict[str, F64]:
+def _collect_reflectors(sessions: Sequence[Session]) -> dict[str, F64]:
     """Offsets of all reflectors that readings name; raises `BadInput` where two sessions differ."""
     offsets: dict[str, F64] = {}
     for session in sessions:
@@ -235,7 +235,7 @@ def _reflectors(sessions: Sequence[Session]) -> dict[str, F64]:
     return offsets
 
 
-def _reflector(session: Session, names: Sequence[str]) -> I64:
+def _index_reflectors(session: Session, names: Sequence[str]) -> I64:
     """(n,) index into *names*; -1 without a reflector."""
     if session.reflector is None:
         return np.full(session.n, -1)
@@ -243,14 +243,14 @@ def _reflector(session: Session, names: Sequence[str]) -> I64:
     return numbers[session.reflector]
 
 
-def _numbered(entries: Sequence[object]) -> I64:
+def _number_equal(entries: Sequence[object]) -> I64:
     """Equal entries share a number."""
     texts = [repr(entry) for entry in entries]
     first = {text: i for i, text in reversed(list(enumerate(texts)))}
     return np.array([first[text] for text in texts], dtype=np.int64)
 
 
-def _correction_of(session: Session, correction: ArtefactCorrection | None) -> ArtefactCorrection:
+def _get_correction(session: Session, correction: ArtefactCorrection | None) -> ArtefactCorrection:
     """What was found on one artefact says nothing of another."""
     if correction is None:
         return ArtefactCorrection()
@@ -258,14 +258,14 @@ def _correction_of(session: Session, correction: ArtefactCorrection | None) -> A
     return correction if named else ArtefactCorrection()
 
 
-def _stretch(session: Session, correction: ArtefactCorrection) -> F64:
+def _compute_stretch(session: Session, correction: ArtefactCorrection) -> F64:
     """(n,) 1 + expansion · ΔT."""
     expansion = correction.expansion_per_k
     expansion = session.artefact.expansion_per_k if expansion is None else expansion
     return correction.scale * (1.0 + expansion * session.artefact_rise_k)
 
 
-def _positions(session: Session, correction: ArtefactCorrection) -> F64:
+def _compute_positions(session: Session, correction: ArtefactCorrection) -> F64:
     positions = session.artefact.positions_mm()
     for name, offset in correction.target_offset_mm.items():
         if name in session.artefact.target_names:
@@ -273,21 +273,23 @@ def _positions(session: Session, correction: ArtefactCorrection) -> F64:
     return positions
 
 
-def _placed(session: Session) -> set[str]:
+def _list_placed(session: Session) -> set[str]:
     """Names of the targets that have readings or certified positions."""
     certified = {t.name for t in session.artefact.targets if t.position_mm is not None}
     return certified | {session.artefact.target_names[k] for k in np.unique(session.target)}
 
 
-def _lengths_of(session: Session, every_length: bool) -> list[Distance]:
+def _select_lengths(session: Session, every_length: bool) -> list[Distance]:
     lengths = session.artefact.distances
     if every_length or not lengths:
         return lengths
-    placed = _placed(session)
+    placed = _list_placed(session)
     return [length for length in lengths if placed.issuperset(length.between)]
 
 
-def _distances(sessions: Sequence[Session], first_target: I64, every_length: bool) -> Distances:
+def _make_distances(
+    sessions: Sequence[Session], first_target: I64, every_length: bool
+) -> Distances:
     entries = [
         (
             [first + s.artefact.target_names.index(name) for name in distance.between],
@@ -295,11 +297,11 @@ def _distances(sessions: Sequence[Session], first_target: I64, every_length: boo
             (s.artefact.name, distance),
         )
         for s, first in zip(sessions, first_target, strict=False)
-        for distance in _lengths_of(s, every_length)
+        for distance in _select_lengths(s, every_length)
     ]
     return Distances(
         between=np.array([between for between, _, _ in entries], dtype=np.int64).reshape(-1, 2),
         length_mm=np.array([distance.length_mm for _, distance, _ in entries]),
         standard_uncertainty_mm=np.array([d.standard_uncertainty_mm for _, d, _ in entries]),
-        certificate=_numbered([entry for _, _, entry in entries]),
+        certificate=_number_equal([entry for _, _, entry in entries]),
     )

@@ -21,7 +21,7 @@ from armd.compensation.model.parameters import ParameterLayout
 
 def with_orientations(observations: Observations) -> Observations:
     """The same with a row more for each reading that has an orientation, behind all others."""
-    measured = measured_rows(observations)
+    measured = find_oriented_rows(observations)
     if not len(measured):
         return observations
     n, sessions = observations.n, np.unique(observations.session[measured])
@@ -51,10 +51,10 @@ def with_orientations(observations: Observations) -> Observations:
 
 def with_orientation_rows(observations: Observations, rows: Mask) -> Mask:
     """The chosen *rows* (n,) of the observations, and their orientations behind all others."""
-    return np.append(rows, rows[measured_rows(observations)])
+    return np.append(rows, rows[find_oriented_rows(observations)])
 
 
-def measured_rows(observations: Observations) -> I64:
+def find_oriented_rows(observations: Observations) -> I64:
     """Rows that have an orientation."""
     return np.flatnonzero(np.isfinite(observations.measured_turn[:, 0, 0]))
 
@@ -69,7 +69,7 @@ def observe(q: F64, rows: F64, turned: Mask) -> F64:
     return position
 
 
-def turn_columns(q: F64, rows: F64) -> F64:
+def compute_turn_columns(q: F64, rows: F64) -> F64:
     """d rotation vector / d parameter (n, 3, P) of the last frame, base frame, at the lever.
 
     By how the tips of the frame's three unit vectors move.

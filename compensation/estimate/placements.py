@@ -21,7 +21,7 @@ from armd.compensation.estimate.eliminate import (
     EliminatedSession,
     SessionColumns,
     eliminate,
-    in_batches,
+    split_into_batches,
 )
 from armd.compensation.estimate.group_rows import split_alike
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
@@ -36,7 +36,8 @@ LARGE = 1600
 
 @dataclass(frozen=True)
 class Placements:
-    """The linear problem of *others*, c columns (n, 3, …) mm, poses and free targets fitted along.
+    """The linear problem of *remaining_columns*, c (n, 3, …) mm, poses and free targets fitted
+    along.
 
     *whitening* (n, 3, 3): W with WᵀW the inverse covariance of a reading, per mm². *certified*
     gives of a session whitened rows (E, 3 K) of what is certified about its K free targets, and
@@ -47,13 +48,13 @@ class Placements:
     pose: F64  # (n, 3, 6) mm
     target: F64  # (n, 3, 3) mm, of each reading's own
     free_targets: I64
-    others: Sequence[F64]  # joined placement by placement: all of them are large
+    remaining_columns: Sequence[F64]  # joined placement by placement: all of them are large
     whitening: F64
     certified: Callable[[int], tuple[F64, F64]] | None = None
-    whole: Placements | None = None  # the same where other readings weigh something, if known
+    full_problem: Placements | None = None  # other readings weighing, too
 
     @cached_property
-    def alone(self) -> LinearModel:
+    def reduced_model(self) -> LinearModel:
         """The problem of the others."""
         c = self._n_others
         gram, square = np.zeros((c, c)), np.zeros(c)
@@ -61,30 +62,30 @@ class Placements:
             gram += session.gram
             square += session.square
         layout = Layout(((OTHERS, c),))
-        return LinearModel.of_products(layout, gram, np.full(c, np.inf), square=square)
+        return LinearModel.from_products(layout, gram, np.full(c, np.inf), square=square)
 
     @property
     def rank(self) -> int:
         """Degrees of freedom that placements and targets took."""
         return sum(session.rank for session in self._sessions.values())
 
-    def followed(self, amplitudes: F64) -> tuple[F64, F64]:
+    def follow(self, amplitudes: F64) -> tuple[F64, F64]:
         """Twists (p, 6) and target shifts (K, 3) that answer the others' *amplitudes* (c,): least
         squares, of minimum norm."""
         twist = np.zeros((len(self.observations.placement_names), 6))
         shift = np.zeros((len(self.observations.target_names), 3))
         for session in self._sessions.values():
-            twists, shifts = session.followed(amplitudes)
+            twists, shifts = session.follow(amplitudes)
             shift[session.columns.targets] = shifts.reshape(-1, 3)
             twist[list(session.columns.rows)] = twists
         return twist, shift
 
-    def shifting(self, session: int) -> F64:
+    def compute_shifting(self, session: int) -> F64:
         """(3 K, c) shifts of a session's K free targets that answer the others' amplitudes, as
-        `followed`."""
+        `follow`."""
         return self._sessions[session].following
 
-    def left(self, root: F64) -> F64:
+    def compute_residual_share(self, root: F64) -> F64:
         """(n, 3, 3) I − H of each whitened reading, H by how much it pulls its own fit: that of
         placements, of targets, and of the others, their covariance being *root* (c, r) times its
         transpose."""
@@ -100,12 +101,12 @@ class Placements:
                 session.pose_projected,
                 strict=True,
             ):
-                columns, of_target = self._whitened(rows)
-                pose = _times(columns[:, :, :6], factor)
+                columns, of_target = self._whiten(rows)
+                pose = _multiply(columns[:, :, :6], factor)
                 shifts = of_target @ by_target[self._slot[rows]]
-                shifts -= _times(pose, projected[:, :k] @ shift_factor)
-                remainder = _times(columns[:, :, 6:], root)
-                remainder -= _times(pose, projected[:, k:] @ root) + _times(shifts, turned)
+                shifts -= _multiply(pose, projected[:, :k] @ shift_factor)
+                remainder = _multiply(columns[:, :, 6:], root)
+                remainder -= _multiply(pose, projected[:, k:] @ root) + _multiply(shifts, turned)
                 root_columns = np.concatenate([pose, shifts, remainder], axis=2)
                 residual_share[rows] -= root_columns @ root_columns.transpose(0, 2, 1)
         return residual_share
@@ -115,42 +116,46 @@ class Placements:
         """By number, ascending."""
         rows = self.observations.rows_by_session
         sessions: dict[int, EliminatedSession] = {}
-        if self.whole is not None:
-            of_whole = self.whole._sessions
-            sessions = {number: of_whole[number] for number in rows if self._is_as_in_whole(number)}
+        if self.full_problem is not None:
+            of_whole = self.full_problem._sessions
+            sessions = {
+                number: of_whole[number] for number in rows if self._is_as_in_full_problem(number)
+            }
         unsolved = [
-            SessionColumns(number, rows_by_placement, self.targets_of(number))
+            SessionColumns(number, rows_by_placement, self.list_free_targets(number))
             for number, rows_by_placement in rows.items()
             if number not in sessions
         ]
         solve = partial(
-            eliminate, whitened=self._whitened, touched=self._slot, certified=self.certified
+            eliminate, whitened=self._whiten, touched=self._slot, certified=self.certified
         )
-        batches = in_batches(unsolved, self._n_others)
+        batches = split_into_batches(unsolved, self._n_others)
         large = len(self.observations.session) > LARGE * len(rows)
         solved = in_order(solve, batches) if large else map(solve, batches)
         for session in itertools.chain.from_iterable(solved):
             sessions[session.columns.number] = session
         return {number: sessions[number] for number in rows}
 
-    def _is_as_in_whole(self, number: int) -> bool:
+    def _is_as_in_full_problem(self, number: int) -> bool:
         """Whether no reading of a session weighs otherwise in the whole."""
-        if number in self._weighed_otherwise or self.whole is None:
+        if number in self._weighed_otherwise or self.full_problem is None:
             return False
-        return np.array_equal(self.targets_of(number), self.whole.targets_of(number))
+        return np.array_equal(
+            self.list_free_targets(number), self.full_problem.list_free_targets(number)
+        )
 
     @cached_property
     def _weighed_otherwise(self) -> frozenset[int]:
         """Sessions of which a reading weighs otherwise in the whole."""
-        assert self.whole is not None
-        otherwise = np.any(self.whitening != self.whole.whitening, axis=(1, 2))
+        assert self.full_problem is not None
+        otherwise = np.any(self.whitening != self.full_problem.whitening, axis=(1, 2))
         return frozenset(np.unique(self.observations.session[otherwise]).tolist())
 
     @property
     def _n_others(self) -> int:
-        return sum(columns.shape[2] for columns in self.others)
+        return sum(columns.shape[2] for columns in self.remaining_columns)
 
-    def targets_of(self, session: int) -> I64:
+    def list_free_targets(self, session: int) -> I64:
         """The free targets of a session."""
         return self._targets_by_session.get(session, self.free_targets[:0])
 
@@ -168,14 +173,14 @@ class Placements:
         slot: I64 = place[self.observations.target]
         return slot
 
-    def _whitened(self, rows: I64) -> tuple[F64, F64]:
+    def _whiten(self, rows: I64) -> tuple[F64, F64]:
         """Whitened columns (m, 3, 6 + c) of *rows*, poses first, and their targets' (m, 3, 3)."""
-        columns = [self.pose[rows], *(others[rows] for others in self.others)]
+        columns = [self.pose[rows], *(block[rows] for block in self.remaining_columns)]
         whitening = self.whitening[rows]
         return whitening @ np.concatenate(columns, axis=2), whitening @ self.target[rows]
 
 
-def _times(columns: F64, matrix: F64) -> F64:
+def _multiply(columns: F64, matrix: F64) -> F64:
     """Columns (m, 3, a) times a matrix (a, b), as one product."""
     m, axes, a = columns.shape
     product: F64 = (columns.reshape(m * axes, a) @ matrix).reshape(m, axes, matrix.shape[1])

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64, I64
 from armd.compensation.estimate.observations import TURN_MM, Observations
-from armd.compensation.estimate.rigid_motions import group_sum
-from armd.compensation.estimate.surfaces import heights
+from armd.compensation.estimate.rigid_motions import sum_groups
+from armd.compensation.estimate.surfaces import measure_heights
 
 #: A rotation by 1 rad moves a point at this lever by as much: it makes columns comparable.
 LEVER_MM = 100.0
@@ -30,26 +30,28 @@ class Poses:
     side: F64 | None = None  # (K,) 1 or -1: on which side of a surface the tip is; None: no surface
     body: F64 | None = None  # (K, 3, 3) of the last frame: how measured bodies are turned in it
 
-    def target_points(self, observations: Observations) -> F64:
+    def compute_target_points(self, observations: Observations) -> F64:
         """Where the point targets of the readings stand (n, 3) mm, in the base frame."""
-        points = observations.known_mm(self.target_mm)
+        points = observations.get_known_mm(self.target_mm)
         rotation = self.rotation[observations.placement]
         turned: F64 = np.einsum("nij,nj->ni", rotation, points)
         return turned + self.translation_mm[observations.placement]
 
-    def placed(self, observations: Observations, position_mm: F64) -> F64:
+    def place_tips(self, observations: Observations, position_mm: F64) -> F64:
         """Where the tip at *position_mm* (n, 3) should stand (n, 3) mm, in the base frame: at its
         target, or nearest to itself where that is a surface."""
-        placed = self.target_points(observations)
+        placed = self.compute_target_points(observations)
         if self.side is not None and (rows := np.flatnonzero(observations.on_surface)).size:
-            gap, normal = self._gaps(observations, position_mm, rows, self.side)
+            gap, normal = self._compute_gaps(observations, position_mm, rows, self.side)
             placed[rows] = position_mm[rows] - gap[:, None] * normal
         if self.body is not None and observations.turned.any():
             rows = np.flatnonzero(observations.turned)
-            placed[rows] = position_mm[rows] - self._turns_mm(position_mm, observations, rows)
+            placed[rows] = position_mm[rows] - self._compute_turns_mm(
+                position_mm, observations, rows
+            )
         return placed
 
-    def _turns_mm(self, position_mm: F64, observations: Observations, rows: I64) -> F64:
+    def _compute_turns_mm(self, position_mm: F64, observations: Observations, rows: I64) -> F64:
         """Rotation vectors (m, 3) from measured to the arm's orientations, at their lever."""
         assert self.body is not None
         frame = Rotation.from_rotvec(position_mm[rows] / TURN_MM).as_matrix()
@@ -63,14 +65,14 @@ class Poses:
         turned: F64 = self.rotation[observations.placement[rows]] @ observations.measured_turn[rows]
         return turned
 
-    def normals(self, observations: Observations, position_mm: F64) -> F64:
+    def compute_normals(self, observations: Observations, position_mm: F64) -> F64:
         """Unit vectors (n, 3) along which the surfaces are nearest, base frame; 0 for points."""
         normals = np.zeros((observations.n, 3))
         if self.side is not None and (rows := np.flatnonzero(observations.on_surface)).size:
-            normals[rows] = self._gaps(observations, position_mm, rows, self.side)[1]
+            normals[rows] = self._compute_gaps(observations, position_mm, rows, self.side)[1]
         return normals
 
-    def _gaps(
+    def _compute_gaps(
         self, observations: Observations, position_mm: F64, rows: I64, side: F64
     ) -> tuple[F64, F64]:
         """How far tips at *rows* (m,) are off their surface (m,) mm, along its normals (m, 3)."""
@@ -78,12 +80,12 @@ class Poses:
         rotation = self.rotation[placement]
         off = position_mm[rows] - self.translation_mm[placement]
         local = np.einsum("nji,nj->ni", rotation, off)
-        height, normal = heights(observations.kind[target], local)
+        height, normal = measure_heights(observations.kind[target], local)
         size = observations.stretch[rows] * self.target_mm[target, 2]
         gap = height - size - side[target] * observations.arm.tip.radius_mm
         return gap, np.einsum("nij,nj->ni", rotation, normal)
 
-    def placed_at(self, observations: Observations, targets: I64) -> F64:
+    def place_at(self, observations: Observations, targets: I64) -> F64:
         """Where the tip would stand (n, k, 3) mm, had each reading touched each of *targets*."""
         points = observations.stretch[:, None, None] * self.target_mm[targets]
         rotation = self.rotation[observations.placement]
@@ -92,9 +94,9 @@ class Poses:
 
     def residual(self, observations: Observations, position_mm: F64) -> F64:
         """Tip minus target (n, 3) mm, in the base frame."""
-        return position_mm - self.placed(observations, position_mm)
+        return position_mm - self.place_tips(observations, position_mm)
 
-    def apart(self, between: I64) -> tuple[F64, F64]:
+    def measure_distances(self, between: I64) -> tuple[F64, F64]:
         """How far apart pairs of targets (D, 2) are, mm (D,), and unit vectors (D, 3) from the
         second to the first; zero where both are one point."""
         offset_mm = self.target_mm[between[:, 0]] - self.target_mm[between[:, 1]]
@@ -117,31 +119,31 @@ class Poses:
         )
 
 
-def centres(observations: Observations, position_mm: F64) -> F64:
+def compute_centres(observations: Observations, position_mm: F64) -> F64:
     """Mean position of each placement's readings (P, 3); zero for one without."""
     points = ~observations.turned
     placement, p = observations.placement[points], len(observations.placement_names)
-    total = group_sum(position_mm[points], placement, p)
+    total = sum_groups(position_mm[points], placement, p)
     return total / np.maximum(np.bincount(placement, minlength=p), 1)[:, None]
 
 
-def placement_counts(observations: Observations) -> I64:
+def count_by_placement(observations: Observations) -> I64:
     """Readings of each placement (P,)."""
     return np.bincount(observations.placement, minlength=len(observations.placement_names))
 
 
-def pose_columns(observations: Observations, placed_mm: F64, centre_mm: F64) -> F64:
+def make_pose_columns(observations: Observations, placed_mm: F64, centre_mm: F64) -> F64:
     """d residual / d twist (n, 3, 6): how the residual moves with its placement's pose.
 
     The lever arm is the target's, not the tip's: so turning an artefact of unknown points in its
     own frame is the same as turning its placements exactly, however large the residuals are.
     """
-    columns = rigid_columns(placed_mm - centre_mm[observations.placement])
+    columns = make_rigid_columns(placed_mm - centre_mm[observations.placement])
     columns[observations.turned] = -(TURN_MM / LEVER_MM) * np.eye(3, 6)
     return columns
 
 
-def rigid_columns(lever_mm: F64) -> F64:
+def make_rigid_columns(lever_mm: F64) -> F64:
     """d residual / d twist (n, 3, 6) of points (n, 3) from the centre that the twist turns about:
     a turn of 1 / LEVER_MM rad about each axis, then a shift of 1 mm along each."""
     lever = lever_mm / LEVER_MM
@@ -153,7 +155,7 @@ def rigid_columns(lever_mm: F64) -> F64:
     return columns
 
 
-def target_columns(observations: Observations, poses: Poses, normal: F64 | None = None) -> F64:
+def make_target_columns(observations: Observations, poses: Poses, normal: F64 | None = None) -> F64:
     """d residual / d target position (n, 3, 3); zero where the row's own truth counts.
 
     *normal* (n, 3) of the surfaces touched: their third coordinate moves the residual along it.

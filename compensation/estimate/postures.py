@@ -43,14 +43,14 @@ def number_postures(q: F64, placement: I64, target: I64) -> I64:
     return postures
 
 
-def counts_as(posture: I64, share: float) -> F64:
+def compute_counts(posture: I64, share: float) -> F64:
     """Return the weight (n,) of each reading, copies sharing their error to a part *share*."""
     copies: F64 = np.bincount(posture, minlength=1)[posture].astype(float)
     weight: F64 = 1.0 / (1.0 + (copies - 1.0) * share)
     return weight
 
 
-def shared_part(white: F64, posture: I64, components: I64 | int = 3) -> float:
+def estimate_shared_part(white: F64, posture: I64, components: I64 | int = 3) -> float:
     """Return to which part copies share their error, by residuals (n, 3) of unit variance.
 
     *components* (n,): how many of each residual there are, 3, or 1 on a surface.

@@ -21,10 +21,11 @@ NEIGHBOURS = 12
 SAME_POSTURE_RAD = 0.01
 
 
-def in_region(far: Mask, q: F64) -> Mask:
-    """(n,) which of the readings *far* off stand among their like; angles *q* (n, N) rad."""
-    region = np.zeros_like(far)
-    rows = np.flatnonzero(far)
+def find_regions(is_far: Mask, q: F64) -> Mask:
+    """(n,) which of the readings far off, *is_far*, stand among their like; angles *q* (n, N)
+    rad."""
+    region = np.zeros_like(is_far)
+    rows = np.flatnonzero(is_far)
     if len(rows) < NEIGHBOURS / 2:
         return region
     turned = np.stack([np.cos(q), np.sin(q)], axis=2)
@@ -34,5 +35,5 @@ def in_region(far: Mask, q: F64) -> Mask:
         for row, neighbours in zip(rows, nearest, strict=True):
             distance_rad = np.abs(turned[neighbours] - turned[row]).max(axis=(1, 2))
             counted = neighbours[distance_rad > SAME_POSTURE_RAD][:NEIGHBOURS]
-            region[row] |= len(counted) > 0 and far[counted].mean() >= 0.5
+            region[row] |= len(counted) > 0 and is_far[counted].mean() >= 0.5
     return region

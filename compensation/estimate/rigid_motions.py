@@ -7,7 +7,9 @@ import numpy as np
 from armd.arrays import F64, I64
 
 
-def kabsch(points: F64, images: F64, weight: F64, group: I64, n_groups: int) -> tuple[F64, F64]:
+def align_by_kabsch(
+    points: F64, images: F64, weight: F64, group: I64, n_groups: int
+) -> tuple[F64, F64]:
     """Rigid motions (G, 3, 3), (G, 3) that carry points (n, 3) to images, group by group.
 
     Weighted least squares (Kabsch, Acta Cryst. A32, 1976). Rows with NaN points are left out; a
@@ -17,11 +19,11 @@ def kabsch(points: F64, images: F64, weight: F64, group: I64, n_groups: int) -> 
     points, images, group = points[is_known], images[is_known], group[is_known]
     weight = weight[is_known, None]
     total = np.maximum(np.bincount(group, weight[:, 0], n_groups), 1e-300)[:, None]
-    from_centre = group_sum(weight * points, group, n_groups) / total
-    to_centre = group_sum(weight * images, group, n_groups) / total
+    from_centre = sum_groups(weight * points, group, n_groups) / total
+    to_centre = sum_groups(weight * images, group, n_groups) / total
     a, b = points - from_centre[group], weight * (images - to_centre[group])
     outer = (b[:, :, None] * a[:, None, :]).reshape(-1, 9)
-    u, _, vt = np.linalg.svd(group_sum(outer, group, n_groups).reshape(-1, 3, 3))
+    u, _, vt = np.linalg.svd(sum_groups(outer, group, n_groups).reshape(-1, 3, 3))
     sign = np.ones((n_groups, 3))
     sign[:, 2] = np.linalg.det(u @ vt)
     rotation = (u * sign[:, None, :]) @ vt
@@ -29,7 +31,7 @@ def kabsch(points: F64, images: F64, weight: F64, group: I64, n_groups: int) -> 
     return rotation, translation
 
 
-def group_sum(values: F64, group: I64, n_groups: int) -> F64:
+def sum_groups(values: F64, group: I64, n_groups: int) -> F64:
     """Sums (G, c) of the rows of values (n, c) that share a group number."""
     columns = [np.bincount(group, column, n_groups) for column in values.T]
     return np.stack(columns, axis=1) if columns else np.zeros((n_groups, 0))

@@ -1,10 +1,11 @@
 """What is done with readings far off, in one place: three questions, three rules.
 
-*How much does a reading count in a fit?* `redescending_weights`, where the fit begins far from the
-truth (`armd calibrate`): beyond one in 10 000 its pull falls off as 1/d, so that a reading gone
-wrong is let go. `huber_weights`, where the fit is near (`armd diagnose`): its pull stays what it
-is at the edge, so that a cause which few rests show is not taken for their going wrong. *Is it an
-outlier, by name?* `outlying`, the one judge of both: whether the noise's own tails explain it.
+*How much does a reading count in a fit?* `compute_redescending_weights`, where the fit begins far
+from the truth (`armd calibrate`): beyond one in 10 000 its pull falls off as 1/d, so that a reading
+gone wrong is let go. `compute_huber_weights`, where the fit is near (`armd diagnose`): its pull
+stays what it is at the edge, so that a cause which few rests show is not taken for their going
+wrong. *Is it an outlier, by name?* `select_outliers`, the one judge of both: whether the noise's
+own tails explain it.
 
 All are of the distance of a reading's three components together, in units of its noise: a χ² of
 three degrees of freedom where the noise is normal. A reading on a surface has one component; its
@@ -51,14 +52,14 @@ MOST_SHARE = 0.05  # more rests than this are not single readings
 TAIL_INDEX = 3.0
 
 
-def mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
+def compute_mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
     """Squared Mahalanobis distances (n,) of residuals (n, 3)."""
     solved = np.linalg.solve(covariance, residual_mm[:, :, None])[:, :, 0]
     distance: F64 = np.einsum("ni,ni->n", residual_mm, solved)
     return distance
 
 
-def of_three_components(distance2: F64, freedom: I64) -> F64:
+def to_three_components(distance2: F64, freedom: I64) -> F64:
     """Squared distances (n,) of three components that are as improbable as *distance2* (n,) of
     *freedom* (n,) components, 1 or 3."""
     limited2 = np.minimum(distance2, LARGEST_CHI2)
@@ -67,13 +68,13 @@ def of_three_components(distance2: F64, freedom: I64) -> F64:
     return alike
 
 
-def redescending_weights(distance2: F64, region: Mask) -> F64:
+def compute_redescending_weights(distance2: F64, region: Mask) -> F64:
     """Weights (n,) of squares, from squared distances; *region* counts fully, however far off."""
     weight = np.minimum(1.0, DOWNWEIGHT_CHI2 / np.maximum(distance2, 1e-300))
     return np.where(region, 1.0, weight)
 
 
-def monstrous(residual_mm: F64, times: float = MONSTROUS) -> Mask:
+def find_monstrous(residual_mm: F64, times: float = MONSTROUS) -> Mask:
     """(n,) which of residuals (n, 3) mm are so many *times* the middle one."""
     off_mm = np.linalg.norm(residual_mm, axis=1)
     usual_mm = max(float(np.median(off_mm)), LEAST_MM) if len(off_mm) else np.inf
@@ -81,40 +82,42 @@ def monstrous(residual_mm: F64, times: float = MONSTROUS) -> Mask:
     return is_monstrous
 
 
-def huber_weights(size: F64, at: float = WINSOR_AT) -> F64:
+def compute_huber_weights(size: F64, edge: float = WINSOR_AT) -> F64:
     """Weights (n,) of squares, from distances *size* (n,): by what a residual is shortened that
     counts as its edge."""
-    weights: F64 = at / np.maximum(size, max(at, 1e-12))
+    weights: F64 = edge / np.maximum(size, max(edge, 1e-12))
     return weights
 
 
-def huber_loss(size: F64, stretch: F64 | float = 1.0) -> float:
+def compute_huber_loss(size: F64, stretch: F64 | float = 1.0) -> float:
     """Huber's loss of distances (n,): half the square, and a straight line from the edge on; of
     those that a *stretch* (n,) has brought to one edge, as it would be at their own."""
     within = np.minimum(size, WINSOR_AT)
     return float((within * (size - 0.5 * within) / stretch**2).sum())
 
 
-def edge_stretch(freedom: I64) -> F64:
+def compute_edge_stretch(freedom: I64) -> F64:
     """By what distances (n,) of *freedom* (n,) components, 1 or 3, are multiplied so that those as
     improbable as `WINSOR_AT` of three components stand there."""
     edge2 = 2.0 * float(gammainccinv(0.5, float(gammaincc(1.5, WINSOR_AT**2 / 2.0))))
     return np.where(freedom == 1, WINSOR_AT / np.sqrt(edge2), 1.0)
 
 
-def far_off(distance2: F64, least: float, freedom: I64 | None = None) -> Mask:
+def find_far_off(distance2: F64, least2: float, freedom: I64 | None = None) -> Mask:
     """Squared distances (n,) beyond that of one normal reading in 10 000, the median telling what
-    is usual, and beyond *least*; of *freedom* (n,) components, 1 or 3, None: 3 of each."""
+    is usual, and beyond *least2*; of *freedom* (n,) components, 1 or 3, None: 3 of each."""
     threshold2 = (
         DOWNWEIGHT_CHI2
         if freedom is None
         else np.where(freedom == 1, DOWNWEIGHT_CHI2_1D, DOWNWEIGHT_CHI2)
     )
-    is_far: Mask = distance2 > np.maximum(threshold2 * usual_square(distance2, freedom), least)
+    is_far: Mask = distance2 > np.maximum(
+        threshold2 * compute_usual_square(distance2, freedom), least2
+    )
     return is_far
 
 
-def usual_square(distance2: F64, freedom: I64 | None = None) -> float:
+def compute_usual_square(distance2: F64, freedom: I64 | None = None) -> float:
     """Variance of one component by the median of squared distances (n,) of *freedom* (n,)
     components, 1 or 3, None: 3 of each."""
     if freedom is None:
@@ -122,7 +125,7 @@ def usual_square(distance2: F64, freedom: I64 | None = None) -> float:
     return float(np.median(distance2 / np.where(freedom == 1, MEDIAN_CHI2_1D, MEDIAN_CHI2)))
 
 
-def outlying(distance2: F64, region: Mask) -> tuple[I64, float]:
+def select_outliers(distance2: F64, region: Mask) -> tuple[I64, float]:
     """Which of squared distances (n,) no tail explains, and the smallest family-wise p.
 
     Two looks: each against the tail of the others, and a gap in the ordered sizes that no tail
@@ -132,28 +135,28 @@ def outlying(distance2: F64, region: Mask) -> tuple[I64, float]:
     candidate_rows = np.flatnonzero(~region)
     candidate_distance2 = distance2[candidate_rows]
     nothing = np.zeros(0, dtype=np.int64), 1.0
-    if not len(candidate_distance2) or not far_off(candidate_distance2, DOWNWEIGHT_CHI2).any():
+    if not len(candidate_distance2) or not find_far_off(candidate_distance2, DOWNWEIGHT_CHI2).any():
         return nothing
-    single, p_single = _beyond_the_tail(candidate_distance2)
-    group, p_group = _beyond_a_gap(np.sqrt(candidate_distance2))
+    single, p_single = _find_beyond_tail(candidate_distance2)
+    group, p_group = _find_beyond_gap(np.sqrt(candidate_distance2))
     outliers = np.union1d(single, group)
     if not len(outliers) or len(outliers) > MOST_SHARE * len(candidate_distance2):
         return nothing
     return candidate_rows[outliers], min(p_single, p_group)
 
 
-def _beyond_the_tail(candidate_distance2: F64) -> tuple[I64, float]:
+def _find_beyond_tail(candidate_distance2: F64) -> tuple[I64, float]:
     """The squared norm of three components with Student tails is 3 s² F(3, ν); s and ν come from
     the bulk, so that the outliers do not speak for themselves."""
     middle, edge = np.quantile(candidate_distance2, [MIDDLE, EDGE])
-    tails = _freedom(float(edge / middle))
+    tails = _solve_freedom(float(edge / middle))
     tails = LIGHTEST if tails > NORMAL else max(HEAVIEST, FAR_OUT * tails)
     scale = middle / fdtri(3, tails, MIDDLE)
     p = np.minimum(1.0, len(candidate_distance2) * fdtrc(3, tails, candidate_distance2 / scale))
     return np.flatnonzero(p < FALSE_OUTLIER_P), float(p.min(initial=1.0))
 
 
-def _beyond_a_gap(size: F64) -> tuple[I64, float]:
+def _find_beyond_gap(size: F64) -> tuple[I64, float]:
     """In a power-law tail of index a, k·a·log(x_k / x_k+1) of the ordered sizes is exponential
     (Rényi): a gap far too wide for that parts another population from the tail."""
     order = np.argsort(-size)
@@ -168,7 +171,7 @@ def _beyond_a_gap(size: F64) -> tuple[I64, float]:
     return (order[: widest + 1] if p < FALSE_OUTLIER_P else order[:0]), p
 
 
-def _freedom(ratio: float) -> float:
+def _solve_freedom(ratio: float) -> float:
     """Degrees of freedom ν at which the two quantiles of F(3, ν) stand in this *ratio*."""
 
     def excess(log_tails: float) -> float:

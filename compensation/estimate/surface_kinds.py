@@ -21,13 +21,13 @@ _KINDS: dict[SurfaceKind, int] = {"plane": PLANE, "sphere": SPHERE, "cylinder": 
 FREEDOM = {POINT: 6, PLANE: 3, SPHERE: 3, CYLINDER: 4}
 
 
-def kinds_of(artefact: Artefact) -> I64:
+def list_kinds(artefact: Artefact) -> I64:
     """Return what each target of *artefact* (K,) is."""
     kinds = [_KINDS[surface.kind] for surface in artefact.surfaces]
     return np.array([POINT] * len(artefact.targets) + kinds, dtype=np.int64)
 
 
-def own_placements(session: Session) -> tuple[list[str], I64]:
+def list_placements(session: Session) -> tuple[list[str], I64]:
     """Return the names of a session's placements, and each reading's placement (n,).
 
     Each surface has one of its own beside those of the session, wherever it was touched; parallel
@@ -35,7 +35,7 @@ def own_placements(session: Session) -> tuple[list[str], I64]:
     """
     if not session.artefact.surfaces:
         return session.placement_names, session.placement
-    body = _bodies(session.artefact)[session.target]
+    body = _group_bodies(session.artefact)[session.target]
     body = np.where(np.isfinite(session.truth_mm[:, 0]), -1, body)
     pairs, pair_index = np.unique(
         np.stack([session.placement, body], axis=1), axis=0, return_inverse=True
@@ -48,10 +48,10 @@ def own_placements(session: Session) -> tuple[list[str], I64]:
     return [*names, *(names[p] for p in pairs[surfaces, 0])], number[pair_index.reshape(-1)]
 
 
-def _bodies(artefact: Artefact) -> I64:
+def _group_bodies(artefact: Artefact) -> I64:
     """(K,) of each surface the first one that it hangs together with; -1 of a point."""
     names = artefact.target_names
-    body = np.where(kinds_of(artefact) == POINT, -1, np.arange(len(names)))
+    body = np.where(list_kinds(artefact) == POINT, -1, np.arange(len(names)))
     for distance in artefact.distances:
         first_body, second_body = body[[names.index(name) for name in distance.between]]
         body[(body == max(first_body, second_body)) & (body >= 0)] = min(first_body, second_body)

@@ -33,7 +33,7 @@ class SurfaceFits:
     side: F64  # (K,) 1 where the tip touches from outside, -1 from inside a sphere or cylinder
 
 
-def heights(kind: I64, local_mm: F64) -> tuple[F64, F64]:
+def measure_heights(kind: I64, local_mm: F64) -> tuple[F64, F64]:
     """Return heights (n,) mm over the plane z = 0, the origin or the z axis, by *kind* (n,), of
     points (n, 3) in their surface's frame, and unit vectors (n, 3) along which they grow."""
     offset_mm, normal = local_mm.copy(), np.tile([0.0, 0.0, 1.0], (len(kind), 1))
@@ -58,7 +58,7 @@ def project_on_normals(normal: F64, columns: F64) -> F64:
     return projected
 
 
-def outward_directions(observations: Observations) -> tuple[F64, F64]:
+def compute_outward_directions(observations: Observations) -> tuple[F64, F64]:
     """Return unit vectors (n, 3), base frame, out of what was touched: against the approach, NaN
     without one, and along the shaft of arm.toml's tip, up to the wrist."""
     arm, states = observations.arm, observations.states
@@ -68,26 +68,26 @@ def outward_directions(observations: Observations) -> tuple[F64, F64]:
     return -states.approach, turned @ (shaft / np.linalg.norm(shaft))
 
 
-def mean_cosines(observations: Observations, rows: I64, normal: F64) -> tuple[float, float]:
+def compute_mean_cosines(observations: Observations, rows: I64, normal: F64) -> tuple[float, float]:
     """Mean cosines of the two directions out of a surface with its *normal* (m, 3) at *rows* (m,);
     NaN where no row has the direction."""
     part = observations.rows(rows)
     means = []
-    for direction in outward_directions(part):
+    for direction in compute_outward_directions(part):
         cosine = np.einsum("ni,ni->n", direction, normal)
         finite_cosines = cosine[np.isfinite(cosine)]
         means.append(float(finite_cosines.mean()) if len(finite_cosines) else np.nan)
     return means[0], means[1]
 
 
-def side_of(approach: float, shaft: float) -> float:
+def choose_side(approach: float, shaft: float) -> float:
     """1 where these mean cosines with a surface's normal say that it is touched from where the
     normal points to, else -1: a clear approach decides, otherwise the shaft."""
     decides = approach if abs(approach) >= LEAST_COSINE else shaft  # NaN is never clear
     return -1.0 if decides < 0.0 else 1.0
 
 
-def planes_together(observations: Observations) -> list[I64]:
+def group_planes(observations: Observations) -> list[I64]:
     """Return the targets of each frame in which planes stand at heights: one plane, or several
     parallel ones."""
     rows = np.flatnonzero(observations.on_surface)
@@ -114,7 +114,7 @@ def fit_each_surface(
     for p in np.unique(of_placement):
         rows = every[of_placement == p]
         rotation[p], translation[p] = _fit_frame(observations, rows, position_mm[rows])
-    height, normal = heights(
+    height, normal = measure_heights(
         observations.kind[observations.target[every]],
         np.einsum(
             "nji,nj->ni", rotation[of_placement], position_mm[every] - translation[of_placement]
@@ -123,7 +123,9 @@ def fit_each_surface(
     normal = np.einsum("nij,nj->ni", rotation[of_placement], normal)
     for k in np.unique(observations.target[every]):
         is_target = observations.target[every] == k
-        side[k] = side_of(*mean_cosines(observations, every[is_target], normal[is_target]))
+        side[k] = choose_side(
+            *compute_mean_cosines(observations, every[is_target], normal[is_target])
+        )
         if observations.unknown[k]:
             target[k] = 0.0, 0.0, height[is_target].mean() - side[k] * radius
     for p in np.unique(of_placement):
@@ -148,8 +150,8 @@ def _fit_frame(observations: Observations, rows: I64, points: F64) -> tuple[F64,
         centre, _ = algebraic_sphere(points - middle)
         return np.eye(3), middle + centre
     if kind == CYLINDER:
-        origin, axis = _axis(points)
-        return _upright(axis), origin
+        origin, axis = _fit_axis(points)
+        return _make_upright(axis), origin
     off = np.concatenate(
         [
             points[is_target] - points[is_target].mean(axis=0)
@@ -158,10 +160,12 @@ def _fit_frame(observations: Observations, rows: I64, points: F64) -> tuple[F64,
     )
     normal = np.linalg.svd(off, full_matrices=True)[2][2]
     normals = np.tile(normal, (int(first.sum()), 1))
-    return _upright(side_of(*mean_cosines(observations, rows[first], normals)) * normal), middle
+    return _make_upright(
+        choose_side(*compute_mean_cosines(observations, rows[first], normals)) * normal
+    ), middle
 
 
-def _axis(points: F64) -> tuple[F64, F64]:
+def _fit_axis(points: F64) -> tuple[F64, F64]:
     """A point (3,) and the direction (3,) of a cylinder's axis; of points that do not determine
     one, some line among them."""
     try:
@@ -173,7 +177,7 @@ def _axis(points: F64) -> tuple[F64, F64]:
     return feature.point_mm, feature.direction
 
 
-def _upright(z: F64) -> F64:
+def _make_upright(z: F64) -> F64:
     """A rotation (3, 3) whose third column is *z*."""
     first_axis, second_axis = across(z)
     return np.stack([first_axis, second_axis, z], axis=1)

@@ -36,7 +36,7 @@ class Unknowns:
 
     def words(self, terms: Sequence[Term]) -> list[str]:
         """As a person reads them: a term by its parameter and basis."""
-        return [*self.constants, *(in_words(terms[i]) for i in self.terms)]
+        return [*self.constants, *(describe_term(terms[i]) for i in self.terms)]
 
     def values(self, constants: F64, terms: Sequence[Term]) -> F64:
         """(C,) where the unknowns stand in constants (P,) and terms."""
@@ -64,7 +64,7 @@ class Unknowns:
         by_constant[:, :, [name in ("theta_1", "d_1") for name in self.constants]] = 0.0
         return np.concatenate([by_constant, by_term], axis=2)
 
-    def plausible(self, terms: Sequence[Term], basis: F64) -> F64:
+    def get_plausible(self, terms: Sequence[Term], basis: F64) -> F64:
         """Plausible departures (C,) in each unknown's own unit."""
         sizes = [PLAUSIBLE[parameters.unit(name)] for name in self.constants]
         for i in self.terms:
@@ -91,7 +91,7 @@ def is_of_reflector(term: Term) -> bool:
     return any(is_indicator(sensor) for factor in factors for sensor in factor.weights)
 
 
-def in_words(term: Term) -> str:
+def describe_term(term: Term) -> str:
     """A term as a person reads it: d_2·ΔT²(t2), or tip_x of reflector A."""
     if is_of_reflector(term):
         sensors = (s for f in term.basis if isinstance(f, Temperature) for s in f.weights)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.geometry.postures import draw_postures, states_at
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
@@ -92,7 +92,7 @@ def _is_thermal(term: Term) -> bool:
 def _fit(arm: Arm, calibration: Calibration, start: F64, celsius: float) -> F64:
     """Gauss–Newton from *start*; directions that move no tip stay."""
     layout = arm.layout
-    free = layout.indices(free_constants(arm))
+    free = layout.indices(list_free_constants(arm))
     scale = np.array([SCALE[bool(layout.are_lengths[i])] for i in free])
     q, target_mm = _corrected(arm, calibration, celsius, FITTED, 1)
     parameters = start.copy()

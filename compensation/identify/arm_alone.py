@@ -42,11 +42,11 @@ class ArmAlone:
         chosen: I64 | slice = slice(None),
     ) -> Solution:
         """The step of the *chosen* unknowns, all by default, that leans on the drawing: that lies
-        *pull* away and is good to *scale*, as `LinearModel.lean` has it."""
+        *pull* away and is good to *scale*, as `LinearModel.solve_with_prior` has it."""
         numbers = np.arange(self.columns.shape[2])[chosen]
-        model = self._placements.alone
+        model = self._placements.reduced_model
         arm = replace(model.only(numbers), drawing=scale**2)
-        return arm.lean(-model.gram[numbers, -1], pull, damping, held)
+        return arm.solve_with_prior(-model.gram[numbers, -1], pull, damping, held)
 
     @property
     def rank(self) -> int:
@@ -65,7 +65,7 @@ class ArmAlone:
         entries = []
         for session in observations.rows_by_session:
             slots, distances = self._certificate_of(session)
-            targets = self._placements.targets_of(session)[slots]
+            targets = self._placements.list_free_targets(session)[slots]
             axes = np.tile(np.arange(3), len(targets))
             entries.append(np.column_stack([np.repeat(observations.certificate[targets], 3), axes]))
             numbers = observations.distances.certificate[distances]
@@ -77,7 +77,7 @@ class ArmAlone:
         along."""
         return np.vstack(
             [
-                rows @ self._placements.shifting(session)[:, :-1]
+                rows @ self._placements.compute_shifting(session)[:, :-1]
                 for session, (rows, _) in self._certified_by_session.items()
             ]
         )
@@ -93,22 +93,24 @@ class ArmAlone:
     def clear_cost(self) -> float:
         """The same with placements and targets at their best, wherever they stand: half its slope
         is what `solve` finds a step by."""
-        return float(self._placements.alone.gram[-1, -1])
+        return float(self._placements.reduced_model.gram[-1, -1])
 
     def clear_cost_of(self, residual_mm: F64, poses: Poses) -> float:
         """The same of other residuals (n, 3), with *poses* near by."""
         moved = replace(self.at, residual_mm=residual_mm, poses=poses)
         return replace(self, at=moved, columns=self.columns[:, :, :0], whole=None).clear_cost
 
-    def followed(self, step: F64) -> tuple[F64, F64]:
+    def follow(self, step: F64) -> tuple[F64, F64]:
         """Twists (p, 6) and target shifts (K, 3) that answer a *step* (C,) of the unknowns: least
         squares, of minimum norm."""
-        return self._placements.followed(np.append(step, 1.0))
+        return self._placements.follow(np.append(step, 1.0))
 
-    def left(self, root: F64) -> F64:
+    def compute_residual_share(self, root: F64) -> F64:
         """(n, 3, 3) I − H of each whitened reading, H by how much it pulls its own fit, the
         unknowns' covariance being *root* (C, r) times its transpose."""
-        return self._placements.left(np.vstack([root, np.zeros((1, root.shape[1]))]))
+        return self._placements.compute_residual_share(
+            np.vstack([root, np.zeros((1, root.shape[1]))])
+        )
 
     @cached_property
     def _placements(self) -> Placements:
@@ -134,7 +136,7 @@ class ArmAlone:
     def _certificate_of(self, session: int) -> tuple[I64, I64]:
         """Which of a session's free targets, by their place among these, and which distances have
         rows of a certificate."""
-        is_certified = ~self.at.observations.unknown[self._placements.targets_of(session)]
+        is_certified = ~self.at.observations.unknown[self._placements.list_free_targets(session)]
         return np.flatnonzero(is_certified), self._distances_by_session.get(session, NONE)
 
     @cached_property
@@ -151,11 +153,11 @@ class ArmAlone:
 
     @cached_property
     def _lengths(self) -> tuple[F64, F64]:
-        return self.at.poses.apart(self.at.observations.distances.between)
+        return self.at.poses.measure_distances(self.at.observations.distances.between)
 
     def _certified(self, session: int) -> tuple[F64, F64]:
         observations, position = self.at.observations, self.at.poses.target_mm
-        targets = self._placements.targets_of(session)
+        targets = self._placements.list_free_targets(session)
         slots, distances = self._certificate_of(session)
         weight = np.repeat(1.0 / observations.uncertainty_mm[targets[slots]], 3)
         off = position[targets[slots]] - observations.position_mm[targets[slots]]

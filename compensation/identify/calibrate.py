@@ -13,8 +13,8 @@ from threadpoolctl import threadpool_limits
 from armd import __version__
 from armd.compensation.data.session import Session
 from armd.compensation.data.soundness import fit_to_identify
-from armd.compensation.estimate.folds import placement_folds
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.folds import make_placement_folds
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.orientations import with_orientation_rows, with_orientations
 from armd.compensation.estimate.unknowns import Unknowns
@@ -94,7 +94,7 @@ def _calibrate(
     files = ", ".join(str(session.path) for session in sessions)
     sound = fit_to_identify(sessions, arm)
     sessions, arm, notes = sound.sessions, sound.arm, list(sound.remarks)
-    unknown = free_constants(arm)
+    unknown = list_free_constants(arm)
     observations, groups = choose_readings(
         gather(sessions, arm), files, options.thermal_order, notes
     )
@@ -169,7 +169,7 @@ def _calibrate(
     by = "temperature"
     if not per_temperature:
         base = final if simple else final_whole
-        folds, by = placement_folds(observations)
+        folds, by = make_placement_folds(observations)
         if not simple:  # an orientation is left out with its reading
             folds = [with_orientation_rows(observations, fold) for fold in folds]
         columns = base.unknowns.columns(base.at.jacobian, base.at.basis, base.terms)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armd.compensation.estimate.gauge import PLAUSIBLE, scale_is_free
+from armd.compensation.estimate.gauge import PLAUSIBLE, is_scale_free
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import is_indicator
@@ -182,7 +182,7 @@ def judge(
         for length in lengths
         if abs(length.off) > MOST_OFF
     ]
-    scale_known = not scale_is_free(
+    scale_known = not is_scale_free(
         found.solution.null, found.unknowns.words(found.terms), found.observations.arm
     )
     scale = [] if scale_known else [NO_SCALE]

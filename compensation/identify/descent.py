@@ -81,7 +81,7 @@ class Descent:
     def run(self, x: F64, begun: Linearisation, floor_mm: float, held: bool) -> End:
         """Step until what a step would gain is nothing beside the noise; *begun*: at *x* (C,), with
         poses to begin with."""
-        scale = self.unknowns.plausible(self.terms, self.basis)
+        scale = self.unknowns.get_plausible(self.terms, self.basis)
 
         if self._poses_anew(held):
             here = _Place(x, *self.linearise(x, begun.poses, floor_mm, held))
@@ -120,7 +120,7 @@ class Descent:
 
     def _moved(self, here: _Place, step: F64, floor_mm: float, held: bool) -> _Trial:
         """After a step (C,) of the unknowns, placements and targets following."""
-        twist, shift = here.alone.followed(step)
+        twist, shift = here.alone.follow(step)
         poses = here.at.poses.moved(here.at.centre_mm, twist, shift)
         return _Trial(self, here.x + step, poses, floor_mm, held)
 
@@ -162,7 +162,7 @@ class Descent:
 
     def _alone(self, at: Linearisation, floor_mm: float) -> ArmAlone:
         columns = self.unknowns.columns(at.jacobian, at.basis, self.terms)
-        return ArmAlone(at, self.weighting.whitening(at.joints), columns, floor_mm)
+        return ArmAlone(at, self.weighting.compute_whitening(at.joints), columns, floor_mm)
 
     def _poses_anew(self, held: bool) -> bool:
         """Whether poses are fitted at every place, and do not follow the steps alone."""

@@ -17,30 +17,30 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.fit_poses import steady_poses
-from armd.compensation.estimate.gauge import gauge
+from armd.compensation.estimate.fit_poses import fit_steady_poses
+from armd.compensation.estimate.gauge import compute_gauge
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import (
     ReadingNoise,
     Weighting,
-    estimate,
-    estimate_turns,
-    whitening,
+    estimate_noise,
+    estimate_turn_noise,
+    make_whitening,
 )
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.orientations import observe
-from armd.compensation.estimate.postures import counts_as, shared_part
-from armd.compensation.estimate.regions import in_region
+from armd.compensation.estimate.postures import compute_counts, estimate_shared_part
+from armd.compensation.estimate.regions import find_regions
 from armd.compensation.estimate.robust import (
     DOWNWEIGHT_CHI2,
     LEAST_MM,
-    mahalanobis2,
-    monstrous,
-    of_three_components,
-    outlying,
-    redescending_weights,
-    usual_square,
+    compute_mahalanobis2,
+    compute_redescending_weights,
+    compute_usual_square,
+    find_monstrous,
+    select_outliers,
+    to_three_components,
 )
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
@@ -86,13 +86,13 @@ class Identification:
     @cached_property
     def outliers(self) -> I64:
         """Rows gone wrong, as `armd diagnose` judges them, too."""
-        return outlying(self.distance2, self.region)[0]
+        return select_outliers(self.distance2, self.region)[0]
 
     def outlier_words(self, most: int = 4) -> str:
         """Where the outliers are and how far off, the farthest first."""
         far_mm = np.linalg.norm(self.at.residual_mm[self.outliers], axis=1)
         words = [
-            f"{self.observations.row_name(i)} ({mm:.3g} mm off)"
+            f"{self.observations.name_row(i)} ({mm:.3g} mm off)"
             for mm, i in sorted(zip(far_mm, self.outliers, strict=True), reverse=True)
         ]
         return ", ".join(words[:most]) + (", …" if len(words) > most else "")
@@ -164,7 +164,7 @@ def fit(
     basis = basis_values(terms, states, observations.arm, reference_c, constants)
     rows = parameter_rows(constants, terms, basis)
     position = observe(states.q, rows, observations.turned)
-    poses = steady_poses(observations, position)
+    poses = fit_steady_poses(observations, position)
     residual_mm = poses.residual(observations, position)
     freedom = observations.freedom
     turned, points = observations.turned, ~observations.turned
@@ -172,17 +172,17 @@ def fit(
     weighing = noise or alike
     # A monstrous reading has no voice from the beginning: it would make its neighbours a region.
     squared = np.sum(residual_mm**2, axis=1) / alike.reading_mm**2
-    distance2 = np.where(monstrous(residual_mm), squared, 0.0)
+    distance2 = np.where(find_monstrous(residual_mm), squared, 0.0)
     region = np.zeros(observations.n, dtype=bool)
     steps, held = 0, noise is None
     posture = observations.posture
-    counts = counts_as(posture, 1.0)
+    counts = compute_counts(posture, 1.0)
     for round_ in range(1, rounds + 1):
         begun = linearise(observations, constants, terms, poses, reference_c, basis)
         joints = begun.joints
-        weight = counts * redescending_weights(distance2, region)
+        weight = counts * compute_redescending_weights(distance2, region)
         if held:
-            typical = weighing.typical_mm(joints[points], freedom[points])
+            typical = weighing.compute_typical_mm(joints[points], freedom[points])
             weighing = ReadingNoise(0.0, typical, weighing.turn_mm or typical)
         weighting = Weighting(weighing, joints, weight, turned)
         descent = Descent(
@@ -194,20 +194,22 @@ def fit(
         stands = np.array_equal(end.x, x)
         x, poses, steps = end.x, end.at.poses, steps + end.steps
         constants, terms = unknowns.put(x, constants, terms)
-        fitted = end.alone.rank + end.solution.told
+        fitted = end.alone.rank + end.solution.effective_rank
         joints = end.at.joints
-        left, whiten = end.alone.left(end.solution.root), end.alone.whitening
+        left, whiten = end.alone.compute_residual_share(end.solution.root), end.alone.whitening
         before, weighing = weighing, _estimate(end.at, whiten, left, region, counts)
         covariance = weighing.covariance(joints, turned)
-        distance2 = of_three_components(mahalanobis2(end.at.residual_mm, covariance), freedom)
+        distance2 = to_three_components(
+            compute_mahalanobis2(end.at.residual_mm, covariance), freedom
+        )
         if not held:  # far off, everything is
-            region = region | in_region(distance2 > DOWNWEIGHT_CHI2, states.q)
+            region = region | find_regions(distance2 > DOWNWEIGHT_CHI2, states.q)
         basis = basis_values(terms, states, observations.arm, reference_c, constants)
         if progress:
             progress(f"round {round_}: {rms_um(end.at.residual_mm):.2f} µm RMS, {steps} steps")
-        robust = redescending_weights(distance2, region)
-        white = np.einsum("nij,nj->ni", whitening(covariance, robust), end.at.residual_mm)
-        counts = counts_as(posture, shared_part(white, posture, freedom))
+        robust = compute_redescending_weights(distance2, region)
+        white = np.einsum("nij,nj->ni", make_whitening(covariance, robust), end.at.residual_mm)
+        counts = compute_counts(posture, estimate_shared_part(white, posture, freedom))
         weight_after = counts * robust
         settled = _settled(before, weighing, joints, turned) and np.allclose(
             weight, weight_after, atol=0.05
@@ -218,7 +220,9 @@ def fit(
         repeats = (
             stands
             and np.isclose(
-                weighing.typical_mm(joints[points], freedom[points]), before.reading_mm, rtol=1e-6
+                weighing.compute_typical_mm(joints[points], freedom[points]),
+                before.reading_mm,
+                rtol=1e-6,
             )
             and np.allclose(weight, weight_after, rtol=1e-6)
         )
@@ -267,25 +271,25 @@ def gauge_of(
     values = basis[np.append(ends, rng.integers(len(basis), size=GAUGE_POSTURES))]
     q = rng.uniform(-np.pi, np.pi, (len(values), n_joints))
     columns = jacobian(q, parameter_rows(constants, terms, values))[1]
-    return gauge(unknowns.columns(columns, values, terms), scale)
+    return compute_gauge(unknowns.columns(columns, values, terms), scale)
 
 
 def _alike(residual_mm: F64, freedom: I64) -> ReadingNoise:
     """The noise that makes all readings alike, as large as their median residual."""
-    typical = usual_square(np.sum(residual_mm**2, axis=1), freedom)
+    typical = compute_usual_square(np.sum(residual_mm**2, axis=1), freedom)
     return ReadingNoise(0.0, max(np.sqrt(typical), LEAST_MM))
 
 
 def _estimate(at: Linearisation, whiten: F64, left: F64, region: Mask, counts: F64) -> ReadingNoise:
     """Noise of the readings by what a round left, that of orientations by theirs alone."""
     turned, points = at.observations.turned, ~at.observations.turned
-    noise = estimate(
+    noise = estimate_noise(
         at.residual_mm[points], at.joints[points], whiten[points], left[points], region[points],
         counts[points], at.observations.freedom[points],
     )  # fmt: skip
     if not turned.any():
         return noise
-    return estimate_turns(
+    return estimate_turn_noise(
         noise, at.residual_mm[turned], at.joints[turned], left[turned], counts[turned]
     )
 

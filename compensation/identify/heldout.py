@@ -17,9 +17,9 @@ from scipy.special import stdtrit
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation
-from armd.compensation.estimate.noise import whitening
+from armd.compensation.estimate.noise import make_whitening
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.robust import redescending_weights
+from armd.compensation.estimate.robust import compute_redescending_weights
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.fit import Identification, rms_um
 
@@ -46,9 +46,9 @@ class HeldOut:
         pull: F64,
         folds: Sequence[Mask],
     ) -> None:
-        weight = fit.counts * redescending_weights(fit.distance2, fit.region)
+        weight = fit.counts * compute_redescending_weights(fit.distance2, fit.region)
         turned = fit.observations.turned
-        whiten = whitening(fit.noise.covariance(fit.at.joints, turned), weight)
+        whiten = make_whitening(fit.noise.covariance(fit.at.joints, turned), weight)
         self.scale, self.pull = scale, pull
         base = replace(fit.at, residual_mm=residual)
         self._whole = whole = ArmAlone(base, whiten, columns)
@@ -184,12 +184,12 @@ class _Fold:
         own, step = self._base.rows(self._out), np.zeros(self._columns.shape[2])
         step[chosen] = change
         residual = own.residual_mm + self._columns[self._out] @ step
-        residual = _answered(residual, own, *self.training.followed(step))
+        residual = _answered(residual, own, *self.training.follow(step))
         if self._trial is None:
             return residual
         at = self._trial.at
         there = replace(self._trial, at=replace(at, residual_mm=residual))
-        return _answered(residual, at, *there.followed(np.zeros(0)))
+        return _answered(residual, at, *there.follow(np.zeros(0)))
 
 
 def _answered(residual_mm: F64, at: Linearisation, twist: F64, shift: F64) -> F64:

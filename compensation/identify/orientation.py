@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armd.compensation.estimate.gauge import unidentifiable
+from armd.compensation.estimate.gauge import describe_unidentifiable
 from armd.compensation.estimate.observations import TURN_MM
 from armd.compensation.identify.fit import Identification
 from armd.terminal.counted import counted
@@ -49,8 +49,8 @@ def orientation_gain(found: Identification) -> OrientationGain | None:
     whitening = np.where(turned[:, None, None], 0.0, found.alone.whitening)
     without = replace(found.alone, whitening=whitening, whole=None).solve(scale, pull)
     names, arm = found.unknowns.words(found.terms), observations.arm
-    open_with = set(unidentifiable(found.solution.null, names, arm))
-    known = without.directions[:, without.known]
+    open_with = set(describe_unidentifiable(found.solution.null, names, arm))
+    known = without.directions[:, without.is_known]
     variances = []
     for solution in (found.solution, without):
         scaled = solution.covariance(known[:, :0]) / np.outer(scale, scale)
@@ -61,6 +61,8 @@ def orientation_gain(found: Identification) -> OrientationGain | None:
         standard_deviation_rad=found.noise.turn_mm / TURN_MM,
         rank=found.solution.rank,
         rank_without=without.rank,
-        added=tuple(w for w in unidentifiable(without.null, names, arm) if w not in open_with),
+        added=tuple(
+            w for w in describe_unidentifiable(without.null, names, arm) if w not in open_with
+        ),
         uncertainty_ratio=float(ratio),
     )

@@ -24,7 +24,7 @@ VIEW_TURN, VIEW_TILT = np.radians(-60.0), np.radians(25.0)
 LETTERS = {"theta": "θ", "d": "d", "a": "a", "alpha": "α", "beta": "β"}
 
 
-def arm_picture(arm: Arm, q: F64, constants: Collection[str]) -> Figure:
+def draw_arm_picture(arm: Arm, q: F64, constants: Collection[str]) -> Figure:
     """The arm in the posture *q* (N,) rad, as arm.toml draws it; *constants* are those named."""
     origins, rotations = (part[0] for part in frames(q[None], arm.nominal()))
     tip = forward(q[None], arm.nominal())[0][0]
@@ -37,8 +37,8 @@ def arm_picture(arm: Arm, q: F64, constants: Collection[str]) -> Figure:
         for column, colour in enumerate(AXES):
             line = _project(np.vstack([origin, origin + length * rotation[:, column]]))
             panel.plot(*line.T, color=colour, linewidth=1.4)
-    labels = [_label(k, constants) for k in range(arm.n_joints + 1)]
-    labels.append(_named("tip", [name for name in TIP_PARAMETERS if name in constants]))
+    labels = [_label_frame(k, constants) for k in range(arm.n_joints + 1)]
+    labels.append(_name_quantity("tip", [name for name in TIP_PARAMETERS if name in constants]))
     _put_labels(panel, chain, labels)
     panel.set_aspect("equal", adjustable="datalim")
     panel.set_axis_off()
@@ -53,7 +53,7 @@ def _project(points: F64) -> F64:
     return np.column_stack([across, z * np.cos(VIEW_TILT) + depth * np.sin(VIEW_TILT)])
 
 
-def _label(k: int, constants: Collection[str]) -> str:
+def _label_frame(k: int, constants: Collection[str]) -> str:
     """Of frame *k*: the parameters of the joint that leads to it."""
     if k == 0:
         return "base"
@@ -62,10 +62,10 @@ def _label(k: int, constants: Collection[str]) -> str:
         for parameter in JOINT_PARAMETERS
         if f"{parameter}_{k}" in constants
     ]
-    return _named(f"frame {k}", names)
+    return _name_quantity(f"frame {k}", names)
 
 
-def _named(quantity: str, names: list[str]) -> str:
+def _name_quantity(quantity: str, names: list[str]) -> str:
     return f"{quantity}: {' '.join(names)}" if names else quantity
 
 

@@ -14,16 +14,16 @@ from armd.compensation.report import calibration_figures as figures
 from armd.compensation.report import calibration_tables as tables
 from armd.compensation.report.about import About
 from armd.compensation.report.coverage import add_coverage
-from armd.compensation.report.head import head
+from armd.compensation.report.head import add_head
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import InputFile, origin
+from armd.compensation.report.sessions import InputFile, add_origin
 from armd.compensation.report.units import Units, choose_units
 
 #: Before the appendix.
 MOST_NOTES = 4
 
 
-def calibration_report(
+def make_calibration_report(
     result: Result,
     sessions: Sequence[Session],
     arm_file: InputFile,
@@ -34,15 +34,15 @@ def calibration_report(
     arm = result.fit.observations.arm
     units = choose_units(arm)
     page = Page(f"Calibration of {arm.serial_number}", arm.serial_number)
-    _verdict(page, result, units)
-    head(page, arm, sessions, about)
-    _summary(page, result, units)
-    page.items_in_brief("Notes", result.notes, MOST_NOTES)
+    _add_verdict(page, result, units)
+    add_head(page, arm, sessions, about)
+    _add_summary(page, result, units)
+    page.add_items_in_brief("Notes", result.notes, MOST_NOTES)
     figures.draw_before_and_after(page, result, units.length)
     add_coverage(page, arm, sessions)
-    page.signatures("Calibrated by", "Checked by")
-    page.appendix()
-    page.text(f"Decision rule: {RULE}.")
+    page.add_signature_lines("Calibrated by", "Checked by")
+    page.begin_appendix()
+    page.add_text(f"Decision rule: {RULE}.")
     tables.add_lengths(page, result, units.length)
     tables.add_not_identifiable(page, result)
     figures.draw_arm(page, result.fit)
@@ -52,22 +52,22 @@ def calibration_report(
     figures.draw_signed_residuals(page, result.fit, units)
     tables.add_thermal_trials(page, result, units.length)
     tables.add_outliers(page, result, units.length)
-    _provenance(page, result, sessions, arm_file, written)
-    return page.html()
+    _add_provenance(page, result, sessions, arm_file, written)
+    return page.to_html()
 
 
-def _verdict(page: Page, result: Result, units: Units) -> None:
+def _add_verdict(page: Page, result: Result, units: Units) -> None:
     record, heldout_mm = result.certificate, result.heldout.rms_um / 1e3
     good = (True if record.scale_known else None) if record.granted else False
-    why = page.in_brief("Verdict", f"{record.kind}: {record.why_and_next()}")
+    why = page.abbreviate("Verdict", f"{record.kind}: {record.why_and_next()}")
     missed = units.length.scale_to(heldout_mm).three_digits(heldout_mm)
     key = f"Readings that took no part in the fit are missed by {missed} (3-D RMS)."
-    page.verdict(record.word.upper(), why, good, key)
+    page.add_verdict(record.word.upper(), why, good, key)
 
 
-def _summary(page: Page, result: Result, units: Units) -> None:
+def _add_summary(page: Page, result: Result, units: Units) -> None:
     fit, noise, length = result.fit, result.fit.noise, units.length
-    page.table(
+    page.add_table(
         ["", "value", "unit"],
         [
             ["residual, 3-D RMS", length.text(result.rms_um / 1e3), length.name],
@@ -83,7 +83,7 @@ def _summary(page: Page, result: Result, units: Units) -> None:
     )  # fmt: skip
 
 
-def _provenance(
+def _add_provenance(
     page: Page,
     result: Result,
     sessions: Sequence[Session],
@@ -95,4 +95,4 @@ def _provenance(
         "calibration written": f"{written.path.name}, SHA-256 {written.sha256}",
         "command": f"{provenance['command']} (armd {provenance['version']})",
     }
-    origin(page, result.fit.observations.arm, sessions, {"arm": arm_file}, facts)
+    add_origin(page, result.fit.observations.arm, sessions, {"arm": arm_file}, facts)

@@ -9,7 +9,7 @@ from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.temperatures import temperature_groups
-from armd.compensation.report.arm_picture import arm_picture
+from armd.compensation.report.arm_picture import draw_arm_picture
 from armd.compensation.report.drawing import make_single_figure
 from armd.compensation.report.page import Page
 from armd.compensation.report.residual_plots import (
@@ -64,10 +64,10 @@ def draw_before_and_after(page: Page, result: Result, unit: Unit) -> None:
     panel.yaxis.set_major_formatter(_Plain())  # the usual one writes TeX
     panel.yaxis.set_minor_formatter(_Plain())
     panel.legend(loc="upper center", bbox_to_anchor=(0.5, 1.15), ncols=len(models), frameon=False)
-    page.heading("Before and after, by temperature")
-    page.figure(figure, f"3-D RMS of the readings used, {unit.name}, by model and temperature")
+    page.add_heading("Before and after, by temperature")
+    page.add_figure(figure, f"3-D RMS of the readings used, {unit.name}, by model and temperature")
     if len(rows) <= MOST_ROWS:
-        page.table(
+        page.add_table(
             ["model", "temperature", *(f"{x}, {unit.name}" for x in ("RMS", "median", "maximum"))],
             rows,
         )
@@ -77,9 +77,9 @@ def draw_arm(page: Page, fit: Identification) -> None:
     """The arm in a posture that was measured, with the names of what was identified."""
     q = fit.observations.states.q
     middle = q[np.argmin(np.abs(q - np.median(q, axis=0)).sum(axis=1))]
-    page.heading("The arm and its parameters")
-    page.figure(
-        arm_picture(fit.observations.arm, middle, fit.unknowns.constants),
+    page.add_heading("The arm and its parameters")
+    page.add_figure(
+        draw_arm_picture(fit.observations.arm, middle, fit.unknowns.constants),
         "The arm of arm.toml in a posture that was measured; of each frame x (orange), y (green)"
         " and z (blue), and the constants identified that place it",
     )
@@ -89,8 +89,8 @@ def draw_residual_vectors(page: Page, fit: Identification, unit: Unit) -> None:
     """Each tip position with its residual, much enlarged."""
     points = ~fit.observations.turned
     figure, times = draw_vectors(fit.at.position_mm[points], fit.at.residual_mm[points], unit)
-    page.heading("Residual vectors")
-    page.figure(
+    page.add_heading("Residual vectors")
+    page.add_figure(
         figure,
         f"At each tip position of the base frame its residual, {times:,.0f} times as long; the bar"
         " is a residual of the size named",
@@ -102,8 +102,8 @@ def draw_signed_residuals(page: Page, fit: Identification, units: Units) -> None
     observations = fit.observations
     points = ~observations.turned
     states, residual_mm = observations.states, fit.at.residual_mm[points]
-    page.heading("Residuals against each joint and each sensor")
-    page.figure(
+    page.add_heading("Residuals against each joint and each sensor")
+    page.add_figure(
         draw_residuals_by_joint(states.q[points], fit.at.joints[points], residual_mm, units),
         "Residual (tip minus target) along each joint's motion over its angle,"
         f" {units.angle.name}; orange: its running mean with the 95 % band of that mean",
@@ -113,7 +113,7 @@ def draw_signed_residuals(page: Page, fit: Identification, units: Units) -> None
         residual_mm, units.length,
     )  # fmt: skip
     if by_sensor is not None:
-        page.figure(
+        page.add_figure(
             by_sensor,
             f"Residual away from the base's z axis over each temperature, {units.length.name}",
         )

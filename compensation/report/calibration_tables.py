@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.estimate.unknowns import in_words
+from armd.compensation.estimate.unknowns import describe_term
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.result import Result
 from armd.compensation.model import parameters
@@ -27,9 +27,9 @@ def add_lengths(page: Page, result: Result, unit: Unit) -> None:
     """Certified lengths as the calibrated arm measures them."""
     if not result.lengths:
         return
-    page.heading("Certified lengths")
-    page.text("Between the seats as the calibrated arm finds them, the lengths taking no part.")
-    page.table(
+    page.add_heading("Certified lengths")
+    page.add_text("Between the seats as the calibrated arm finds them, the lengths taking no part.")
+    page.add_table(
         ["length", "certified, mm", "u, mm", "measured, mm", "u of the seats, mm",
          f"error, {unit.name}", "in standard uncertainties"],
         [
@@ -46,12 +46,12 @@ def add_lengths(page: Page, result: Result, unit: Unit) -> None:
 
 def add_not_identifiable(page: Page, result: Result) -> None:
     """Combinations that these sessions do not determine."""
-    page.heading("Not identifiable from these sessions")
-    page.text(
+    page.add_heading("Not identifiable from these sessions")
+    page.add_text(
         "The drawing counts as one more reading of these combinations, good to a plausible"
         " departure, and their uncertainty says so; what moves no point has none."
     )
-    page.items(result.unidentifiable)
+    page.add_items(result.unidentifiable)
 
 
 def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
@@ -63,7 +63,7 @@ def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
     deviation = dict(
         zip(fit.unknowns.names, np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
     )
-    unknown = dict(zip(fit.unknowns.names, _null_share(fit), strict=True))
+    unknown = dict(zip(fit.unknowns.names, _compute_null_share(fit), strict=True))
     rows, faint = [], []
     for name in fit.unknowns.constants:
         angle = parameters.unit(name) == "rad"
@@ -76,25 +76,25 @@ def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
                 name, f"{nominal[name] * factor:.5f} {kind}",
                 f"{identified[name] * factor:.5f} {kind}",
                 f"{small.text(difference, '+')} {small.name}", f"{small.text(sigma)} {small.name}",
-                "only in combination" if faint[-1] else _ratio(difference, sigma),
+                "only in combination" if faint[-1] else _format_ratio(difference, sigma),
             ]
         )  # fmt: skip
-    page.heading("Parameters")
-    page.table(
+    page.add_heading("Parameters")
+    page.add_table(
         ["constant", "drawing", "identified", "difference", "standard uncertainty",
          "difference / uncertainty"],
         rows,
         faint,
     )  # fmt: skip
     if any(faint):
-        page.text("Grey: known only in combination with others, as listed above.")
+        page.add_text("Grey: known only in combination with others, as listed above.")
     if fit.terms:
-        page.table(
+        page.add_table(
             ["term", "coefficient", "standard uncertainty", "unit"],
             [
                 [
-                    in_words(term), f"{term.coefficient:.4g}",
-                    _uncertainty(term),
+                    describe_term(term), f"{term.coefficient:.4g}",
+                    _format_uncertainty(term),
                     f"{parameters.unit(term.parameter)} per unit of its basis",
                 ]
                 for term in fit.terms
@@ -102,17 +102,17 @@ def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
         )  # fmt: skip
 
 
-def _ratio(difference: float, sigma: float) -> str:
+def _format_ratio(difference: float, sigma: float) -> str:
     return f"{difference / sigma:+.1f}" if sigma > 0.0 else NOT_STATED
 
 
-def _null_share(fit: Identification) -> F64:
+def _compute_null_share(fit: Identification) -> F64:
     """Return the largest share (C,) of each unknown in a direction that nothing determines."""
     share: F64 = np.abs(fit.solution.null).max(axis=1, initial=0.0)
     return share
 
 
-def _uncertainty(term: Term) -> str:
+def _format_uncertainty(term: Term) -> str:
     uncertainty = term.standard_uncertainty
     return NOT_STATED if uncertainty is None else f"{uncertainty:.2g}"
 
@@ -122,7 +122,7 @@ def add_correlations(page: Page, fit: Identification) -> None:
     deviation = np.sqrt(np.diag(fit.covariance))
     safe = np.where(deviation > 0, deviation, np.inf)
     correlation = fit.covariance / np.outer(safe, safe)
-    determined = _null_share(fit) < ALONE
+    determined = _compute_null_share(fit) < ALONE
     names = fit.unknowns.words(fit.terms)
     pairs = [
         (abs(correlation[i, j]), names[i], names[j], f"{correlation[i, j]:+.3f}")
@@ -130,28 +130,28 @@ def add_correlations(page: Page, fit: Identification) -> None:
         for j in range(i)
         if determined[i] and determined[j] and abs(correlation[i, j]) > WORTH_KNOWING
     ]
-    page.heading("Correlations worth knowing")
+    page.add_heading("Correlations worth knowing")
     if not determined.all():
-        page.text(
+        page.add_text(
             f"Not determined, and so not listed: correlations of the"
             f" {counted(int((~determined).sum()), 'unknown')} known only in combination."
         )
     if not pairs:
-        page.text(f"None beyond ±{WORTH_KNOWING}.")
+        page.add_text(f"None beyond ±{WORTH_KNOWING}.")
         return
-    page.table(["", "with", "correlation"], [pair[1:] for pair in sorted(pairs)[::-1][:20]])
+    page.add_table(["", "with", "correlation"], [pair[1:] for pair in sorted(pairs)[::-1][:20]])
 
 
 def add_thermal_trials(page: Page, result: Result, unit: Unit) -> None:
     """What each thermal model misses by on readings left out."""
     if not result.trials:
         return
-    page.heading("Thermal models compared")
-    page.text(
+    page.add_heading("Thermal models compared")
+    page.add_text(
         "Each fitted without one set of readings and tried on it, in turn: every temperature, the"
         " lowest and the highest in parts, so that something of them stays; 3-D RMS over all."
     )
-    page.table(
+    page.add_table(
         ["model", f"held out, {unit.name}", f"without readings far off, {unit.name}"],
         [
             [
@@ -167,8 +167,8 @@ def add_thermal_trials(page: Page, result: Result, unit: Unit) -> None:
 def add_outliers(page: Page, result: Result, unit: Unit) -> None:
     """Readings gone wrong."""
     listed = result.outliers()
-    page.heading("Outliers")
-    page.text(
+    page.add_heading("Outliers")
+    page.add_text(
         f"Down-weighted readings: {len(result.fit.down_weighted)}. Each lies farther off than one"
         " Gaussian reading in 10 000; its weight falls with the square of its distance. Outliers:"
         f" {len(listed)}. The tails of the noise do not explain them."
@@ -176,7 +176,7 @@ def add_outliers(page: Page, result: Result, unit: Unit) -> None:
         * (len(listed) > MOST_LISTED)
     )
     if listed:
-        page.table(
+        page.add_table(
             ["session", "row", f"residual, {unit.name}", "standard deviations"],
             [
                 [o["session"], o["row"], unit.text(o["error_um"] / 1e3), f"{o['sigma']:.1f}"]

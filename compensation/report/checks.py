@@ -21,7 +21,7 @@ LOOK = {
 }
 
 
-def instants(texts: Sequence[str]) -> npt.NDArray[np.datetime64]:
+def to_instants(texts: Sequence[str]) -> npt.NDArray[np.datetime64]:
     """Instants in UTC, as a drawing takes them."""
     utc = [datetime.datetime.fromisoformat(text).astimezone(datetime.UTC) for text in texts]
     return np.array([instant.replace(tzinfo=None) for instant in utc], dtype="datetime64[us]")
@@ -32,7 +32,7 @@ def draw_by_verdict(panel: Axes, checks: Sequence[dict[str, Any]], values: Seque
     for verdict, (name, colour, mark) in LOOK.items():
         indices = [i for i, check in enumerate(checks) if check["verdict"] == verdict]
         panel.plot(
-            instants([checks[i]["started"] for i in indices]),
+            to_instants([checks[i]["started"] for i in indices]),
             [values[i] for i in indices],
             mark,
             color=colour,

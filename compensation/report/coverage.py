@@ -27,7 +27,7 @@ def add_coverage(page: Page, arm: Arm, sessions: Sequence[Session]) -> None:
     if not with_angles:
         return
     figure, panels = make_figure(1, 3, HEIGHT_IN)
-    names, places = _places(arm, with_angles)
+    names, places = _group_places(arm, with_angles)
     for panel, up, title in ((panels[0], 1, "from above"), (panels[1], 2, "from the side")):
         _draw_places(panel, places, names, up)
         panel.set_title(title)
@@ -35,14 +35,14 @@ def add_coverage(page: Page, arm: Arm, sessions: Sequence[Session]) -> None:
     if len(names) <= MOST_NAMED:
         figure.legend(handles, labels, loc="outside lower left", ncols=4, frameon=False)
     _draw_joints(panels[2], arm, np.vstack([session.states.q for session in with_angles]))
-    page.figure(
+    page.add_figure(
         figure,
         "Where it was measured: the tip as arm.toml places it, a colour for each place of the"
         " artefact; the range of each joint that was used (blue) of what it has (grey)",
     )
 
 
-def _places(arm: Arm, sessions: Sequence[Session]) -> tuple[list[str], list[F64]]:
+def _group_places(arm: Arm, sessions: Sequence[Session]) -> tuple[list[str], list[F64]]:
     """Names of the artefact's places, and the tip's positions (n, 3) mm at each."""
     names, places = [], []
     for session, of_session in zip(sessions, distinct_names(sessions), strict=True):

@@ -16,11 +16,11 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
 from armd.compensation.report.drawing import make_views, set_view
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import InputFile, origin
+from armd.compensation.report.sessions import InputFile, add_origin
 from armd.terminal.counted import counted
 
 
-def design_report(
+def make_design_report(
     experiment: Experiment,
     arm: Arm,
     sessions: Sequence[Session],
@@ -31,13 +31,13 @@ def design_report(
     are arm and calibration."""
     page = Page(f"Next experiment with {arm.serial_number}")
     criterion = experiment.criterion
-    page.verdict(
+    page.add_verdict(
         f"MEASURE {counted(len(rows), 'pose').upper()}",
         f"To {criterion.words}: {experiment.climate.words}.",
         None,
     )
     with_these = "this pose" if len(rows) == 1 else f"these {len(rows)} poses"
-    page.text(
+    page.add_text(
         f"{criterion.quantity[:1].upper()}{criterion.quantity[1:]}: "
         f"{experiment.before:.2f} {criterion.unit} with the sessions there are, "
         f"{experiment.after:.2f} with {with_these} on one new placement of "
@@ -46,15 +46,15 @@ def design_report(
         " there is no decision rule."
     )
     picture = draw_poses(experiment.states.q, experiment.tip_mm, experiment.parameters)
-    page.figure(picture, "The arm in each pose, joint by joint; its number at the tip")
-    narrow = [_narrow(row) for row in rows]
-    page.table(list(narrow[0]), [list(row.values()) for row in narrow])
-    origin(page, arm, sessions, files)
-    page.signatures("Planned by", "Checked by")
-    return page.html()
+    page.add_figure(picture, "The arm in each pose, joint by joint; its number at the tip")
+    narrow = [_narrow_row(row) for row in rows]
+    page.add_table(list(narrow[0]), [list(row.values()) for row in narrow])
+    add_origin(page, arm, sessions, files)
+    page.add_signature_lines("Planned by", "Checked by")
+    return page.to_html()
 
 
-def _narrow(row: Mapping[str, Any]) -> dict[str, str]:
+def _narrow_row(row: Mapping[str, Any]) -> dict[str, str]:
     """A pose as a line of a page: sides of approach and temperatures in a column each."""
     sides = "".join(side for name, side in row.items() if name.startswith("approach_joint"))
     warm = " ".join(f"{value:g}" for name, value in row.items() if name.endswith("_c"))

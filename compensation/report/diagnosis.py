@@ -13,10 +13,10 @@ from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.drawing import make_single_figure
 from armd.compensation.report.finding import add_finding
 from armd.compensation.report.gains import draw_gains, name_finding
-from armd.compensation.report.head import head
+from armd.compensation.report.head import add_head
 from armd.compensation.report.page import Page
 from armd.compensation.report.predictive_plot import choose_for_finding, choose_overview, draw_rows
-from armd.compensation.report.sessions import InputFile, origin
+from armd.compensation.report.sessions import InputFile, add_origin
 from armd.compensation.report.units import Unit, Units, choose_units
 from armd.terminal.counted import counted
 
@@ -37,7 +37,7 @@ RULE = (
 )
 
 
-def diagnosis_report(
+def make_diagnosis_report(
     diagnosis: Diagnosis,
     result: dict[str, Any],
     files: Mapping[str, InputFile | None],
@@ -49,44 +49,47 @@ def diagnosis_report(
     arm, units = diagnosis.arm, choose_units(diagnosis.arm)
     sessions = [*diagnosis.sessions, *diagnosis.holdout]
     page = Page(f"Diagnosis of {arm.serial_number}", arm.serial_number)
-    word, reason = headline(result)
-    page.verdict(  # a cause is no limit that was kept or not
-        word, page.in_brief("Verdict", reason), None, _key_sentence(diagnosis, result, units.length)
+    word, reason = write_headline(result)
+    page.add_verdict(  # a cause is no limit that was kept or not
+        word,
+        page.abbreviate("Verdict", reason),
+        None,
+        _write_key_sentence(diagnosis, result, units.length),
     )
-    head(page, arm, sessions, about)
-    _at_a_glance(page, result, units.length)
+    add_head(page, arm, sessions, about)
+    _add_overview_table(page, result, units.length)
     add_coverage(page, arm, sessions)
-    _measured_against_simulated(page, comparisons, units)
-    page.text(page.in_brief("Next experiment", f"Next: {result['next_experiment']}"))
-    page.signatures("Measured by", "Checked by")
-    page.appendix()
-    page.text(RULE)
-    _model_under_test(page, diagnosis, result)
-    _rest_of_overview(page, comparisons, units)
+    _add_measured_against_simulated(page, comparisons, units)
+    page.add_text(page.abbreviate("Next experiment", f"Next: {result['next_experiment']}"))
+    page.add_signature_lines("Measured by", "Checked by")
+    page.begin_appendix()
+    page.add_text(RULE)
+    _add_model_under_test(page, diagnosis, result)
+    _add_rest_of_overview(page, comparisons, units)
     touched = len(diagnosis.touched)  # they stand first among the findings
     for number, finding in enumerate(result["findings"][:touched], 1):
-        page.heading(f"{number}. {name_finding(finding)}")
-        page.text(finding["reading"])
+        page.add_heading(f"{number}. {name_finding(finding)}")
+        page.add_text(finding["reading"])
     for index, finding in enumerate(result["findings"][touched:][: len(diagnosis.findings)]):
         add_finding(page, diagnosis, index, touched + index + 1, finding)
         if comparison := choose_for_finding(comparisons, finding):
             caption = (
                 f"What the simulation gets wrong over {comparison.bins.variable}, before and after"
             )
-            page.figure(draw_rows([comparison], units), caption)
+            page.add_figure(draw_rows([comparison], units), caption)
     if diagnosis.outliers:
-        page.heading("Readings that belong to no effect")
-        page.table(
+        page.add_heading("Readings that belong to no effect")
+        page.add_table(
             ["session", "row", f"error, {units.length.name}"],
             [[o.session, o.row, units.length.text(o.error_um / 1e3)] for o in diagnosis.outliers],
         )
-    _what_stays(page, diagnosis, result, units)
-    _cannot_tell(page, result)
-    origin(page, arm, sessions, files)
-    return page.html()
+    _add_remaining(page, diagnosis, result, units)
+    _add_undetectable(page, result)
+    add_origin(page, arm, sessions, files)
+    return page.to_html()
 
 
-def headline(result: dict[str, Any]) -> tuple[str, str]:
+def write_headline(result: dict[str, Any]) -> tuple[str, str]:
     """A diagnosis in a word or two, and the reason: the causes, or why none is named."""
     findings = result["findings"]
     strange = any(finding["cause"] == "unknown" for finding in findings)
@@ -126,7 +129,7 @@ def _describe(finding: dict[str, Any]) -> str:
     return name_finding(finding) + (f" ({', '.join(doubts)})" if doubts else "")
 
 
-def _key_sentence(diagnosis: Diagnosis, result: dict[str, Any], unit: Unit) -> str:
+def _write_key_sentence(diagnosis: Diagnosis, result: dict[str, Any], unit: Unit) -> str:
     """What the extended model gains on readings that had no part in it, in one unit."""
     before_um, after_um = result["baseline"]["heldout_rms_um"], None
     if diagnosis.written:
@@ -138,22 +141,22 @@ def _key_sentence(diagnosis: Diagnosis, result: dict[str, Any], unit: Unit) -> s
     return f"{before}, with the extended model by {unit.three_digits(after_um / 1e3)}."
 
 
-def _in_a_word(finding: dict[str, Any]) -> str:
+def _name_finding_briefly(finding: dict[str, Any]) -> str:
     if finding["cause"] == "unknown" and finding["depends_on"]:
         return f"unknown, depends on {', '.join(finding['depends_on'])}"
     return name_finding(finding)
 
 
-def _at_a_glance(page: Page, result: dict[str, Any], unit: Unit) -> None:
+def _add_overview_table(page: Page, result: dict[str, Any], unit: Unit) -> None:
     findings = result["findings"]
     if findings:
-        page.table(
+        page.add_table(
             ["", "finding", "probability", f"held-out before, {unit.name}",
              f"after, {unit.name}", "confirmed"],
             [
                 [
                     str(number),
-                    _in_a_word(finding),
+                    _name_finding_briefly(finding),
                     f"{finding['probability']:.3f}",
                     unit.text(finding["gain"]["heldout_rms_um_before"] / 1e3),
                     unit.text(finding["gain"]["heldout_rms_um_after"] / 1e3),
@@ -163,14 +166,14 @@ def _at_a_glance(page: Page, result: dict[str, Any], unit: Unit) -> None:
             ],
         )  # fmt: skip
         if (n_further := len(findings) - MOST_FINDINGS) > 0:
-            page.text(f"{counted(n_further, 'further finding')}: Appendix.")
-        page.text(page.in_brief("Verdict in words", result["verdict"]))
+            page.add_text(f"{counted(n_further, 'further finding')}: Appendix.")
+        page.add_text(page.abbreviate("Verdict in words", result["verdict"]))
     figure, panel = make_single_figure(2.2)
     draw_gains(panel, result, unit)
-    page.figure(figure, GAINS)
+    page.add_figure(figure, GAINS)
 
 
-def _model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
+def _add_model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
     readings, sessions = sum(s.n for s in diagnosis.sessions), len(diagnosis.sessions)
     if diagnosis.holdout:
         n_readings = sum(s.n for s in diagnosis.holdout)
@@ -183,18 +186,18 @@ def _model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) 
         if diagnosis.baseline.is_given
         else "what armd calibrate makes of these sessions"
     )
-    page.text(
+    page.add_text(
         f"{readings} readings in {counted(sessions, 'session')}. "
         f"Model under test: {model}. Held out: {heldout}."
     )
     if result["findings"]:
-        page.text(
+        page.add_text(
             "Each point of the drawing of held-out readings has one finding more than the one "
             "before; whiskers: 95 % of its gain over that one."
         )
 
 
-def _most_telling(comparisons: Sequence[ResidualComparison]) -> list[ResidualComparison]:
+def _choose_most_telling(comparisons: Sequence[ResidualComparison]) -> list[ResidualComparison]:
     """Of the overview those that noise explains least, in the overview's order."""
     comparisons_overview = choose_overview(comparisons)
     chosen = sorted(comparisons_overview, key=lambda comparison: comparison.order)[:MOST_ROWS]
@@ -205,35 +208,37 @@ def _most_telling(comparisons: Sequence[ResidualComparison]) -> list[ResidualCom
     ]
 
 
-def _rest_of_overview(page: Page, comparisons: Sequence[ResidualComparison], units: Units) -> None:
+def _add_rest_of_overview(
+    page: Page, comparisons: Sequence[ResidualComparison], units: Units
+) -> None:
     if not comparisons:
         return
-    telling = _most_telling(comparisons)
+    telling = _choose_most_telling(comparisons)
     if remainder := [
         comparison
         for comparison in choose_overview(comparisons)
         if all(comparison is not shown_comparison for shown_comparison in telling)
     ]:
         names = ", ".join(comparison.bins.variable for comparison in remainder)
-        page.heading(f"Measured against simulated: {names}")
-        page.figure(draw_rows(remainder, units), f"Mean residual over {names}")
+        page.add_heading(f"Measured against simulated: {names}")
+        page.add_figure(draw_rows(remainder, units), f"Mean residual over {names}")
 
 
-def _measured_against_simulated(
+def _add_measured_against_simulated(
     page: Page, comparisons: Sequence[ResidualComparison], units: Units
 ) -> None:
     """What the simulation gets wrong stands out of the band; afterwards it lies inside."""
     if not comparisons:
         return
-    page.heading("Measured against simulated")
-    page.figure(
-        draw_rows(_most_telling(comparisons), units, OVERVIEW_ROW_IN),
+    page.add_heading("Measured against simulated")
+    page.add_figure(
+        draw_rows(_choose_most_telling(comparisons), units, OVERVIEW_ROW_IN),
         f"Mean residual along a joint's motion ({units.angle.name} at that joint), a link or an "
         "axis: of joint angles, temperatures, time and placements what leaves its band most; the "
         "rest in the appendix",
     )
     draws = min(comparisons[0].before.draws, comparisons[0].after.draws)
-    page.text(
+    page.add_text(
         f"Band: 95 % of {draws} data sets that the model gives by the noise found, each refitted "
         "as the readings were; grey: some of them. A point outside of it is what the simulation "
         f"gets wrong; 5 % lie there by chance. p: share with as much outside of {CURVES} curves "
@@ -241,11 +246,11 @@ def _measured_against_simulated(
     )
 
 
-def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any], units: Units) -> None:
-    page.heading("What stays unexplained")
+def _add_remaining(page: Page, diagnosis: Diagnosis, result: dict[str, Any], units: Units) -> None:
+    page.add_heading("What stays unexplained")
     unexplained, length = result["unexplained"], units.length
     floor = length.three_digits(diagnosis.noise_floor_um / 1e3)
-    page.text(
+    page.add_text(
         f"{length.three_digits(diagnosis.remaining_rms_um / 1e3)} 3-D RMS stay in the readings"
         f" used; the noise alone would leave {floor}. "
         + (
@@ -256,7 +261,7 @@ def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any], units:
         )
     )
     noise = diagnosis.search.last.noise
-    page.table(
+    page.add_table(
         ["noise found in these readings", "standard deviation"],
         [
             ["encoders, each", units.angle.three_digits(noise.encoder_rad)],
@@ -268,7 +273,7 @@ def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any], units:
         ],
     )
     if len(unexplained["by_target"]) > 1:
-        page.table(
+        page.add_table(
             [
                 "placement",
                 "target",
@@ -289,18 +294,18 @@ def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any], units:
                 for target in unexplained["by_target"]
             ],
         )
-        page.text(
+        page.add_text(
             "Step: how far the mean of the first so many rests at a target stands from that of the "
             "others. One much larger than what is left says that seat, artefact or arm moved."
         )
 
 
-def _cannot_tell(page: Page, result: dict[str, Any]) -> None:
+def _add_undetectable(page: Page, result: dict[str, Any]) -> None:
     if not result["cannot_tell"]:
         return
-    page.heading("What these data cannot tell")
-    page.text("No size of these causes would show in these readings:")
-    page.table(
+    page.add_heading("What these data cannot tell")
+    page.add_text("No size of these causes would show in these readings:")
+    page.add_table(
         ["cause", "it needs"],
         [[row["cause"].replace("_", " "), row["needs"]] for row in result["cannot_tell"]],
     )

@@ -1,7 +1,7 @@
 """Drawings of a report: one manner for all, written as SVG that stands inside a page.
 
 Lines and letters stay lines and letters, so that they print; clouds of readings become a picture
-within the drawing (`cloud`), for thousands of them would make a page of megabytes.
+within the drawing (`draw_dots`), for thousands of them would make a page of megabytes.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class NotebookFigure(Figure):
         return data.getvalue()
 
 
-def _manner(salt: str = "") -> AbstractContextManager[None]:
+def _use_style(salt: str = "") -> AbstractContextManager[None]:
     """The manner of all drawings; *salt* tells the parts of one from those of another."""
     return mpl.rc_context(
         {
@@ -61,7 +61,7 @@ def make_figure(
     rows: int = 1, columns: int = 1, height_in: float = 3.6
 ) -> tuple[Figure, list[Axes]]:
     """A drawing as wide as the page, and its axes row by row."""
-    with _manner():
+    with _use_style():
         figure = NotebookFigure(figsize=(WIDTH_IN, height_in), layout="constrained")
         return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
 
@@ -92,14 +92,14 @@ def set_view(panel: Axes, across: int, up: int) -> None:
     panel.set_ylabel(f"{'xyz'[up]}, mm")
 
 
-def cloud(panel: Axes, x: F64, y: F64, label: str = "") -> None:
+def draw_dots(panel: Axes, x: F64, y: F64, label: str = "") -> None:
     """Readings as dots."""
     panel.scatter(x, y, s=5.0, alpha=0.4, linewidths=0.0, rasterized=True, label=label)
 
 
-def svg(figure: Figure, salt: str, label: str) -> str:
+def make_svg(figure: Figure, salt: str, label: str) -> str:
     """The drawing as an element of a page; *salt* tells its parts from other drawings' ones."""
-    with _manner(salt):
+    with _use_style(salt):
         file = io.StringIO()
         figure.savefig(
             file, format="svg", dpi=DOTS_PER_INCH, transparent=True, metadata={"Date": None}

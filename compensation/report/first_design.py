@@ -9,11 +9,11 @@ from armd.compensation.design.first import FirstExperiment
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.design import draw_poses
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import InputFile, origin
+from armd.compensation.report.sessions import InputFile, add_origin
 from armd.terminal.counted import counted
 
 
-def first_design_report(
+def make_first_design_report(
     experiment: FirstExperiment,
     arm: Arm,
     rows: Sequence[Mapping[str, Any]],
@@ -23,17 +23,17 @@ def first_design_report(
     """The page; *rows* is the table, one mapping per pose, *words* what the command prints of it,
     *files* are arm, calibration and artefact."""
     page = Page(f"First experiment with {arm.serial_number}")
-    page.verdict(f"MEASURE {counted(len(rows), 'pose').upper()}", words[0], None)
+    page.add_verdict(f"MEASURE {counted(len(rows), 'pose').upper()}", words[0], None)
     for sentence in words[1:]:
-        page.text(sentence)
-    page.text(
+        page.add_text(sentence)
+    page.add_text(
         "Put a target near each tip position, or let a tracker see the tip there, and turn the"
         " joints as shown. All figures are forecasts; nothing is judged by them, so there is no"
         " decision rule."
     )
     figure = draw_poses(experiment.q, experiment.tip_mm, experiment.parameters)
-    page.figure(figure, "The arm in each pose, joint by joint; its number at the tip")
-    page.table(list(rows[0]), [[str(value) for value in row.values()] for row in rows])
-    origin(page, arm, [], files)
-    page.signatures("Planned by", "Checked by")
-    return page.html()
+    page.add_figure(figure, "The arm in each pose, joint by joint; its number at the tip")
+    page.add_table(list(rows[0]), [[str(value) for value in row.values()] for row in rows])
+    add_origin(page, arm, [], files)
+    page.add_signature_lines("Planned by", "Checked by")
+    return page.to_html()

@@ -21,7 +21,7 @@ MOST_NAMED = 3
 NOBODYS = "-"
 
 
-def head(
+def add_head(
     page: Page,
     arm: Arm | None,
     sessions: Sequence[Session],
@@ -34,31 +34,34 @@ def head(
     """
     about = about or About()
     started = [*started_unix_s, *(session.started_unix_s for session in sessions)]
-    operators = about.operator or _few(session.operator for session in sessions)
+    operators = about.operator or _join_different(session.operator for session in sessions)
     artefacts = [session.artefact for session in sessions]
-    page.head(
+    page.add_head(
         [
             ("document", about.document),
-            ("arm, serial number", _serial(arm)),
+            ("arm, serial number", _get_serial(arm)),
             ("customer", about.customer),
             ("laboratory", about.laboratory),
             ("place", about.place),
-            ("measured on", _days(started)),
+            ("measured on", _format_days(started)),
             ("operator", operators),
-            ("artefact", _few(artefact.name for artefact in artefacts)),
-            ("certificate", _few(_certificate(artefact) for artefact in artefacts)),
-            ("environment", _environment(sessions)),
+            ("artefact", _join_different(artefact.name for artefact in artefacts)),
+            (
+                "certificate",
+                _join_different(_describe_certificate(artefact) for artefact in artefacts),
+            ),
+            ("environment", _describe_environment(sessions)),
             ("software", f"armd {__version__}"),
         ]
     )
 
 
-def _serial(arm: Arm | None) -> str | None:
+def _get_serial(arm: Arm | None) -> str | None:
     is_known = arm is not None and arm.serial_number != NOBODYS
     return arm.serial_number if arm and is_known else None
 
 
-def _few(texts: Iterable[str | None]) -> str | None:
+def _join_different(texts: Iterable[str | None]) -> str | None:
     """Different texts in their order; None where there is none."""
     different = list(dict.fromkeys(filter(None, texts)))
     n_further = len(different) - MOST_NAMED
@@ -68,14 +71,14 @@ def _few(texts: Iterable[str | None]) -> str | None:
     return text or None
 
 
-def _certificate(artefact: Artefact) -> str | None:
+def _describe_certificate(artefact: Artefact) -> str | None:
     if artefact.certificate is None:
         return None
     until = artefact.certificate_valid_until
     return f"{artefact.certificate}, valid until {until or '__________'}"
 
 
-def _days(started_unix_s: Sequence[float]) -> str | None:
+def _format_days(started_unix_s: Sequence[float]) -> str | None:
     """The day, or the first and the last; an instant of 0 is one that nobody knows."""
     instants = [instant for instant in started_unix_s if instant > 0.0]
     if not instants:
@@ -87,18 +90,20 @@ def _days(started_unix_s: Sequence[float]) -> str | None:
     return first if first == last else f"{first} to {last}"
 
 
-def _environment(sessions: Sequence[Session]) -> str | None:
+def _describe_environment(sessions: Sequence[Session]) -> str | None:
     parts = {
         "arm": [session.states.temperature_c.ravel() for session in sessions],
         "artefact": [session.artefact_c for session in sessions],
     }
     ranges = {
-        quantity: _range(np.concatenate(values)) for quantity, values in parts.items() if values
+        quantity: _format_range(np.concatenate(values))
+        for quantity, values in parts.items()
+        if values
     }
     return ", ".join(f"{quantity} {text}" for quantity, text in ranges.items() if text) or None
 
 
-def _range(values_c: F64) -> str:
+def _format_range(values_c: F64) -> str:
     measured_c = values_c[np.isfinite(values_c)]
     if not measured_c.size:
         return ""

@@ -37,11 +37,11 @@ def choose_overview(comparisons: Sequence[ResidualComparison]) -> Sequence[Resid
     of all of them, if it is of no such group."""
     groups: dict[str, list[ResidualComparison]] = {}
     for comparison in comparisons:
-        groups.setdefault(_group(comparison.bins.variable), []).append(comparison)
+        groups.setdefault(_get_group(comparison.bins.variable), []).append(comparison)
     order = ["joint angle", "temperature", "time", "placement"]
     if (
         comparisons
-        and (first := _group(choose_most_outside(comparisons).bins.variable)) not in order
+        and (first := _get_group(choose_most_outside(comparisons).bins.variable)) not in order
     ):
         order.insert(0, first)
     return [choose_most_outside(groups[group]) for group in order if group in groups]
@@ -78,8 +78,8 @@ def draw_rows(
     for row, comparison in enumerate(comparisons):
         pair = axes[2 * row : 2 * row + 2]
         reach = (
-            max(_reach(comparison.before), _reach(comparison.after))
-            * unit_of(comparison, units).per_base
+            max(_compute_reach(comparison.before), _compute_reach(comparison.after))
+            * get_unit(comparison, units).per_base
         )
         draw_curve(pair[0], comparison, comparison.before, "model under test", units)
         draw_curve(pair[1], comparison, comparison.after, "with the findings", units)
@@ -98,7 +98,7 @@ def draw_curve(
     units: Units = UNITS,
 ) -> None:
     """Draw one comparison under one model on *panel*."""
-    unit = unit_of(comparison, units)
+    unit = get_unit(comparison, units)
     bins, x = comparison.bins, comparison.bins.middle
     low, high, mean = (values * unit.per_base for values in (curve.low, curve.high, curve.mean))
     panel.fill_between(x, low, high, color=COLOURS[5], alpha=0.35, linewidth=0, label="noise, 95 %")
@@ -109,16 +109,16 @@ def draw_curve(
     outside = (mean < low) | (mean > high)
     panel.plot(x[outside], mean[outside], "o", color=COLOURS[1], markersize=4, label="outside")
     panel.axhline(0.0, color="black", linewidth=0.5)
-    share, p = 100 * curve.outside, _p(curve)
+    share, p = 100 * curve.outside, _format_p_value(curve)
     panel.set_title(f"{name}: {share:.0f} % outside, {p}", fontsize=9.0)
     panel.set(xlabel=bins.title, ylabel=f"residual, {comparison.component.title}, {unit.name}")
     if bins.labels:
         few = len(bins.labels) <= MOST_LABELS
-        tick_labels = [_short(label) for label in bins.labels] if few else []
+        tick_labels = [_shorten_label(label) for label in bins.labels] if few else []
         panel.set_xticks(x if few else [], tick_labels, rotation=90, fontsize=7.0)
 
 
-def unit_of(comparison: ResidualComparison, units: Units) -> Unit:
+def get_unit(comparison: ResidualComparison, units: Units) -> Unit:
     """The unit of a comparison's residuals; a scale's is a length's per metre."""
     length = units.length
     match comparison.component.quantity:
@@ -129,22 +129,22 @@ def unit_of(comparison: ResidualComparison, units: Units) -> Unit:
     return Unit(f"{length.name}/m", 1e3 * length.per_base, length.decimals)
 
 
-def _p(curve: ResidualCurve) -> str:
+def _format_p_value(curve: ResidualCurve) -> str:
     """A p-value of 0 is one below what the drawn curves resolve."""
     resolution = 1.0 / CURVES
     return f"p = {curve.p_value:.2g}" if curve.p_value >= resolution else f"p < {resolution:.1g}"
 
 
-def _reach(curve: ResidualCurve) -> float:
+def _compute_reach(curve: ResidualCurve) -> float:
     largest = np.max(np.abs([curve.low, curve.high, curve.mean]))
     return 1.1 * float(largest) + 1e-15
 
 
-def _short(label: str) -> str:
+def _shorten_label(label: str) -> str:
     return label if len(label) <= 18 else f"…{label[-17:]}"
 
 
-def _group(variable: str) -> str:
+def _get_group(variable: str) -> str:
     if variable in ("time_s", "placement", "target", "approach"):
         return variable.removesuffix("_s")
     number = variable[1:].isdigit()

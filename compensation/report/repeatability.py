@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 
 from armd.arrays import F64
 from armd.compensation.report.drawing import COLOURS, make_figure
-from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.page import Page, make_report_number
 from armd.compensation.report.sessions import InputFile
 from armd.compensation.verify.repeatability import Repeatability
 
 
-def repeatability_page(
+def make_repeatability_page(
     repeatability: Repeatability,
     words: Sequence[str],
     time_and_temperature: tuple[F64, F64],
@@ -23,19 +23,19 @@ def repeatability_page(
 ) -> str:
     """HTML text; *when* are hours and °C of the visits, *name* is of what was measured."""
     page = Page(f"Repeatability: {name}")
-    page.items(words)
-    page.figure(
-        _over_time(repeatability, *time_and_temperature),
+    page.add_items(words)
+    page.add_figure(
+        _draw_over_time(repeatability, *time_and_temperature),
         "Each visit's distance from the mean in x, y and z, the fitted drifts (lines), and the"
         " temperature",
     )
     inputs = {f"{role} {file.name}": file.sha256 for role, file in files.items() if file}
-    page.origin(report_number(name, *inputs.values()), inputs)
-    page.signatures("Measured by", "Checked by")
-    return page.html()
+    page.add_origin(make_report_number(name, *inputs.values()), inputs)
+    page.add_signature_lines("Measured by", "Checked by")
+    return page.to_html()
 
 
-def _over_time(repeatability: Repeatability, time_h: F64, temperature_c: F64) -> Figure:
+def _draw_over_time(repeatability: Repeatability, time_h: F64, temperature_c: F64) -> Figure:
     """Over hours, or over the number of the visit where no time is known."""
     warm, timed = np.isfinite(temperature_c).any(), np.isfinite(time_h).all()
     across = time_h if timed else np.arange(1.0, len(time_h) + 1)

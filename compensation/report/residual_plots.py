@@ -7,7 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from armd.arrays import F64, I64
-from armd.compensation.report.drawing import COLOURS, MOST_POINTS, cloud, make_figure, make_views
+from armd.compensation.report.drawing import (
+    COLOURS,
+    MOST_POINTS,
+    draw_dots,
+    make_figure,
+    make_views,
+)
 from armd.compensation.report.units import Unit, Units
 
 #: Readings whose lever on a joint is below this share of the median tell nothing of it.
@@ -68,7 +74,7 @@ def draw_residuals_by_sensor(
 def draw_vectors(tip_mm: F64, residual_mm: F64, unit: Unit) -> tuple[Figure, float]:
     """Each tip position (n, 3) with its residual, and how many times too long that is drawn."""
     finite = np.flatnonzero(np.isfinite(residual_mm).all(axis=1))
-    rows = finite[thinned(len(finite))]
+    rows = finite[thin_rows(len(finite))]
     tip, residual = tip_mm[rows], residual_mm[rows]
     size = float(np.median(np.linalg.norm(residual, axis=1))) or 1.0
     reach = float(np.linalg.norm(np.ptp(tip, axis=0)))
@@ -82,11 +88,11 @@ def draw_vectors(tip_mm: F64, residual_mm: F64, unit: Unit) -> tuple[Figure, flo
             angles="xy", scale_units="xy", scale=1.0, width=0.002, color=COLOURS[0],
             rasterized=True,
         )  # fmt: skip
-        _scale_bar(panel, tip[:, [across, up]], times * key_mm, name)
+        _draw_scale_bar(panel, tip[:, [across, up]], times * key_mm, name)
     return figure, times
 
 
-def _scale_bar(panel: Axes, points: F64, length: float, name: str) -> None:
+def _draw_scale_bar(panel: Axes, points: F64, length: float, name: str) -> None:
     """Below the points (n, 2), which decide what is shown."""
     low, high = points.min(axis=0), points.max(axis=0)
     below = low[1] - 0.1 * max(high[1] - low[1], length)
@@ -106,12 +112,12 @@ def round_down(value: float) -> float:
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * 1.0001))
 
 
-def thinned(n: int) -> I64:
+def thin_rows(n: int) -> I64:
     """Rows to draw: all, or as many as a page bears, evenly spread."""
     return np.linspace(0, n - 1, min(n, MOST_POINTS)).astype(np.int64)
 
 
-def running_mean(x: F64, y: F64) -> tuple[F64, F64, F64]:
+def compute_running_mean(x: F64, y: F64) -> tuple[F64, F64, F64]:
     """Means over bins of equal count: middle, mean and standard uncertainty of the mean (B,)."""
     bins = min(MOST_BINS, len(x) // LEAST_READINGS)
     if bins < 1:
@@ -124,9 +130,9 @@ def running_mean(x: F64, y: F64) -> tuple[F64, F64, F64]:
 
 
 def _draw(panel: Axes, x: F64, y: F64) -> None:
-    rows = thinned(len(x))
-    cloud(panel, x[rows], y[rows])
-    middle, mean, sigma = running_mean(x, y)
+    rows = thin_rows(len(x))
+    draw_dots(panel, x[rows], y[rows])
+    middle, mean, sigma = compute_running_mean(x, y)
     panel.fill_between(
         middle, mean - BAND * sigma, mean + BAND * sigma, color=COLOURS[1], alpha=0.3, linewidth=0
     )

@@ -13,7 +13,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.model.arm import Arm
-from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.page import Page, make_report_number
 from armd.files.inputs import digest_input
 from armd.terminal.counted import counted
 
@@ -34,7 +34,7 @@ class InputFile(NamedTuple):
         return cls(Path(path).name, digest_input(path))
 
 
-def origin(
+def add_origin(
     page: Page,
     arm: Arm,
     sessions: Sequence[Session],
@@ -45,50 +45,50 @@ def origin(
     named = zip(distinct_names(sessions), sessions, strict=True)
     inputs = {f"session {name}": session.fingerprint() for name, session in named}
     inputs |= {f"{role} {file.name}": file.sha256 for role, file in files.items() if file}
-    page.origin(report_number(arm.serial_number, *inputs.values()), inputs, facts)
+    page.add_origin(make_report_number(arm.serial_number, *inputs.values()), inputs, facts)
     if sessions:
-        session_facts(page, sessions, arm)
+        add_session_facts(page, sessions, arm)
 
 
-def session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:
+def add_session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:
     """A row per session; what its files do not say is said not to be stated."""
-    page.table(
+    page.add_table(
         ["session", "started, UTC", "duration, h", "readings", "operator", "artefact",
          "its certificate", "arm, °C", "artefact, °C"],
         [
-            [name, *_facts(session)]
+            [name, *_list_facts(session)]
             for name, session in zip(distinct_names(sessions), sessions, strict=True)
         ],
     )  # fmt: skip
     if not arm.sensors:
-        page.text("The arm has no temperature sensors.")
+        page.add_text("The arm has no temperature sensors.")
         return
-    page.text(
+    page.add_text(
         f"Temperatures: the lowest and the highest of the {counted(len(arm.sensors), 'sensor')} of"
         " the arm, and of the artefact, over all readings of the session."
     )
 
 
-def _facts(session: Session) -> list[str]:
+def _list_facts(session: Session) -> list[str]:
     started = datetime.datetime.fromtimestamp(session.started_unix_s, datetime.UTC)
     return [
         f"{started:%Y-%m-%d %H:%M}" if session.started_unix_s > 0.0 else NOT_STATED,
-        _duration_h(session.states.time_s),
+        _format_duration_h(session.states.time_s),
         str(session.n),
         session.operator or NOT_STATED,
         session.artefact.name,
         session.artefact.certificate or NOT_STATED,
-        _range(session.states.temperature_c),
-        _range(session.artefact_c),
+        _format_range(session.states.temperature_c),
+        _format_range(session.artefact_c),
     ]
 
 
-def _duration_h(time_s: F64) -> str:
+def _format_duration_h(time_s: F64) -> str:
     span_h = float(np.ptp(time_s)) / 3600
     return f"{span_h:.2f}" if np.isfinite(span_h) else NOT_STATED
 
 
-def _range(values_c: F64) -> str:
+def _format_range(values_c: F64) -> str:
     measured_c = values_c[np.isfinite(values_c)]
     return (
         f"{measured_c.min():.1f} to {measured_c.max():.1f}" if measured_c.size else "not measured"

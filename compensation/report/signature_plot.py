@@ -17,7 +17,7 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.signatures import compile_candidates
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model import parameters
-from armd.compensation.report.drawing import COLOURS, MOST_POINTS, cloud, make_single_figure
+from armd.compensation.report.drawing import COLOURS, MOST_POINTS, draw_dots, make_single_figure
 from armd.compensation.report.units import choose_units
 
 BINS = 24
@@ -26,7 +26,7 @@ MOST_DOTS = 2500
 LEAST_LEVER = 0.3
 
 
-def signature_plot(diagnosis: Diagnosis, index: int) -> Figure:
+def make_signature_plot(diagnosis: Diagnosis, index: int) -> Figure:
     """What the readings show of a finding, with the fitted effect over it."""
     figure, panel = make_single_figure()
     draw_signature(panel, diagnosis, index)
@@ -38,41 +38,41 @@ def draw_signature(panel: Axes, diagnosis: Diagnosis, index: int) -> None:
     candidate = diagnosis.search.last.findings[index]
     moved = {term.parameter for column in candidate.columns for term in column.terms}
     steady = all(column.artefact is None for column in candidate.columns)
-    name, values = _variable(diagnosis, candidate)
+    name, values = _get_variable(diagnosis, candidate)
     if len(candidate.depends_on) > 1:
-        _, points, line, title = _at_the_tip(diagnosis, index)
+        _, points, line, title = _project_at_tip(diagnosis, index)
         name = f"fitted effect at the tip, {choose_units(diagnosis.arm).length.name}"
         _draw(panel, line, points, line, name, title)
-        panel.plot(*_means(line, points), "o", color=COLOURS[2], label="readings, means")
-        _legend(panel)
+        panel.plot(*_compute_means(line, points), "o", color=COLOURS[2], label="readings, means")
+        _add_legend(panel)
         return
     if len(moved) == 1 and candidate.depends_on and steady:
-        rows, points, line, title = _in_the_parameter(diagnosis, index, next(iter(moved)))
+        rows, points, line, title = _project_on_parameter(diagnosis, index, next(iter(moved)))
     else:
-        rows, points, line, title = _at_the_tip(diagnosis, index)
+        rows, points, line, title = _project_at_tip(diagnosis, index)
     _draw(panel, values[rows], points, line, name, title)
     if candidate.depends_on == ("target",):
-        names = _target_names(diagnosis)
+        names = _list_target_names(diagnosis)
         panel.set_xticks(range(len(names)), names, rotation=90 if len(names) > BINS else 0)
-    _legend(panel)
+    _add_legend(panel)
 
 
 def _draw(panel: Axes, values: F64, points: F64, line: F64, name: str, title: str) -> None:
     indices = np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(int)
     label = "readings, all else taken off"
-    cloud(panel, values[indices], points[indices], label)
+    draw_dots(panel, values[indices], points[indices], label)
     if len(np.unique(values)) <= BINS:
-        panel.plot(*_means(values, line), "o", color=COLOURS[1], label="fitted effect")
+        panel.plot(*_compute_means(values, line), "o", color=COLOURS[1], label="fitted effect")
     else:
-        panel.plot(*_curve(values, line), color=COLOURS[1], linewidth=2, label="fitted effect")
-    panel.set(xlabel=name, ylabel=title, ylim=_range_of(points, line))
+        panel.plot(*_make_curve(values, line), color=COLOURS[1], linewidth=2, label="fitted effect")
+    panel.set(xlabel=name, ylabel=title, ylim=_choose_range(points, line))
 
 
-def _legend(panel: Axes) -> None:
+def _add_legend(panel: Axes) -> None:
     panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
 
 
-def _in_the_parameter(
+def _project_on_parameter(
     diagnosis: Diagnosis, index: int, parameter: str
 ) -> tuple[I64, F64, F64, str]:
     """Rows that tell, their error of the parameter, the fitted one, and the axis' title."""
@@ -104,7 +104,7 @@ def _in_the_parameter(
     )
 
 
-def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[I64, F64, F64, str]:
+def _project_at_tip(diagnosis: Diagnosis, index: int) -> tuple[I64, F64, F64, str]:
     """All rows: the residual before this finding along the effect, and the effect."""
     last = diagnosis.search.last
     signature = last.net_signature(index)
@@ -121,7 +121,7 @@ def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[I64, F64, F64, str]:
     return rows, before * scale, size * scale, title
 
 
-def _curve(values: F64, line: F64) -> tuple[F64, F64]:
+def _make_curve(values: F64, line: F64) -> tuple[F64, F64]:
     """The effect over its variable: a curve, broken where nothing was measured."""
     order = np.argsort(values, kind="stable")
     thin = order[np.linspace(0, len(order) - 1, min(len(order), MOST_POINTS)).astype(int)]
@@ -129,7 +129,7 @@ def _curve(values: F64, line: F64) -> tuple[F64, F64]:
     return np.insert(values[thin], gaps, np.nan), np.insert(line[thin], gaps, np.nan)
 
 
-def _means(values: F64, points: F64) -> tuple[F64, F64]:
+def _compute_means(values: F64, points: F64) -> tuple[F64, F64]:
     """Means over the variable: of each of its values if they are few, else of so many readings."""
     order = np.argsort(values, kind="stable")
     steps = np.flatnonzero(np.diff(values[order])) + 1
@@ -140,7 +140,7 @@ def _means(values: F64, points: F64) -> tuple[F64, F64]:
     return x, y
 
 
-def _range_of(points: F64, line: F64) -> list[float]:
+def _choose_range(points: F64, line: F64) -> list[float]:
     """The bulk of the readings and all of the effect: one stray reading must not flatten both."""
     low, high = np.quantile(points, [0.005, 0.995])
     low, high = min(low, float(line.min())), max(high, float(line.max()))
@@ -148,12 +148,12 @@ def _range_of(points: F64, line: F64) -> list[float]:
     return [float(low - margin), float(high + margin)]
 
 
-def _target_names(diagnosis: Diagnosis) -> list[str]:
+def _list_target_names(diagnosis: Diagnosis) -> list[str]:
     """The artefact's targets in its own order, those of all sessions that have others."""
     return list(dict.fromkeys(diagnosis.search.last.linear.rests.target_label))
 
 
-def _variable(diagnosis: Diagnosis, candidate: Candidate) -> tuple[str, F64]:
+def _get_variable(diagnosis: Diagnosis, candidate: Candidate) -> tuple[str, F64]:
     """Title and values of the first variable the finding depends on; else the reading's number."""
     rests = diagnosis.search.last.linear.rests
     states = rests.observations.states
@@ -171,7 +171,7 @@ def _variable(diagnosis: Diagnosis, candidate: Candidate) -> tuple[str, F64]:
     if name == "artefact_c":
         return "artefact above its reference, K", rests.artefact_rise_c
     if name == "target":
-        place = {label: i for i, label in enumerate(_target_names(diagnosis))}
+        place = {label: i for i, label in enumerate(_list_target_names(diagnosis))}
         labels = [rests.target_label[i] for i in rests.observations.target]
         return "target", np.array([place[label] for label in labels], dtype=np.float64)
     if name.startswith("approach_"):

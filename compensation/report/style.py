@@ -53,17 +53,17 @@ figcaption { color: var(--neutral); }
 """
 
 
-def footer_style(left_text: str) -> str:
+def make_footer_style(left_text: str) -> str:
     """On each printed page: *left* (the arm's serial number), the page and the number of pages."""
     return (
         "@page { size: A4; margin: 16mm 15mm 18mm;"
-        f" @bottom-left {{ content: {_css_text(left_text)}; font: 8pt sans-serif; }}"
+        f" @bottom-left {{ content: {_escape_css(left_text)}; font: 8pt sans-serif; }}"
         ' @bottom-right { content: "page " counter(page) " of " counter(pages);'
         " font: 8pt sans-serif; } }\n"
     )
 
 
-def _css_text(text: str) -> str:
+def _escape_css(text: str) -> str:
     """A string of CSS within HTML: whatever is no letter or digit is written by its number."""
     safe = (
         letter if letter.isascii() and letter.isalnum() else f"\\{ord(letter):06x}"

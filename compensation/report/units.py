@@ -36,7 +36,7 @@ class Unit:
         """The same with three significant digits and the unit, for a sentence."""
         if not math.isfinite(value):
             return "an unknown amount"
-        return f"{three_digits(value * self.per_base, sign)}\N{NO-BREAK SPACE}{self.name}"
+        return f"{format_three_digits(value * self.per_base, sign)}\N{NO-BREAK SPACE}{self.name}"
 
 
 SECONDS = Unit("″", 1.0 / ARC_SECOND, 2)
@@ -51,7 +51,7 @@ class Units:
     angle: Unit
 
 
-def resolution_mm(arm: Arm) -> float:
+def compute_resolution_mm(arm: Arm) -> float:
     """Return the step of the tip by one count of the coarsest encoder, at half the arm's reach;
     0 where arm.toml has no encoder."""
     counts = [joint.counts_per_turn for joint in arm.joint if joint.counts_per_turn]
@@ -60,7 +60,7 @@ def resolution_mm(arm: Arm) -> float:
 
 def choose_units(arm: Arm) -> Units:
     """Return the units that suit *arm*."""
-    resolved_mm = resolution_mm(arm)
+    resolved_mm = compute_resolution_mm(arm)
     if resolved_mm < COARSE_MM:
         decimals = 2 if resolved_mm < 0.002 else 1 if resolved_mm < 0.02 else 0
         return Units(Unit("µm", 1e3, decimals), SECONDS)
@@ -68,7 +68,7 @@ def choose_units(arm: Arm) -> Units:
     return Units(Unit("mm", 1.0, decimals), Unit("°", math.degrees(1.0), 3))
 
 
-def three_digits(value: float, sign: str = "") -> str:
+def format_three_digits(value: float, sign: str = "") -> str:
     """A number with three significant digits, whole ones in full, no exponent."""
     if abs(value) < 1e-12:
         return "0"

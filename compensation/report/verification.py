@@ -9,9 +9,9 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.report import verification_figures as figures
 from armd.compensation.report.about import About
 from armd.compensation.report.coverage import add_coverage
-from armd.compensation.report.head import head
+from armd.compensation.report.head import add_head
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import InputFile, origin
+from armd.compensation.report.sessions import InputFile, add_origin
 from armd.compensation.report.units import Unit, choose_units
 from armd.compensation.verify.figures import BLOCK, TESTS
 from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged, Verdict
@@ -24,7 +24,7 @@ ALL_FIGURES = sum(len(keys) for keys in TESTS if keys != (BLOCK,))
 NO_LENGTH = "–"
 
 
-def verification_report(
+def make_verification_report(
     verdict: Verdict,
     session: Session,
     arm: Arm,
@@ -32,38 +32,41 @@ def verification_report(
     about: About | None = None,
 ) -> str:
     """HTML text of the report; *files*: arm, calibration and limits, None where there is none."""
-    page, unit = Page(f"Verification of arm {arm.serial_number}", arm.serial_number), _unit(arm)
-    _verdict(page, verdict, unit)
-    head(page, arm, [session], about)
-    page.text(f"Decision rule: {verdict.rule}.")
-    page.table(
+    page, unit = (
+        Page(f"Verification of arm {arm.serial_number}", arm.serial_number),
+        _choose_unit(arm),
+    )
+    _add_verdict(page, verdict, unit)
+    add_head(page, arm, [session], about)
+    page.add_text(f"Decision rule: {verdict.rule}.")
+    page.add_table(
         ["figure", "standard", f"deciding, {unit.name}", "at", f"MPE, {unit.name}",
          f"U, {unit.name}", "outcome"],
-        [_row(item, unit) for item in verdict.judged],
+        [_make_row(item, unit) for item in verdict.judged],
     )  # fmt: skip
     untested = [f"{key}: {reason}" for key, reason in verdict.not_tested.items()]
-    page.items_in_brief("Not tested, though it has a limit", untested)
-    page.items_in_brief("Remarks", verdict.remarks)
+    page.add_items_in_brief("Not tested, though it has a limit", untested)
+    page.add_items_in_brief("Remarks", verdict.remarks)
     for item in verdict.judged:
         if item.figure.key == "e_uni":
-            _lengths(page, item, verdict, unit)
+            _add_lengths(page, item, verdict, unit)
     add_coverage(page, arm, [session])
-    page.signatures("Measured by", "Checked by")
-    page.appendix()
-    _explained(page, verdict, unit)
+    page.add_signature_lines("Measured by", "Checked by")
+    page.begin_appendix()
+    _add_explanation(page, verdict, unit)
     for item in verdict.judged:
-        page.heading(f"{item.figure.name}: every result")
+        page.add_heading(f"{item.figure.name}: every result")
         _draw(page, item, verdict, unit)
-        page.table(
+        page.add_table(
             ["result", "length, mm", f"error, {unit.name}", f"U (k = 2), {unit.name}"],
-            _results(item, unit),
+            _list_results(item, unit),
         )
-    origin(page, arm, [session], files)
-    return page.html()
+    add_origin(page, arm, [session], files)
+    return page.to_html()
 
 
-def _lengths(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
-    page.figure(
+def _add_lengths(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
+    page.add_figure(
         figures.draw_lengths(item, verdict.limits, unit),
         f"{item.figure.name}: error of each length with ± U (k = 2), {unit.name}; a colour for"
         " each placement; green: within the MPE",
@@ -75,69 +78,71 @@ def _draw(page: Page, item: Judged, verdict: Verdict, unit: Unit) -> None:
     name = item.figure.name
     if item.figure.key == "spat_max" and (figure := figures.draw_rosettes(item, unit)):
         caption = f"{name}: each articulation about the mean of its seat; dashed: the MPE"
-        page.figure(figure, f"{caption}; above: x and y, below: x and z")
+        page.add_figure(figure, f"{caption}; above: x and y, below: x and z")
     elif item.figure.key == "p_form" and (figure := figures.draw_sphere_form(item, unit)):
-        page.figure(figure, f"{name}: each point's distance from the fitted sphere, {unit.name}")
+        page.add_figure(
+            figure, f"{name}: each point's distance from the fitted sphere, {unit.name}"
+        )
     elif item.figure.key in ("volumetric_max", BLOCK):
-        _lengths(page, item, verdict, unit)
+        _add_lengths(page, item, verdict, unit)
 
 
-def _unit(arm: Arm) -> Unit:
+def _choose_unit(arm: Arm) -> Unit:
     return choose_units(arm).length
 
 
-def _verdict(page: Page, verdict: Verdict, unit: Unit) -> None:
+def _add_verdict(page: Page, verdict: Verdict, unit: Unit) -> None:
     if verdict.limits is None:
         reason = "No limits were given: the figures below are not judged."
-        page.verdict("NO VERDICT", reason, None)
+        page.add_verdict("NO VERDICT", reason, None)
         return
     keys = {item.figure.key for item in verdict.judged if item.outcome != "not judged"}
     covered = len(keys - {BLOCK})
     extent = "full test" if covered == ALL_FIGURES else "partial test"
     blocks = ", and gauge blocks" if BLOCK in keys else ""
-    page.verdict(
+    page.add_verdict(
         "ACCEPTED" if verdict.passed else "NOT ACCEPTED",
         f"{covered} of {ALL_FIGURES} figures, {extent}{blocks}",
         verdict.passed,
-        _key_sentence(verdict, unit),
+        _write_key_sentence(verdict, unit),
     )
 
 
-def _key_sentence(verdict: Verdict, unit: Unit) -> str:
+def _write_key_sentence(verdict: Verdict, unit: Unit) -> str:
     """What decides: the figure nearest its limit, or farthest beyond it."""
     decided = [item for item in verdict.judged if item.limit_mm]
     failed = [item for item in decided if item.outcome != "conforms"]
     if not decided:
         return "No figure with a limit was tested."
-    worst = max(failed or decided, key=lambda item: abs(item.deciding.value_mm) / _limit(item))
-    value_mm, limit_mm = worst.deciding.value_mm, _limit(worst)
+    worst = max(failed or decided, key=lambda item: abs(item.deciding.value_mm) / _get_limit(item))
+    value_mm, limit_mm = worst.deciding.value_mm, _get_limit(worst)
     unit = unit.scale_to(value_mm, limit_mm)
     sentence = f"{unit.three_digits(value_mm, '+')} of {unit.three_digits(limit_mm)} permitted"
     if failed:
-        return f"{worst.figure.name} {_outcome(worst)}: {sentence}."
+        return f"{worst.figure.name} {_describe_outcome(worst)}: {sentence}."
     if missing := len(verdict.not_tested):
         was = "was" if missing == 1 else "were"
         return f"{counted(missing, 'figure')} with a limit {was} not tested."
     return f"{worst.figure.name} is nearest its limit: {sentence}."
 
 
-def _limit(item: Judged) -> float:
+def _get_limit(item: Judged) -> float:
     return item.limit_mm or 1.0
 
 
-def _outcome(item: Judged) -> str:
+def _describe_outcome(item: Judged) -> str:
     return "is not proven" if item.outcome == "not proven" else item.outcome
 
 
-def _explained(page: Page, verdict: Verdict, unit: Unit) -> None:
-    page.text(f"The verdict in full: {verdict.in_words}.")
-    page.text(
+def _add_explanation(page: Page, verdict: Verdict, unit: Unit) -> None:
+    page.add_text(f"The verdict in full: {verdict.in_words}.")
+    page.add_text(
         "Deciding: nearest its limit or farthest beyond it; largest: the largest in size. Limits"
         " and uncertainties may differ from one result to the next; those shown are the deciding"
         " result's own. U: expanded uncertainty (k = 2) of the test, not of the arm, from the"
         " certified lengths, the artefact's temperature, the form of sphere and seat."
     )
-    page.table(
+    page.add_table(
         ["figure", f"largest, {unit.name}", "at"],
         [
             [item.figure.name, unit.text(item.figure.worst.value_mm, "+"), item.figure.worst.label]
@@ -150,11 +155,11 @@ def _explained(page: Page, verdict: Verdict, unit: Unit) -> None:
         if key not in verdict.not_tested
     ]
     if untested:
-        page.heading("Not tested")
-        page.items(untested)
+        page.add_heading("Not tested")
+        page.add_items(untested)
 
 
-def _results(item: Judged, unit: Unit) -> list[list[str]]:
+def _list_results(item: Judged, unit: Unit) -> list[list[str]]:
     return [
         [
             deviation.label,
@@ -168,7 +173,7 @@ def _results(item: Judged, unit: Unit) -> list[list[str]]:
     ]
 
 
-def _row(item: Judged, unit: Unit) -> list[str]:
+def _make_row(item: Judged, unit: Unit) -> list[str]:
     has_uncertainty = item.uncertainty_stated
     return [
         item.figure.name,

@@ -61,7 +61,7 @@ def draw_rosettes(item: Judged, unit: Unit) -> Figure | None:
         return None
     figure, panels = make_figure(2, len(seats), 2 * 2.6)
     limit = (item.limit_mm or 0.0) * unit.per_base
-    largest = max(unit.per_base * _largest(deviation) for deviation in seats)
+    largest = max(unit.per_base * _get_largest(deviation) for deviation in seats)
     is_limit_shown = limit <= FAR * largest
     reach = 1.15 * max(limit if is_limit_shown else 0.0, largest, 1e-9)
     for column, deviation in enumerate(seats):
@@ -69,7 +69,7 @@ def draw_rosettes(item: Judged, unit: Unit) -> Figure | None:
         offsets = unit.per_base * deviation.offsets_mm
         for row, up in enumerate((1, 2)):
             panel = panels[row * len(seats) + column]
-            _rosette(panel, offsets[:, 0], offsets[:, up], limit, reach)
+            _draw_rosette(panel, offsets[:, 0], offsets[:, up], limit, reach)
             panel.set(xlabel=f"x, {unit.name}", ylabel=f"{'xyz'[up]}, {unit.name}")
         panels[column].set_title(deviation.label)
     if not is_limit_shown:
@@ -86,7 +86,7 @@ def draw_sphere_form(item: Judged, unit: Unit) -> Figure | None:
         return None
     figure, panels = make_figure(1, len(spheres), SIDE_IN)
     outlines = [
-        _from_pole(deviation.offsets_mm)
+        _measure_from_pole(deviation.offsets_mm)
         for deviation in spheres
         if deviation.offsets_mm is not None
     ]
@@ -94,7 +94,7 @@ def draw_sphere_form(item: Judged, unit: Unit) -> Figure | None:
     points = None
     for panel, deviation, (place, radial) in zip(panels, spheres, outlines, strict=True):
         for angle in (30, 60, 90):
-            _circle(panel, angle, "#8c959f", ":")
+            _draw_circle(panel, angle, "#8c959f", ":")
         points = panel.scatter(
             place[:, 0], place[:, 1], 40.0, radial * unit.per_base, cmap="coolwarm", vmin=-largest,
             vmax=largest, edgecolors="black", linewidths=0.4,
@@ -107,28 +107,28 @@ def draw_sphere_form(item: Judged, unit: Unit) -> Figure | None:
     return figure
 
 
-def _largest(deviation: Deviation) -> float:
+def _get_largest(deviation: Deviation) -> float:
     assert deviation.offsets_mm is not None
     return float(np.linalg.norm(deviation.offsets_mm, axis=1).max())
 
 
-def _rosette(panel: Axes, x: F64, y: F64, limit: float, reach: float) -> None:
+def _draw_rosette(panel: Axes, x: F64, y: F64, limit: float, reach: float) -> None:
     rays = np.stack([np.zeros_like(x), x, np.full_like(x, np.nan)], axis=1).ravel()
     ups = np.stack([np.zeros_like(y), y, np.full_like(y, np.nan)], axis=1).ravel()
     panel.plot(rays, ups, color=COLOURS[0], linewidth=0.8, alpha=0.6)
     panel.plot(x, y, "o", color=COLOURS[0], markersize=3.5)
     if limit:
-        _circle(panel, limit, COLOURS[1], "--")
+        _draw_circle(panel, limit, COLOURS[1], "--")
     panel.set(xlim=(-reach, reach), ylim=(-reach, reach))
     panel.set_aspect("equal", adjustable="box")
 
 
-def _circle(panel: Axes, radius: float, colour: str, line: str) -> None:
+def _draw_circle(panel: Axes, radius: float, colour: str, line: str) -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 121)
     panel.plot(radius * np.cos(turn), radius * np.sin(turn), line, color=colour, linewidth=0.8)
 
 
-def _from_pole(offsets_mm: F64) -> tuple[F64, F64]:
+def _measure_from_pole(offsets_mm: F64) -> tuple[F64, F64]:
     """Points (n, 2) by direction and angle from the pole in degrees, and mm off the sphere."""
     distance = np.linalg.norm(offsets_mm, axis=1)
     pole = offsets_mm.mean(axis=0)

@@ -26,9 +26,9 @@ def add_pages(
     parser.add_argument("--pdf", metavar="R.pdf", help="the same, printed by an installed Chromium")
 
 
-def page_outputs(args: argparse.Namespace) -> dict[str, tuple[str | Path | None, OutputKind]]:
+def list_page_outputs(args: argparse.Namespace) -> dict[str, tuple[str | Path | None, OutputKind]]:
     """The pages asked for, for `check_outputs`; raises `BadInput` where nothing can print."""
-    if args.pdf and _browser() is None:
+    if args.pdf and _find_browser() is None:
         expected = f"one of {', '.join(BROWSERS)} on the path; or print the page of --report"
         raise BadInput("command line", "--pdf", "no browser", expected)
     return {"--report": (args.report, PAGE), "--pdf": (args.pdf, PDF)}
@@ -57,12 +57,12 @@ def write_page(path: Path, page: str) -> None:
 
 def write_pdf(path: Path, page: str) -> None:
     """Write a page as PDF; raises `ArmdError` where none prints."""
-    write_whole(path, printed(page) + PDF_MARK)
+    write_whole(path, print_pdf(page) + PDF_MARK)
 
 
-def printed(page: str) -> bytes:
+def print_pdf(page: str) -> bytes:
     """The page as PDF; raises `ArmdError` where the browser makes none."""
-    browser = _browser()
+    browser = _find_browser()
     if browser is None:
         raise ArmdError(f"no PDF: none of {', '.join(BROWSERS)} is on the path")
     with tempfile.TemporaryDirectory(prefix="armd-pdf-") as folder:
@@ -81,5 +81,5 @@ def printed(page: str) -> bytes:
         return pdf.read_bytes()
 
 
-def _browser() -> str | None:
+def _find_browser() -> str | None:
     return next((path for name in BROWSERS if (path := shutil.which(name))), None)

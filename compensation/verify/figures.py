@@ -72,7 +72,7 @@ def evaluate_figures(
     return Verification(tuple(figures), left_out, tuple(remarks), tuple(readings.far_off()))
 
 
-def _sphere_size(readings: VerifiedReadings) -> Iterator[Figure]:
+def _evaluate_sphere_size(readings: VerifiedReadings) -> Iterator[Figure]:
     """P_Size: 25 points on the sphere, in two positions."""
     if touched := readings.spheres():
         yield Figure("p_size", "P_Size", ISO, tuple(map(readings.size_of, touched)))
@@ -86,7 +86,7 @@ def _sphere_size(readings: VerifiedReadings) -> Iterator[Figure]:
     yield Figure("p_size", "P_Size", ISO, tuple(size))
 
 
-def _sphere_form(readings: VerifiedReadings) -> Iterator[Figure]:
+def _evaluate_sphere_form(readings: VerifiedReadings) -> Iterator[Figure]:
     """P_Form: of the same points; no certified diameter is needed."""
     form = []
     touched = [(sphere.label, sphere.points_mm) for sphere in readings.spheres()]
@@ -99,7 +99,7 @@ def _sphere_form(readings: VerifiedReadings) -> Iterator[Figure]:
     yield Figure("p_form", "P_Form", ISO, tuple(form))
 
 
-def _location(readings: VerifiedReadings) -> Iterator[Figure]:
+def _evaluate_location(readings: VerifiedReadings) -> Iterator[Figure]:
     """L_Dia.5×5: the sphere's centre from five points in each of five orientations."""
     centres = np.array([fit_sphere(readings.one_each(f"LDIA.{k}.", 5))[0] for k in range(1, 6)])
     diameter = 2 * find_smallest_sphere(centres)[1]
@@ -108,7 +108,7 @@ def _location(readings: VerifiedReadings) -> Iterator[Figure]:
     yield Figure("l_dia", "L_Dia.5×5", ISO, (deviation,))
 
 
-def _lengths(readings: VerifiedReadings) -> Iterator[Figure]:
+def _evaluate_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
     """E_Uni: five lengths in seven placements, three repeats."""
     placements = readings.placements("L0")
     if len(placements) < 7:
@@ -130,7 +130,7 @@ def _lengths(readings: VerifiedReadings) -> Iterator[Figure]:
     yield Figure("e_uni", "E_Uni", ISO, tuple(deviations))
 
 
-def _block_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
+def _evaluate_block_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
     """Gauge blocks: how far apart two parallel planes are, in each placement."""
     errors = tuple(readings.block_errors())
     if not errors:
@@ -138,7 +138,7 @@ def _block_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
     yield Figure(BLOCK, "Block length", CERTIFICATE, errors)
 
 
-def _effective_diameter(readings: VerifiedReadings) -> Iterator[Figure]:
+def _evaluate_effective_diameter(readings: VerifiedReadings) -> Iterator[Figure]:
     """Nine points on the sphere, three repeats."""
     diameter, uncertainty = readings.length(readings.certified(SPHERE))
     deviations = []
@@ -149,7 +149,7 @@ def _effective_diameter(readings: VerifiedReadings) -> Iterator[Figure]:
     yield Figure("effective_diameter", "Effective diameter", ASME, tuple(deviations))
 
 
-def _articulation(readings: VerifiedReadings) -> Iterator[Figure]:
+def _evaluate_articulation(readings: VerifiedReadings) -> Iterator[Figure]:
     """Single-point articulation: ten readings of a seat in each of three zones of the reach."""
     largest, spread = [], []
     missing = []
@@ -176,7 +176,7 @@ def _articulation(readings: VerifiedReadings) -> Iterator[Figure]:
     yield Figure("spat_2s", "SPAT 2s", ASME, tuple(spread))
 
 
-def _volumetric(readings: VerifiedReadings) -> Iterator[Figure]:
+def _evaluate_volumetric(readings: VerifiedReadings) -> Iterator[Figure]:
     """Twenty placements of two bars."""
     deviations = []
     for bar in ("BARS", "BARL"):
@@ -202,12 +202,12 @@ def _volumetric(readings: VerifiedReadings) -> Iterator[Figure]:
 
 
 TESTS: dict[tuple[str, ...], Callable[[VerifiedReadings], Iterator[Figure]]] = {
-    ("p_size",): _sphere_size,
-    ("p_form",): _sphere_form,
-    ("l_dia",): _location,
-    ("e_uni",): _lengths,
-    (BLOCK,): _block_lengths,
-    ("effective_diameter",): _effective_diameter,
-    ("spat_max", "spat_2s"): _articulation,
-    ("volumetric_max", "volumetric_2rms", "volumetric_range"): _volumetric,
+    ("p_size",): _evaluate_sphere_size,
+    ("p_form",): _evaluate_sphere_form,
+    ("l_dia",): _evaluate_location,
+    ("e_uni",): _evaluate_lengths,
+    (BLOCK,): _evaluate_block_lengths,
+    ("effective_diameter",): _evaluate_effective_diameter,
+    ("spat_max", "spat_2s"): _evaluate_articulation,
+    ("volumetric_max", "volumetric_2rms", "volumetric_range"): _evaluate_volumetric,
 }

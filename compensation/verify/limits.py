@@ -13,13 +13,13 @@ from armd.files.schema import Strict, load_toml
 LARGEST_MM = 5.0
 
 
-def _in_mm(value: float) -> float:
+def _require_mm(value: float) -> float:
     if value > LARGEST_MM:
         raise ValueError(f"mm, {LARGEST_MM:g} at most ({value:g} µm are {value / 1e3:g} mm)")
     return value
 
 
-Limit = Annotated[float, Field(gt=0), AfterValidator(_in_mm)] | None
+Limit = Annotated[float, Field(gt=0), AfterValidator(_require_mm)] | None
 
 
 class Mpe(Strict):
@@ -30,7 +30,7 @@ class Mpe(Strict):
     l_dia_mm: Limit = None
     e_uni_mm: Limit = None
     #: added to `e_uni_mm` for every metre measured: MPE = A + L·this
-    e_uni_mm_per_m: Annotated[float, Field(ge=0), AfterValidator(_in_mm)] = 0.0
+    e_uni_mm_per_m: Annotated[float, Field(ge=0), AfterValidator(_require_mm)] = 0.0
     block_length_mm: Limit = None
     effective_diameter_mm: Limit = None
     spat_max_mm: Limit = None

@@ -79,8 +79,8 @@ def fit_repeatability(position_mm: F64, time_h: F64, temperature_c: F64) -> Repe
     """
     remarks: list[str] = []
     columns = [np.ones(len(position_mm))]
-    hours = _varied(time_h, LEAST_SPAN_H, "time", remarks)
-    kelvin = _varied(temperature_c, LEAST_SPAN_K, "temperature", remarks)
+    hours = _centre_varied(time_h, LEAST_SPAN_H, "time", remarks)
+    kelvin = _centre_varied(temperature_c, LEAST_SPAN_K, "temperature", remarks)
     columns += [column for column in (hours, kelvin) if column is not None]
     design = np.column_stack(columns)
     freedom = len(design) - design.shape[1]
@@ -102,7 +102,7 @@ def fit_repeatability(position_mm: F64, time_h: F64, temperature_c: F64) -> Repe
     drifts: list[CoordinateDrift] = []
     if rank == design.shape[1]:
         inverse = np.diag(np.linalg.inv(design.T @ design))
-        larger = _enlargement(residual, remarks)
+        larger = _compute_enlargement(residual, remarks)
         for i in range(1, design.shape[1]):
             spread = np.sqrt(inverse[i] * np.diag(covariance) * larger)
             drifts.append(CoordinateDrift(solved[i], spread))
@@ -115,7 +115,7 @@ def fit_repeatability(position_mm: F64, time_h: F64, temperature_c: F64) -> Repe
     distance = np.linalg.norm(residual, axis=1)
     return Repeatability(
         repeatability_um=size,
-        interval_um=_interval(covariance, freedom, size),
+        interval_um=_compute_interval(covariance, freedom, size),
         per_h=per_h,
         per_k=per_k,
         rp_um=float(distance.mean() + 3 * distance.std(ddof=1)),
@@ -126,7 +126,7 @@ def fit_repeatability(position_mm: F64, time_h: F64, temperature_c: F64) -> Repe
     )
 
 
-def _varied(values: F64, least_span: float, quantity: str, remarks: list[str]) -> F64 | None:
+def _centre_varied(values: F64, least_span: float, quantity: str, remarks: list[str]) -> F64 | None:
     """Values about their mean; None where they tell no drift, with a remark."""
     if not np.isfinite(values).all():
         remarks.append(f"no {quantity} with every visit: no drift by {quantity}")
@@ -138,7 +138,7 @@ def _varied(values: F64, least_span: float, quantity: str, remarks: list[str]) -
     return out
 
 
-def _enlargement(residual: F64, remarks: list[str]) -> F64:
+def _compute_enlargement(residual: F64, remarks: list[str]) -> F64:
     """(3,) of the variances, for a correlation from visit to visit."""
     squares = np.maximum((residual**2).sum(axis=0), 1e-30)
     r = (residual[1:] * residual[:-1]).sum(axis=0) / squares
@@ -153,7 +153,7 @@ def _enlargement(residual: F64, remarks: list[str]) -> F64:
     return out
 
 
-def _interval(covariance: F64, freedom: int, size: float) -> tuple[float, float]:
+def _compute_interval(covariance: F64, freedom: int, size: float) -> tuple[float, float]:
     """95 %, by chi-squared with the degrees of freedom of the three axes together (Satterthwaite,
     Biometrics Bull. 2, 1946)."""
     square_sum = float((covariance**2).sum())

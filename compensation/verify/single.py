@@ -32,7 +32,7 @@ LEAST_REPEATS = 3
 def check_repeats(session: Session, position_mm: F64) -> FarOff:
     """Readings of a seat, whose tips stand at *position_mm* (n, 3), far from the middle one."""
     off_mm = np.full(session.n, np.nan)
-    for rows in _seats(session, position_mm):
+    for rows in _iterate_seats(session, position_mm):
         if len(rows) >= LEAST_REPEATS:
             points = position_mm[rows]
             off_mm[rows] = np.linalg.norm(points - np.median(points, axis=0), axis=1)
@@ -47,7 +47,7 @@ def check_lengths(
     names, off_mm = session.artefact.target_names, np.full(session.n, np.nan)
     rows_by_seat = {
         (names[session.target[rows[0]]], int(session.placement[rows[0]])): rows
-        for rows in _seats(session, position_mm)
+        for rows in _iterate_seats(session, position_mm)
         if len(rows) < LEAST_REPEATS
     }
     for distance in session.artefact.distances:
@@ -90,7 +90,7 @@ def check_surfaces(session: Session, position_mm: F64, radii_mm: Mapping[str, fl
     return far_off(off_mm)
 
 
-def _seats(session: Session, position_mm: F64) -> Iterator[I64]:
+def _iterate_seats(session: Session, position_mm: F64) -> Iterator[I64]:
     """The readings of each seat in each placement, where it is no surface or point on a sphere."""
     usable = np.isfinite(position_mm).all(axis=1)
     surfaces = session.artefact.surface_kinds

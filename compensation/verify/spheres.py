@@ -38,29 +38,29 @@ def measure_distances_from_sphere(points: F64, radius: float) -> F64:
     Each is left out once; where the others fit best, all are weighed by Cauchy's weights.
     """
     numbers = np.arange(len(points))
-    centres = [_centre(points[numbers != i], radius, np.ones(len(points) - 1)) for i in numbers]
+    centres = [_fit_centre(points[numbers != i], radius, np.ones(len(points) - 1)) for i in numbers]
     squares = [
-        np.sum(_outside(points[numbers != i], centre, radius) ** 2)
+        np.sum(_measure_outside(points[numbers != i], centre, radius) ** 2)
         for i, centre in enumerate(centres)
     ]
-    off = np.abs(_outside(points, centres[int(np.argmin(squares))], radius))
+    off = np.abs(_measure_outside(points, centres[int(np.argmin(squares))], radius))
     for _ in range(ROBUST_ROUNDS):
         weight = 1.0 / (1.0 + (off / max(float(np.median(off)), LEAST_MM)) ** 2)
-        off = np.abs(_outside(points, _centre(points, radius, weight), radius))
+        off = np.abs(_measure_outside(points, _fit_centre(points, radius, weight), radius))
     return off
 
 
-def _centre(points: F64, radius: float, weight: F64) -> F64:
+def _fit_centre(points: F64, radius: float, weight: F64) -> F64:
     """The centre (3,) of the sphere of this *radius* with the least *weight*ed squares."""
 
     def off(centre: F64) -> F64:
-        return np.sqrt(weight) * _outside(points, centre, radius)
+        return np.sqrt(weight) * _measure_outside(points, centre, radius)
 
     solution: F64 = least_squares(off, np.median(points, axis=0)).x
     return solution
 
 
-def _outside(points: F64, centre: F64, radius: float) -> F64:
+def _measure_outside(points: F64, centre: F64, radius: float) -> F64:
     outside: F64 = np.linalg.norm(points - centre, axis=1) - radius
     return outside
 
@@ -75,7 +75,7 @@ def find_smallest_sphere(points: F64) -> tuple[F64, float]:
     best: tuple[F64, float] | None = None
     for size in (2, 3, 4):
         for chosen in combinations(range(len(points)), size):
-            centre = _circumcentre(points[list(chosen)])
+            centre = _compute_circumcentre(points[list(chosen)])
             radius = float(np.linalg.norm(points - centre, axis=1).max())
             own_radius = float(np.linalg.norm(points[chosen[0]] - centre))
             holds = radius <= own_radius * (1 + 1e-9) + 1e-12
@@ -85,7 +85,7 @@ def find_smallest_sphere(points: F64) -> tuple[F64, float]:
     return best
 
 
-def _circumcentre(points: F64) -> F64:
+def _compute_circumcentre(points: F64) -> F64:
     """The centre, within the span of two to four points, of the sphere through them."""
     edges = points[1:] - points[0]
     offset = np.linalg.lstsq(2 * edges, (edges**2).sum(axis=1), rcond=None)[0]

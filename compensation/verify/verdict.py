@@ -122,7 +122,7 @@ class Verdict:
                     f"E_Uni: the longest length, {longest:.0f} mm, is less than 66 % of the "
                     f"measuring range of {range_mm:.0f} mm"
                 )
-            if unit := _certified_in(figure.worst):
+            if unit := _find_certified_unit(figure.worst):
                 remarks.append(
                     f"{figure.name}: its certified lengths fit the arm if they are taken as {unit}:"
                     " length_mm in session.toml is in mm"
@@ -181,7 +181,7 @@ class Verdict:
         }
 
 
-def _certified_in(worst: Deviation) -> str:
+def _find_certified_unit(worst: Deviation) -> str:
     """The unit that a certified length seems to have instead of mm, if any."""
     if not worst.length_mm:
         return ""

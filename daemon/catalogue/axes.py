@@ -18,7 +18,7 @@ from armd.compensation.model.arm import PARALLEL_DEG
 SAME_MM = 1e-9
 
 
-def rows_of_axes(origins: F64, axes: F64, tip: F64, x: F64) -> tuple[F64, F64]:
+def axes_to_rows(origins: F64, axes: F64, tip: F64, x: F64) -> tuple[F64, F64]:
     """Rows (N, 5) of θ°, d mm, a mm, α°, β°, and the tip (3,) mm in the last frame.
 
     *origins* (N, 3) mm are a point on each axis, *axes* (N, 3) unit directions, *tip* (3,) mm;
@@ -27,23 +27,23 @@ def rows_of_axes(origins: F64, axes: F64, tip: F64, x: F64) -> tuple[F64, F64]:
     rows, origin = [], origins[0]
     for z, next_origin, other_z in zip(axes[:-1], origins[1:], axes[1:], strict=True):
         if np.linalg.norm(np.cross(z, other_z)) < math.sin(math.radians(PARALLEL_DEG)):
-            row, x, origin = _hayati_row(origin, x, z, next_origin, other_z)
+            row, x, origin = _make_hayati_row(origin, x, z, next_origin, other_z)
         else:
-            row, x, origin = _normal_row(origin, x, z, next_origin, other_z)
+            row, x, origin = _make_normal_row(origin, x, z, next_origin, other_z)
         rows.append(row)
     rows.append([0.0] * 5)
     frame = np.column_stack([x, np.cross(axes[-1], x), axes[-1]])
     return np.array(rows), frame.T @ (tip - origin)
 
 
-def across(z: F64) -> F64:
+def choose_across(z: F64) -> F64:
     """A unit vector (3,) at right angles to *z*: along base x where z is the base's."""
     x = np.cross(z, [0.0, 0.0, 1.0] if abs(z[2]) < 0.9 else [1.0, 0.0, 0.0])
     unit: F64 = x / np.linalg.norm(x)
     return unit
 
 
-def axes_of_rows(rows: Sequence[Sequence[float]]) -> tuple[F64, F64, F64]:
+def rows_to_axes(rows: Sequence[Sequence[float]]) -> tuple[F64, F64, F64]:
     """Origins (N, 3) and directions (N, 3) of the joints' axes at zero angles, and the origin (3,)
     of the frame after the last row; rows (N, 5) of θ°, d mm, a mm, α°, β°, in the base frame."""
     rotation, position = np.eye(3), np.zeros(3)
@@ -51,13 +51,13 @@ def axes_of_rows(rows: Sequence[Sequence[float]]) -> tuple[F64, F64, F64]:
     for theta, d, a, alpha, beta in rows:
         origins.append(position)
         axes.append(rotation[:, 2])
-        rotation = rotation @ turn(2, theta)
+        rotation = rotation @ make_turn(2, theta)
         position = position + rotation @ np.array([a, 0.0, d])
-        rotation = rotation @ turn(0, alpha) @ turn(1, beta)
+        rotation = rotation @ make_turn(0, alpha) @ make_turn(1, beta)
     return np.array(origins), np.array(axes), position
 
 
-def turn(axis: int, degrees: float) -> F64:
+def make_turn(axis: int, degrees: float) -> F64:
     """Rotation matrix (3, 3) about x, y or z (0, 1, 2)."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -67,12 +67,12 @@ def turn(axis: int, degrees: float) -> F64:
     return matrix
 
 
-def _angle(x: F64, normal: F64, z: F64) -> float:
+def _measure_angle(x: F64, normal: F64, z: F64) -> float:
     """Degrees from *x* to *normal* about *z*."""
     return math.degrees(math.atan2(np.cross(x, normal) @ z, x @ normal))
 
 
-def _hayati_row(
+def _make_hayati_row(
     origin: F64, x: F64, z: F64, next_origin: F64, other_z: F64
 ) -> tuple[list[float], F64, F64]:
     """To where the other axis meets the plane at right angles to z: the row, the next x, origin."""
@@ -83,11 +83,11 @@ def _hayati_row(
     beta = math.asin(float(np.clip(other_z @ normal, -1.0, 1.0)))
     alpha = math.atan2(-(other_z @ y), other_z @ z)
     turned = [math.cos(beta), math.sin(alpha) * math.sin(beta), -math.cos(alpha) * math.sin(beta)]
-    row = [_angle(x, normal, z), 0.0, length, math.degrees(alpha), math.degrees(beta)]
+    row = [_measure_angle(x, normal, z), 0.0, length, math.degrees(alpha), math.degrees(beta)]
     return row, np.column_stack([normal, y, z]) @ turned, point
 
 
-def _normal_row(
+def _make_normal_row(
     origin: F64, x: F64, z: F64, next_origin: F64, other_z: F64
 ) -> tuple[list[float], F64, F64]:
     """Along the common normal of both axes: the row, the next frame's x and its origin."""
@@ -99,9 +99,9 @@ def _normal_row(
         normal = -normal
     alpha = math.degrees(math.atan2(np.cross(z, other_z) @ normal, z @ other_z))
     length = float((other_foot - foot) @ normal)
-    return [_angle(x, normal, z), float(s), length, alpha, 0.0], normal, other_foot
+    return [_measure_angle(x, normal, z), float(s), length, alpha, 0.0], normal, other_foot
 
 
-def point_text(point: F64) -> str:
+def format_point(point: F64) -> str:
     """`(805, 0, 1180)`, to a micrometre."""
     return "(" + ", ".join(f"{round(x, 3) + 0.0:.10g}" for x in point.tolist()) + ")"

@@ -11,7 +11,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import PARALLEL_DEG
-from armd.daemon.catalogue.axes import axes_of_rows, point_text, rows_of_axes, turn
+from armd.daemon.catalogue.axes import axes_to_rows, format_point, make_turn, rows_to_axes
 
 #: A row's parameters in arm.toml, in the order in which armd applies them.
 DH = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
@@ -45,18 +45,18 @@ class ChainRows:
 
     def tip_text(self) -> str:
         """`(805, 0, 1180) mm …`: in the table's base frame, at zero angles."""
-        _, _, end = axes_of_rows(_parameters(self.joints))
-        tip = end + _last_frame(self.joints) @ np.array(self.tip_offset())
+        _, _, end = rows_to_axes(_list_parameters(self.joints))
+        tip = end + _compute_last_frame(self.joints) @ np.array(self.tip_offset())
         point = np.array([self.first[0], 0.0, 0.0]) + self._turned() @ tip
-        return f"{point_text(point)} mm in the table's base frame"
+        return f"{format_point(point)} mm in the table's base frame"
 
     def _turned(self) -> F64:
         """The rotation (3, 3) of armd's base frame in the table's."""
         _, alpha, beta = self.first
-        return turn(0, alpha) @ turn(1, beta)
+        return make_turn(0, alpha) @ make_turn(1, beta)
 
 
-def without_previous(rows: ChainRows, remarks: list[str]) -> ChainRows:
+def to_standard_rows(rows: ChainRows, remarks: list[str]) -> ChainRows:
     """Modified rows as standard ones: a, α, β stand one row up, with the link that they shape."""
     shifted: list[dict[str, Any]] = []
     after = rows.after or {}
@@ -75,17 +75,17 @@ def without_previous(rows: ChainRows, remarks: list[str]) -> ChainRows:
 
 def with_hayati(rows: ChainRows, remarks: list[str]) -> ChainRows:
     """Rows of nearly parallel axes, kilometres long, as Hayati's, with a β and no length d."""
-    parameters = _parameters(rows.joints)
+    parameters = _list_parameters(rows.joints)
     nearly = [
         0.0 < abs(math.sin(math.radians(row[3]))) < math.sin(math.radians(PARALLEL_DEG))
         for row in parameters[:-1]
     ]
     if not any(nearly) or max(abs(x) for row in parameters for x in row[1:3]) < TOO_LONG_MM:
         return rows
-    origins, axes, tip = axes_of_rows(parameters)
-    frame = _last_frame(rows.joints)
+    origins, axes, tip = rows_to_axes(parameters)
+    frame = _compute_last_frame(rows.joints)
     offset = tip + frame @ np.array(rows.tip_offset())
-    hayati_rows, made_tip = rows_of_axes(origins, axes, offset, np.array([1.0, 0.0, 0.0]))
+    hayati_rows, made_tip = axes_to_rows(origins, axes, offset, np.array([1.0, 0.0, 0.0]))
     joints = []
     for joint, row in zip(rows.joints, hayati_rows.tolist(), strict=True):
         values = {name: round(x, PLACES) + 0.0 for name, x in zip(DH, row, strict=True)}
@@ -96,13 +96,13 @@ def with_hayati(rows: ChainRows, remarks: list[str]) -> ChainRows:
     return replace(rows, joints=joints, after={"theta_deg": theta, "d_mm": z, "a_mm": a})
 
 
-def _parameters(joints: Sequence[Mapping[str, Any]]) -> list[list[float]]:
+def _list_parameters(joints: Sequence[Mapping[str, Any]]) -> list[list[float]]:
     return [[float(joint.get(name, 0.0)) for name in DH] for joint in joints]
 
 
-def _last_frame(joints: Sequence[Mapping[str, Any]]) -> F64:
+def _compute_last_frame(joints: Sequence[Mapping[str, Any]]) -> F64:
     """Rotation (3, 3) of the frame after the last joint, at zero angles."""
     rotation: F64 = np.eye(3)
-    for theta, _, _, alpha, beta in _parameters(joints):
-        rotation = rotation @ turn(2, theta) @ turn(0, alpha) @ turn(1, beta)
+    for theta, _, _, alpha, beta in _list_parameters(joints):
+        rotation = rotation @ make_turn(2, theta) @ make_turn(0, alpha) @ make_turn(1, beta)
     return rotation

@@ -16,15 +16,15 @@ class FramePose:
     rotation: F64
     origin: F64
 
-    def __matmul__(self, other: FramePose) -> FramePose:
-        return FramePose(self.rotation @ other.rotation, self.origin + self.rotation @ other.origin)
+    def __matmul__(self, frame: FramePose) -> FramePose:
+        return FramePose(self.rotation @ frame.rotation, self.origin + self.rotation @ frame.origin)
 
     @property
     def inverse(self) -> FramePose:
         return FramePose(self.rotation.T, -self.rotation.T @ self.origin)
 
 
-def rotations_about(axis: F64, angles: F64) -> F64:
+def make_rotations_about(axis: F64, angles: F64) -> F64:
     """Rotation matrices (n, 3, 3) about a unit *axis* (3,)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -13,7 +13,7 @@ import numpy as np
 
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward
-from armd.daemon.catalogue.axes import point_text
+from armd.daemon.catalogue.axes import format_point
 from armd.errors import BadInput
 from armd.files.schema import load_toml
 from armd.terminal.suggest import did_you_mean
@@ -43,7 +43,7 @@ KNOWN: dict[str, Bus | None] = {
 }
 
 
-def canonical(name: str) -> str:
+def find_spelling(name: str) -> str:
     """The table's spelling of *name*, as SO-100; raises `BadInput` for an arm not in it."""
     key = name.lower().replace("_", "-")
     by_letters = {arm.replace("-", ""): arm for arm in KNOWN}
@@ -55,23 +55,23 @@ def canonical(name: str) -> str:
     return key
 
 
-def arm_text(name: str) -> str:
+def read_arm_text(name: str) -> str:
     """The arm.toml of a known arm, comments and all."""
-    return (files(__package__) / f"{canonical(name)}.toml").read_text(encoding="utf-8")
+    return (files(__package__) / f"{find_spelling(name)}.toml").read_text(encoding="utf-8")
 
 
-def known_arm(name: str) -> Arm:
+def load_known_arm(name: str) -> Arm:
     """The same, parsed and checked."""
-    return load_toml(str(files(__package__) / f"{canonical(name)}.toml"), Arm)
+    return load_toml(str(files(__package__) / f"{find_spelling(name)}.toml"), Arm)
 
 
-def title(text: str) -> str:
+def read_title(text: str) -> str:
     """The first line of an arm.toml's comment: what the arm is."""
     return text.splitlines()[0].removeprefix("# ").removesuffix(".")
 
 
 def with_serial_number(text: str, serial_number: str) -> str:
-    line = f"serial_number = {_quoted(serial_number)}"
+    line = f"serial_number = {_quote(serial_number)}"
     return re.sub(r"(?m)^serial_number = .*$", lambda _: line, text, count=1)
 
 
@@ -87,16 +87,16 @@ def with_joint(text: str, k: int, values: Mapping[str, float | int]) -> str:
     return head + "".join(joints)
 
 
-def daemon_text(arm_file: str, bus: Bus, port: str) -> str:
+def write_daemon_text(arm_file: str, bus: Bus, port: str) -> str:
     """An armd.toml that runs the arm on *port*."""
     return f"""\
 schema = "armd.daemon/1"
-arm = {_quoted(arm_file)}
+arm = {_quote(arm_file)}
 # calibration = "calibration.json"     # of armd calibrate; without it points carry flag 7
 
 [driver]
-kind = {_quoted(bus.kind)}
-port = {_quoted(port)}
+kind = {_quote(bus.kind)}
+port = {_quote(port)}
 baud = {bus.baud}
 ids = {list(bus.ids)}
 temperature_ids = {list(bus.temperature_ids)}
@@ -106,17 +106,17 @@ trigger = "rest"                       # such an arm has no button: hold the tip
 """
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     """A TOML string: JSON's, in UTF-8."""
     return json.dumps(text, ensure_ascii=False)
 
 
-def geometry_in_words(text: str) -> str:
+def describe_geometry(text: str) -> str:
     """The convention of an arm.toml's rows, and where its tip is at zero angles: what a person
     compares with the arm on the bench."""
     arm = Arm.model_validate(tomllib.loads(text))
     tip_mm = forward(np.zeros((1, arm.n_joints)), arm.nominal())[0][0]
     return (
         "rows are in the standard convention, Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta); the tip at"
-        f" zero angles: {point_text(tip_mm)} mm in the base frame"
+        f" zero angles: {format_point(tip_mm)} mm in the base frame"
     )

@@ -14,9 +14,9 @@ from armd.compensation.model.arm import Joint
 from armd.daemon.catalogue.known_arms import (
     KNOWN,
     Bus,
-    arm_text,
-    canonical,
-    known_arm,
+    find_spelling,
+    load_known_arm,
+    read_arm_text,
     with_joint,
 )
 from armd.daemon.catalogue.lerobot_file import (
@@ -25,9 +25,9 @@ from armd.daemon.catalogue.lerobot_file import (
     MIDDLE,
     TOOLS,
     Motor,
-    base_to_wrist,
-    motors_of_arm,
+    order_base_to_wrist,
     read_motors,
+    select_motors,
 )
 from armd.errors import BadInput
 from armd.terminal.suggest import few
@@ -66,14 +66,14 @@ def take_over(
     *prefix*: of the arm's motors, where the file has several arms; *short*: joints that turn less
     than the drawing says. Raises `BadInput` for a file that is not LeRobot's or is another arm's.
     """
-    arm, bus = known_arm(name), _bus(name)
-    motors = base_to_wrist(motors_of_arm(path, read_motors(path), prefix))
+    arm, bus = load_known_arm(name), _choose_bus(name)
+    motors = order_base_to_wrist(select_motors(path, read_motors(path), prefix))
     chain = {key: motor for key, motor in motors.items() if key not in TOOLS}
     _check(path, motors, chain, arm.n_joints, name)
     _check_offsets(path, motors, bus.kind)
-    chain = {key: _within_a_turn(path, key, motor, bus.kind) for key, motor in chain.items()}
+    chain = {key: _move_within_turn(path, key, motor, bus.kind) for key, motor in chain.items()}
     remarks = _check_sweeps(path, chain, arm.joint, short)
-    text = arm_text(name)
+    text = read_arm_text(name)
     for k, (motor, joint) in enumerate(zip(chain.values(), arm.joint, strict=True), 1):
         # A Dynamixel turns its count round itself; LeRobot does it for a Feetech.
         turned = motor.drive_mode == 1 and bus.kind == "feetech"
@@ -91,20 +91,22 @@ def take_over(
     offsets = ", ".join(f"{motor.id}: {motor.homing_offset}" for motor in motors.values())
     note = (
         "# Zeros, limits and directions are of the LeRobot calibration "
-        f"{_commentable(path.name)},\n"
+        f"{_to_comment(path.name)},\n"
         "# whose zero (the middle of the sweep) is assumed to be the drawing's. It holds while\n"
         f"# the servos have these homing offsets: {offsets}.\n"
     )
     ids = [motor.id for motor in chain.values()]
-    return TakenOver(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors, remarks)
+    return TakenOver(
+        note.join(_split_heading(text)), _with_ids(bus, ids, motors, chain), motors, remarks
+    )
 
 
-def _commentable(text: str) -> str:
+def _to_comment(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
-def _bus(name: str) -> Bus:
-    bus = KNOWN[canonical(name)]
+def _choose_bus(name: str) -> Bus:
+    bus = KNOWN[find_spelling(name)]
     if bus is None:
         raise BadInput("armd arm", "--arm", repr(name), "an arm with servos on a serial line")
     return bus
@@ -125,7 +127,7 @@ def _check(
             raise BadInput(path, f"{key}.range_min", str(motor.range_min), expected)
 
 
-def _within_a_turn(path: Path, key: str, motor: Motor, kind: str) -> Motor:
+def _move_within_turn(path: Path, key: str, motor: Motor, kind: str) -> Motor:
     """With its middle in the encoder's turn, beyond which a Dynamixel counts on."""
     if (motor.range_min, motor.range_max) == (0, COUNTS):  # a whole turn, as some programs write it
         return motor.model_copy(update={"range_max": COUNTS - 1})
@@ -158,7 +160,7 @@ def _check_sweeps(
         if sweep < LEAST_SWEEP_COUNTS:
             expected = f"a sweep of {LEAST_SWEEP_COUNTS} or more, from stop to stop"
             raise BadInput(path, f"{key}.range_max - {key}.range_min", f"{sweep} counts", expected)
-        travel = _travel_deg(joint)
+        travel = _get_travel_deg(joint)
         if travel is None:
             continue
         if motor.sweep_deg > SEAM_DEG and travel < STOPS_DEG:
@@ -182,7 +184,7 @@ def _check_sweeps(
     return remarks
 
 
-def _travel_deg(joint: Joint) -> float | None:
+def _get_travel_deg(joint: Joint) -> float | None:
     """From stop to stop as drawn; None of a joint without stops."""
     if joint.min_deg is None or joint.max_deg is None:
         return None
@@ -198,7 +200,7 @@ def _check_offsets(path: Path, motors: dict[str, Motor], kind: str) -> None:
             raise BadInput(path, f"{key}.homing_offset", str(motor.homing_offset), expected)
 
 
-def _parted(text: str) -> tuple[str, str]:
+def _split_heading(text: str) -> tuple[str, str]:
     """Before and after the first line that is no comment."""
     head, blank, body = text.partition("\n\n")
     return head + "\n", blank[1:] + body

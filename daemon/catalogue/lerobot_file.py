@@ -63,10 +63,10 @@ class Normalised:
         """
         motors = read_motors(path)
         if prefix is not None and any(key.startswith(prefix.rstrip("_")) for key in motors):
-            motors = motors_of_arm(path, motors, prefix)
+            motors = select_motors(path, motors, prefix)
         self._motors = {}
         for name, header in headers.items():
-            exact = [m for key, m in motors.items() if _named_alike(key, header)]
+            exact = [m for key, m in motors.items() if _is_same_name(key, header)]
             alike = [m for key, m in motors.items() if joint_name(key) == joint_name(header)]
             if len(exact or alike) != 1:
                 raise BadInput(path, f"the motor of {header!r}", few(motors), "one of its name")
@@ -84,7 +84,7 @@ class Normalised:
         return value / 200.0 * self._motors[name].sweep_deg
 
 
-def _named_alike(key: str, header: str) -> bool:
+def _is_same_name(key: str, header: str) -> bool:
     """Whether the log's column *header* is exactly the motor *key*'s."""
     return re.fullmatch(rf"(?:observation\.state\.)?{re.escape(key)}(?:\.pos)?", header) is not None
 
@@ -104,19 +104,19 @@ def read_motors(path: Path) -> dict[str, Motor]:
             "LeRobot's: calibrate the arm with lerobot-calibrate; `armd import` takes this one as"
             " --servo-zeros",
         )
-    if not isinstance(data, dict) or not any(_like_a_motor(value) for value in data.values()):
+    if not isinstance(data, dict) or not any(_is_motor(value) for value in data.values()):
         expected = "a LeRobot calibration: motors, each with id, range_min, range_max, …"
         raise BadInput(path, "the file", "another kind of JSON", expected)
     return validate(path, data, CalibrationFile).root
 
 
-def _like_a_motor(value: Any) -> bool:
+def _is_motor(value: Any) -> bool:
     return isinstance(value, dict) and bool(
         {"range_min", "range_max", "homing_offset"} & set(value)
     )
 
 
-def motors_of_arm(path: Path, motors: dict[str, Motor], prefix: str | None) -> dict[str, Motor]:
+def select_motors(path: Path, motors: dict[str, Motor], prefix: str | None) -> dict[str, Motor]:
     """Without wheels, heads, second servos and other arms, by the names that a joint has alone."""
     motors = {
         key: motor
@@ -142,7 +142,7 @@ def motors_of_arm(path: Path, motors: dict[str, Motor], prefix: str | None) -> d
     return arms[begins[0]] if begins and (begins[0] or prefix is not None) else motors
 
 
-def base_to_wrist(motors: dict[str, Motor]) -> dict[str, Motor]:
+def order_base_to_wrist(motors: dict[str, Motor]) -> dict[str, Motor]:
     """By the joints' names, whatever ids somebody gave their servos; where names are others, ids
     have to do."""
     for joints in (JOINTS, OTHER_JOINTS):

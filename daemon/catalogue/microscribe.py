@@ -7,7 +7,7 @@ from armd.drivers.microscribe.geometry import rows_and_tip
 from armd.errors import BadInput
 
 
-def arm_text(factory: Factory, port: str, ball: bool) -> str:
+def write_arm_text(factory: Factory, port: str, ball: bool) -> str:
     """arm.toml; raises `BadInput` for geometry in a form that is not known."""
     try:
         rows, tip = rows_and_tip(factory.parameters, factory.beta, ball)
@@ -43,7 +43,7 @@ def arm_text(factory: Factory, port: str, ball: bool) -> str:
     return "\n".join([*lines, "", "[tip]", f"offset_mm = [{offset}]", "radius_mm = 0.0", ""])
 
 
-def daemon_text(arm_file: str, port: str, baud: int) -> str:
+def write_daemon_text(arm_file: str, port: str, baud: int) -> str:
     """An armd.toml that runs the arm."""
     return f"""\
 schema = "armd.daemon/1"

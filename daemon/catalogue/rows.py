@@ -24,7 +24,7 @@ from armd.compensation.data.foreign.words import (
     OF_A_JOINT,
     word_and_unit,
 )
-from armd.daemon.catalogue.chain_rows import DH, ChainRows, with_hayati, without_previous
+from armd.daemon.catalogue.chain_rows import DH, ChainRows, to_standard_rows, with_hayati
 from armd.errors import BadInput
 from armd.files.toml_text import toml_text
 from armd.terminal.suggest import few, hint
@@ -72,7 +72,7 @@ def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]
     *convention*: "standard" or "modified"; without it as the headers say, or the standard one.
     """
     table = read_table(path)
-    columns = _columns(table)
+    columns = _find_columns(table)
     remarks = columns.remarks
     if not any(name in columns.by_key for name in LENGTH_KEYS):
         expected = "a column d_mm or a_mm: an arm without lengths reaches nowhere"
@@ -80,12 +80,12 @@ def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]
     if "alpha_deg" not in columns.by_key:
         expected = "a column alpha_deg too, with 0 where an axis is parallel to the one before"
         raise BadInput(path, "the header", few(table.header), expected)
-    convention = convention or _convention(table, columns)
+    convention = convention or _find_convention(table, columns)
     for name in ("theta_deg", "d_mm", "a_mm"):
         if name not in columns.by_key:
             remarks.append(f"{name}: there is no such column, it is 0 in each joint")
-    joints = [_joint(table, row, columns) for row in range(len(table.rows))]
-    after = _after_the_last(table, columns, joints, remarks)
+    joints = [_make_joint(table, row, columns) for row in range(len(table.rows))]
+    after = _find_after_last(table, columns, joints, remarks)
     for name in DH[:4]:
         empty = [
             str(k)
@@ -94,16 +94,16 @@ def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]
         ]
         if empty:
             remarks.append(f"{name}: empty for joint {', '.join(empty)}, which makes it 0")
-    remarks.append(_size_of(table, columns.by_key, joints))
+    remarks.append(_read_size(table, columns.by_key, joints))
     remarks.append(f"rows are read in the {convention} convention, {CONVENTIONS[convention]}")
     rows = ChainRows(joints, after)
     if convention == "modified":
-        rows = without_previous(rows, remarks)
+        rows = to_standard_rows(rows, remarks)
     rows = with_hayati(rows, remarks)
-    return _text(rows, remarks), remarks
+    return _write_text(rows, remarks), remarks
 
 
-def _text(rows: ChainRows, remarks: list[str]) -> str:
+def _write_text(rows: ChainRows, remarks: list[str]) -> str:
     """arm.toml; *remarks* gets where the tip is at zero angles, so that a person can check it."""
     remarks.append(f"the tip at zero angles: {rows.tip_text()}")
     sensors = dict.fromkeys(str(j["temperature"]) for j in rows.joints if "temperature" in j)
@@ -122,7 +122,7 @@ def _text(rows: ChainRows, remarks: list[str]) -> str:
     return toml_text(content)
 
 
-def _convention(table: ForeignTable, columns: Columns) -> str:
+def _find_convention(table: ForeignTable, columns: Columns) -> str:
     """As the headers say it; raises `BadInput` where their order is Craig's and nothing else."""
     if columns.previous:
         columns.remarks.append("alpha and a have the index i-1: the table is of the modified form")
@@ -140,15 +140,15 @@ def _convention(table: ForeignTable, columns: Columns) -> str:
     return "standard"
 
 
-def _joint(table: ForeignTable, row: int, columns: Columns) -> dict[str, Any]:
+def _make_joint(table: ForeignTable, row: int, columns: Columns) -> dict[str, Any]:
     return {
-        name: _value(table, row, column, name, factor)
+        name: _read_value(table, row, column, name, factor)
         for name, (column, factor) in columns.by_key.items()
         if table.rows[row][column]
     }
 
 
-def _after_the_last(
+def _find_after_last(
     table: ForeignTable, columns: Columns, joints: list[dict[str, Any]], remarks: list[str]
 ) -> dict[str, Any] | None:
     """The last row, if it is named as no joint is: taken out of *joints*."""
@@ -158,7 +158,7 @@ def _after_the_last(
     return joints.pop()
 
 
-def _columns(table: ForeignTable) -> Columns:
+def _find_columns(table: ForeignTable) -> Columns:
     columns: dict[str, tuple[int, float]] = {}
     remarks = list(table.assumed)
     previous, names = False, None
@@ -185,7 +185,7 @@ def _columns(table: ForeignTable) -> Columns:
         if name in columns:
             headers = f"{table.header[columns[name][0]]!r} and {header!r}"
             raise BadInput(table.path, name, f"two columns, {headers}", "one")
-        columns[name] = (index, _factor(table, header, name, unit))
+        columns[name] = (index, _get_factor(table, header, name, unit))
     in_order = {name: columns[name] for name in ROW if name in columns}
     return Columns(in_order, remarks, previous, names)
 
@@ -196,7 +196,7 @@ def _describe_assumed_unit(name: str) -> str:
     return f", in {unit}: its header says no unit" if unit else ""
 
 
-def _size_of(
+def _read_size(
     table: ForeignTable,
     columns: Mapping[str, tuple[int, float]],
     joints: Sequence[Mapping[str, Any]],
@@ -218,7 +218,7 @@ def _size_of(
     return f"the lengths d and a add up to {total_mm:.6g} mm"
 
 
-def _factor(table: ForeignTable, header: str, name: str, unit: str) -> float:
+def _get_factor(table: ForeignTable, header: str, name: str, unit: str) -> float:
     """From the column's unit to armd's."""
     units: Mapping[str, float] = {}
     if name.endswith("_mm"):
@@ -237,7 +237,9 @@ def _factor(table: ForeignTable, header: str, name: str, unit: str) -> float:
     return units[unit]
 
 
-def _value(table: ForeignTable, row: int, column: int, name: str, factor: float) -> str | float:
+def _read_value(
+    table: ForeignTable, row: int, column: int, name: str, factor: float
+) -> str | float:
     cell = table.rows[row][column]
     if name == "temperature":
         return cell

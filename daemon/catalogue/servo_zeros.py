@@ -51,41 +51,41 @@ def read_servo_zeros(path: Path, n_joints: int) -> ServoZeros:
     """Of the first *n_joints* of a file; raises `BadInput`."""
     content = read_input(path)
     if path.suffix.lower() in GELLO_SUFFIXES:
-        zeros = _gello(path, content)
+        zeros = _read_gello(path, content)
     else:
-        zeros = _phosphobot(path, json_data(path, content))
+        zeros = _read_phosphobot(path, json_data(path, content))
     if len(zeros.offsets) < n_joints:
         problem = f"{len(zeros.offsets)} joints"
         raise BadInput(path, "the offsets", problem, f"{n_joints}, as the arm has")
     return zeros
 
 
-def _phosphobot(path: Path, data: Any) -> ServoZeros:
+def _read_phosphobot(path: Path, data: Any) -> ServoZeros:
     if not isinstance(data, dict) or "servos_offsets" not in data:
         expected = "phosphobot's calibration (servos_offsets, …), or GELLO's configuration, a .yaml"
         raise BadInput(path, "the file", "another kind of JSON", expected)
     if data.get("name") not in PHOSPHOBOTS:
         expected = f"an arm of servos: {', '.join(PHOSPHOBOTS)}"
         raise BadInput(path, "name", repr(data.get("name"))[:60], expected)
-    offsets = _numbers(path, "servos_offsets", data["servos_offsets"])
+    offsets = _require_numbers(path, "servos_offsets", data["servos_offsets"])
     signs = _signs(path, "servos_offsets_signs", data.get("servos_offsets_signs"), len(offsets))
-    return ServoZeros("phosphobot", _within(path, "servos_offsets", offsets), signs,
+    return ServoZeros("phosphobot", _require_within(path, "servos_offsets", offsets), signs,
                       (COUNTS - 1) / math.tau)  # fmt: skip
 
 
-def _gello(path: Path, content: bytes) -> ServoZeros:
+def _read_gello(path: Path, content: bytes) -> ServoZeros:
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise BadInput(path, "the file", "bytes that are no UTF-8", "GELLO's .yaml") from error
-    offsets = _numbers(path, "joint_offsets", _listed(path, text, "joint_offsets"))
-    signs = _listed(path, text, "joint_signs")
+    offsets = _require_numbers(path, "joint_offsets", _parse_list(path, text, "joint_offsets"))
+    signs = _parse_list(path, text, "joint_signs")
     raw = [offset * COUNTS / math.tau for offset in offsets]
-    return ServoZeros("GELLO", _within(path, "joint_offsets", raw),
+    return ServoZeros("GELLO", _require_within(path, "joint_offsets", raw),
                       _signs(path, "joint_signs", signs, len(raw)), COUNTS / math.tau)  # fmt: skip
 
 
-def _listed(path: Path, text: str, key: str) -> list[str]:
+def _parse_list(path: Path, text: str, key: str) -> list[str]:
     """The words of a YAML list, in brackets or one a line. No more of YAML is needed here."""
     lines = [line.split(" #")[0].rstrip() for line in text.splitlines()]
     key_lines = [i for i, line in enumerate(lines) if re.match(rf"\s*{key}\s*:", line)]
@@ -107,7 +107,7 @@ def _listed(path: Path, text: str, key: str) -> list[str]:
     return words
 
 
-def _numbers(path: Path, key: str, values: Any) -> list[float]:
+def _require_numbers(path: Path, key: str, values: Any) -> list[float]:
     if not isinstance(values, list) or not values:
         raise BadInput(path, key, repr(values)[:60], "a list of numbers")
     numbers = []
@@ -122,7 +122,7 @@ def _numbers(path: Path, key: str, values: Any) -> list[float]:
     return numbers
 
 
-def _within(path: Path, key: str, raw: list[float]) -> list[float]:
+def _require_within(path: Path, key: str, raw: list[float]) -> list[float]:
     for k, count in enumerate(raw):
         if not abs(count) <= MOST_COUNTS:
             problem = f"{count:g} counts"
@@ -131,7 +131,7 @@ def _within(path: Path, key: str, raw: list[float]) -> list[float]:
 
 
 def _signs(path: Path, key: str, values: Any, n: int) -> list[int]:
-    signs = _numbers(path, key, values)
+    signs = _require_numbers(path, key, values)
     if len(signs) != n:
         raise BadInput(path, key, f"{len(signs)} signs", f"{n}, one for each offset")
     for k, sign in enumerate(signs):

@@ -12,8 +12,8 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
-from armd.daemon.catalogue.axes import turn
-from armd.daemon.catalogue.roll_pitch_yaw import rpy_of_matrix
+from armd.daemon.catalogue.axes import make_turn
+from armd.daemon.catalogue.roll_pitch_yaw import matrix_to_rpy
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -22,20 +22,21 @@ NOTHING = 1e-9
 FIRST_LINE = "# Written by armd model"
 
 
-def kinematics_yaml(arm: Arm, parameters: F64, name: str, identity: str) -> str:
+def write_kinematics_yaml(arm: Arm, parameters: F64, name: str, identity: str) -> str:
     """The file's text; *name* of the arm for its comment, *identity* for its hash."""
     lines = [f"{FIRST_LINE}: {name}", "kinematics:"]
     origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
     before_turn, before_origin = np.eye(3), np.zeros(3)
     for k, link in enumerate(LINKS):
         theta, d = parameters[arm.layout.joint(k + 1)][:2]
-        rotation = rotations[k] @ turn(2, float(np.degrees(theta)))
+        rotation = rotations[k] @ make_turn(2, float(np.degrees(theta)))
         origin = origins[k] + d * rotations[k][:, 2]
         step = before_turn.T @ rotation
-        numbers = [*(1e-3 * before_turn.T @ (origin - before_origin)), *rpy_of_matrix(step)]
+        numbers = [*(1e-3 * before_turn.T @ (origin - before_origin)), *matrix_to_rpy(step)]
         lines.append(f"  {link}:")
         lines += [
-            f"    {key}: {_number(float(value))}" for key, value in zip(KEYS, numbers, strict=True)
+            f"    {key}: {_format_number(float(value))}"
+            for key, value in zip(KEYS, numbers, strict=True)
         ]
         before_turn, before_origin = rotation, origin
     return "\n".join([*lines, f"  hash: armd_{identity}", ""])
@@ -54,7 +55,7 @@ def describe_omitted(arm: Arm, parameters: F64) -> list[str]:
     return lines
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     """Also a number to YAML 1.1, which takes 1e-05 for a text."""
     text = repr(value + 0.0)
     mantissa, e, exponent = text.partition("e")

@@ -17,13 +17,13 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.parameters import MOST_JOINTS
-from armd.daemon.catalogue.axes import across, point_text, rows_of_axes
+from armd.daemon.catalogue.axes import axes_to_rows, choose_across, format_point
 from armd.daemon.catalogue.urdf_joints import (
     TURNING,
-    axis_of,
     describe_joint,
-    limit_of,
-    origin_of,
+    read_axis,
+    read_limit,
+    read_origin,
     refuse_mimic,
 )
 from armd.daemon.catalogue.xml_tree import read_robot
@@ -47,62 +47,62 @@ class Chain:
     links: tuple[str, str]  # names of the first and the last
 
 
-def arm_toml(path: Path, tip_link: str | None = None) -> tuple[str, list[str]]:
+def write_arm_toml(path: Path, tip_link: str | None = None) -> tuple[str, list[str]]:
     """The file's text, and what is said of it; raises `BadInput` for no chain of turning joints."""
     chain = read_chain(path, tip_link)
-    rows, tip, first = denavit_hartenberg(chain)
+    rows, tip, first = compute_denavit_hartenberg(chain)
     serial = re.sub(r"[^!-~]|[*$?#/]", "-", chain.name)[:16] or "ARM-1"
     gravity = first.T @ np.array([0.0, 0.0, -1.0])
     lines = [
         f"# From {path.name}; its base frame stands elsewhere, which a placement takes up.",
         'schema = "armd.arm/1"',
         f'serial_number = "{serial}"',
-        f"gravity = {_numbers_text(gravity / np.linalg.norm(gravity), 12)}",
+        f"gravity = {_format_numbers(gravity / np.linalg.norm(gravity), 12)}",
     ]
     for row, limit in zip(rows.tolist(), chain.limits, strict=True):
         lines += ["", "[[joint]]"]
         values = dict(zip(KEYS, row, strict=True))
         lines += [
-            f"{key} = {_text(value)}"
+            f"{key} = {_format_text(value)}"
             for key, value in values.items()
             if key != "beta_deg" or abs(value) > 1e-12
         ]
         if limit is not None and limit[0] < limit[1]:
             low, high = limit
-            lines += [f"min_deg = {_text(low)}", f"max_deg = {_text(high)}"]
-    text = "\n".join([*lines, "", "[tip]", f"offset_mm = {_numbers_text(tip, 9)}", ""])
+            lines += [f"min_deg = {_format_text(low)}", f"max_deg = {_format_text(high)}"]
+    text = "\n".join([*lines, "", "[tip]", f"offset_mm = {_format_numbers(tip, 9)}", ""])
     validate(path, tomllib.loads(text), Arm)
     begin, end = chain.links
     remarks = [
         f"the chain from {begin} to {end}, joints {', '.join(chain.joints)}, as rows"
         " A = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)",
-        f"the tip at zero angles: {point_text(chain.tip)} mm in the frame of {begin}",
+        f"the tip at zero angles: {format_point(chain.tip)} mm in the frame of {begin}",
     ]
     return text, remarks
 
 
-def rows_and_tip(path: Path, tip_link: str) -> tuple[F64, F64]:
+def compute_rows_and_tip(path: Path, tip_link: str) -> tuple[F64, F64]:
     """Rows (N, 5) of θ°, d mm, a mm, α°, β°, and the tip (3,) mm in the last frame."""
-    rows, tip, _ = denavit_hartenberg(read_chain(path, tip_link))
+    rows, tip, _ = compute_denavit_hartenberg(read_chain(path, tip_link))
     return rows, tip
 
 
-def denavit_hartenberg(chain: Chain) -> tuple[F64, F64, F64]:
+def compute_denavit_hartenberg(chain: Chain) -> tuple[F64, F64, F64]:
     """Rows (N, 5), the tip (3,) in the last frame, and the first frame's rotation (3, 3)."""
     z = chain.axes[0]
-    x = across(z)
-    rows, tip = rows_of_axes(chain.origins, chain.axes, chain.tip, x)
+    x = choose_across(z)
+    rows, tip = axes_to_rows(chain.origins, chain.axes, chain.tip, x)
     return rows, tip, np.column_stack([x, np.cross(z, x), z])
 
 
 def read_chain(path: Path, tip_link: str | None = None, base_link: str | None = None) -> Chain:
     """Raises `BadInput`."""
     root = read_robot(path)
-    joints, ends = joints_between(path, root, base_link, tip_link)
+    joints, ends = list_joints_between(path, root, base_link, tip_link)
     return walk(path, joints, root.get("name", ""), ends)
 
 
-def joints_between(
+def list_joints_between(
     path: Path, root: Element, base_link: str | None, tip_link: str | None
 ) -> tuple[list[Element], tuple[str, str]]:
     """The joints from the base link to the tip's, in their order, and the names of both links.
@@ -123,7 +123,7 @@ def joints_between(
             problem = f"two joints, {joints[link].get('name')} and {joint.get('name')}"
             raise BadInput(path, f"link {link}", problem, "one joint that moves it")
         joints[link] = joint
-    link = tip_link or _last_link(path, joints)
+    link = tip_link or _find_last_link(path, joints)
     if link not in joints:
         raise BadInput(path, "the tip's link", repr(link), f"one of {few(joints)}")
     links: list[Element] = []
@@ -146,15 +146,15 @@ def walk(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> 
     rotation, position = np.eye(3), np.zeros(3)
     origins, axes, limits, names = [], [], [], []
     for joint in links:
-        xyz, turn = origin_of(path, joint)
+        xyz, turn = read_origin(path, joint)
         position = position + rotation @ (1e3 * xyz)
         rotation = rotation @ turn
         kind = joint.get("type")
         if kind in TURNING:
             refuse_mimic(path, joint)
             origins.append(position)
-            axes.append(rotation @ axis_of(path, joint))
-            limits.append(limit_of(joint))
+            axes.append(rotation @ read_axis(path, joint))
+            limits.append(read_limit(joint))
             names.append(joint.get("name", ""))
         elif kind != "fixed":
             raise BadInput(
@@ -166,7 +166,7 @@ def walk(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> 
     return Chain(np.array(origins), np.array(axes), position, limits, name, names, ends)
 
 
-def _last_link(path: Path, joints: dict[str, Element]) -> str:
+def _find_last_link(path: Path, joints: dict[str, Element]) -> str:
     parents = {joint.find("parent").get("link") for joint in joints.values()}  # type: ignore[union-attr]
     ends = [link for link in joints if link not in parents]
     if len(ends) == 1:
@@ -177,9 +177,9 @@ def _last_link(path: Path, joints: dict[str, Element]) -> str:
     raise BadInput(path, "the chain", problem, "--tip-link to say which link touches")
 
 
-def _text(value: float) -> str:
+def _format_text(value: float) -> str:
     return repr(round(value, 9) + 0.0)
 
 
-def _numbers_text(values: F64, places: int) -> str:
+def _format_numbers(values: F64, places: int) -> str:
     return "[" + ", ".join(repr(round(v, places) + 0.0) for v in values.tolist()) + "]"

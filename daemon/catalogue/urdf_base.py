@@ -11,10 +11,10 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
-from armd.daemon.catalogue.axes import across, turn
-from armd.daemon.catalogue.frame_poses import FramePose, rotations_about
-from armd.daemon.catalogue.urdf import joints_between
-from armd.daemon.catalogue.urdf_joints import TURNING, axis_of, describe_joint, origin_of
+from armd.daemon.catalogue.axes import choose_across, make_turn
+from armd.daemon.catalogue.frame_poses import FramePose, make_rotations_about
+from armd.daemon.catalogue.urdf import list_joints_between
+from armd.daemon.catalogue.urdf_joints import TURNING, describe_joint, read_axis, read_origin
 from armd.errors import BadInput
 
 #: Axes farther off than this, at zero angles, are another arm's.
@@ -34,8 +34,8 @@ class JointChain:
 
     @classmethod
     def from_joints(cls, path: Path, joints: list[Element]) -> JointChain:
-        origins = [origin_of(path, joint) for joint in joints]
-        axes = [axis_of(path, j) if j.get("type") in TURNING else None for j in joints]
+        origins = [read_origin(path, joint) for joint in joints]
+        axes = [read_axis(path, j) if j.get("type") in TURNING else None for j in joints]
         return cls(path, joints, [FramePose(turned, 1e3 * xyz) for xyz, turned in origins], axes)
 
     def links(self) -> list[FramePose]:
@@ -54,7 +54,7 @@ class JointChain:
             position = position + rotation @ origin.origin
             rotation = rotation @ origin.rotation
             if axis is not None:
-                rotation = rotation @ rotations_about(axis, next(angles))
+                rotation = rotation @ make_rotations_about(axis, next(angles))
         return position, rotation
 
 
@@ -67,19 +67,23 @@ def place_base(chain: JointChain, arm: Arm, root: Element, base_link: str) -> Fr
     root_pose = FramePose(np.eye(3), np.zeros(3))
     above: list[Element] = []
     if _has_parent(root, base_link):
-        above, _ = joints_between(chain.path, root, None, base_link)
+        above, _ = list_joints_between(chain.path, root, None, base_link)
     first = next(k for k, axis in enumerate(chain.axes) if axis is not None)
     axis = chain.axes[first]
     assert axis is not None
     link = chain.links()[first]
     to_base = root_pose
     for joint in above:
-        xyz, turned = origin_of(chain.path, joint)
+        xyz, turned = read_origin(chain.path, joint)
         to_base = to_base @ FramePose(turned, 1e3 * xyz)
     best: tuple[float, FramePose] | None = None
     faults = []
-    for base in (_import_base(root_pose, link, axis), _import_base(to_base, link, axis), root_pose):
-        off_mm, fault = _misfit(chain, arm, base)
+    for base in (
+        _place_imported_base(root_pose, link, axis),
+        _place_imported_base(to_base, link, axis),
+        root_pose,
+    ):
+        off_mm, fault = _measure_misfit(chain, arm, base)
         if fault is not None:
             faults.append(fault)
         elif best is None or off_mm < best[0] - CLEARLY_MM:
@@ -89,12 +93,12 @@ def place_base(chain: JointChain, arm: Arm, root: Element, base_link: str) -> Fr
     return best[1]
 
 
-def _import_base(start: FramePose, link: FramePose, axis: F64) -> FramePose:
+def _place_imported_base(start: FramePose, link: FramePose, axis: F64) -> FramePose:
     """Where `armd import` puts the base frame, in the base link's, for a file whose root has the
     base link at *start*: on the first axis, its z along it."""
     joint = start @ link
     z = joint.rotation @ axis
-    x = across(z)
+    x = choose_across(z)
     frame = FramePose(np.column_stack([x, np.cross(z, x), z]), joint.origin)
     return start.inverse @ frame
 
@@ -104,14 +108,14 @@ def _has_parent(root: Element, link: str) -> bool:
     return any(child is not None and child.get("link") == link for child in children)
 
 
-def _misfit(chain: JointChain, arm: Arm, base: FramePose) -> tuple[float, BadInput | None]:
+def _measure_misfit(chain: JointChain, arm: Arm, base: FramePose) -> tuple[float, BadInput | None]:
     """How far the axes at zero angles are from arm.toml's, in mm at its reach; and what says that
     these are not its joints, if anything does."""
     worst_mm, number = 0.0, 0
     for joint, axis, link in zip(chain.joints, chain.axes, chain.links(), strict=True):
         if axis is None:
             continue
-        frame = base @ frames_of_joints(arm, arm.nominal())[number]
+        frame = base @ compute_joint_frames(arm, arm.nominal())[number]
         number += 1
         along, drawn = link.rotation @ axis, frame.rotation[:, 2]
         angle = float(np.arctan2(np.linalg.norm(np.cross(along, drawn)), along @ drawn))
@@ -127,10 +131,11 @@ def _misfit(chain: JointChain, arm: Arm, base: FramePose) -> tuple[float, BadInp
     return worst_mm, None
 
 
-def frames_of_joints(arm: Arm, parameters: F64) -> list[FramePose]:
+def compute_joint_frames(arm: Arm, parameters: F64) -> list[FramePose]:
     """G_k of each joint at zero angles in armd's base frame: z is its axis."""
     origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
     theta = np.degrees(parameters[arm.layout.angles])
     return [
-        FramePose(rotations[k] @ turn(2, float(theta[k])), origins[k]) for k in range(arm.n_joints)
+        FramePose(rotations[k] @ make_turn(2, float(theta[k])), origins[k])
+        for k in range(arm.n_joints)
     ]

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from armd.arrays import F64
-from armd.daemon.catalogue.roll_pitch_yaw import matrix_of_quaternion, matrix_of_rpy
+from armd.daemon.catalogue.roll_pitch_yaw import quaternion_to_matrix, rpy_to_matrix
 from armd.errors import BadInput
 from armd.terminal.suggest import few
 
@@ -22,30 +22,30 @@ def describe_joint(joint: Element) -> str:
     return f"joint {joint.get('name')}"
 
 
-def origin_of(path: Path, joint: Element) -> tuple[F64, F64]:
+def read_origin(path: Path, joint: Element) -> tuple[F64, F64]:
     """Metres (3,) and the rotation matrix (3, 3)."""
-    origin = _only(path, joint, "origin", ORIGIN)
+    origin = _find_only(path, joint, "origin", ORIGIN)
     if origin is None:
         return np.zeros(3), np.eye(3)
     place = f"{describe_joint(joint)}, origin"
-    xyz = _numbers(path, place, origin.get("xyz", "0 0 0"), 3)
+    xyz = _parse_numbers(path, place, origin.get("xyz", "0 0 0"), 3)
     if "quat_xyzw" not in origin.attrib:  # URDF 1.2 has either
-        rpy = _numbers(path, place, origin.get("rpy", "0 0 0"), 3)
-        return xyz, matrix_of_rpy(rpy)
+        rpy = _parse_numbers(path, place, origin.get("rpy", "0 0 0"), 3)
+        return xyz, rpy_to_matrix(rpy)
     if "rpy" in origin.attrib:
         raise BadInput(path, place, "both rpy and quat_xyzw", "one of them")
-    quaternion = _numbers(path, place, origin.attrib["quat_xyzw"], 4)
+    quaternion = _parse_numbers(path, place, origin.attrib["quat_xyzw"], 4)
     if not np.linalg.norm(quaternion) > 1e-6:
         raise BadInput(path, place, f"quat_xyzw={origin.get('quat_xyzw')!r}", "a quaternion, not 0")
-    return xyz, matrix_of_quaternion(quaternion)
+    return xyz, quaternion_to_matrix(quaternion)
 
 
-def axis_of(path: Path, joint: Element) -> F64:
+def read_axis(path: Path, joint: Element) -> F64:
     """Unit vector (3,)."""
-    axis = _only(path, joint, "axis", AXIS)
+    axis = _find_only(path, joint, "axis", AXIS)
     place = f"{describe_joint(joint)}, axis"
     text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
-    along = _numbers(path, place, text, 3)
+    along = _parse_numbers(path, place, text, 3)
     length = float(np.linalg.norm(along))
     if not length > 1e-6:
         raise BadInput(path, place, repr(text), "a direction, which is not zero")
@@ -53,7 +53,7 @@ def axis_of(path: Path, joint: Element) -> F64:
     return unit
 
 
-def _only(path: Path, joint: Element, tag: str, attributes: set[str]) -> Element | None:
+def _find_only(path: Path, joint: Element, tag: str, attributes: set[str]) -> Element | None:
     """The one element *tag* of a joint, or None; raises `BadInput` for what armd does not know."""
     elements = joint.findall(tag)
     place = f"{describe_joint(joint)}, {tag}"
@@ -78,7 +78,7 @@ def refuse_mimic(path: Path, joint: Element) -> None:
         raise BadInput(path, describe_joint(joint), problem, expected)
 
 
-def limit_of(joint: Element) -> tuple[float, float] | None:
+def read_limit(joint: Element) -> tuple[float, float] | None:
     limit = joint.find("limit")
     if joint.get("type") == "continuous" or limit is None:
         return None
@@ -89,7 +89,7 @@ def limit_of(joint: Element) -> tuple[float, float] | None:
     return (low, high) if low < high else None
 
 
-def _numbers(path: Path, location: str, text: str, count: int) -> F64:
+def _parse_numbers(path: Path, location: str, text: str, count: int) -> F64:
     try:
         numbers = np.array([float(word) for word in text.split()])
     except ValueError:

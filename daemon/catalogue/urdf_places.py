@@ -63,11 +63,11 @@ def find_joints(path: Path, content: bytes) -> list[JointPlaces]:
     def start(name: str, _: dict[str, str]) -> None:
         offset = parser.CurrentByteIndex
         if len(open_elements) == 1 and name == "joint":
-            joints.append(JointPlaces(_start_tag(content, offset)))
+            joints.append(JointPlaces(_parse_start_tag(content, offset)))
         elif len(open_elements) == 2 and open_elements[1] == "joint":
             joint = joints[-1]
             joint.first_child = joint.first_child or offset
-            joint.children.setdefault(name, _start_tag(content, offset))
+            joint.children.setdefault(name, _parse_start_tag(content, offset))
         open_elements.append(name)
 
     def end(_: str) -> None:
@@ -79,7 +79,7 @@ def find_joints(path: Path, content: bytes) -> list[JointPlaces]:
     return joints
 
 
-def _start_tag(content: bytes, start: int) -> StartTag:
+def _parse_start_tag(content: bytes, start: int) -> StartTag:
     name = _NAME.match(content, start)
     assert name is not None, "expat has found a start tag here"
     last, values = name.end(), {}
@@ -110,28 +110,28 @@ def edit_tag(
             return []
         between = content[joint.tag.end : joint.first_child]
         space = between if not between.strip() else b""
-        attribute_text = "".join(map(_attribute, changed, changed.values()))
+        attribute_text = "".join(map(_format_attribute, changed, changed.values()))
         element = f"<{tag}{attribute_text}/>".encode()
         return [Edit(joint.tag.end, joint.tag.end, space + element)]
     edits = []
     for name, numbers in changed.items():
         if name not in element_tag.values:
             edits.append(
-                Edit(element_tag.last, element_tag.last, _attribute(name, numbers).encode())
+                Edit(element_tag.last, element_tag.last, _format_attribute(name, numbers).encode())
             )
             continue
         first, last = element_tag.values[name]
         words = re.finditer(rb"\S+", content[first:last])
         edits += [
-            Edit(first + word.start(), first + word.end(), _number(number).encode())
+            Edit(first + word.start(), first + word.end(), _format_number(number).encode())
             for word, number in zip(words, numbers, strict=True)
             if number is not None
         ]
     return edits
 
 
-def _attribute(name: str, numbers: Numbers) -> str:
-    return f' {name}="{" ".join(_number(number or 0.0) for number in numbers)}"'
+def _format_attribute(name: str, numbers: Numbers) -> str:
+    return f' {name}="{" ".join(_format_number(number or 0.0) for number in numbers)}"'
 
 
 def apply_edits(content: bytes, edits: Iterable[Edit]) -> bytes:
@@ -143,5 +143,5 @@ def apply_edits(content: bytes, edits: Iterable[Edit]) -> bytes:
     return b"".join([*parts, content[done:]])
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return repr(float(value) + 0.0)

@@ -71,7 +71,7 @@ def _memory(n_joints: int) -> np.dtype[np.void]:
             ("trail", "f8", (3,)),  # mm: what the tip drags behind it, and in which direction
             ("direction", "f8", (3,)),
             ("variance", "f8"),  # mm²: noise of the position
-            ("seen", "i8"),  # samples since the last gap
+            ("n_seen", "i8"),  # samples since the last gap
             ("last_ns", "i8"),
             ("last_seq", "i8"),
             ("still_ns", "i8"),
@@ -105,7 +105,7 @@ def follow(
     for i in range(n):
         now = samples[i].monotonic_ns
         if samples[i].joint_invalid != 0:
-            state.seen = 0
+            state.n_seen = 0
             still_since[i] = now
             for k in range(joints):
                 rate[i, k] = math.nan
@@ -115,11 +115,11 @@ def follow(
         dt_ns = now - state.last_ns
         missed = np.int64(samples[i].seq) != state.last_seq + 1
         gap_ns = GAP_NS if missed else LONG_GAP_NS
-        if state.seen == 0 or dt_ns > gap_ns or dt_ns <= 0:
-            state.seen = 0
+        if state.n_seen == 0 or dt_ns > gap_ns or dt_ns <= 0:
+            state.n_seen = 0
             state.still_ns = now
             state.count = 0.0
-        n_seen = state.seen
+        n_seen = state.n_seen
         dt = dt_ns * 1e-9
 
         for k in range(joints):
@@ -182,7 +182,7 @@ def follow(
         _drag(position[i], state)
         for axis in range(3):
             approach[i, axis] = state.direction[axis]
-        state.seen = n_seen + 1
+        state.n_seen = n_seen + 1
         state.last_ns = now
         state.last_seq = samples[i].seq
 
@@ -207,7 +207,7 @@ def _turn(k: int, q: float, state: Any) -> None:
 def _drag(position: Any, state: Any) -> None:
     """The direction of travel: from a point dragged behind the tip, held while it rests."""
     trail, direction = state.trail, state.direction
-    if state.seen == 0:
+    if state.n_seen == 0:
         for axis in range(3):
             trail[axis] = position[axis]
             direction[axis] = math.nan

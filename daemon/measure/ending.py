@@ -40,7 +40,7 @@ class EndOptions:
     apply_at: str | None = None  # of tip: the endpoint of the daemon that it is put in force on
 
 
-def commands(
+def list_commands(
     folder: Path, plan: Plan, in_use: MeasuredWith, options: EndOptions
 ) -> list[list[str]]:
     """Arguments of `armd`, command after command; their outputs go into the session's folder.
@@ -59,18 +59,18 @@ def commands(
         match name:
             case "calibrate":
                 outputs = ["-o", str(folder / "calibration.json")]
-                outputs += _results(folder, "calibrate")
+                outputs += _list_results(folder, "calibrate")
                 argument_lists.append(["calibrate", *sessions, *arm, *outputs])
             case "diagnose":
-                outputs = [*_results(folder, "diagnose")]
+                outputs = [*_list_results(folder, "diagnose")]
                 outputs += ["--extended", str(folder / "extended.json")]
                 argument_lists.append(["diagnose", *sessions, *arm, *in_force, *outputs])
             case "verify":
                 limits = [] if options.mpe is None else ["--mpe", str(options.mpe)]
-                outputs = _results(folder, "verify")
+                outputs = _list_results(folder, "verify")
                 argument_lists.append(["verify", str(folder), *arm, *in_force, *limits, *outputs])
             case "repeatability":
-                outputs = _results(folder, "repeatability")
+                outputs = _list_results(folder, "repeatability")
                 argument_lists.append(
                     ["feature", "repeatability", str(folder), *arm, *in_force, *outputs]
                 )
@@ -117,5 +117,5 @@ def run(command: Sequence[str]) -> Done:
     return Done(command_line, done.returncode, done.stdout, done.stderr)
 
 
-def _results(folder: Path, name: str) -> list[str]:
+def _list_results(folder: Path, name: str) -> list[str]:
     return ["--json", str(folder / f"{name}.json"), "--report", str(folder / f"{name}.html")]

@@ -25,7 +25,7 @@ class Hearing:
         self._arm = arm
         self._clock_s = clock_s
         self._heard_s = clock_s()
-        self._heard = {_which(measurement) for measurement in arm.past(keys.MEASUREMENT)}
+        self._heard = {_get_identity(measurement) for measurement in arm.past(keys.MEASUREMENT)}
         self.silent = False
 
     @contextmanager
@@ -44,19 +44,19 @@ class Hearing:
 
     def knows(self, measurement: Mapping[str, Any]) -> bool:
         """Whether it was among `missed`: it may be heard as well, a moment later."""
-        return _which(measurement) in self._heard
+        return _get_identity(measurement) in self._heard
 
     def offered(self, measurement: Mapping[str, Any]) -> None:
         """It was heard, and is not missed."""
-        self._heard.add(_which(measurement))
+        self._heard.add(_get_identity(measurement))
 
     def missed(self) -> list[dict[str, Any]]:
         """What the arm has measured since the begin and nobody has heard, the oldest first."""
         past = self._arm.past(keys.MEASUREMENT)
         missed = [measurement for measurement in past if not self.knows(measurement)]
-        self._heard.update(map(_which, missed))
+        self._heard.update(map(_get_identity, missed))
         return missed
 
 
-def _which(measurement: Mapping[str, Any]) -> tuple[Any, Any]:
+def _get_identity(measurement: Mapping[str, Any]) -> tuple[Any, Any]:
     return measurement.get("seq"), measurement.get("stamp_ns")

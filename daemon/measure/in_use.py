@@ -48,7 +48,7 @@ class MeasuredWith:
 
     def write(self, folder: Path) -> tuple[Path, Path | None]:
         """arm.toml and, where there is one, the calibration, for commands to read."""
-        write_whole(folder / ARM, arm_toml(self.arm))
+        write_whole(folder / ARM, write_arm_toml(self.arm))
         if self.calibration is None:
             return folder / ARM, None
         if self.data is not None:
@@ -58,16 +58,16 @@ class MeasuredWith:
         return folder / ARM, folder / CALIBRATION
 
 
-def in_use_of(connection: Connection) -> MeasuredWith:
+def ask_in_use(connection: Connection) -> MeasuredWith:
     """Asked of a running daemon."""
     info, text = connection.info(), connection.calibration_file()
     try:
-        return in_use(info, text)
+        return read_in_use(info, text)
     except (KeyError, TypeError, ValueError) as error:
         raise ArmdError(f"{connection.serial}: the answer is none of armd's: {error!r}") from error
 
 
-def in_use(info: Mapping[str, Any], calibration_text: str | None) -> MeasuredWith:
+def read_in_use(info: Mapping[str, Any], calibration_text: str | None) -> MeasuredWith:
     """From the daemon's `info` and its calibration file; raises `BadInput` for what is neither."""
     arm = validate("the daemon's info", info["arm"], Arm)
     calibration, identity, data = None, None, None
@@ -97,6 +97,6 @@ def _with_tip(
     return arm, calibration.model_copy(update={"constants": constants})
 
 
-def arm_toml(arm: Arm) -> str:
+def write_arm_toml(arm: Arm) -> str:
     """The text of an arm.toml."""
     return toml_text(arm.model_dump(mode="json", by_alias=True, exclude_none=True))

@@ -100,27 +100,27 @@ class Log:
             os.fsync(self._handle)
         lines = []
         for number, line in enumerate(data[:complete_bytes].split(b"\n")[:-1], 1):
-            entry = _parsed(path, number, line, "a line of this log")
+            entry = _parse(path, number, line, "a line of this log")
             if not isinstance(entry, dict):
                 raise BadInput(path, f"line {number}", "no object", "a line of this log")
             lines.append(entry)
         return lines
 
 
-def begun(folder: Path) -> Entry | None:
+def load_beginning(folder: Path) -> Entry | None:
     """How the log in *folder* begins; None where there is none. Raises `BadInput`."""
     path = folder / NAME
     if not path.exists():
         return None
     with explain_os_errors(path), path.open("rb") as file:
         line = file.readline(MOST_BYTES)
-    entry = _parsed(path, 1, line, "the log of a guided measurement")
+    entry = _parse(path, 1, line, "the log of a guided measurement")
     if not isinstance(entry, dict) or entry.get("schema") != SCHEMA:
         raise BadInput(path, "line 1", "something else", f"the schema {SCHEMA!r}")
     return entry
 
 
-def _parsed(path: Path, number: int, line: bytes, expected: str) -> Any:
+def _parse(path: Path, number: int, line: bytes, expected: str) -> Any:
     location = f"line {number}"
     try:
         return decode_json_text(line)

@@ -16,9 +16,9 @@ from armd.closing import Closing
 from armd.compensation.data.session_files import READINGS
 from armd.daemon.files.session_folder import reading_row, write_readings
 from armd.daemon.measure.in_use import MeasuredWith
-from armd.daemon.measure.log import NAME, Entry, Log, begun
+from armd.daemon.measure.log import NAME, Entry, Log, load_beginning
 from armd.daemon.measure.plan.stations import Plan, Station, parse_plan
-from armd.daemon.measure.refusal import Refusal, changed, judge
+from armd.daemon.measure.refusal import Refusal, judge, refuse_changed
 from armd.daemon.measure.so_far.following import Following
 from armd.daemon.measure.so_far.progress import Progress
 from armd.errors import BadInput
@@ -59,7 +59,7 @@ class Measuring(Closing):
     @classmethod
     def resume(cls, folder: Path, in_use: MeasuredWith) -> Self:
         """Go on with what *folder* holds; raises `BadInput` where no measurement was begun."""
-        header = begun(folder)
+        header = load_beginning(folder)
         if header is None:
             raise BadInput(folder, "the folder", f"no {NAME}", "one that `armd measure` began")
         return cls(folder, parse_plan(str(folder / NAME), header.get("plan")), in_use)
@@ -234,7 +234,7 @@ class Measuring(Closing):
         try:
             surroundings = self._following.whereabouts, self._following.earlier
             refusal = judge(measurement, self.plan, self._progress, station, *surroundings)
-            refusal = refusal or changed(measurement, self.plan, self.in_use)
+            refusal = refusal or refuse_changed(measurement, self.plan, self.in_use)
             if refusal is not None or station is None:
                 return refusal, None
             return None, self._row(measurement, 0, station.placement, station.target)

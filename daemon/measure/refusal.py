@@ -43,16 +43,18 @@ def judge(
     if reason := unfit(measurement):
         return Refusal(*reason)
     _require_numbers(measurement)
-    if plan.within_calibration and (reason := _climate(Flag(measurement["flags"]))):
+    if plan.within_calibration and (reason := _refuse_climate(Flag(measurement["flags"]))):
         return reason
     return (
-        _already_taken(measurement, plan, progress)
-        or _not_moved(measurement, plan, earlier)
-        or _elsewhere(measurement, plan, progress, station, whereabouts)
+        _refuse_already_taken(measurement, plan, progress)
+        or _refuse_not_moved(measurement, plan, earlier)
+        or _refuse_elsewhere(measurement, plan, progress, station, whereabouts)
     )
 
 
-def changed(measurement: Mapping[str, Any], plan: Plan, in_use: MeasuredWith) -> Refusal | None:
+def refuse_changed(
+    measurement: Mapping[str, Any], plan: Plan, in_use: MeasuredWith
+) -> Refusal | None:
     """Where the arm is judged as it is calibrated, that must not change under way."""
     if not plan.within_calibration:
         return None
@@ -76,7 +78,7 @@ def _require_numbers(measurement: Mapping[str, Any]) -> None:
         math.hypot(*deviation)
 
 
-def _climate(flags: Flag) -> Refusal | None:
+def _refuse_climate(flags: Flag) -> Refusal | None:
     if Flag.TEMPERATURE_RANGE in flags:
         text = "a temperature is outside the range that the calibration was identified in"
         return Refusal("temperature", text)
@@ -85,7 +87,7 @@ def _climate(flags: Flag) -> Refusal | None:
     return None
 
 
-def _already_taken(
+def _refuse_already_taken(
     measurement: Mapping[str, Any], plan: Plan, progress: Progress
 ) -> Refusal | None:
     if not progress.readings:
@@ -96,12 +98,14 @@ def _already_taken(
     ):
         return Refusal("twice", "this measurement has been taken")
     last = progress.readings[-1].measurement
-    if _turned_rad(measurement, last) < UNMOVED_RAD and not _came_back(measurement, last, plan):
+    if _measure_turned_rad(measurement, last) < UNMOVED_RAD and not _has_come_back(
+        measurement, last, plan
+    ):
         return Refusal("unmoved", "the arm has not moved since the last reading")
     return None
 
 
-def _came_back(measurement: Mapping[str, Any], last: Mapping[str, Any], plan: Plan) -> bool:
+def _has_come_back(measurement: Mapping[str, Any], last: Mapping[str, Any], plan: Plan) -> bool:
     """To the only posture, or the one that is visited: whether the tip was moved since the last
     reading (older daemons do not say)."""
     one_posture = len(measurement["angles_rad"]) <= ONE_POSTURE or plan.kind == "repeatability"
@@ -111,7 +115,7 @@ def _came_back(measurement: Mapping[str, Any], last: Mapping[str, Any], plan: Pl
     return float(measurement["still_s"]) < since_s
 
 
-def _not_moved(
+def _refuse_not_moved(
     measurement: Mapping[str, Any], plan: Plan, earlier: Mapping[str, Whereabouts]
 ) -> Refusal | None:
     """In a new placement: the artefact must not stand where it stood."""
@@ -123,7 +127,7 @@ def _not_moved(
     return None
 
 
-def _elsewhere(
+def _refuse_elsewhere(
     measurement: Mapping[str, Any],
     plan: Plan,
     progress: Progress,
@@ -139,7 +143,7 @@ def _elsewhere(
         return None
     if other_target := whereabouts.find_target(point, near_mm, but=target):
         text = f"this is {other_target}, and {target} is asked for"
-        if whereabouts.is_measured(other_target) and _pressed_twice(measurement, plan, progress):
+        if whereabouts.is_measured(other_target) and _is_pressed_twice(measurement, plan, progress):
             text += f"; pressed there twice now: if it is {target}, a press was not heard and this"
             text += f" place was taken for {other_target}: delete the reading of {other_target}"
         return Refusal("too_far", text)
@@ -154,10 +158,12 @@ def _elsewhere(
         return None
     if other_target := whereabouts.as_far_as(point, near_mm):
         return Refusal("too_far", f"{text}; as far as {other_target} is")
-    return Refusal("too_far", text + _whose_fault(measurement, plan, progress, target, whereabouts))
+    return Refusal(
+        "too_far", text + _describe_whose_fault(measurement, plan, progress, target, whereabouts)
+    )
 
 
-def _whose_fault(
+def _describe_whose_fault(
     measurement: Mapping[str, Any],
     plan: Plan,
     progress: Progress,
@@ -172,21 +178,21 @@ def _whose_fault(
     if not suspects:
         return ""
     names = " or ".join(suspects)
-    if _pressed_twice(measurement, plan, progress):
+    if _is_pressed_twice(measurement, plan, progress):
         return f"; pressed there twice now: the reading of {names} is the wrong one, delete it"
     return f"; this press, or the reading of {names}, is not where it should be"
 
 
-def _pressed_twice(measurement: Mapping[str, Any], plan: Plan, progress: Progress) -> bool:
+def _is_pressed_twice(measurement: Mapping[str, Any], plan: Plan, progress: Progress) -> bool:
     """Whether the press before was refused at the same place, and the arm moved between them."""
     stray = progress.stray
     return stray is not None and (
         math.dist(measurement["position_mm"], stray["position_mm"]) <= plan.near_mm
-        and _turned_rad(measurement, stray) >= UNMOVED_RAD
+        and _measure_turned_rad(measurement, stray) >= UNMOVED_RAD
     )
 
 
-def _turned_rad(first: Mapping[str, Any], second: Mapping[str, Any]) -> float:
+def _measure_turned_rad(first: Mapping[str, Any], second: Mapping[str, Any]) -> float:
     """The farthest that a joint turned between two measurements."""
     pairs = zip(first["angles_rad"], second["angles_rad"], strict=True)
     return max(abs(float(a) - float(b)) for a, b in pairs)

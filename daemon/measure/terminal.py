@@ -21,7 +21,7 @@ from armd.client import Arm
 from armd.daemon.measure.ending import Done
 from armd.daemon.measure.hearing import SILENT_S, Hearing
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.so_far.estimate import identified
+from armd.daemon.measure.so_far.estimate import identify_so_far
 from armd.daemon.measure.waiting import Waiting
 from armd.drivers.waiting import has_bytes
 from armd.errors import ArmdError
@@ -248,7 +248,7 @@ class Terminal:
 
     def _tell_estimate(self) -> None:
         try:
-            estimate = identified(self._measuring.folder, self._measuring.in_use.arm)
+            estimate = identify_so_far(self._measuring.folder, self._measuring.in_use.arm)
         except (ArmdError, ArithmeticError, OSError, ValueError) as error:
             estimate = {"text": f"nothing can be said of it yet: {error}"}
         print(printable(f"      so far: {estimate['text']}"), flush=True)

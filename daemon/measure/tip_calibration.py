@@ -20,7 +20,7 @@ from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.daemon.files.tip_history import GOOD
 from armd.daemon.measure.in_use import ARM, CALIBRATION
-from armd.daemon.measure.log import begun
+from armd.daemon.measure.log import load_beginning
 from armd.errors import BadInput
 
 #: The calibration's own tip, as `armd tip use -` selects it.
@@ -66,7 +66,7 @@ def calibrate_tip(
     The offset's expanded uncertainty (k = 2) has to lie within *limit_mm*, the form error within
     *form_mm*. Raises `BadInput` for a session that does not tell the offset.
     """
-    header = begun(folder) or {}
+    header = load_beginning(folder) or {}
     plan = header.get("plan")
     plan_sphere_mm = plan.get("sphere_mm") if isinstance(plan, dict) else None
     sphere_mm = plan_sphere_mm if sphere_mm is None else sphere_mm
@@ -77,7 +77,7 @@ def calibrate_tip(
     path = folder / CALIBRATION
     calibration = load_calibration(path, arm) if path.exists() else None
     session = load_session(folder, arm)
-    origin, rotation, offset = _frames(session, arm, calibration)
+    origin, rotation, offset = _collect_frames(session, arm, calibration)
     if not np.isfinite(origin).all():
         row = int(np.flatnonzero(~np.isfinite(origin).all(axis=1))[0])
         raise BadInput(folder / "readings.csv", f"row {row + 1}", "no point", "a temperature")
@@ -97,11 +97,11 @@ def calibrate_tip(
         started_unix_s=session.started_unix_s,
         session=folder,
         calibration=None if calibration is None else calibration.sha256,
-        doubts=tuple(_doubts(fit, limit_mm, form_mm)),
+        doubts=tuple(_list_doubts(fit, limit_mm, form_mm)),
     )
 
 
-def _frames(
+def _collect_frames(
     session: Session, arm: Arm, calibration: LoadedCalibration | None
 ) -> tuple[F64, F64, F64]:
     """Origins (n, 3) and rotations (n, 3, 3) of the last frame, and the tip's offset (3,) in use;
@@ -120,7 +120,7 @@ def _frames(
     return position - rotation @ offset, rotation, offset
 
 
-def _doubts(fit: TipFit, limit_mm: float, form_mm: float) -> list[str]:
+def _list_doubts(fit: TipFit, limit_mm: float, form_mm: float) -> list[str]:
     doubts = []
     expanded = 2 * float(fit.uncertainty_mm.max())
     if expanded > limit_mm:
@@ -136,7 +136,9 @@ def _doubts(fit: TipFit, limit_mm: float, form_mm: float) -> list[str]:
     return doubts
 
 
-def moved_mm(calibration: TipCalibration, last: dict[str, Any] | None) -> tuple[float, float, str]:
+def measure_moved_mm(
+    calibration: TipCalibration, last: dict[str, Any] | None
+) -> tuple[float, float, str]:
     """How far the offset moved, the expanded uncertainty (k = 2) of that, and since when: the last
     calibration of this tip, else what is in use."""
     variance = float(np.trace(calibration.fit.covariance_mm2))

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.noise import ReadingNoise
 from armd.compensation.estimate.observations import gather
-from armd.compensation.estimate.poses import centres
+from armd.compensation.estimate.poses import compute_centres
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import fit
 from armd.compensation.identify.thermal.terms import length_terms
@@ -70,7 +70,7 @@ def _run(repeats: int) -> dict[str, Any]:
 
     nominal = arm.nominal()
     basis = basis_values(terms, observations.states, arm, 20.0, nominal)
-    scale = unknowns.plausible(terms, basis)
+    scale = unknowns.get_plausible(terms, basis)
     start = unknowns.values(nominal, terms)
     placements = len(observations.placement_names)
 
@@ -79,7 +79,7 @@ def _run(repeats: int) -> dict[str, Any]:
         return forward(observations.states.q, parameter_rows(constants, filled, basis))[0]
 
     begin = fit_poses(observations, tip(np.zeros(57)))
-    centre = centres(observations, begin.target_points(observations))
+    centre = compute_centres(observations, begin.compute_target_points(observations))
 
     def with_placements(x: np.ndarray) -> np.ndarray:
         twist = x[57:].reshape(placements, 6)

@@ -16,7 +16,7 @@ from armd.compensation.model.arm import Arm
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.guided import Guided
 from armd.daemon.bridges.view.http import NotServed, Request
-from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import KINDS, Wishes
 from armd.errors import ArmdError, BadInput
 from armd.files.schema import load_toml
@@ -174,7 +174,7 @@ def test_every_kind_is_the_terminals(tmp_path: Path, kind: str) -> None:
         state = page.told()["state"]
         known = load_toml(folder / "beam.toml", ArtefactFile).artefact if artefact else None
         wishes = Wishes(poses=folder / "poses.csv" if kind == "poses" else None)
-        plan = plan_of(kind, page.arm, known, wishes)  # type: ignore[arg-type]
+        plan = make_plan(kind, page.arm, known, wishes)  # type: ignore[arg-type]
         assert (state["kind"], state["wanted"]) == (kind, len(plan.stations))
         first = plan.stations[0]
         told = state["next"]["target"], state["next"]["placement"], state["next"]["how"]

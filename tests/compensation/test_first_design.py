@@ -24,7 +24,7 @@ from armd.compensation.design.observability import (
     structural_rank,
     tracker_columns,
 )
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.certificate import LEAST_PLACEMENTS
@@ -106,7 +106,7 @@ def test_indices_are_those_of_numpys_singular_values_by_hand() -> None:
     """Columns by central differences of the forward model, a tracker's frame fitted along."""
     arm = synthetic.arm(3)
     found = first(arm, 20)
-    nominal, names = arm.nominal(), free_constants(arm)
+    nominal, names = arm.nominal(), list_free_constants(arm)
     columns = []
     for name in names:
         i = arm.layout.names.index(name)
@@ -144,7 +144,7 @@ def test_parallel_axes_have_beta_for_d_and_lose_no_direction() -> None:
     joints = list(arm.joint)
     joints[1] = joints[1].model_copy(update={"alpha_deg": 0.0, "a_mm": 400.0})
     arm = arm.model_copy(update={"joint": joints})
-    assert "beta_2" in free_constants(arm) and "d_2" not in free_constants(arm)
+    assert "beta_2" in list_free_constants(arm) and "d_2" not in list_free_constants(arm)
     assert structural_rank(arm, arm.nominal()) == 21
 
 
@@ -254,7 +254,7 @@ def campaign_errors(arm: Arm, q: np.ndarray, seeds: range) -> np.ndarray:
         measured = synthetic.tracked(arm, truth, rng, len(q))
         measured.states.q[:] = q
         measured.truth_mm[:] = forward(q, truth)[0] + rng.normal(0.0, 0.1, (len(q), 3))
-        unknowns = Unknowns(free_constants(arm))
+        unknowns = Unknowns(list_free_constants(arm))
         with threadpool_limits(limits=1, user_api="blas"):
             found = fit(gather([measured], arm), arm.nominal(), [], unknowns, 20.0)
         fresh = rng.uniform(-2.5, 2.5, (300, arm.n_joints))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.interim.recorrection.quality_page import Impact
-from armd.compensation.report.diagnosis import headline
+from armd.compensation.report.diagnosis import write_headline
 
 
 def found(cause: str, location: str = "joint 3", shown: bool = True, guess: bool = False) -> Any:
@@ -24,7 +24,7 @@ def found(cause: str, location: str = "joint 3", shown: bool = True, guess: bool
 
 def told(*findings: Any, significant: bool = False) -> tuple[str, str]:
     unexplained = {"significant": significant}
-    return headline({"findings": findings, "unexplained": unexplained, "verdict": "Why not."})
+    return write_headline({"findings": findings, "unexplained": unexplained, "verdict": "Why not."})
 
 
 DISC, SAG = found("encoder_eccentricity"), found("joint_compliance", "joint 2", guess=True)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armd.compensation.estimate.linear import linear_model
-from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
+from armd.compensation.estimate.linear.bordered import compute_pseudo_inverse_factor
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 
 N = 60
@@ -56,7 +56,7 @@ def clear_of(rows: np.ndarray, others: np.ndarray) -> np.ndarray:
 def test_what_is_left_of_other_columns_is_what_an_orthogonal_projection_leaves(gauge, seed) -> None:
     of = blocks(seed, gauge)
     others = np.random.default_rng([seed, 1]).normal(size=(N, 5))
-    model = LinearModel.of_rows(of)
+    model = LinearModel.from_rows(of)
     columns = np.hstack([c for _, c, _ in of])
     taken = model.project(columns.T @ others)
     clear = clear_of(stacked(of)[0], others)
@@ -73,7 +73,7 @@ def test_taken_apart_a_projection_takes_the_same(
     of = blocks(7)
     if gauge:
         of.append(("again", of[0][1], np.full(of[0][1].shape[1], np.inf)))
-    model, columns = LinearModel.of_rows(of), np.hstack([c for _, c, _ in of])
+    model, columns = LinearModel.from_rows(of), np.hstack([c for _, c, _ in of])
     others = np.random.default_rng(8).normal(size=(N, 3))
     at_once = model.project(columns.T @ others)
     monkeypatch.setattr(linear_model, "MANY", 0)
@@ -84,7 +84,7 @@ def test_taken_apart_a_projection_takes_the_same(
 def test_a_gauge_takes_nothing_of_what_is_orthogonal_to_it() -> None:
     """Two equal columns: their difference is known by nothing, and explains nothing."""
     one = np.eye(N)[:, :1]
-    model = LinearModel.of_rows([("a", one, np.full(1, np.inf)), ("b", one, np.full(1, np.inf))])
+    model = LinearModel.from_rows([("a", one, np.full(1, np.inf)), ("b", one, np.full(1, np.inf))])
     beside = np.eye(N)[:, 1:2]
     across = np.vstack([one.T, one.T]) @ np.hstack([one, beside])
     taken = model.project(across)
@@ -98,7 +98,7 @@ def test_the_solution_is_that_of_stacked_least_squares(seed) -> None:
     residual = np.random.default_rng([seed, 2]).normal(size=N)
     rows, length = stacked(of)
     side = np.hstack([c for _, c, _ in of]).T @ residual
-    solution, covariance = LinearModel.of_rows(of).solve(side)
+    solution, covariance = LinearModel.from_rows(of).solve(side)
     expected = np.linalg.lstsq(rows, np.append(residual, np.zeros(len(side))), rcond=None)[0]
     np.testing.assert_allclose(solution, expected / length, rtol=1e-6, atol=1e-9)
     dense = np.linalg.inv(rows.T @ rows) / np.outer(length, length)
@@ -109,10 +109,10 @@ def test_what_nothing_is_known_of_stays_zero_and_with_a_drawing_near_it() -> Non
     """x₁ + x₂ = 4 is all that is measured: shared alike, or by how well each is drawn."""
     rows = np.array([[1.0, 1.0]])
     layout = Layout((("x", 2),))
-    open_ = LinearModel.of_products(layout, rows.T @ rows, np.full(2, np.inf))
+    open_ = LinearModel.from_products(layout, rows.T @ rows, np.full(2, np.inf))
     np.testing.assert_allclose(open_.solve(rows[0] * 4.0)[0], [2.0, 2.0])
     drawn = np.array([1e6, 3e6])
-    held = LinearModel.of_products(layout, rows.T @ rows, np.full(2, np.inf), drawing=drawn)
+    held = LinearModel.from_products(layout, rows.T @ rows, np.full(2, np.inf), drawing=drawn)
     solution, covariance = held.solve(rows[0] * 4.0)
     np.testing.assert_allclose(solution, [1.0, 3.0], rtol=1e-4)
     assert covariance[0, 0] == pytest.approx(0.75e6, rel=1e-4)  # 1/(1/1e6 + 1/3e6), as they share
@@ -122,43 +122,43 @@ def test_what_nothing_is_known_of_stays_zero_and_with_a_drawing_near_it() -> Non
 
 def test_a_prior_far_tighter_than_the_rows_of_one_hides_nothing_of_the_others() -> None:
     matrix = np.diag([1e14, 1.0])
-    factor = pseudo_inverse_factor(matrix)
+    factor = compute_pseudo_inverse_factor(matrix)
     np.testing.assert_allclose(factor @ factor.T, np.diag([1e-14, 1.0]))
 
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_information_of_a_block_is_the_inverse_of_its_covariance(seed) -> None:
-    model = LinearModel.of_rows(blocks(seed))
+    model = LinearModel.from_rows(blocks(seed))
     _, covariance = model.solve(np.zeros(model.layout.n))
     for names in (("targets",), ("finding", "placements")):
-        own = model.layout.of(names)
+        own = model.layout.find_columns(names)
         scale = np.sqrt(np.diag(covariance)[own])
         expected = np.linalg.inv(covariance[np.ix_(own, own)] / np.outer(scale, scale))
-        found = model.information(*names) * np.outer(scale, scale)
+        found = model.compute_information(*names) * np.outer(scale, scale)
         np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_without_a_block_it_is_the_problem_that_never_had_it() -> None:
     of = blocks(5)
     side = np.hstack([c for _, c, _ in of]).T @ np.ones(N)
-    less = LinearModel.of_rows(of).without("targets")
-    anew = LinearModel.of_rows([of[0], of[2]])
+    less = LinearModel.from_rows(of).without("targets")
+    anew = LinearModel.from_rows([of[0], of[2]])
     assert [name for name, size in less.layout.sizes if size] == ["placements", "finding"]
-    kept = LinearModel.of_rows(of).layout.but(["targets"])
+    kept = LinearModel.from_rows(of).layout.find_other_columns(["targets"])
     np.testing.assert_allclose(less.solve(side[kept])[0], anew.solve(side[kept])[0], rtol=1e-9)
 
 
 def test_problems_of_different_rows_add_and_a_block_joins_what_is_there() -> None:
     of = blocks(9)
     halves = [
-        LinearModel.of_rows([(name, columns[rows], variance) for name, columns, variance in of])
+        LinearModel.from_rows([(name, columns[rows], variance) for name, columns, variance in of])
         for rows in (slice(0, 20), slice(20, N))
     ]
-    whole = LinearModel.of_rows(of)
+    whole = LinearModel.from_rows(of)
     for found in (
         halves[0] + halves[1],
-        LinearModel.of_rows(of[:2]).joined(
+        LinearModel.from_rows(of[:2]).joined(
             "finding",
             of[2][1].T @ of[2][1],
             np.hstack([of[0][1], of[1][1]]).T @ of[2][1],
@@ -178,8 +178,8 @@ def test_blocks_fitted_along_follow_as_stacked_least_squares_says(gauge) -> None
     if gauge:
         along[:, 4] = 2.0 * along[:, 0] - along[:, 1]
     others, variance = rng.normal(size=(N, 3)), np.array([np.inf, np.inf, 0.3, np.inf, np.inf])
-    model = LinearModel.of_rows([("along", along, variance), ("o", others, np.full(3, np.inf))])
-    rest, fitted = model.clear_of("along")
+    model = LinearModel.from_rows([("along", along, variance), ("o", others, np.full(3, np.inf))])
+    rest, fitted = model.eliminate("along")
     prior = np.diag(1.0 / np.sqrt(variance))
     stacked_rows = np.vstack([along, prior])
     wanted = np.linalg.lstsq(stacked_rows, -np.vstack([others, np.zeros((5, 3))]), rcond=1e-9)[0]
@@ -199,11 +199,11 @@ def test_what_a_block_fitted_along_explains_of_another_is_rounding_there() -> No
     pose, other = 1e6 * rng.normal(size=(N, 6)), rng.normal(size=(N, 1))
     seat = pose @ rng.normal(size=(6, 3))
     free = [np.full(n, np.inf) for n in (6, 3, 1)]
-    model = LinearModel.of_rows(
+    model = LinearModel.from_rows(
         [("pose", pose, free[0]), ("seat", seat, free[1]), ("other", other, free[2])]
     )
-    left, _ = model.clear_of("pose")
-    rest, shifts = left.clear_of("seat")
+    left, _ = model.eliminate("pose")
+    rest, shifts = left.eliminate("seat")
     assert shifts.rank == 0
     np.testing.assert_array_equal(shifts.following, np.zeros((3, 1)))
     u = np.linalg.qr(pose)[0]
@@ -215,7 +215,7 @@ def test_alike_measured_targets_are_fitted_along() -> None:
     triangle[np.triu_indices(60)] = np.load(CLUSTERED)
     rows = np.random.default_rng(1).normal(size=(60, 1))
     of = [("targets", triangle, np.full(60, np.inf)), ("residual", rows, np.full(1, np.inf))]
-    rest, shifts = LinearModel.of_rows(of).clear_of("targets")
+    rest, shifts = LinearModel.from_rows(of).eliminate("targets")
     assert shifts.rank == 60
     np.testing.assert_allclose(triangle @ shifts.following, -rows, atol=1e-12)
     np.testing.assert_allclose(rest.gram, 0.0, atol=1e-12)

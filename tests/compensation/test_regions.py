@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.regions import in_region
+from armd.compensation.estimate.regions import find_regions
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify import fit as fitting
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
@@ -31,7 +31,7 @@ def half(truth: np.ndarray, rng: np.random.Generator, bump_rad: float) -> Observ
 
 def fitted(observations: Observations) -> Identification:
     with threadpool_limits(limits=1, user_api="blas"):
-        return fit(observations, ARM.nominal(), [], Unknowns(free_constants(ARM)), 20.0)
+        return fit(observations, ARM.nominal(), [], Unknowns(list_free_constants(ARM)), 20.0)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -47,7 +47,9 @@ def test_a_region_serves_the_other_half_as_plain_least_squares_does(
         return float(np.sqrt(np.mean(distance**2)))
 
     found = fitted(one)
-    monkeypatch.setattr(fitting, "redescending_weights", lambda d2, region: np.ones_like(d2))
+    monkeypatch.setattr(
+        fitting, "compute_redescending_weights", lambda d2, region: np.ones_like(d2)
+    )
     plain = fitted(one)
     assert found.region.sum() > 25
     assert elsewhere_um(found) < 1.01 * elsewhere_um(plain)
@@ -57,12 +59,12 @@ def test_readings_gone_wrong_at_random_are_no_region() -> None:
     rng = np.random.default_rng(3)
     q = rng.uniform(-2.0, 2.0, (600, 6))
     far = rng.random(600) < 0.1
-    assert in_region(far, q).sum() < 0.05 * far.sum()
+    assert find_regions(far, q).sum() < 0.05 * far.sum()
     # One posture read ten times while the ball lay beside its seat is no region either.
     q[:10] = q[0]
     far[:] = False
     far[:10] = True
-    assert not in_region(far, q).any()
+    assert not find_regions(far, q).any()
     # Where every reading in a range of one joint is far off, nearly all of them are one.
     far = q[:, 3] > 1.7
-    assert in_region(far, q).sum() > 0.9 * far.sum()
+    assert find_regions(far, q).sum() > 0.9 * far.sum()

@@ -13,11 +13,11 @@ from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.compensation.report.about import About, load_about
-from armd.compensation.report.head import head
+from armd.compensation.report.head import add_head
 from armd.compensation.report.page import MOST_LETTERS, Page
-from armd.compensation.report.sessions import session_facts
-from armd.compensation.report.style import footer_style
-from armd.compensation.report.units import Unit, choose_units, three_digits
+from armd.compensation.report.sessions import add_session_facts
+from armd.compensation.report.style import make_footer_style
+from armd.compensation.report.units import Unit, choose_units, format_three_digits
 from armd.daemon.cli import main
 from armd.errors import BadInput
 
@@ -45,7 +45,7 @@ def a_session(started: float, **artefact: object) -> Session:
 
 
 def entries(page: Page) -> dict[str, str]:
-    rows = re.findall(r"<dt>(.*?)</dt><dd[^>]*>(.*?)</dd>", page.html())
+    rows = re.findall(r"<dt>(.*?)</dt><dd[^>]*>(.*?)</dd>", page.to_html())
     return dict(rows)
 
 
@@ -55,7 +55,7 @@ def test_the_head_says_what_the_files_say() -> None:
         a_session(1.7725e9, certificate="C-7", certificate_valid_until="2027-03-01"),
         a_session(1.7727e9, certificate="C-7", certificate_valid_until="2027-03-01"),
     ]
-    head(page, an_arm(None), sessions, About(document="K<1>", operator="Li"))
+    add_head(page, an_arm(None), sessions, About(document="K<1>", operator="Li"))
     shown = entries(page)
     assert shown["document"] == "K&lt;1&gt;" and shown["operator"] == "Li"
     assert shown["arm, serial number"] == "A-1"
@@ -71,24 +71,24 @@ def test_the_head_says_what_the_files_say() -> None:
 
 def test_what_nobody_knows_is_a_line_to_fill_in() -> None:
     page = Page("P")
-    head(page, None, [], None)
+    add_head(page, None, [], None)
     shown = entries(page)
     assert shown.pop("software") and set(shown.values()) == {""}
-    assert page.html().count('<dd class="blank"></dd>') == len(shown)
+    assert page.to_html().count('<dd class="blank"></dd>') == len(shown)
 
 
 def test_an_arm_of_points_alone_has_no_number_and_a_table_no_day() -> None:
     page = Page("P")
     unnamed = an_arm(None).model_copy(update={"serial_number": "-"})
-    head(page, unnamed, [a_session(0.0)], None)
+    add_head(page, unnamed, [a_session(0.0)], None)
     assert entries(page)["arm, serial number"] == ""
-    session_facts(page, [a_session(0.0)], unnamed)
-    assert "1970" not in page.html()
+    add_session_facts(page, [a_session(0.0)], unnamed)
+    assert "1970" not in page.to_html()
 
 
 def test_a_certificate_without_a_last_day_leaves_room_for_it() -> None:
     page = Page("P")
-    head(page, an_arm(None), [a_session(0.0, certificate="C-7")], None)
+    add_head(page, an_arm(None), [a_session(0.0, certificate="C-7")], None)
     assert entries(page)["certificate"] == "C-7, valid until __________"
     assert entries(page)["measured on"] == ""  # an instant of 0 is nobody's
 
@@ -100,22 +100,22 @@ def test_a_day_is_of_the_calendar(day: str) -> None:
 
 
 def test_the_foot_has_the_serial_number_whatever_is_in_it() -> None:
-    style = footer_style('A-1"; } </style>')
+    style = make_footer_style('A-1"; } </style>')
     assert 'counter(page) " of " counter(pages)' in style
     assert "</style>" not in style and style.count('"') == 6
     assert '"A\\00002d1\\000022' in style
-    assert "A\\00002d1" in Page("Verification", "A-1").html()
+    assert "A\\00002d1" in Page("Verification", "A-1").to_html()
 
 
 def test_long_texts_are_short_before_the_appendix_and_whole_in_it() -> None:
     page = Page("P")
     long = "x" * 2 * MOST_LETTERS
-    page.verdict("NO", page.in_brief("Verdict", long), good=False, key="one")
-    page.items_in_brief("Remarks", [f"remark {i}." for i in range(20)], limit=3)
-    page.items_in_brief("Nothing", [])
-    page.appendix()
-    page.heading("More")
-    before, after = page.html().split('id="appendix">Appendix</h2>')
+    page.add_verdict("NO", page.abbreviate("Verdict", long), good=False, key="one")
+    page.add_items_in_brief("Remarks", [f"remark {i}." for i in range(20)], limit=3)
+    page.add_items_in_brief("Nothing", [])
+    page.begin_appendix()
+    page.add_heading("More")
+    before, after = page.to_html().split('id="appendix">Appendix</h2>')
     assert "remark 2." in before and "remark 3." not in before and "17 more" in before
     assert long not in before and long in after and "remark 19." in after
     assert "<h3>More</h3>" in after and "Nothing" not in before
@@ -133,7 +133,7 @@ def test_units_are_those_that_the_arm_resolves() -> None:
         fine.length.scale_to(0.5, 1.2) == Unit("mm", 1.0, 3)
         and fine.length.scale_to(0.5) == fine.length
     )
-    assert [three_digits(x) for x in (0.0, 1234.5, 0.01234)] == ["0", "1234", "0.0123"]
+    assert [format_three_digits(x) for x in (0.0, 1234.5, 0.01234)] == ["0", "1234", "0.0123"]
 
 
 COMMANDS = {

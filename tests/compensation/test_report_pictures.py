@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from armd.compensation.model.kinematics import forward
-from armd.compensation.report.arm_picture import arm_picture
+from armd.compensation.report.arm_picture import draw_arm_picture
 from armd.compensation.report.coverage import MOST_NAMED, add_coverage
-from armd.compensation.report.drawing import svg
+from armd.compensation.report.drawing import make_svg
 from armd.compensation.report.page import Page
 from armd.compensation.report.residual_plots import (
+    compute_running_mean,
     draw_residuals_by_joint,
     draw_residuals_by_sensor,
     draw_vectors,
     round_down,
-    running_mean,
 )
 from armd.compensation.report.units import Unit, choose_units
 from armd.compensation.report.verification_figures import (
@@ -38,7 +38,7 @@ def test_the_coverage_names_the_places_and_what_joints_used() -> None:
     session = synthetic.session(ARM, ARM.nominal(), np.random.default_rng(1))
     page = Page("P")
     add_coverage(page, ARM, [session])
-    text = page.html()
+    text = page.to_html()
     assert "from above" in text and "from the side" in text and "nan" not in text
     few = len(session.placement_names) <= MOST_NAMED
     assert [name for name in session.placement_names if (f">{name}<" in text) != few] == []
@@ -52,13 +52,13 @@ def test_points_without_angles_have_no_coverage() -> None:
     still = replace(session, states=replace(session.states, q=np.zeros_like(session.states.q)))
     page = Page("P")
     add_coverage(page, ARM, [still])
-    assert "<svg" not in page.html()
+    assert "<svg" not in page.to_html()
 
 
 def test_the_arm_has_its_frames_and_the_names_identified() -> None:
     q = np.linspace(0.1, 0.6, ARM.n_joints)
-    figure = arm_picture(ARM, q, ["theta_1", "beta_2", "a_3", "tip_x"])
-    text = svg(figure, "arm", "arm")
+    figure = draw_arm_picture(ARM, q, ["theta_1", "beta_2", "a_3", "tip_x"])
+    text = make_svg(figure, "arm", "arm")
     for label in ("base", "frame 1: θ1", "frame 2: β2", "frame 3: a3", "frame 4", "tip: tip_x"):
         assert f">{label}<" in text
     chain = figure.axes[0].lines[0].get_xydata()
@@ -81,11 +81,11 @@ def test_residuals_along_a_joint_have_their_sign() -> None:
 
 def test_running_means_know_how_well() -> None:
     x, y = np.arange(160.0), np.tile([1.0, 3.0], 80)
-    middle, mean, sigma = running_mean(x, y)
+    middle, mean, sigma = compute_running_mean(x, y)
     assert len(middle) == 16 and np.all(np.diff(middle) > 0)
     assert mean == pytest.approx(2.0)
     assert sigma == pytest.approx(np.std([1.0, 3.0] * 5, ddof=1) / np.sqrt(10))
-    assert not running_mean(x[:3], y[:3])[0].size
+    assert not compute_running_mean(x[:3], y[:3])[0].size
 
 
 def test_a_sensor_that_nobody_read_is_not_drawn() -> None:
@@ -93,7 +93,7 @@ def test_a_sensor_that_nobody_read_is_not_drawn() -> None:
     tip, residual = np.full((30, 3), 300.0), np.full((30, 3), 0.01)
     assert draw_residuals_by_sensor(celsius[:, 1:], ["t2"], tip, residual, MICROMETRES) is None
     figure = draw_residuals_by_sensor(celsius, ["t1", "t2"], tip, residual, MICROMETRES)
-    assert figure is not None and "t2" not in svg(figure, "s", "s")
+    assert figure is not None and "t2" not in make_svg(figure, "s", "s")
     mean = max(figure.axes[0].lines[0].get_ydata())
     assert mean == pytest.approx(10.0 * np.sqrt(2.0))  # µm outwards, both x and y
 
@@ -104,7 +104,7 @@ def test_vectors_are_to_a_scale_that_is_named() -> None:
     residual = np.full((50, 3), 0.005 / np.sqrt(3.0))
     figure, times = draw_vectors(tip, residual, MICROMETRES)
     key = figure.axes[0].lines[0].get_xdata()
-    assert ">20 µm<" in svg(figure, "v", "v")
+    assert ">20 µm<" in make_svg(figure, "v", "v")
     assert np.ptp(key) == pytest.approx(0.020 * times)
     assert [round_down(x) for x in (1.0, 4.9, 0.07, 230.0)] == [1.0, 2.0, 0.05, 200.0]
 
@@ -114,7 +114,7 @@ def test_lengths_stand_in_the_band_of_their_limit() -> None:
     results = tuple(Deviation(f"P{i}", 0.01 * i, 0.002, 500.0, f"P{i}") for i in range(3))
     item = Judged(Figure("e_uni", "E_Uni", "ISO", results), "conforms", results[2], 0.035)
     figure = draw_lengths(item, limits, MICROMETRES)
-    text = svg(figure, "l", "l")
+    text = make_svg(figure, "l", "l")
     for word in ("P0", "P1", "P2", "MPE", "error, µm"):
         assert f">{word}<" in text
     dashed = [line for line in figure.axes[0].lines if line.get_linestyle() == "--"]
@@ -148,7 +148,7 @@ def test_seats_and_spheres_show_their_points() -> None:
 
 def test_the_tip_of_the_picture_is_the_models() -> None:
     q = np.full(ARM.n_joints, 0.3)
-    figure = arm_picture(ARM, q, [])
+    figure = draw_arm_picture(ARM, q, [])
     tip = forward(q[None], ARM.nominal())[0][0]
     height = figure.axes[0].lines[0].get_xydata()[-1, 1]
     low, high = sorted((tip[2] - np.hypot(tip[0], tip[1]), tip[2] + np.hypot(tip[0], tip[1])))

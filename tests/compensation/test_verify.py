@@ -14,7 +14,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
-from armd.compensation.report.verification import verification_report
+from armd.compensation.report.verification import make_verification_report
 from armd.compensation.verify.figures import evaluate_figures
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
 from armd.compensation.verify.results import Figure, Verification
@@ -292,7 +292,7 @@ def test_the_largest_is_told_beside_what_decides() -> None:
     assert told["deciding_mm"] == pytest.approx(0.0041)
     assert told["deciding_at"] == "P13"
     assert told["expanded_uncertainty_mm"] == pytest.approx(0.008)
-    page = verification_report(verdict, measured.session(), ARM, {})
+    page = make_verification_report(verdict, measured.session(), ARM, {})
     assert "-5.10" in page
     assert "+4.10" in page
 
@@ -319,12 +319,12 @@ def test_a_verdict_names_what_it_covers_and_why_it_fails() -> None:
     assert any("the test's uncertainty is not stated" in remark for remark in passed.remarks)
     assert "U not stated" not in verdict(spat_max_mm=0.002, uncertainty={"seat_mm": 1e-4}).in_words
     assert "p_size: not tested, no certified length between" in failed.in_words
-    page = verification_report(failed, measured.session(), ARM, {})
+    page = make_verification_report(failed, measured.session(), ARM, {})
     assert "<b>NOT ACCEPTED</b>1 of 10 figures, partial test" in page
     told = "SPAT max δ does not conform: +4.50 µm of 2.00 µm permitted."
     assert told in page.replace("\N{NO-BREAK SPACE}", " ")
     assert "SPAT max δ: every result" in page and ">SPAT2<" in page and ">not stated<" in page
-    assert "<b>ACCEPTED</b>1 of 10" in verification_report(passed, measured.session(), ARM, {})
+    assert "<b>ACCEPTED</b>1 of 10" in make_verification_report(passed, measured.session(), ARM, {})
     assert "though it has a limit</h2><ul><li>p_size: no certified length" in page
     unlimited = judge(measured.figures(), None)
     assert not unlimited.passed

@@ -50,8 +50,8 @@ def test_how_seats_grow_does_not_depend_on_a_frame_that_nobody_chose(
     elsewhere = seen_from(linear, Rotation.from_rotvec([0.3, -1.0, 2.0]), np.array([900.0, 0, -80]))
     observations = linear.rests.observations
     np.testing.assert_allclose(
-        elsewhere.poses.target_points(observations),
-        linear.poses.target_points(observations),
+        elsewhere.poses.compute_target_points(observations),
+        linear.poses.compute_target_points(observations),
         atol=1e-9,
     )
     np.testing.assert_allclose(
@@ -69,5 +69,7 @@ def test_certified_targets_move_away_from_their_origin_by_a_plain_difference() -
     linear = measured(4, known=True)
     rise, observations = linear.rests.artefact_rise_c, linear.rests.observations
     larger = replace(observations, stretch=observations.stretch + 1e-3 * rise)
-    moved = linear.poses.target_points(larger) - linear.poses.target_points(observations)
+    moved = linear.poses.compute_target_points(larger) - linear.poses.compute_target_points(
+        observations
+    )
     np.testing.assert_allclose(1e-3 * linear.artefact_column(EXPANSION), -moved.ravel(), atol=1e-9)

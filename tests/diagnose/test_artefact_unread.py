@@ -51,7 +51,9 @@ def test_it_grows_by_the_arms_temperature_where_its_own_was_not_read() -> None:
     observations = rests.observations
     rise = observations.states.temperature_c.mean(axis=1) - REFERENCE_C
     larger = replace(observations, stretch=observations.stretch + 1e-3 * rise)
-    moved = linear.poses.target_points(larger) - linear.poses.target_points(observations)
+    moved = linear.poses.compute_target_points(larger) - linear.poses.compute_target_points(
+        observations
+    )
     moved[observations.session == 1] = 0.0
     np.testing.assert_allclose(1e-3 * linear.artefact_column(WARMTH), -moved.ravel(), atol=1e-9)
 

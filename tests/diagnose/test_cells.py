@@ -13,7 +13,7 @@ from armd.compensation.diagnose.scoring.cells import (
     list_rows,
     split_by_part,
 )
-from armd.compensation.estimate.linear.blocks import in_blocks
+from armd.compensation.estimate.linear.blocks import to_blocks
 
 N, DISTANCES = 12, 2
 PLACEMENT = np.array([0, 0, 1, 1, 1, 2, 2, 0, 2, 1, 0, 2])
@@ -48,7 +48,7 @@ def cells() -> list[Cell]:
 
 
 def test_a_cell_sees_the_columns_that_are_not_zero_there() -> None:
-    columns, of = full(), ArtefactColumns(NUMBERS, in_blocks([full()], PLACEMENT))
+    columns, of = full(), ArtefactColumns(NUMBERS, to_blocks([full()], PLACEMENT))
     for cell in cells():
         numbers, values = of.columns_in(cell)
         rows = columns[cell.rows]
@@ -59,7 +59,7 @@ def test_a_cell_sees_the_columns_that_are_not_zero_there() -> None:
 
 
 def test_products_within_each_candidate_add_up_over_the_cells() -> None:
-    columns, of = full(), ArtefactColumns(NUMBERS, in_blocks([full()], PLACEMENT))
+    columns, of = full(), ArtefactColumns(NUMBERS, to_blocks([full()], PLACEMENT))
     gram = np.zeros((len(CANDIDATES), 2, 2))
     for cell in cells():
         of.add_products(cell, CANDIDATES, gram)
@@ -84,7 +84,7 @@ def test_parts_of_a_placement_are_told_apart_and_together_are_all() -> None:
     columns = full()
     again = np.zeros((N, 3, len(WHERE)))
     seen = []
-    for part, piece in split_by_part(in_blocks([columns], PLACEMENT), PART):
+    for part, piece in split_by_part(to_blocks([columns], PLACEMENT), PART):
         assert (PART[piece.rests] == part).all() and len(set(PLACEMENT[piece.rests])) == 1
         assert piece.values.any(axis=(0, 1)).all()  # no column that is zero there
         again[np.ix_(piece.rests, np.arange(3), piece.columns)] = piece.values

@@ -17,7 +17,7 @@ from armd.compensation.diagnose.fitting.refit import (
 )
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import Nuisance
-from armd.compensation.estimate.linear.blocks import in_blocks
+from armd.compensation.estimate.linear.blocks import to_blocks
 from support import synthetic
 from support.small_fit import candidate, small_fit, whitened_by
 
@@ -42,7 +42,7 @@ def test_the_pose_left_out_stays_and_all_else_is_the_least_norm_solution(
     known = fit()
     whitener = known.noise.whitener.copy()
     whitener[RESTS // 2 :] = 0.0
-    rows, half = known.nuisance.columns.dense(), 3 * RESTS // 2
+    rows, half = known.nuisance.columns.to_dense(), 3 * RESTS // 2
     prior = np.diag(1.0 / known.nuisance.variance)
     expected = np.linalg.pinv(rows[:half].T @ rows[:half] + prior) @ (
         rows[:half].T @ known.residual[:half]
@@ -70,7 +70,7 @@ def fit_of_three(whole: float = 1.0) -> Fit:
     }
     known = small_fit(rng.normal(size=rows), poses, findings, identified=rng.normal(size=(rows, 3)))
     placement = np.repeat(np.arange(PLACEMENTS), RESTS_OF_EACH)
-    columns = in_blocks([known.nuisance.columns.dense()], placement)
+    columns = to_blocks([known.nuisance.columns.to_dense()], placement)
     return replace(known, nuisance=Nuisance(columns, known.nuisance.variance))
 
 
@@ -89,7 +89,7 @@ def test_what_placements_share_is_solved_as_beside_their_poses(
         [np.r_[known.layout.identified], *(np.r_[at] for at in of_findings)]
     ).astype(int)
     columns = np.concatenate([np.arange(6 * PLACEMENTS), shared])
-    rows = known.nuisance.columns.dense(columns)[np.repeat(~out, 3)]
+    rows = known.nuisance.columns.to_dense(columns)[np.repeat(~out, 3)]
     gram = rows.T @ rows + np.diag(1.0 / known.nuisance.variance[columns])
     inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
     solution = inverse @ (rows.T @ known.residual[np.repeat(~out, 3)])
@@ -98,7 +98,7 @@ def test_what_placements_share_is_solved_as_beside_their_poses(
     last = len(shared)
     np.testing.assert_allclose(found.solution, solution[-last:], atol=1e-10)
     np.testing.assert_allclose(found.inverse, inverse[-last:, -last:], atol=1e-10)
-    full = known.nuisance.columns.dense(shared) @ solution[-last:]
+    full = known.nuisance.columns.to_dense(shared) @ solution[-last:]
     np.testing.assert_allclose(found.fitted, full, atol=1e-10)
     at_full = whitened_by(known, np.where(out[:, None, None], 0.0, known.noise.whitener))
     beside_poses = Refits(at_full).with_subset(some)

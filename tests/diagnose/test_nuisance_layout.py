@@ -24,7 +24,7 @@ def fit_of_three():
 def test_some_of_the_findings_keep_their_columns_and_are_numbered_anew() -> None:
     fit, findings = fit_of_three()
     kept, layout = select_findings(fit.layout, [0, 2])
-    columns = fit.nuisance.columns.dense(kept)
+    columns = fit.nuisance.columns.to_dense(kept)
     assert [at.stop - at.start for at in layout.findings] == [1, 2]
     for at, own in zip(layout.findings, (A, C), strict=True):
         np.testing.assert_array_equal(columns[:, at], findings[own])
@@ -38,9 +38,9 @@ def test_other_findings_take_the_place_of_those_there() -> None:
     block = np.ones((30, 4))
     nuisance, layout = with_other_findings(fit.nuisance, fit.layout, [other], [block], [3.0])
     (at,) = layout.findings
-    np.testing.assert_array_equal(nuisance.columns.dense(at), block)
+    np.testing.assert_array_equal(nuisance.columns.to_dense(at), block)
     np.testing.assert_array_equal(
-        nuisance.columns.dense(slice(2)), fit.nuisance.columns.dense(slice(2))
+        nuisance.columns.to_dense(slice(2)), fit.nuisance.columns.to_dense(slice(2))
     )
     np.testing.assert_array_equal(nuisance.variance[at], compute_amplitude_variance(other, 3.0))
 

@@ -127,8 +127,8 @@ def test_a_moved_artefact_turns_the_orientations_with_its_points(tmp_path: Path)
     assert count_spare_rows(rests.observations) == 72 - 6 - 3
     moves = linear.artefact_columns(
         [ArtefactChange("moved", index=0, axis=axis, after=0) for axis in range(6)]
-    ).dense(np.arange(6))
-    pose = linear.nuisance.dense(np.arange(6))
+    ).to_dense(np.arange(6))
+    pose = linear.nuisance.to_dense(np.arange(6))
     assert np.linalg.matrix_rank(pose) == 6
     left = moves - pose @ np.linalg.lstsq(pose, moves, rcond=1e-9)[0]
     assert np.abs(moves[36:]).max() == pytest.approx(TURN_MM)

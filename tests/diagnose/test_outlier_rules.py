@@ -17,7 +17,7 @@ from scipy.special import fdtri
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.fitting.outliers import find_outliers
 from armd.compensation.estimate import robust
-from armd.compensation.estimate.folds import blocks_of_time, whole_groups
+from armd.compensation.estimate.folds import assign_group_folds, assign_time_folds
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.fit import rms_um
@@ -79,35 +79,42 @@ def test_more_than_a_few_are_no_single_readings() -> None:
 @pytest.mark.parametrize("freedom", [2.5, 5.0, 12.0])
 def test_the_tails_are_told_by_two_quantiles(freedom: float) -> None:
     ratio = fdtri(3, freedom, robust.EDGE) / fdtri(3, freedom, robust.MIDDLE)
-    assert robust._freedom(ratio) == pytest.approx(freedom, rel=1e-6)
+    assert robust._solve_freedom(ratio) == pytest.approx(freedom, rel=1e-6)
 
 
 def test_a_normal_reading_is_let_go_once_in_ten_thousand_and_clipped_once_in_eighty() -> None:
     square = np.random.default_rng(5).chisquare(3, 2_000_000)
-    weight = robust.redescending_weights(square, np.zeros(len(square), dtype=bool))
+    weight = robust.compute_redescending_weights(square, np.zeros(len(square), dtype=bool))
     assert (weight < 1.0).mean() == pytest.approx(1e-4, rel=0.25)
-    assert (robust.huber_weights(np.sqrt(square)) < 1.0).mean() == pytest.approx(1 / 80, rel=0.05)
+    assert (robust.compute_huber_weights(np.sqrt(square)) < 1.0).mean() == pytest.approx(
+        1 / 80, rel=0.05
+    )
     assert np.median(square) == pytest.approx(robust.MEDIAN_CHI2, rel=0.01)
 
 
 def test_the_pull_of_a_reading_far_off_falls_or_stays_and_a_region_counts_fully() -> None:
     far = np.array([10.0, 20.0, 1000.0])
-    falling = robust.redescending_weights(far**2, np.array([False, False, True]))
+    falling = robust.compute_redescending_weights(far**2, np.array([False, False, True]))
     assert falling[0] * 10.0 == pytest.approx(2 * falling[1] * 20.0) and falling[2] == 1.0
-    np.testing.assert_allclose(robust.huber_weights(far) * far, robust.WINSOR_AT)
+    np.testing.assert_allclose(robust.compute_huber_weights(far) * far, robust.WINSOR_AT)
     # Where the loss rises by the pull, reweighted squares have its minimum.
     step = 1e-6
-    slope = (robust.huber_loss(far[:1] + step) - robust.huber_loss(far[:1] - step)) / (2 * step)
+    slope = (
+        robust.compute_huber_loss(far[:1] + step) - robust.compute_huber_loss(far[:1] - step)
+    ) / (2 * step)
     assert slope == pytest.approx(robust.WINSOR_AT)
 
 
 def test_whole_groups_are_left_out_together_and_times_one_after_another() -> None:
     labels = np.array([7, 7, 3, 9, 9, 3, 11])
-    folds = whole_groups(labels, 3)
+    folds = assign_group_folds(labels, 3)
     assert folds.tolist() == [1, 1, 0, 2, 2, 0, 0]
-    assert not whole_groups(np.full(4, 5), 8).any() and len(whole_groups(labels[:0], 8)) == 0
+    assert (
+        not assign_group_folds(np.full(4, 5), 8).any()
+        and len(assign_group_folds(labels[:0], 8)) == 0
+    )
     time_s = np.array([5.0, 1.0, 2.0, 9.0, 3.0, 4.0])
-    assert blocks_of_time(time_s, 3).tolist() == [2, 0, 0, 2, 1, 1]
+    assert assign_time_folds(time_s, 3).tolist() == [2, 0, 0, 2, 1, 1]
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 
 def known_of(gram: np.ndarray, asked: int) -> LinearModel:
     layout = Layout((("identified", len(gram) - asked), (ASKED, asked)))
-    return LinearModel.of_products(layout, gram, np.full(len(gram), np.inf))
+    return LinearModel.from_products(layout, gram, np.full(len(gram), np.inf))
 
 
 def information(seed: int, k: int) -> np.ndarray:

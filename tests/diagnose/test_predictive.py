@@ -16,13 +16,18 @@ from armd.compensation.diagnose.constants import (
     WIDEST_DEG,
 )
 from armd.compensation.diagnose.predictive import curves, replicates
-from armd.compensation.diagnose.predictive.bins import Bins, _alike, _ordered, all_bins
-from armd.compensation.diagnose.predictive.components import Component, components
+from armd.compensation.diagnose.predictive.bins import (
+    Bins,
+    _bin_by_value,
+    _find_inseparable,
+    bin_all_variables,
+)
+from armd.compensation.diagnose.predictive.components import Component, make_components
 from armd.compensation.diagnose.predictive.curves import (
     ResidualComparison,
     ResidualCurve,
-    _curves,
-    _noise_scale,
+    _compute_noise_scale,
+    _make_curves,
 )
 from armd.compensation.diagnose.predictive.moments import Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
@@ -50,7 +55,7 @@ def a_fit(rng: np.random.Generator, error: np.ndarray | None = None) -> Any:
 def along_the_joints(monkeypatch: pytest.MonkeyPatch) -> None:
     """The small fit has joints alone."""
     named = [Component(f"angle joint {k}", "angle", f"joint {k}") for k in (1, 2)]
-    monkeypatch.setattr(curves, "components", lambda linear: (named, linear.joints))
+    monkeypatch.setattr(curves, "make_components", lambda linear: (named, linear.joints))
 
 
 def ten_bins(rng: np.random.Generator) -> Bins:
@@ -60,15 +65,15 @@ def ten_bins(rng: np.random.Generator) -> Bins:
 def test_bins_are_of_equal_count_and_an_angles_are_not_wide() -> None:
     rng = np.random.default_rng(1)
     values = np.concatenate([rng.uniform(0, 40, 600), rng.uniform(0, 360, 40), [np.nan] * 5])
-    plain = _ordered("q1", "", values, "angle")
+    plain = _bin_by_value("q1", "", values, "angle")
     counts = np.diff(np.append(plain.starts, len(plain.order)))
     assert len(plain.order) == 640 and counts.min() >= counts.max() // 2 >= LEAST_BIN_RESTS // 2
-    narrow = _ordered("q1", "", values, "angle", WIDEST_DEG)
+    narrow = _bin_by_value("q1", "", values, "angle", WIDEST_DEG)
     groups = np.split(values[narrow.order], narrow.starts[1:])
     assert max(np.ptp(group) for group in groups) <= WIDEST_DEG
     assert max(map(len, groups)) == counts.max()  # where they lie close, as many as before
     assert np.allclose(narrow.middle, [group.mean() for group in groups])
-    tied = _ordered("t1", "", np.repeat([20.0, 21.0, 22.0], 100), "temperature")
+    tied = _bin_by_value("t1", "", np.repeat([20.0, 21.0, 22.0], 100), "temperature")
     assert [len(g) for g in np.split(tied.order, tied.starts[1:])] == [100, 100, 100]
 
 
@@ -80,27 +85,34 @@ def test_temperatures_and_time_that_only_rise_together_are_alike() -> None:
     assert 0.9 < np.corrcoef(hours[30:], warm[30:])[0, 1] ** 2 < 1.0
     apart = 20.0 + 2.0 * hours + rng.normal(0.0, 2.0, 200)
     assert np.corrcoef(hours, apart)[0, 1] ** 2 < 0.9
-    time = _ordered("time_s", "", hours, "time")
+    time = _bin_by_value("time_s", "", hours, "time")
     read = {"t1": warm, "t2": apart, "t3": -hours, "t4": 0.0 * hours}
-    sensors = [_ordered(name, "", values, "temperature") for name, values in read.items()]
-    turns = _ordered("q1", "", hours, "angle")  # goes with the time, but is no matter of warming
+    sensors = [_bin_by_value(name, "", values, "temperature") for name, values in read.items()]
+    turns = _bin_by_value(
+        "q1", "", hours, "angle"
+    )  # goes with the time, but is no matter of warming
     every = [turns, *sensors, time]
-    assert _alike(time, every) == ("t1", "t3")
-    assert _alike(sensors[0], every) == ("t3", "time_s")
-    assert _alike(sensors[1], every) == _alike(sensors[3], every) == _alike(turns, every) == ()
+    assert _find_inseparable(time, every) == ("t1", "t3")
+    assert _find_inseparable(sensors[0], every) == ("t3", "time_s")
+    assert (
+        _find_inseparable(sensors[1], every)
+        == _find_inseparable(sensors[3], every)
+        == _find_inseparable(turns, every)
+        == ()
+    )
 
 
 def test_every_recorded_variable_has_bins_and_no_other() -> None:
     scene = whole_scene()
     rests = scene.linear.rests
-    found = {bins.variable: bins for bins in all_bins(rests)}
+    found = {bins.variable: bins for bins in bin_all_variables(rests)}
     joints = [f"{letter}{k}" for letter in "qw" for k in range(1, 7)]
     sensors = rests.observations.arm.sensors
     expected = {*joints, *sensors, "artefact_c", "time_s", "placement", "target", "approach"}
     assert set(found) == expected
     for bins in found.values():
         assert len(np.unique(bins.order)) == len(bins.order) <= rests.n
-        assert bins.sums(np.ones(rests.n)).sum() == len(bins.order)
+        assert bins.sum_over_bins(np.ones(rests.n)).sum() == len(bins.order)
     still: Any = replace(
         rests.observations,
         states=replace(
@@ -109,17 +121,17 @@ def test_every_recorded_variable_has_bins_and_no_other() -> None:
             approach=np.full_like(rests.observations.states.approach, np.nan),
         ),
     )
-    without = {bins.variable for bins in all_bins(replace(rests, observations=still))}
+    without = {bins.variable for bins in bin_all_variables(replace(rests, observations=still))}
     assert without == expected - {f"w{k}" for k in range(1, 7)} - {"approach"}
 
 
 def test_a_refit_takes_of_data_what_least_squares_takes() -> None:
     rng = np.random.default_rng(2)
     fit = a_fit(rng)
-    columns = fit.nuisance.columns.dense()[:, :6]
+    columns = fit.nuisance.columns.to_dense()[:, :6]
     left = fit.residual - columns @ np.linalg.lstsq(columns, fit.residual, rcond=None)[0]
     found = refit(fit, replace(unit_noise(N), scale_mm=1.0))
-    assert np.abs(found.left_mm.ravel() - left).max() < 1e-9
+    assert np.abs(found.residual_mm.ravel() - left).max() < 1e-9
 
 
 def test_drawn_sets_scatter_as_the_algebra_of_the_refit_says(
@@ -129,12 +141,12 @@ def test_drawn_sets_scatter_as_the_algebra_of_the_refit_says(
     monkeypatch.setattr(replicates, "MOST_DRAWS", 4 * DRAWS_AT_ONCE)
     rng = np.random.default_rng(3)
     fit = a_fit(rng)
-    columns = fit.nuisance.columns.dense()[:, :6]
+    columns = fit.nuisance.columns.to_dense()[:, :6]
     basis = np.linalg.qr(columns)[0]
     left = np.eye(3 * N) - basis @ basis.T
-    drawn = np.concatenate([*Refitted(fit, fit.rest_residual_mm).replicates()], axis=2).reshape(
-        3 * N, -1
-    )
+    drawn = np.concatenate(
+        [*Refitted(fit, fit.rest_residual_mm).draw_replicates()], axis=2
+    ).reshape(3 * N, -1)
     assert drawn.shape[1] == 4 * DRAWS_AT_ONCE
     assert np.abs(basis.T @ drawn).max() < 1e-9
     ratio = (drawn**2).mean(axis=1) / np.diag(left)
@@ -148,7 +160,7 @@ def test_copies_of_a_posture_share_their_error_by_the_part_found(
     fit = a_fit(np.random.default_rng(4))
     fit.linear.rests.posture = np.arange(N) // 2
     shared = replace(fit, noise=replace(fit.noise, shared_part=0.6, counts=np.ones(N)))
-    drawn = np.concatenate([*Refitted(shared, shared.rest_residual_mm).replicates()], axis=2)
+    drawn = np.concatenate([*Refitted(shared, shared.rest_residual_mm).draw_replicates()], axis=2)
     pairs = (drawn[::2] * drawn[1::2]).mean() / (drawn**2).mean()
     assert pairs == pytest.approx(0.6, abs=0.03)
 
@@ -165,7 +177,7 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
         rng = np.random.default_rng([seed, 5])
         fit = a_fit(rng)
         bins = ten_bins(rng)
-        for curve in _curves(refit(fit, fit.noise), [bins], even):
+        for curve in _make_curves(refit(fit, fit.noise), [bins], even):
             low.append(curve.p_value <= 0.1)
             high.append(curve.p_value > 0.3)
     # Of few bins the share is coarse: p-values stand on few steps, none too small too often.
@@ -176,15 +188,15 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     step = np.zeros((N, 3))
     step[bins.order[:48]] = 3.0 * fit.linear.joints[bins.order[:48], :, 1]
     planted = replace(fit, residual=fit.residual + step.ravel())
-    first, second = _curves(refit(planted, fit.noise), [bins], even)
+    first, second = _make_curves(refit(planted, fit.noise), [bins], even)
     assert second.outside >= 0.4 and second.p_value <= 0.01
     assert (np.abs(second.mean[:4] - 3.0) < 1.0).all() and second.draws == 2 * DRAWS_AT_ONCE
     assert second.outside > first.outside and second.rms_um > 2 * first.rms_um
     assert second.strength.noise_units > 20 and first.strength.noise_units < 8
     # Where the last fit's residuals scatter more along a joint, so does its band.
-    scale = _noise_scale(refit(planted, fit.noise))
+    scale = _compute_noise_scale(refit(planted, fit.noise))
     assert scale[1] > 1.5 and scale[1] > 1.2 * scale[0]
-    wide = _curves(refit(planted, fit.noise), [bins], scale)[1]
+    wide = _make_curves(refit(planted, fit.noise), [bins], scale)[1]
     assert wide.high == pytest.approx(scale[1] * second.high)
 
 
@@ -200,7 +212,7 @@ def test_moments_of_sums_do_not_depend_on_how_the_sets_come() -> None:
     assert moments.draws == 40
     assert moments.covariance(0) == pytest.approx(sums @ sums.T / 40)
     assert moments.covariance(1) == pytest.approx(4.0 * moments.covariance(0))
-    assert np.allclose(moments.shown[1], 2.0 * sums[:, : moments.shown.shape[2]])
+    assert np.allclose(moments.first_sums[1], 2.0 * sums[:, : moments.first_sums.shape[2]])
     # Too many bins to be taken together: each by itself.
     many = Moments(np.arange(MOST_TOGETHER + 1), np.arange(MOST_TOGETHER + 1), MOST_TOGETHER + 1, 1)
     wide = rng.normal(size=(MOST_TOGETHER + 1, 20))
@@ -210,7 +222,7 @@ def test_moments_of_sums_do_not_depend_on_how_the_sets_come() -> None:
 
 def test_components_are_how_the_tip_moves() -> None:
     linear = whole_scene().linear
-    named, moves = components(linear)
+    named, moves = make_components(linear)
     by_name = {one.name: moves[:, :, k] for k, one in enumerate(named)}
     assert np.array_equal(by_name["angle joint 3"], linear.joints[:, :, 2])
     along = {f"{axis} artefact" for axis in "xyz"} | {f"{axis} base" for axis in "xyz"}
@@ -288,7 +300,7 @@ def test_what_is_the_same_all_over_is_of_the_time_and_names_give_way_to_values()
 def test_a_model_without_findings_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = a_fit(np.random.default_rng(7))
     monkeypatch.setattr(replicates, "MOST_DRAWS", DRAWS_AT_ONCE)
-    monkeypatch.setattr(curves, "all_bins", lambda _: [ten_bins(np.random.default_rng(1))])
+    monkeypatch.setattr(curves, "bin_all_variables", lambda _: [ten_bins(np.random.default_rng(1))])
     search = SimpleNamespace(first=fit, last=fit)
     diagnosis: Any = SimpleNamespace(search=search, arm=SimpleNamespace(n_joints=JOINTS))
     for comparison in curves.compare(diagnosis):

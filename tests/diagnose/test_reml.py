@@ -8,7 +8,7 @@ import pytest
 
 from armd.compensation.diagnose.fitting import noise as noise_model
 from armd.compensation.diagnose.fitting.likelihood import Absorbing, Restricted
-from armd.compensation.estimate.linear.blocks import in_blocks
+from armd.compensation.estimate.linear.blocks import to_blocks
 from support.small_fit import unit_noise
 
 N = 12
@@ -44,7 +44,7 @@ def test_products_by_placement_are_those_of_all_rows() -> None:
     residual = np.random.default_rng(3).normal(size=len(columns))
     whitener = np.random.default_rng(4).normal(size=(N, 3, 3))
     distance = np.array([0.5, 2.0])
-    found = in_blocks([columns], problem.rests.observations.placement).products(
+    found = to_blocks([columns], problem.rests.observations.placement).products(
         whitener, distance, residual
     )
     both = np.column_stack([columns, residual])
@@ -86,7 +86,7 @@ def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float, struc
     distance = problem.rests.observations.distances.standard_uncertainty_mm
     # A scale is common to all rows: the lengths' own is taken along by it.
     whitener = noise_model._unit_whitener(problem, share)
-    blocks = in_blocks([columns], placement)
+    blocks = to_blocks([columns], placement)
     products = blocks.products(whitener, distance, residual)
     absorbing = Absorbing.from_meeting(blocks.meeting, variance)
     known = Restricted.from_products(products, absorbing, len(residual))
@@ -118,7 +118,7 @@ def test_the_noise_of_many_rests_is_found() -> None:
     rng = np.random.default_rng(8)
     root = np.linalg.cholesky(noise_model._covariance(problem, share))
     residual = scale * (root @ rng.normal(size=(n, 3, 1))).ravel()
-    nothing = in_blocks([np.zeros((3 * n, 0))], problem.rests.observations.placement)
+    nothing = to_blocks([np.zeros((3 * n, 0))], problem.rests.observations.placement)
     found = noise_model.estimate(problem, residual, nothing, np.zeros(0))
     assert found.scale_mm == pytest.approx(scale, rel=0.05)
     assert found.encoder_share == pytest.approx(share, abs=0.05)
@@ -138,7 +138,7 @@ def test_lengths_that_nothing_absorbs_leave_the_noise_as_it_is(known: bool) -> N
     rng = np.random.default_rng(10)
     root = np.linalg.cholesky(noise_model._covariance(problem, 0.4))
     of_rests = scale * (root @ rng.normal(size=(n, 3, 1))).ravel()
-    nothing = in_blocks([np.zeros((3 * n + 8, 0))], problem.rests.observations.placement)
+    nothing = to_blocks([np.zeros((3 * n + 8, 0))], problem.rests.observations.placement)
     found = None
     for _ in range(2 if known else 1):
         residual = np.concatenate([of_rests, 2.0 * lengths * rng.choice([-1.0, 1.0], 8)])

@@ -23,7 +23,7 @@ def projection_of(residual: np.ndarray, raw: np.ndarray, columns: np.ndarray) ->
     """Rows of one fit whose shared columns are *columns* (3 n, b), nothing eliminated before."""
     fit = small_fit(residual, columns, raw=raw)
     layout = Layout((("shared", columns.shape[1]),))
-    model = LinearModel.of_products(layout, columns.T @ columns, np.full(columns.shape[1], 50.0))
+    model = LinearModel.from_products(layout, columns.T @ columns, np.full(columns.shape[1], 50.0))
     nothing: Any = None
     return Projection(
         fit=fit,

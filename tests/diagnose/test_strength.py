@@ -13,11 +13,11 @@ from armd.compensation.diagnose.predictive.scores import Score
 from armd.compensation.diagnose.predictive.strength import (
     Misfit,
     Strength,
-    beyond,
+    compute_strength,
     compute_strengths_of_pairs,
-    features,
-    lines_together,
-    strength,
+    make_features,
+    make_lines,
+    score_shape,
 )
 from armd.compensation.diagnose.predictive.waves import make_waves
 
@@ -37,7 +37,9 @@ def score_of(residual: np.ndarray) -> tuple[Score, Misfit]:
 
 def strength_of(bins: Bins, residual: np.ndarray, joint: float = -np.inf) -> Strength:
     score, misfit = score_of(residual)
-    return strength(bins, *score.over(features(bins), bins.order, bins.starts), misfit, joint)
+    return compute_strength(
+        bins, *score.sum_over(make_features(bins), bins.order, bins.starts), misfit, joint
+    )
 
 
 def test_strength_is_of_what_varies_and_does_not_grow_with_the_bins() -> None:
@@ -75,8 +77,8 @@ def test_a_difference_of_two_temperatures_is_of_the_pair() -> None:
         bins.append(replace(one, variable=f"t{i + 1}", order=order))
     residual = 6.0 * (values[0] - 0.6 * values[2]) + rng.normal(size=480)
     score, misfit = score_of(residual)
-    lines = lines_together(bins, 480)
-    sums, scatter = score.over(lines, np.arange(480), np.zeros(0, dtype=np.int64))
+    lines = make_lines(bins, 480)
+    sums, scatter = score.sum_over(lines, np.arange(480), np.zeros(0, dtype=np.int64))
     pairs = compute_strengths_of_pairs(bins, sums, scatter, misfit)
     assert max(pairs, key=lambda name: pairs[name]) == "t1"
     assert pairs["t1"] > 1.2 * strength_of(bins[0], residual[bins[0].order]).best
@@ -113,6 +115,6 @@ def test_a_curve_that_is_absorbed_but_for_a_hundredth_counts_by_what_is_left() -
     left = residual - absorbed[:, 0] * float(absorbed[:, 0] @ residual)
     score = Score(left, np.ones(480), absorbed)
     misfit = Misfit(float(left @ left), 479.0)
-    sums, scatter = score.over(line[:, None], np.arange(480), np.zeros(0, dtype=np.int64))
+    sums, scatter = score.sum_over(line[:, None], np.arange(480), np.zeros(0, dtype=np.int64))
     assert scatter.covariance[0, 0] < 0.02 * scatter.unabsorbed[0]
-    assert beyond(sums, scatter, misfit) > 80.0
+    assert score_shape(sums, scatter, misfit) > 80.0

@@ -16,7 +16,7 @@ from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
 from armd.compensation.effects.effect import ArtefactChange
-from armd.compensation.estimate.robust import WINSOR_AT, edge_stretch, huber_loss
+from armd.compensation.estimate.robust import WINSOR_AT, compute_edge_stretch, compute_huber_loss
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.daemon.cli import main
@@ -126,7 +126,7 @@ def test_columns_of_surfaces_are_what_the_residuals_do(tmp_path: Path) -> None:
     of_rests = column.reshape(-1, 3)
     assert np.allclose(np.cross(of_rests, normal), 0.0, atol=1e-12)
     # Both are fitted with their placements: what these absorb is nobody's.
-    absorbed = linear.nuisance.dense(slice(None))[:n]
+    absorbed = linear.nuisance.to_dense(slice(None))[:n]
     change = (more.residual - linear.residual)[:n] / 1e-4
     left = [v - absorbed @ np.linalg.lstsq(absorbed, v, rcond=1e-9)[0] for v in (column, change)]
     assert np.linalg.norm(left[0]) > 10.0
@@ -140,11 +140,11 @@ def test_a_surface_is_clipped_where_a_point_of_the_same_probability_is() -> None
         np.abs(rng.normal(size=100_000)),
         np.linalg.norm(rng.normal(size=(100_000, 3)), axis=1),
     )
-    stretch = edge_stretch(np.array([1, 3]))
+    stretch = compute_edge_stretch(np.array([1, 3]))
     beyond = np.mean(one * stretch[0] > WINSOR_AT), np.mean(three * stretch[1] > WINSOR_AT)
     assert beyond[0] == pytest.approx(beyond[1], abs=0.0015)
     near = np.array([0.5])
-    assert huber_loss(near * stretch[0], stretch[0]) == pytest.approx(0.125)
+    assert compute_huber_loss(near * stretch[0], stretch[0]) == pytest.approx(0.125)
 
 
 def test_a_plate_touched_at_one_spot_is_refused(

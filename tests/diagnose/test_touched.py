@@ -35,7 +35,7 @@ from armd.compensation.diagnose.search.moved_artefact import (
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
-from armd.compensation.estimate.robust import WINSOR_AT, huber_loss
+from armd.compensation.estimate.robust import WINSOR_AT, compute_huber_loss
 from support import synthetic
 from support.selection import parametrize_default
 from support.small_fit import candidate
@@ -105,7 +105,7 @@ def test_a_pose_beside_gross_errors_is_where_hubers_loss_is_least() -> None:
         return float((within * (size - 0.5 * within)).sum())
 
     best = minimize(loss, np.zeros(6), method="BFGS", options={"gtol": 1e-8})
-    assert huber_loss(_distance(pose, left)) == pytest.approx(best.fun, rel=1e-4)
+    assert compute_huber_loss(_distance(pose, left)) == pytest.approx(best.fun, rel=1e-4)
     expected = np.linalg.norm((left - pose @ best.x).reshape(-1, 3), axis=1)
     assert _distance(pose, left) == pytest.approx(expected, abs=0.02)
 

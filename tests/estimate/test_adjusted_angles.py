@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.adjustment import MOST_TURN_RAD, adjusted, backwards
+from armd.compensation.estimate.adjustment import (
+    MOST_TURN_RAD,
+    adjust_angles,
+    compute_backwards_map,
+)
 from armd.compensation.model.kinematics import forward, joint_jacobian
 from support import synthetic
 
@@ -20,9 +24,11 @@ def postures(n: int, seed: int = 1) -> np.ndarray:
 
 def test_backwards_is_the_pseudo_inverse_where_the_tip_moves_all_ways() -> None:
     levers = joint_jacobian(postures(50), NOMINAL)
-    np.testing.assert_allclose(backwards(levers), np.linalg.pinv(levers), rtol=0.2, atol=2e-4)
+    np.testing.assert_allclose(
+        compute_backwards_map(levers), np.linalg.pinv(levers), rtol=0.2, atol=2e-4
+    )
     # The damping is LEAST_LEVER squared of the longest: the turn it asks for falls short by that.
-    there = levers @ backwards(levers)
+    there = levers @ compute_backwards_map(levers)
     assert np.abs(there - np.eye(3)).max() < 0.05
 
 
@@ -31,7 +37,7 @@ def test_adjusted_angles_put_the_tip_where_it_was_held_by_the_smallest_turn() ->
     rng = np.random.default_rng(2)
     parameters = np.tile(NOMINAL, (len(q), 1))
     held = forward(q, parameters)[0] + 0.05 * rng.normal(size=(len(q), 3))
-    found = adjusted(q, parameters, held)
+    found = adjust_angles(q, parameters, held)
     off = held - forward(q, parameters)[0]
     left = held - forward(found, parameters)[0]
     assert np.linalg.norm(left) < 0.02 * np.linalg.norm(off)
@@ -44,7 +50,7 @@ def test_a_reading_gone_wrong_turns_no_farther_than_noise_would() -> None:
     q = postures(20)
     parameters = np.tile(NOMINAL, (len(q), 1))
     held = forward(q, parameters)[0] + np.array([400.0, 0.0, 0.0])
-    turn = np.linalg.norm(adjusted(q, parameters, held) - q, axis=1)
+    turn = np.linalg.norm(adjust_angles(q, parameters, held) - q, axis=1)
     assert turn.max() == pytest.approx(MOST_TURN_RAD, rel=1e-9)
 
 
@@ -61,7 +67,7 @@ def test_columns_as_read_share_three_a_reading_with_the_residual() -> None:
     weight = np.linalg.inv(sigma**2 * levers @ levers.transpose(0, 2, 1))
 
     # Of an arm s times as large the tip is s times as far: this column is the tip's position.
-    beyond = adjusted(read, parameters, held)
+    beyond = adjust_angles(read, parameters, held)
     further = forward(read, parameters)[0] - forward(beyond, parameters)[0]
     shared = np.einsum("ni,nij,nj->n", further, weight, residual)
     assert shared.mean() == pytest.approx(3.0, abs=4 * shared.std() / np.sqrt(len(shared)))

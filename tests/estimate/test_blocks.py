@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.linear.blocks import Blocks, in_blocks
+from armd.compensation.estimate.linear.blocks import Blocks, to_blocks
 
 N, DISTANCES = 14, 2
 PLACEMENT = np.array([2, 0, 0, 1, 2, 2, 0, 1, 1, 3, 2, 0, 3, 3])
@@ -22,7 +22,7 @@ def full(seed: int = 1) -> np.ndarray:
 @pytest.fixture
 def both() -> tuple[np.ndarray, Blocks]:
     columns = full()
-    return columns, in_blocks([columns[:, :4], columns[:, 4:]], PLACEMENT)
+    return columns, to_blocks([columns[:, :4], columns[:, 4:]], PLACEMENT)
 
 
 def test_a_piece_holds_what_is_not_zero_in_its_placement_alone(
@@ -40,9 +40,9 @@ def test_columns_in_blocks_are_those_in_full(both: tuple[np.ndarray, Blocks]) ->
     columns, blocks = both
     rng = np.random.default_rng(2)
     amplitudes, others = rng.normal(size=len(WHERE)), rng.normal(size=(len(columns), 3))
-    np.testing.assert_array_equal(blocks.dense(), columns)
-    np.testing.assert_array_equal(blocks.dense(np.array([1, 4, 7])), columns[:, [1, 4, 7]])
-    np.testing.assert_array_equal(blocks.only(slice(2, 6)).dense(), columns[:, 2:6])
+    np.testing.assert_array_equal(blocks.to_dense(), columns)
+    np.testing.assert_array_equal(blocks.to_dense(np.array([1, 4, 7])), columns[:, [1, 4, 7]])
+    np.testing.assert_array_equal(blocks.only(slice(2, 6)).to_dense(), columns[:, 2:6])
     np.testing.assert_allclose(blocks.times(amplitudes), columns @ amplitudes, atol=1e-12)
     np.testing.assert_allclose(blocks.across(others), columns.T @ others, atol=1e-12)
     np.testing.assert_allclose(blocks.across(others[:, 0]), columns.T @ others[:, 0], atol=1e-12)
@@ -61,23 +61,23 @@ def test_whitened_they_are_multiplied_rest_by_rest(both: tuple[np.ndarray, Block
             columns[3 * N :] / distance_mm[:, None],
         ]
     )
-    found = blocks.whitened(whitener, distance_mm).dense()
+    found = blocks.whitened(whitener, distance_mm).to_dense()
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_other_columns_take_the_place_of_some(both: tuple[np.ndarray, Blocks]) -> None:
     columns, blocks = both
     other = full(4)[:, 3:8]
-    found = blocks.replaced(slice(2, 5), [other[:, :1], other[:, 1:]])
+    found = blocks.replace_columns(slice(2, 5), [other[:, :1], other[:, 1:]])
     expected = np.hstack([columns[:, :2], other, columns[:, 5:]])
-    np.testing.assert_array_equal(found.dense(), expected)
-    joined = in_blocks([blocks, other], PLACEMENT)
-    np.testing.assert_array_equal(joined.dense(), np.hstack([columns, other]))
+    np.testing.assert_array_equal(found.to_dense(), expected)
+    joined = to_blocks([blocks, other], PLACEMENT)
+    np.testing.assert_array_equal(joined.to_dense(), np.hstack([columns, other]))
 
 
 def test_placements_that_share_no_column_stand_apart() -> None:
     columns = full()[:, [0, 1, 2, 3, 4, 8]]  # 2 and 3 share one
-    apart = in_blocks([columns], PLACEMENT).apart
+    apart = to_blocks([columns], PLACEMENT).independent_groups
     at_rests = columns[: 3 * N].reshape(N, 3, -1)
     assert [sorted(set(PLACEMENT[rests])) for rests, _ in apart] == [[0], [1], [2, 3]]
     for (rests, values), own in zip(apart, ([0, 1], [2], [3, 4, 5]), strict=True):
@@ -106,7 +106,9 @@ def test_clear_of_some_the_products_are_those_of_what_these_leave(
     variance[1] = 0.3
     assert blocks.in_one_piece[:3].all() and not blocks.in_one_piece[3:].any()
     alone = np.isin(np.arange(len(WHERE)), [0, 1, 2])
-    each = blocks.products_clear_of(alone, variance, whitener, distance_mm, residual, LEFT_OUT)
+    each = blocks.compute_products_clear_of(
+        alone, variance, whitener, distance_mm, residual, LEFT_OUT
+    )
     both_of = np.hstack([columns, residual[:, None]])
     by_rest = both_of[: 3 * N].reshape(N, 3, -1)
     held = np.zeros((1, len(WHERE) + 1))

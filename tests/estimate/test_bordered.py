@@ -5,9 +5,9 @@ import pytest
 
 from armd.compensation.estimate.linear.bordered import (
     BorderedParts,
-    inverse_root,
-    pseudo_inverse_root,
-    root_along_known,
+    compute_inverse_root,
+    compute_pseudo_inverse_root,
+    compute_root_along_known,
 )
 
 BORDER = 4
@@ -29,8 +29,8 @@ def products(parts: int, each: int = 3, seed: int = 1) -> tuple[np.ndarray, np.n
 @pytest.mark.parametrize("parts", [5, 12])
 def test_parts_are_what_meets_each_other_and_the_border_alone(parts: int) -> None:
     matrix, of = products(parts)
-    found = BorderedParts.of(matrix)
-    assert {tuple(part) for part in found.own} == {
+    found = BorderedParts.from_matrix(matrix)
+    assert {tuple(part) for part in found.inner_parts} == {
         tuple(np.flatnonzero(of == part)) for part in range(parts)
     }
     np.testing.assert_array_equal(found.border, np.flatnonzero(of == -1))
@@ -40,17 +40,17 @@ def test_parts_are_what_meets_each_other_and_the_border_alone(parts: int) -> Non
 def test_the_root_is_that_of_the_inverse(parts: int) -> None:
     matrix, _ = products(parts)
     inverse, side = np.linalg.inv(matrix), np.random.default_rng(2).normal(size=len(matrix))
-    root, trace = inverse_root(matrix)
-    assert bool(root.own) == (parts > 2)
+    root, trace = compute_inverse_root(matrix)
+    assert bool(root.inner_blocks) == (parts > 2)
     assert trace == pytest.approx(np.trace(inverse))
-    np.testing.assert_allclose(root.dense() @ root.dense().T, inverse, atol=1e-12)
-    np.testing.assert_allclose(root.squared_times(side), inverse @ side, atol=1e-12)
-    np.testing.assert_allclose(root.squared(slice(1, 6)), inverse[1:6, 1:6], atol=1e-12)
+    np.testing.assert_allclose(root.to_dense() @ root.to_dense().T, inverse, atol=1e-12)
+    np.testing.assert_allclose(root.multiply_square(side), inverse @ side, atol=1e-12)
+    np.testing.assert_allclose(root.compute_square(slice(1, 6)), inverse[1:6, 1:6], atol=1e-12)
     columns = np.random.default_rng(4).normal(size=(len(matrix), 2))
-    turned = root.turned(columns)
+    turned = root.multiply_transposed(columns)
     np.testing.assert_allclose(turned.T @ turned, columns.T @ inverse @ columns, atol=1e-12)
     by = np.arange(1.0, len(matrix) + 1.0)
-    scaled = root.scaled(by).squared(slice(None))
+    scaled = root.scaled(by).compute_square(slice(None))
     np.testing.assert_allclose(scaled, inverse * np.outer(by, by), atol=1e-10)
 
 
@@ -59,11 +59,16 @@ def test_what_is_held_is_on_the_diagonal(parts: int) -> None:
     matrix, _ = products(parts)
     held = np.arange(1.0, len(matrix) + 1.0)
     expected = np.linalg.inv(matrix + np.diag(held))
-    for root in (inverse_root(matrix, held)[0], pseudo_inverse_root(matrix, held=held)):
-        np.testing.assert_allclose(root.squared(slice(None)), expected, atol=1e-12)
-    nothing = pseudo_inverse_root(np.zeros_like(matrix), held=np.where(held > 2.0, held, 0.0))
+    for root in (
+        compute_inverse_root(matrix, held)[0],
+        compute_pseudo_inverse_root(matrix, added_diagonal=held),
+    ):
+        np.testing.assert_allclose(root.compute_square(slice(None)), expected, atol=1e-12)
+    nothing = compute_pseudo_inverse_root(
+        np.zeros_like(matrix), added_diagonal=np.where(held > 2.0, held, 0.0)
+    )
     told = np.where(held > 2.0, 1.0 / held, 0.0)
-    np.testing.assert_allclose(nothing.squared(slice(None)), np.diag(told), atol=1e-12)
+    np.testing.assert_allclose(nothing.compute_square(slice(None)), np.diag(told), atol=1e-12)
 
 
 @pytest.mark.parametrize("unknown", ["of a part", "of the border"])
@@ -71,7 +76,7 @@ def test_what_nothing_tells_stays_where_it_is(unknown: str) -> None:
     matrix, of = products(12)
     at = np.flatnonzero((of == 3) if unknown == "of a part" else (of == -1))[0]
     matrix[at] = matrix[:, at] = 0.0
-    found = pseudo_inverse_root(matrix).squared(slice(None))
+    found = compute_pseudo_inverse_root(matrix).compute_square(slice(None))
     np.testing.assert_allclose(found, np.linalg.pinv(matrix, hermitian=True), atol=1e-10)
 
 
@@ -80,7 +85,7 @@ def test_a_root_has_the_directions_that_are_known_and_no_other() -> None:
     values = np.array([2.0, 1.0, 1e-7, 0.0])
     matrix = vectors * values @ vectors.T
     for least, beside, kept in ((1e-9, 1e-300, 3), (1e-6, 1e-300, 2), (1e-9, 1e3, 2)):
-        root = root_along_known(matrix, least, beside)
+        root = compute_root_along_known(matrix, least, beside)
         expected = vectors[:, :kept] / values[:kept] @ vectors[:, :kept].T
         assert root.shape == (4, kept)
         np.testing.assert_allclose(root @ root.T, expected, rtol=1e-6, atol=1e-6)

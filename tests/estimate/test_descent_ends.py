@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.estimate.fit_poses import fit_poses
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise import ReadingNoise, Weighting
 from armd.compensation.estimate.observations import Observations, gather
@@ -17,7 +17,7 @@ from armd.compensation.model.kinematics import forward
 from support import synthetic
 
 ARM = synthetic.arm()
-UNKNOWNS = Unknowns(free_constants(ARM))
+UNKNOWNS = Unknowns(list_free_constants(ARM))
 NOISE = ReadingNoise(3e-5, 0.01)
 FLOOR_MM = 1e-4
 
@@ -55,14 +55,14 @@ def descended(
 def standard(end: End, step: np.ndarray) -> np.ndarray:
     """A step of the unknowns along what the readings know, in its standard uncertainties."""
     solution = end.solution
-    directions = solution.directions[:, solution.known]
+    directions = solution.directions[:, solution.is_known]
     along: np.ndarray = directions.T @ (step / solution.scale)
-    return along * solution.singular_values[solution.known]
+    return along * solution.singular_values[solution.is_known]
 
 
 def per_freedom(end: End) -> float:
     """χ² of the readings per degree of freedom left."""
-    taken = end.alone.rank + end.solution.told
+    taken = end.alone.rank + end.solution.effective_rank
     return end.alone.cost / (3 * end.at.observations.n - taken)
 
 
@@ -114,7 +114,7 @@ def test_a_promise_of_nothing_that_is_not_kept_is_not_tried_again(
     observations, _ = measured()
     end = descended(observations, ARM.nominal())
     solution = end.solution
-    best = int(np.flatnonzero(solution.known)[0])
+    best = int(np.flatnonzero(solution.is_known)[0])
     away = solution.scale * solution.directions[:, best] / solution.singular_values[best]
     begin, _ = UNKNOWNS.put(end.x + off * away, ARM.nominal(), [])
     moved, asked = Descent._moved, []

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from armd.compensation.estimate.eliminate import SessionColumns, eliminate, in_batches
+from armd.compensation.estimate.eliminate import SessionColumns, eliminate, split_into_batches
 from armd.compensation.estimate.group_rows import group_rows
 
 
@@ -17,7 +17,7 @@ def test_a_batch_has_sessions_of_as_many_targets() -> None:
     sessions = [
         SessionColumns(i, {i: np.arange(3)}, np.arange(k)) for i, k in enumerate([2, 1, 2, 0])
     ]
-    batches = in_batches(sessions, 4)
+    batches = split_into_batches(sessions, 4)
     assert [[session.number for session in batch] for batch in batches] == [[3], [1], [0, 2]]
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from armd.compensation.estimate.gauge import (
-    free_constants,
-    gauge,
-    parallel_joints,
-    scale_is_free,
-    unidentifiable,
+    compute_gauge,
+    describe_unidentifiable,
+    find_parallel_joints,
+    is_scale_free,
+    list_free_constants,
 )
-from armd.compensation.estimate.unknowns import PLAUSIBLE_TERM, Unknowns, in_words
+from armd.compensation.estimate.unknowns import PLAUSIBLE_TERM, Unknowns, describe_term
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.pose_factors import GravityTorque
@@ -39,19 +39,19 @@ def columns_of(arm: Arm, unknowns: Unknowns, n: int = 60) -> np.ndarray:
 
 
 def scales(names: list[str]) -> np.ndarray:
-    return Unknowns(names).plausible([], np.zeros((1, 0)))
+    return Unknowns(names).get_plausible([], np.zeros((1, 0)))
 
 
 def null_of(arm: Arm) -> tuple[np.ndarray, list[str]]:
-    names = free_constants(arm)
-    return gauge(columns_of(arm, Unknowns(names)), scales(names)), names
+    names = list_free_constants(arm)
+    return compute_gauge(columns_of(arm, Unknowns(names)), scales(names)), names
 
 
 def test_where_axes_are_parallel_a_tilt_is_asked_for_and_not_a_place() -> None:
     arm = with_parallel_axes()
-    assert parallel_joints(ARM) == [] and parallel_joints(arm) == [2]
-    assert "beta_2" in free_constants(arm) and "d_2" not in free_constants(arm)
-    assert len(free_constants(arm)) == len(free_constants(ARM)) == 4 * 6 + 3
+    assert find_parallel_joints(ARM) == [] and find_parallel_joints(arm) == [2]
+    assert "beta_2" in list_free_constants(arm) and "d_2" not in list_free_constants(arm)
+    assert len(list_free_constants(arm)) == len(list_free_constants(ARM)) == 4 * 6 + 3
 
 
 @pytest.mark.parametrize("arm", [ARM, with_parallel_axes()], ids=["crossed", "parallel"])
@@ -66,24 +66,24 @@ def test_no_more_is_free_than_a_count_of_frames_says(arm: Arm) -> None:
 
 def test_each_is_told_in_words() -> None:
     null, names = null_of(ARM)
-    told = unidentifiable(null, names, ARM)
+    told = describe_unidentifiable(null, names, ARM)
     assert sum("whole arm about its first axis" in line for line in told) == 2
     assert sum("last joint's constants and the tip's offset" in line for line in told) == 4
-    assert not scale_is_free(null, names, ARM)
-    assert unidentifiable(null[:, :0], names, ARM) == []
+    assert not is_scale_free(null, names, ARM)
+    assert describe_unidentifiable(null[:, :0], names, ARM) == []
 
 
 def test_all_lengths_in_proportion_are_the_size_of_the_arm() -> None:
-    names = free_constants(ARM)
+    names = list_free_constants(ARM)
     drawn = dict(zip(NAMES, ARM.nominal(), strict=True))
     size = np.array([drawn[name] if name[0] in "dat" and "_" in name else 0.0 for name in names])
     size[[name.startswith(("theta", "alpha")) for name in names]] = 0.0
     size /= np.linalg.norm(size)
-    assert scale_is_free(size[:, None], names, ARM)
-    (line,) = unidentifiable(size[:, None], names, ARM)
+    assert is_scale_free(size[:, None], names, ARM)
+    (line,) = describe_unidentifiable(size[:, None], names, ARM)
     assert line.endswith("no certified length determines the scale of the arm well enough")
     one = np.array([1.0 * (name == "a_2") for name in names])
-    assert not scale_is_free(one[:, None], names, ARM)
+    assert not is_scale_free(one[:, None], names, ARM)
 
 
 WARM = Term(parameter="d_3", basis=[Temperature(weights={"t3": 1.0})], coefficient=0.25)
@@ -126,7 +126,7 @@ def test_columns_are_plain_derivatives_but_what_moves_the_whole_arm() -> None:
 
 def test_a_term_is_plausible_by_what_its_basis_makes_of_it() -> None:
     basis = np.array([[3.0, 0.5], [-4.0, 0.5]])  # rms 3.5355 and 0.5
-    found = ASKED.plausible([WARM, BENT], basis)
+    found = ASKED.get_plausible([WARM, BENT], basis)
     assert found[:3].tolist() == [10.0, 0.02, 0.02]
     assert found[3] == pytest.approx(PLAUSIBLE_TERM * 0.02 / 0.5)
     assert found[4] == pytest.approx(PLAUSIBLE_TERM * 10.0 / np.sqrt(12.5))
@@ -134,5 +134,7 @@ def test_a_term_is_plausible_by_what_its_basis_makes_of_it() -> None:
 
 def test_a_term_in_words() -> None:
     squared = Temperature(weights={"t3": 0.5, "t4": 0.5}, order=2)
-    assert in_words(Term(parameter="d_3", basis=[squared], coefficient=1.0)) == "d_3·ΔT²(t3+t4)"
+    assert (
+        describe_term(Term(parameter="d_3", basis=[squared], coefficient=1.0)) == "d_3·ΔT²(t3+t4)"
+    )
     assert ASKED.words([WARM, BENT])[3:] == ["theta_2·gravity_torque(2)", "d_3·ΔT(t3)"]

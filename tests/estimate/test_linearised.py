@@ -57,14 +57,14 @@ def residual(at: Linearisation, constants, terms, poses: Poses) -> np.ndarray:
 def test_constants_and_coefficients() -> None:
     at, truth = problem()
     names = [name for name in ARM.layout.names if not name.startswith("base")]
-    columns = at.constant_columns(names)
+    columns = at.make_constant_columns(names)
     for i, name in enumerate(names):
         there = [truth.copy(), truth.copy()]
         for sign, constants in zip((1, -1), there, strict=True):
             constants[ARM.layout.index(name)] += sign * STEP
         ahead, behind = (residual(at, constants, TERMS, at.poses) for constants in there)
         np.testing.assert_allclose(columns[:, :, i], (ahead - behind) / (2 * STEP), atol=2e-3)
-    by_term = at.term_columns(TERMS, at.basis)
+    by_term = at.make_term_columns(TERMS, at.basis)
     asked = Unknowns(["a_1", "theta_1"], [0, 1]).columns(at.jacobian, at.basis, TERMS)
     np.testing.assert_array_equal(asked[:, :, 2:], by_term)
     assert not asked[:, :, 1].any() and asked[:, :, 0].any()  # θ₁ moves every placement alike

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from armd.arrays import F64
-from armd.compensation.estimate.robust import outlying, redescending_weights
+from armd.compensation.estimate.robust import compute_redescending_weights, select_outliers
 from support.pages import page_path
 
 TEXT = page_path("calibrate").read_text(encoding="utf-8")
@@ -30,7 +30,7 @@ def n_named(n_far: int, distance: float) -> tuple[int, float]:
     """Outliers among normal readings of which *n_far* lie at a distance (σ); the smallest p."""
     distance2 = normal_distance2()
     distance2[-n_far:] = distance**2
-    named, p = outlying(distance2, np.zeros(N_READINGS, bool))
+    named, p = select_outliers(distance2, np.zeros(N_READINGS, bool))
     return len(named), p
 
 
@@ -38,9 +38,11 @@ def test_a_reading_is_down_weighted_from_the_distance_on_that_the_page_states() 
     sigma = stated(r"farther off than ([\d.]+) σ")
     one_in = stated(r"one Gaussian reading in ([\d,]+)\)")
     assert chi2.sf(sigma**2, 3) == pytest.approx(1 / one_in, rel=0.1)
-    near, far = redescending_weights(np.array([sigma - 0.05, sigma + 0.05]) ** 2, np.zeros(2, bool))
+    near, far = compute_redescending_weights(
+        np.array([sigma - 0.05, sigma + 0.05]) ** 2, np.zeros(2, bool)
+    )
     assert near == 1.0 > far
-    (of_region,) = redescending_weights(np.array([4 * sigma**2]), np.ones(1, bool))
+    (of_region,) = compute_redescending_weights(np.array([4 * sigma**2]), np.ones(1, bool))
     assert of_region == 1.0
 
 

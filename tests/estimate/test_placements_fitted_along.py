@@ -6,7 +6,7 @@ import pytest
 from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.placements import Placements
-from armd.compensation.estimate.poses import centres, pose_columns, target_columns
+from armd.compensation.estimate.poses import compute_centres, make_pose_columns, make_target_columns
 from armd.compensation.model.kinematics import forward
 from support import synthetic
 
@@ -29,7 +29,7 @@ def measured(known: bool) -> tuple[Placements, np.ndarray]:
     observations = gather(sessions, ARM)
     position = forward(observations.states.q, np.tile(ARM.nominal(), (N, 1)))[0]
     poses = fit_poses(observations, position)
-    placed = poses.target_points(observations)
+    placed = poses.compute_target_points(observations)
     whitening = rng.normal(size=(N, 3, 3)) + 3.0 * np.eye(3)
     certified = None
     if known:
@@ -39,8 +39,8 @@ def measured(known: bool) -> tuple[Placements, np.ndarray]:
 
     problem = Placements(
         observations,
-        pose_columns(observations, placed, centres(observations, placed)),
-        target_columns(observations, poses),
+        make_pose_columns(observations, placed, compute_centres(observations, placed)),
+        make_target_columns(observations, poses),
         np.arange(2 * TARGETS),
         [rng.normal(size=(N, 3, 2)), rng.normal(size=(N, 3, 1))],
         whitening,
@@ -65,15 +65,17 @@ def test_what_is_left_and_what_follows_are_those_of_all_at_once(known: bool) -> 
     """Of seats an artefact may stand anywhere in its own frame: six directions that nothing tells,
     in each session."""
     problem, rows = measured(known)
-    others = (problem.whitening @ np.concatenate(problem.others, axis=2)).reshape(3 * N, 3)
+    others = (problem.whitening @ np.concatenate(problem.remaining_columns, axis=2)).reshape(
+        3 * N, 3
+    )
     others = np.vstack([others, np.zeros((len(rows) - 3 * N, 3))])
     found, *_ = np.linalg.lstsq(rows, -others, rcond=1e-9)
     clear = others + rows @ found
-    np.testing.assert_allclose(problem.alone.gram, clear.T @ clear, rtol=1e-9)
+    np.testing.assert_allclose(problem.reduced_model.gram, clear.T @ clear, rtol=1e-9)
     assert problem.rank == np.linalg.matrix_rank(rows, tol=1e-9 * np.linalg.norm(rows))
     assert problem.rank == rows.shape[1] - 12 * (not known)
     amplitudes = np.array([0.3, -1.0, 2.0])
-    twist, shift = problem.followed(amplitudes)
+    twist, shift = problem.follow(amplitudes)
     answered = rows @ np.concatenate([twist.ravel(), shift.ravel()])
     np.testing.assert_allclose(others @ amplitudes + answered, clear @ amplitudes, atol=1e-8)
 

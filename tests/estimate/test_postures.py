@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.folds import placement_folds
+from armd.compensation.estimate.folds import make_placement_folds
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.postures import (
-    counts_as,
-    shared_part,
+    compute_counts,
+    estimate_shared_part,
 )
 from support import synthetic
 
@@ -45,7 +45,7 @@ def test_copies_on_no_two_sides_of_a_fold() -> None:
     observations = copied(3)
     one = replace(observations, placement=np.zeros_like(observations.placement))
     posture = one.posture
-    folds, by = placement_folds(one)
+    folds, by = make_placement_folds(one)
     assert by == "posture" and len(folds) == 8
     for out in folds:
         assert not set(posture[out]) & set(posture[~out])
@@ -56,14 +56,14 @@ def test_the_shared_part_of_an_error_is_found(part: float) -> None:
     rng, posture = np.random.default_rng(3), np.repeat(np.arange(4000), 3)
     shared = rng.normal(size=(4000, 3))[posture]
     white = np.sqrt(part) * shared + np.sqrt(1.0 - part) * rng.normal(size=(12000, 3))
-    assert shared_part(white, posture) == pytest.approx(part, abs=0.02)
+    assert estimate_shared_part(white, posture) == pytest.approx(part, abs=0.02)
 
 
 @pytest.mark.parametrize("part", [0.0, 0.4, 1.0])
 def test_copies_count_as_their_mean_is_known(part: float) -> None:
     """By the variance of a mean of equally correlated readings."""
     posture = np.array([0, 0, 0, 1, 2, 2])
-    told = counts_as(posture, part)
+    told = compute_counts(posture, part)
     for number in range(3):
         m = int((posture == number).sum())
         covariance = (1.0 - part) * np.eye(m) + part

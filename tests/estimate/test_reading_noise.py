@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.noise import ReadingNoise, Weighting, whitening
+from armd.compensation.estimate.noise import ReadingNoise, Weighting, make_whitening
 
 N, JOINTS = 6, 5
 NOISE = ReadingNoise(encoder_rad=3e-6, reading_mm=2e-3)
@@ -30,12 +30,12 @@ def test_the_covariance_is_the_sum_over_encoders_and_the_tips_own() -> None:
     expected = written_out(joints)
     assert NOISE.covariance(joints) == pytest.approx(expected, rel=1e-12, abs=1e-18)
     per_axis = np.sqrt(np.mean([np.trace(one) / 3.0 for one in expected]))
-    assert NOISE.typical_mm(joints) == pytest.approx(per_axis)
+    assert NOISE.compute_typical_mm(joints) == pytest.approx(per_axis)
 
 
 def test_whitened_noise_has_unit_variance_by_weight() -> None:
     covariance, weight = written_out(levers()), np.linspace(0.2, 1.0, N)
-    found = whitening(covariance, weight)
+    found = make_whitening(covariance, weight)
     inverse = found.transpose(0, 2, 1) @ found
     expected = weight[:, None, None] * np.linalg.inv(covariance)
     assert inverse == pytest.approx(expected, rel=1e-9)
@@ -43,8 +43,8 @@ def test_whitened_noise_has_unit_variance_by_weight() -> None:
 
 def test_where_the_noise_was_found_it_weighs_as_it_was_found() -> None:
     joints, weight = levers(), np.full(N, 1.0)
-    found = Weighting(NOISE, joints, weight).whitening(joints)
-    assert found == pytest.approx(whitening(written_out(joints), weight), rel=1e-9)
+    found = Weighting(NOISE, joints, weight).compute_whitening(joints)
+    assert found == pytest.approx(make_whitening(written_out(joints), weight), rel=1e-9)
 
 
 @pytest.mark.parametrize("size", [0.5, 0.9, 1.1, 2.0])
@@ -53,8 +53,8 @@ def test_an_arm_of_another_size_weighs_its_scatter_alike(size: float) -> None:
     joints, weight = levers(), np.full(N, 1.0)
     weighting = Weighting(NOISE, joints, weight)
     scatter = np.random.default_rng(2).normal(size=(N, 3, 1)) * 5e-3
-    here = weighting.whitening(joints) @ scatter
-    there = weighting.whitening(size * joints) @ (size * scatter)
+    here = weighting.compute_whitening(joints) @ scatter
+    there = weighting.compute_whitening(size * joints) @ (size * scatter)
     # But for the damping of `backwards`: a lever of 3 % of the longest is stretched by half.
     assert (there**2).sum() == pytest.approx((here**2).sum(), rel=0.02)
     fixed = np.linalg.inv(np.linalg.cholesky(written_out(joints)))

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import minimize
 
 from armd.compensation.estimate.fit_poses import fit_poses
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.linearise import Linearisation, linearise
-from armd.compensation.estimate.noise import ReadingNoise, estimate, whitening
+from armd.compensation.estimate.noise import ReadingNoise, estimate_noise, make_whitening
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.model.kinematics import forward
@@ -54,14 +54,14 @@ def test_rounds_of_fit_and_estimate_end_where_the_dense_likelihood_is_greatest(s
     )
     noise = ReadingNoise(1e-5, 0.03)
     for _ in range(40):
-        whiten = whitening(noise.covariance(joints), np.ones(n))
+        whiten = make_whitening(noise.covariance(joints), np.ones(n))
         root, _ = np.linalg.qr((whiten @ columns.reshape(n, 3, -1)).reshape(3 * n, -1))
         white = (whiten @ measured.reshape(n, 3, 1)).ravel()
         rest = (white - root @ (root.T @ white)).reshape(n, 3, 1)
         residual = np.linalg.solve(whiten, rest)[:, :, 0]
         own = root.reshape(n, 3, -1)
         left = np.eye(3) - own @ own.transpose(0, 2, 1)
-        noise = estimate(residual, joints, whiten, left, np.ones(n, dtype=bool))
+        noise = estimate_noise(residual, joints, whiten, left, np.ones(n, dtype=bool))
     assert (noise.encoder_rad, noise.reading_mm) == pytest.approx(tuple(likeliest), rel=1e-3)
 
 
@@ -83,8 +83,10 @@ def test_what_is_left_of_each_reading_is_that_of_the_dense_projection(known: boo
     at = linearised(known)
     observations, n, floor = at.observations, at.observations.n, 0.02
     rng = np.random.default_rng(6)
-    whiten = whitening(ReadingNoise(3e-5, 0.02).covariance(at.joints), rng.uniform(0.2, 1.0, n))
-    moves = at.constant_columns(free_constants(observations.arm)[:5]) * 0.01
+    whiten = make_whitening(
+        ReadingNoise(3e-5, 0.02).covariance(at.joints), rng.uniform(0.2, 1.0, n)
+    )
+    moves = at.make_constant_columns(list_free_constants(observations.arm)[:5]) * 0.01
     nuisances = np.zeros((n, 3, 18 + 9))
     for i in range(n):
         first = 6 * observations.placement[i]
@@ -104,6 +106,6 @@ def test_what_is_left_of_each_reading_is_that_of_the_dense_projection(known: boo
     own = np.vstack([(whiten @ moves).reshape(3 * n, 5), np.zeros((len(certified), 5))])
     own = own - u @ (u.T @ own)
     left = np.eye(len(own)) - u @ u.T - own @ own.T
-    found = ArmAlone(at, whiten, moves, floor).left(np.eye(5))
+    found = ArmAlone(at, whiten, moves, floor).compute_residual_share(np.eye(5))
     wanted = [left[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(n)]
     np.testing.assert_allclose(found, wanted, atol=1e-8)

@@ -18,9 +18,9 @@ def leaned(
 ) -> Solution:
     """What to change of the unknowns so that *residual* (n,) becomes least."""
     free, layout = np.full(4, np.inf), Layout((("unknowns", 4),))
-    model = LinearModel.of_products(layout, columns.T @ columns, free, drawing=SCALE**2)
+    model = LinearModel.from_products(layout, columns.T @ columns, free, drawing=SCALE**2)
     drawn = np.zeros(4) if drawn is None else drawn
-    return model.lean(-columns.T @ residual, drawn, damping, held)
+    return model.solve_with_prior(-columns.T @ residual, drawn, damping, held)
 
 
 def rows(strengths: list[float], seed: int = 1, n: int = 30) -> tuple[np.ndarray, np.ndarray]:
@@ -37,10 +37,14 @@ def test_where_all_is_known_it_is_least_squares() -> None:
     found = leaned(columns, residual, pull)
     wanted, rest, *_ = np.linalg.lstsq(columns, -residual, rcond=None)
     np.testing.assert_allclose(found.step, wanted, rtol=1e-9)
-    assert found.rank == 4 and found.told == pytest.approx(4.0) and found.null.shape == (4, 0)
+    assert (
+        found.rank == 4
+        and found.effective_rank == pytest.approx(4.0)
+        and found.null.shape == (4, 0)
+    )
     assert found.gain == pytest.approx(float(residual @ residual - rest[0]))
     plain = np.linalg.inv(columns.T @ columns)
-    np.testing.assert_allclose(found.known_covariance(), plain, rtol=1e-9)
+    np.testing.assert_allclose(found.compute_known_covariance(), plain, rtol=1e-9)
     np.testing.assert_allclose(found.covariance(np.zeros((4, 0))), plain, rtol=1e-9)
     np.testing.assert_allclose(found.root @ found.root.T, plain, rtol=1e-9)
 
@@ -49,7 +53,7 @@ def test_along_what_is_not_known_the_drawing_is_one_more_reading() -> None:
     columns, residual = rows([900.0, 300.0, 4.0, 0.0])
     pull = np.array([1.0, 0.01, -1.0, 0.3])
     found = leaned(columns, residual, pull)
-    assert found.rank == 2 and found.known.tolist() == [True, True, False, False]
+    assert found.rank == 2 and found.is_known.tolist() == [True, True, False, False]
     # The same as rows for the drawing along these directions, of weight one each.
     leaning = found.null.T / SCALE
     wanted = np.linalg.lstsq(
@@ -58,7 +62,7 @@ def test_along_what_is_not_known_the_drawing_is_one_more_reading() -> None:
     np.testing.assert_allclose(found.step, wanted, rtol=1e-9)
     whole = np.linalg.inv(columns.T @ columns + leaning.T @ leaning)
     np.testing.assert_allclose(found.covariance(np.zeros((4, 0))), whole, rtol=1e-8)
-    assert found.told == pytest.approx(2.0 + 16.0 / 17.0)
+    assert found.effective_rank == pytest.approx(2.0 + 16.0 / 17.0)
     assert found.off_drawing(np.zeros(4)) == 0.0
     assert found.off_drawing(pull) == pytest.approx(float(((leaning @ pull) ** 2).sum()))
     # Nothing beside what is known is in the known step; a gauge is not uncertain.
@@ -90,7 +94,7 @@ def test_fewer_rows_than_unknowns_are_solved_with_the_drawing(n: int) -> None:
             found.null.T @ (found.step / SCALE), found.null.T @ (pull / SCALE)
         )
     assert found.rank <= n
-    assert (found.singular_values[found.known] > LEAST_KNOWN).all()
+    assert (found.singular_values[found.is_known] > LEAST_KNOWN).all()
 
 
 def test_what_it_says_of_its_errors_is_what_they_are() -> None:
@@ -106,4 +110,4 @@ def test_rounding_of_readings_without_noise_is_not_taken_for_knowledge() -> None
     """A gauge that products cannot show as zero: the directions known to ten digits stay apart."""
     columns, residual = rows([1e8, 3e7, 2e6, 0.0])
     found = leaned(columns, residual)
-    assert found.known.tolist() == [True, True, True, False]
+    assert found.is_known.tolist() == [True, True, True, False]

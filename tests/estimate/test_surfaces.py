@@ -22,10 +22,10 @@ from armd.compensation.estimate.surface_kinds import (
     PLANE,
     POINT,
     SPHERE,
-    kinds_of,
-    own_placements,
+    list_kinds,
+    list_placements,
 )
-from armd.compensation.estimate.surfaces import heights, project_on_normals, side_of
+from armd.compensation.estimate.surfaces import choose_side, measure_heights, project_on_normals
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.state import States
@@ -99,17 +99,17 @@ def directions(n: int, seed: int = 2) -> F64:
 
 def test_each_surface_has_a_placement_of_its_own_and_a_block_one_for_both_faces() -> None:
     artefact = validate("artefact", BODIES, Artefact)
-    assert kinds_of(artefact).tolist() == [
+    assert list_kinds(artefact).tolist() == [
         *[POINT] * 4, PLANE, SPHERE, SPHERE, CYLINDER, PLANE, PLANE,
     ]  # fmt: skip
     of = session(["seat", "plate", "foot", "head", "plate", "seat"], [0, 0, 0, 0, 1, 1])
-    names, placement = own_placements(of)
+    names, placement = list_placements(of)
     assert placement[[0, 5]].tolist() == [0, 1]  # the session's own
     assert placement[2] == placement[3]
     assert len(set(placement.tolist())) == 5
     assert [names[p] for p in placement] == ["P1", "P1", "P1", "P1", "P2", "P2"]
     true = replace(of, truth_mm=np.zeros((6, 3)))  # the row's own truth is in the session's frame
-    assert own_placements(true)[1].tolist() == [0, 0, 0, 0, 1, 1]
+    assert list_placements(true)[1].tolist() == [0, 0, 0, 0, 1, 1]
 
 
 def test_a_reading_on_a_surface_is_one_equation() -> None:
@@ -126,7 +126,7 @@ def test_a_reading_on_a_surface_is_one_equation() -> None:
 def test_the_nearest_point_is_the_nearest_of_all(kind: int) -> None:
     """Brute force: no point of the surface of that size is nearer."""
     point = np.array([[7.0, -4.0, 9.0]])
-    height, normal = heights(np.array([kind]), point)
+    height, normal = measure_heights(np.array([kind]), point)
     size = 5.0
 
     def on_surface(u: F64) -> F64:
@@ -153,9 +153,9 @@ def test_columns_across_a_surface_are_taken_away() -> None:
 
 
 def test_a_clear_approach_says_the_side_else_the_shaft() -> None:
-    assert side_of(-0.9, 0.8) == -1.0
-    assert side_of(np.nan, -0.4) == -1.0
-    assert side_of(-0.01, 0.4) == 1.0
+    assert choose_side(-0.9, 0.8) == -1.0
+    assert choose_side(np.nan, -0.4) == -1.0
+    assert choose_side(-0.01, 0.4) == 1.0
 
 
 def bodies_touched(seed: int) -> tuple[Observations, F64, dict[str, F64]]:
@@ -237,7 +237,7 @@ def test_columns_are_the_residuals_slopes() -> None:
     position = forward(observations.states.q, np.tile(constants, (observations.n, 1)))[0]
     poses = fit_poses(observations, position)
     at = linearise(observations, constants, [], poses, 20.0)
-    normal = poses.normals(observations, position)
+    normal = poses.compute_normals(observations, position)
 
     def residual(twist: F64, shift: F64) -> F64:
         there = poses.moved(at.centre_mm, twist, shift)
@@ -289,4 +289,4 @@ def test_a_pin_along_the_shaft_asks_for_the_approach(approach: bool) -> None:
 def test_poses_without_surfaces_need_none() -> None:
     at = Poses(np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
     observations = gather([session(["seat"] * 3, [0] * 3)], ARM)
-    assert not at.normals(observations, np.zeros((3, 3))).any()
+    assert not at.compute_normals(observations, np.zeros((3, 3))).any()

@@ -13,7 +13,7 @@ import pytest
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.model.arm import load_arm
-from armd.daemon.catalogue.known_arms import arm_text
+from armd.daemon.catalogue.known_arms import read_arm_text
 from armd.daemon.cli import main
 from support.robot_logs import dataset
 
@@ -53,7 +53,7 @@ def episode(path: Path, how: str = "ndarray", **changes: Any) -> Path:
 
 def imported(source: Path, out: Path, *options: object, arm: str = "so100") -> int:
     arm_path = out.parent / "arm.toml"
-    arm_path.write_text(arm_text(arm), encoding="utf-8")
+    arm_path.write_text(read_arm_text(arm), encoding="utf-8")
     words = ["import", str(source), "--arm", str(arm_path), "-o", str(out), "-q"]
     return main([*words, *map(str, options)])
 

@@ -6,7 +6,7 @@ import pytest
 
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.arm import Arm
-from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes
 
 
@@ -39,7 +39,7 @@ def balls(certified: int, unknown: int = 0) -> Artefact:
 def test_an_artefacts_default_plan_is_enough_for_a_certificate(
     joints: int, artefact: Artefact, wishes: Wishes, readings: int
 ) -> None:
-    assert len(plan_of("artefact", arm(joints), artefact, wishes).stations) == readings
+    assert len(make_plan("artefact", arm(joints), artefact, wishes).stations) == readings
 
 
 def ball(**more: object) -> Artefact:
@@ -49,16 +49,16 @@ def ball(**more: object) -> Artefact:
 
 def test_a_certified_sphere_is_all_that_a_verification_wants() -> None:
     """2 × 25, 5 × 5 and 3 × 9 points on it (docs/how-to/verify.md), none written by hand."""
-    plan = plan_of("verify", arm(6), ball(), Wishes())
+    plan = make_plan("verify", arm(6), ball(), Wishes())
     names = [station.target for station in plan.stations]
     assert len(names) == len(set(names)) == 50 + 25 + 27
     assert {"SPHERE1.01", "SPHERE2.25", "LDIA.5.5", "EFFDIA.3.9"} <= set(names)
     assert set(names) <= set(plan.artefact.target_names)
-    only = plan_of("verify", arm(6), ball(), Wishes(tests=["l_dia", "spat"]))
+    only = make_plan("verify", arm(6), ball(), Wishes(tests=["l_dia", "spat"]))
     assert len(only.stations) == 25 + 30
 
 
 def test_points_that_are_listed_stay_as_they_are() -> None:
     listed = [{"name": f"SPHERE{w}.{k}"} for w in (1, 2) for k in range(1, 31)]
-    plan = plan_of("verify", arm(6), ball(target=listed), Wishes(tests=["probing"]))
+    plan = make_plan("verify", arm(6), ball(target=listed), Wishes(tests=["probing"]))
     assert len(plan.stations) == 60

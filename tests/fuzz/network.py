@@ -41,7 +41,7 @@ from armd.daemon.host.metrics import MetricsServer, render
 from armd.daemon.info import describe
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.changes import Changes
-from armd.daemon.measure.in_use import in_use_of
+from armd.daemon.measure.in_use import ask_in_use
 from armd.daemon.network.queries import Queries
 from armd.daemon.service import Service
 from armd.daemon.unexpected import Unexpected
@@ -106,7 +106,7 @@ def answers(folder: Path, info: bytes) -> Iterator[Door]:
 
     def info_door(data: bytes) -> None:
         arm = Both(data, calibration)
-        in_use_of(arm)  # type: ignore[arg-type]
+        ask_in_use(arm)  # type: ignore[arg-type]
         describe_everywhere(arm, calibration.decode())
 
     def calibration_door(data: bytes) -> None:

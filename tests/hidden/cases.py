@@ -166,9 +166,9 @@ def projected_snr(
 
 def clear_of(first: Fit, signal: np.ndarray, noise: RestNoise, others: np.ndarray) -> float:
     """Norm of a whitened *signal* (N,), clear of what absorbs in a fit and of *others* (N, m)."""
-    columns = np.hstack([noise.whiten(first.nuisance.columns.dense()), others])
+    columns = np.hstack([noise.whiten(first.nuisance.columns.to_dense()), others])
     variance = np.concatenate([first.nuisance.variance, np.full(others.shape[1], np.inf)])
-    model = LinearModel.of_rows([("all that absorbs", columns, variance)])
+    model = LinearModel.from_rows([("all that absorbs", columns, variance)])
     towards = model.project(columns.T @ signal)
     return float(np.sqrt(max(signal @ signal - towards @ towards, 0.0)))
 

@@ -21,7 +21,7 @@ from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.report.diagnosis import diagnosis_report
+from armd.compensation.report.diagnosis import make_diagnosis_report
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.plants.draw import draw_plant
@@ -104,7 +104,9 @@ def run_mess(kind: str, seed: int, design: Design = DESIGN) -> MessOutcome:
         diagnosis = diagnose([load_session(p, arm) for p in case.sessions], arm, calibration)
         seconds = time.perf_counter() - started
         result = as_json(diagnosis, None)
-        headings = tuple(re.findall("<h[23]>([^<]*)", diagnosis_report(diagnosis, result, {}, ())))
+        headings = tuple(
+            re.findall("<h[23]>([^<]*)", make_diagnosis_report(diagnosis, result, {}, ()))
+        )
         snr = 0.0
         if plants:
             snr = _snr(case)

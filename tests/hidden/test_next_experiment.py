@@ -100,7 +100,7 @@ def test_one_other_temperature_leaves_a_shift_in_doubt_and_another_one_rules_it_
 def test_of_several_rivals_the_near_and_likely_ones_count() -> None:
     """Unknowns: a finding, a rival that is nearly the same signal, and one that is another."""
     gram = 25.0 * np.array([[4.0, 3.6, 0.0], [3.6, 4.0, 0.0], [0.0, 0.0, 4.0]])
-    known = LinearModel.of_products(Layout(((ASKED, 3),)), gram, np.full(3, np.inf))
+    known = LinearModel.from_products(Layout(((ASKED, 3),)), gram, np.full(3, np.inf))
     finding = np.array([[1.0], [0.0], [0.0]])
     rivals = (slice(1, 2), slice(2, 3))
 

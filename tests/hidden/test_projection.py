@@ -79,7 +79,7 @@ def test_a_fit_without_a_part_is_the_fit_of_the_others_alone(problem) -> None:
     whitener = np.where(out[:, None, None], 0.0, current.noise.whitener)
     without = solve_again(whitened_by(current, whitener), [], arm)
     kept = np.append(np.repeat(~out, 3), np.ones(len(current.residual) - 3 * len(out), bool))
-    white, scale = whitened(without.noise, without.nuisance.columns.dense())
+    white, scale = whitened(without.noise, without.nuisance.columns.to_dense())
     held = np.minimum(without.nuisance.variance, without.layout.nominal_variance)
     prior = 1.0 / np.sqrt(held) / scale
     heard = white[kept].any(axis=0)
@@ -87,7 +87,7 @@ def test_a_fit_without_a_part_is_the_fit_of_the_others_alone(problem) -> None:
     side = np.append(current.noise.whiten(current.residual)[kept], np.zeros(len(prior)))
     alone = np.linalg.lstsq(rows, side, rcond=1e-9)[0] / scale[heard]
     own = np.flatnonzero(heard[without.layout.identified]) + without.layout.identified.start
-    move = current.nuisance.columns.dense(own)
+    move = current.nuisance.columns.to_dense(own)
     expected = move @ alone[np.searchsorted(np.flatnonzero(heard), own)]
     np.testing.assert_allclose(move @ without.solution[own], expected, atol=2e-5)
 

@@ -23,7 +23,7 @@ from armd.compensation.diagnose.fitting.refit import Refits
 from armd.compensation.diagnose.heldout.open_constants import record_open_constants
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
+from armd.compensation.estimate.linear.bordered import compute_pseudo_inverse_factor
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
@@ -175,7 +175,7 @@ def test_what_is_known_for_sure_does_not_hold_the_rest() -> None:
     rows = rng.normal(size=(50, 4))
     truth = np.array([0.0, 1.0, -2.0, 3.0])
     gram = rows.T @ rows + np.diag([1e24, 0.0, 0.0, 0.0])
-    factor = pseudo_inverse_factor(gram)
+    factor = compute_pseudo_inverse_factor(gram)
     assert factor @ (factor.T @ (rows.T @ (rows @ truth))) == pytest.approx(truth, abs=1e-6)
 
 

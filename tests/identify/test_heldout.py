@@ -86,6 +86,6 @@ def test_sessions_that_a_fold_leaves_alone_are_as_it_would_find_them_itself() ->
     out = result.observations.placement == 0
     fold = HeldOut(result, columns, scale, result.at.residual_mm, pull, [out]).folds[0].training
     own = replace(fold, whole=None)
-    taken = [fold._placements._is_as_in_whole(number) for number in range(3)]
+    taken = [fold._placements._is_as_in_full_problem(number) for number in range(3)]
     assert taken == [False, True, True]
     np.testing.assert_array_equal(fold.solve(scale, pull).step, own.solve(scale, pull).step)

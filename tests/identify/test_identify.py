@@ -9,7 +9,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.estimate.fit_poses import fit_poses
-from armd.compensation.estimate.gauge import free_constants, unidentifiable
+from armd.compensation.estimate.gauge import describe_unidentifiable, list_free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
@@ -32,13 +32,13 @@ def identify(
     arm: Arm, observations: Observations, terms: list[Term] | None = None
 ) -> Identification:
     terms = terms or []
-    unknowns = Unknowns(free_constants(arm), range(len(terms)))
+    unknowns = Unknowns(list_free_constants(arm), range(len(terms)))
     with threadpool_limits(limits=1, user_api="blas"):
         return fit(observations, arm.nominal(), terms, unknowns, arm.reference_temperature_c)
 
 
 def known_directions(found: Identification) -> np.ndarray:
-    return found.solution.directions[:, found.solution.known]
+    return found.solution.directions[:, found.solution.is_known]
 
 
 @pytest.mark.parametrize("n_joints", [3, 6, 7, 9])
@@ -132,7 +132,7 @@ def test_rank_equals_theory(kind: str, noise: float) -> None:
     found = identify(ARM, gather([measured], ARM))
     assert found.converged
     assert found.solution.rank == rank
-    words = unidentifiable(found.solution.null, found.unknowns.names, ARM)
+    words = describe_unidentifiable(found.solution.null, found.unknowns.names, ARM)
     assert len(words) == len(found.unknowns.names) - rank
     assert any(line.startswith("theta_1: moving the whole arm") for line in words)
     assert any(line.startswith("d_1: moving the whole arm") for line in words)
@@ -146,7 +146,7 @@ def test_hayati_replaces_d_between_parallel_axes() -> None:
     content = ARM.model_dump(by_alias=True)
     content["joint"][1] |= {"alpha_deg": 0.5, "a_mm": 300.0}
     arm = Arm.model_validate(content)
-    names = free_constants(arm)
+    names = list_free_constants(arm)
     assert "beta_2" in names
     assert "d_2" not in names
     assert "d_3" in names
@@ -171,7 +171,7 @@ def test_outliers_are_found_and_do_not_matter() -> None:
         (found.unknowns.values(found.constants, []) - found.unknowns.values(truth, []))
         / found.solution.scale
     )
-    sigma = 1 / found.solution.singular_values[found.solution.known]
+    sigma = 1 / found.solution.singular_values[found.solution.is_known]
     assert np.abs(along / sigma).max() < 5
 
 

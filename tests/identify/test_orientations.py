@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from armd.compensation.data.session import load_session, load_sessions
 from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.linearise import linearise
-from armd.compensation.estimate.noise import ReadingNoise, estimate_turns
+from armd.compensation.estimate.noise import ReadingNoise, estimate_turn_noise
 from armd.compensation.estimate.observations import TURN_MM, Observations, gather
 from armd.compensation.estimate.orientations import (
+    compute_turn_columns,
     observe,
-    turn_columns,
     with_orientation_rows,
     with_orientations,
 )
@@ -110,7 +110,7 @@ def test_a_turn_moves_as_its_columns_say(tmp_path: Path) -> None:
     arm = load_arm(prepared(tmp_path, 1, 4)[1])
     q = np.random.default_rng(2).uniform(-1.0, 1.0, (3, 6))
     rows = np.tile(arm.nominal(), (3, 1))
-    columns = turn_columns(q, rows)
+    columns = compute_turn_columns(q, rows)
     for k in range(rows.shape[1]):
         step = np.zeros(rows.shape[1])
         step[k] = 1e-6
@@ -152,7 +152,7 @@ def test_noise_of_turns_is_what_the_encoders_do_not_explain() -> None:
     residual = np.einsum("nij,nj->ni", joints, rng.normal(0.0, 1e-5, (n, 6)))
     residual += rng.normal(0.0, 0.004, (n, 3))
     left = np.tile(np.eye(3), (n, 1, 1))
-    found = estimate_turns(ReadingNoise(1e-5, 0.02), residual, joints, left, np.ones(n))
+    found = estimate_turn_noise(ReadingNoise(1e-5, 0.02), residual, joints, left, np.ones(n))
     assert found.turn_mm == pytest.approx(0.004, rel=0.05)
     assert found.reading_mm == 0.02
 

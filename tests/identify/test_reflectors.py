@@ -12,7 +12,7 @@ import pytest
 from armd.arrays import F64
 from armd.compensation.data.session import load_session, load_sessions
 from armd.compensation.estimate.observations import gather
-from armd.compensation.estimate.unknowns import in_words
+from armd.compensation.estimate.unknowns import describe_term
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.reflectors import reflector_terms
 from armd.compensation.identify.result import Result
@@ -106,7 +106,7 @@ def test_the_term_of_a_reflector_is_its_place() -> None:
         offset_mm={"B": (1.0, 2.0, 3.0)},
     )  # fmt: skip
     tips = reflector_terms(gather([named], arm), np.array([0.5, 0.5, 0.5]))
-    assert [in_words(term) for term in tips.terms[::3]] == [
+    assert [describe_term(term) for term in tips.terms[::3]] == [
         "tip_x of reflector A", "tip_x of reflector B",
     ]  # fmt: skip
     assert tips.free == [0, 1, 2] and tips.hides_tip

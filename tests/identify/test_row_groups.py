@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.row_groups import acquisition_order, clear_rows
@@ -36,7 +36,7 @@ def found() -> Identification:
             )
         )
     observations = gather(sessions, ARM)
-    unknowns = Unknowns(free_constants(ARM))
+    unknowns = Unknowns(list_free_constants(ARM))
     return fit(observations, ARM.nominal(), [], unknowns, ARM.reference_temperature_c)
 
 
@@ -47,7 +47,7 @@ def test_sessions_stand_by_their_start(found: Identification) -> None:
 def test_a_group_gains_what_least_squares_with_its_columns_does(found: Identification) -> None:
     cleared = clear_rows(found, NOBODY)
     assert cleared is not None
-    tip = found.at.constant_columns(TIP_PARAMETERS)
+    tip = found.at.make_constant_columns(TIP_PARAMETERS)
     group = np.arange(2 * N) < 25
     gain = cleared.gain(tip, group)
 
@@ -72,7 +72,7 @@ def test_a_group_gains_what_least_squares_with_its_columns_does(found: Identific
 
 def test_the_best_stretch_is_the_best_of_all(found: Identification) -> None:
     """A step of 40 µm in some rows is found by its own columns, at these rows."""
-    tip = found.at.constant_columns(TIP_PARAMETERS)
+    tip = found.at.make_constant_columns(TIP_PARAMETERS)
     group = np.zeros(2 * N, dtype=bool)
     group[N + 13 : N + 46] = True
     moved = (tip @ np.array([0.2, -0.1, 0.15])) * group[:, None]
@@ -87,6 +87,6 @@ def test_the_best_stretch_is_the_best_of_all(found: Identification) -> None:
 def test_what_is_fitted_anyway_gains_nothing(found: Identification) -> None:
     cleared = clear_rows(found, NOBODY)
     assert cleared is not None
-    tip = found.at.constant_columns(TIP_PARAMETERS)
+    tip = found.at.make_constant_columns(TIP_PARAMETERS)
     gain = cleared.gain(tip, np.ones(2 * N, dtype=bool))
     assert gain.told == 0 and gain.residual_share == pytest.approx(1.0)

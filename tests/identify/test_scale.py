@@ -9,7 +9,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import Identification, fit
@@ -17,7 +17,7 @@ from support import synthetic
 from support.selection import parametrize_default
 
 ARM = synthetic.arm()
-UNKNOWNS = Unknowns(free_constants(ARM))
+UNKNOWNS = Unknowns(list_free_constants(ARM))
 #: Seats 50 mm apart as a calliper tells it, whose standard uncertainty is 0.2 %.
 CALLIPER_MM = 0.1
 #: All lengths in proportion; d_1 and the last joint's are told by no reading, or only with others.

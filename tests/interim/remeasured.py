@@ -11,7 +11,7 @@ from drawn_changes import Case
 from oracle import true_change
 
 from armd.arrays import F64
-from armd.compensation.estimate.poses import rigid_columns
+from armd.compensation.estimate.poses import make_rigid_columns
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.report.amend import Amplitudes, amend_calibration, fit
@@ -108,7 +108,7 @@ def _measured(
     found, stated = [], 0.0
     for number, calibration in enumerate(calibrations):
         seen = Signals(states, bench.arm, calibration)
-        rigid = rigid_columns(seen.position_mm - seen.position_mm.mean(axis=0)).reshape(-1, 6)
+        rigid = make_rigid_columns(seen.position_mm - seen.position_mm.mean(axis=0)).reshape(-1, 6)
         found.append(square((seen.position_mm - tip).reshape(-1, 1), rigid))
         if number == 0:
             stated = square(seen.compute_calibration_motions().reshape(3 * n, -1), rigid)

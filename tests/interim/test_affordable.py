@@ -16,7 +16,7 @@ from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.report.amend import amend_calibration
 from armd.compensation.interim.report.average import (
     MOST_ROWS,
-    _terms,
+    _list_terms,
     average_amplitudes,
     choose_affordable,
 )
@@ -119,14 +119,16 @@ def test_a_growth_of_many_bends_keeps_every_second_or_fourth(
     arm, calibration = arm_and_calibration
     causes = list_causes(arm, calibration)
     bends = tuple(float(3 * k) for k in range(1, 140))
-    few = min(range(len(causes)), key=lambda k: len(_terms(a_growth(causes, k, 2), causes)))
+    few = min(range(len(causes)), key=lambda k: len(_list_terms(a_growth(causes, k, 2), causes)))
     long = replace(a_growth(causes, few, 2), bends_d=bends, bending=0.4)
     ((share, (coarse,)),) = choose_affordable([(0.4, (long,))], causes, 33)
     assert share == 1.0 and coarse.gradual and coarse.rate_size is long.rate_size
     step = (len(bends) + len(coarse.bends_d) - 1) // len(coarse.bends_d)
     assert step in (2, 4, 8, 16) and coarse.bends_d == bends[::-1][::step][::-1]
     assert coarse.bending == pytest.approx(0.4 * step**0.5)
-    assert len(_terms(coarse, causes)) <= (MOST_ROWS - 33) // 2 < len(_terms(long, causes))
+    assert (
+        len(_list_terms(coarse, causes)) <= (MOST_ROWS - 33) // 2 < len(_list_terms(long, causes))
+    )
     # One of few bends beside it stays as it is.
     short = a_growth(causes, few + 1, 2)
     assert choose_affordable([(0.6, (long, short))], causes, 33)[0][1][1] == short

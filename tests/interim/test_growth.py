@@ -16,7 +16,7 @@ import pytest
 
 from armd.compensation.data.session import load_session
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.interim.checks.open_growth import compute_rises_k, open_growth
+from armd.compensation.interim.checks.open_growth import compute_rises_k, list_open_growth
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main
@@ -189,11 +189,11 @@ def test_one_session_that_warms_up_is_diagnosed_as_growth(measured: Path, tmp_pa
 def test_only_what_a_calibration_could_not_know_is_open(measured: Path, tmp_path: Path) -> None:
     arm = load_arm(measured / "arm.toml")
     one = load_calibration(measured / "T20.json", arm).content
-    growth = open_growth(arm, one)
+    growth = list_open_growth(arm, one)
     assert {"growth a_2", "growth d_4", "growth d_1"} <= {each.name for each in growth}
     wide = {name: (low - 3, high + 3) for name, (low, high) in one.temperature_range_c.items()}
-    assert open_growth(arm, one.model_copy(update={"temperature_range_c": wide})) == ()
-    assert open_growth(arm, one.model_copy(update={"temperature_range_c": {}})) == ()
+    assert list_open_growth(arm, one.model_copy(update={"temperature_range_c": wide})) == ()
+    assert list_open_growth(arm, one.model_copy(update={"temperature_range_c": {}})) == ()
     session = load_session(measured / "T26", arm)
     rise = compute_rises_k(growth, session.states, arm, one)
     assert np.allclose(rise, 6.0, atol=0.3)

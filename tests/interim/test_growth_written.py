@@ -10,7 +10,7 @@ import pytest
 
 from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.columns import list_causes
-from armd.compensation.interim.checks.open_growth import OpenGrowth, open_growth
+from armd.compensation.interim.checks.open_growth import OpenGrowth, list_open_growth
 from armd.compensation.interim.report.growth import LinkGrowth, with_growth
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import Temperature
@@ -38,7 +38,7 @@ def per_kelvin(one: OpenGrowth) -> float:
 
 
 def test_lengths_stay_what_they_were_where_they_were_calibrated() -> None:
-    growth = open_growth(ARM, CALIBRATION)
+    growth = list_open_growth(ARM, CALIBRATION)
     assert len(growth) > 6
     values = np.linspace(1e-3, 9e-3, len(growth))
     seen: Any = SimpleNamespace(temperature_c={"t1": (14.0, 21.0), "t2": (20.0, 38.0)})
@@ -56,7 +56,7 @@ def test_lengths_stay_what_they_were_where_they_were_calibrated() -> None:
 
 @pytest.mark.parametrize("above_k", [0.0, 10.0])
 def test_a_length_is_as_sure_there_as_it_was_and_less_elsewhere(above_k: float) -> None:
-    growth = open_growth(ARM, CALIBRATION)
+    growth = list_open_growth(ARM, CALIBRATION)
     number = next(i for i, one in enumerate(growth) if one.term.parameter == "a_2")
     size = per_kelvin(growth[number])
     spread = np.eye(len(growth)) * 1e-8
@@ -74,7 +74,7 @@ def test_a_growth_is_reported_whose_interval_excludes_zero(per_k: float, sure: b
 
 
 def test_a_digest_is_of_all_causes_and_of_the_open_growth() -> None:
-    causes, growth = list_causes(ARM, CALIBRATION), open_growth(ARM, CALIBRATION)
+    causes, growth = list_causes(ARM, CALIBRATION), list_open_growth(ARM, CALIBRATION)
     warmer = CALIBRATION.model_copy(
         update={"temperature_range_c": dict.fromkeys(ARM.used_sensors, (27.5, 28.5))}
     )
@@ -83,9 +83,10 @@ def test_a_digest_is_of_all_causes_and_of_the_open_growth() -> None:
         hash_catalogue(causes[1:]),
         hash_catalogue(causes, growth),
         hash_catalogue(causes, growth[1:]),
-        hash_catalogue(causes, open_growth(ARM, warmer)),
+        hash_catalogue(causes, list_open_growth(ARM, warmer)),
     ]
     assert len(set(digests)) == len(digests)
     assert (
-        hash_catalogue(list_causes(ARM, CALIBRATION), open_growth(ARM, CALIBRATION)) == digests[2]
+        hash_catalogue(list_causes(ARM, CALIBRATION), list_open_growth(ARM, CALIBRATION))
+        == digests[2]
     )

@@ -31,7 +31,7 @@ from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.compensation.model.kinematics import forward
 from armd.daemon.measure.plan.poses import read_poses
-from armd.daemon.measure.plan.proposed import proposed_check
+from armd.daemon.measure.plan.proposed import load_proposed_check
 from armd.errors import BadInput
 
 
@@ -137,7 +137,7 @@ def test_tomorrows_poses_tell_a_doubtful_cause_from_its_rival(
     told = capsys.readouterr().out
     assert f"armd measure interim --proposed --history {tmp_path / 'history'} -o SESSION" in told
     # That command asks for the poses of the table, one seat and the other in turn.
-    asked = proposed_check(tmp_path / "history", arm)
+    asked = load_proposed_check(tmp_path / "history", arm)
     for ours, theirs in zip(asked, poses, strict=True):
         assert ours.posture_deg == pytest.approx(theirs.posture_deg, abs=0.06)
         assert ours.tip_mm == pytest.approx(theirs.tip_mm, abs=0.06)
@@ -169,7 +169,7 @@ def test_without_a_doubt_there_are_no_poses(tmp_path: Path) -> None:
         run("report", "--history", tmp_path / "history", "--poses", tmp_path / "poses.csv")
     arm = load_arm(tmp_path / "checks" / "arm.toml")
     with pytest.raises(BadInput, match="next_check: found no poses"):
-        proposed_check(tmp_path / "history", arm)
+        load_proposed_check(tmp_path / "history", arm)
     assert not (tmp_path / "poses.csv").exists()
 
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.effects.location import joint
-from armd.compensation.estimate.poses import rigid_columns
+from armd.compensation.estimate.poses import make_rigid_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.report.possible_checks import (
@@ -44,7 +44,7 @@ def test_a_rigid_motion_is_in_the_rigid_columns() -> None:
     small = 1e-6
     shift = np.array([0.1, 0.2, -0.3])
     turned = Rotation.from_rotvec([small, -2 * small, 3 * small]).apply(points) + shift
-    columns = rigid_columns(points).reshape(-1, 6)
+    columns = make_rigid_columns(points).reshape(-1, 6)
     way = (turned - points).ravel()
     left = way - columns @ np.linalg.lstsq(columns, way)[0]
     assert np.abs(left).max() < 1e-8

@@ -20,8 +20,8 @@ from armd.compensation.model.calibration import (
     save_calibration,
 )
 from armd.compensation.model.kinematics import forward, jacobian
-from armd.daemon.catalogue.known_arms import KNOWN, arm_text
-from armd.daemon.catalogue.urdf import denavit_hartenberg, read_chain
+from armd.daemon.catalogue.known_arms import KNOWN, read_arm_text
+from armd.daemon.catalogue.urdf import compute_denavit_hartenberg, read_chain
 from armd.daemon.cli import main
 from armd.files.toml_text import toml_text
 from armd.offline.model import Model
@@ -128,7 +128,7 @@ def assert_same(peer: Peer, arm: Arm, parameters: F64, base: F64 | None = None) 
 def test_a_known_arm(name: str, kind: str, tmp_path: Path) -> None:
     """A new URDF, and the drawing's URDF corrected; what an extended calibration leaves out is as
     large as `armd model` says, between Pinocchio's tip and the corrected one."""
-    (tmp_path / "arm.toml").write_text(arm_text(name), encoding="utf-8")
+    (tmp_path / "arm.toml").write_text(read_arm_text(name), encoding="utf-8")
     arm = load_arm(tmp_path / "arm.toml")
     path = calibrate(tmp_path, arm, terms_of(arm) if kind == "extended" else [])
     tip = f"{arm.serial_number.replace('-', '_')}_ball"
@@ -169,7 +169,7 @@ def test_a_persons_own_urdf(terms: list[dict[str, Any]], tmp_path: Path) -> None
     geometry = geometry_at(arm, load_calibration(calibration, arm).content, None)
     chain = read_chain(path, "tool0")
     base = np.eye(4)
-    base[:3, :3], base[:3, 3] = denavit_hartenberg(chain)[2], chain.origins[0]
+    base[:3, :3], base[:3, 3] = compute_denavit_hartenberg(chain)[2], chain.origins[0]
     peer = Peer(tmp_path / "new.urdf", "tool0", "finger", "other_finger")
     assert_same(peer, arm, geometry.parameters, base)
 

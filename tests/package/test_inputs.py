@@ -13,7 +13,7 @@ from armd.compensation.data.readings import load_readings, read_header
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.daemon.bridges.export.source import from_path
-from armd.daemon.measure.log import begun
+from armd.daemon.measure.log import load_beginning
 from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
 from armd.files.schema import MOST_FAULTS, MOST_VALUES, load_json, load_toml
 
@@ -111,7 +111,7 @@ def test_a_line_with_a_key_twice_is_not_called_torn(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"line 1: seq: found this key with 1 and with 2"):
         from_path(tmp_path / "measured.jsonl")
     with pytest.raises(BadInput, match=r"line 1: seq: found this key with 1 and with 2"):
-        begun(tmp_path)
+        load_beginning(tmp_path)
 
 
 def test_of_a_great_many_faults_some_are_told(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from armd.compensation.data.readings import load_readings
 from armd.compensation.data.session_files import check_is_session
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.daemon.catalogue.known_arms import canonical
+from armd.daemon.catalogue.known_arms import find_spelling
 from armd.daemon.cli import main
 from armd.files.schema import Strict, parse_json, parse_toml
 from armd.terminal.suggest import did_you_mean, few, hint, list_keys_at
@@ -143,7 +143,7 @@ def test_a_command_and_an_arm(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrte"]) == 2
     assert "did you mean calibrate?" in capsys.readouterr().err
     with pytest.raises(BadInput, match=r"did you mean so101\?"):
-        canonical("so10")
+        find_spelling("so10")
 
 
 @pytest.mark.parametrize(

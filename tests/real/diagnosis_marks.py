@@ -25,7 +25,7 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.report.result import describe_needs, describe_place
 from armd.compensation.diagnose.report.verdict import write_verdict
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.fit import Unknowns, fit
@@ -178,7 +178,7 @@ def _with_terms(
         gather([train], arm),
         start.vector(arm.n_joints),
         terms,
-        Unknowns(free_constants(arm), range(0)),
+        Unknowns(list_free_constants(arm), range(0)),
         start.reference_temperature_c,
     )
     update = {

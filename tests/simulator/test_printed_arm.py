@@ -9,7 +9,7 @@ import pytest
 
 from armd.compensation.effects.catalogue import _coarseness
 from armd.compensation.model.kinematics import forward
-from armd.daemon.catalogue.known_arms import known_arm
+from armd.daemon.catalogue.known_arms import load_known_arm
 from armd.simulator.printed import bench
 from armd.simulator.printed.arm import COUNTS_PER_TURN, TIP_MM, PrintedArm
 
@@ -29,7 +29,7 @@ def perfect() -> PrintedArm:
 
 
 def test_without_faults_it_is_the_drawing(perfect: PrintedArm) -> None:
-    arm = known_arm("so101")
+    arm = load_known_arm("so101")
     directions = np.array([joint.direction for joint in arm.joint])
     rng = np.random.default_rng(2)
     for angles in rng.uniform(-1.5, 1.5, (20, 5)):
@@ -60,8 +60,8 @@ def test_the_ball_is_in_its_seat() -> None:
 
 def test_how_large_a_cause_may_be_goes_with_the_encoders() -> None:
     """A count of 12 bits is 316″, of 23 bits a sixth of a second."""
-    assert _coarseness(known_arm("so101")) == pytest.approx(316.4 / 6, rel=1e-3)
-    fine = known_arm("so101").model_copy(deep=True)
+    assert _coarseness(load_known_arm("so101")) == pytest.approx(316.4 / 6, rel=1e-3)
+    fine = load_known_arm("so101").model_copy(deep=True)
     joints = [joint.model_copy(update={"counts_per_turn": 1 << 23}) for joint in fine.joint]
     assert _coarseness(fine.model_copy(update={"joint": joints})) == 1.0
-    assert _coarseness(known_arm("openarm")) == 1.0  # not known
+    assert _coarseness(load_known_arm("openarm")) == 1.0  # not known

@@ -47,7 +47,7 @@ def whitened(noise: RestNoise, columns: F64) -> tuple[F64, F64]:
 def clear_of_absorbing(current: Fit, white: F64) -> F64:
     """Whitened columns, (N,) or (N, m), clear of all that absorbs; its prior as rows."""
     variance = np.minimum(current.nuisance.variance, 1e12)
-    absorbing, scale = whitened(current.noise, current.nuisance.columns.dense())
+    absorbing, scale = whitened(current.noise, current.nuisance.columns.to_dense())
     prior = np.diag(1.0 / np.sqrt(variance * scale**2))
     rows = np.concatenate([white, np.zeros((len(prior), *white.shape[1:]))])
     stacked = np.vstack([absorbing, prior])

@@ -22,7 +22,7 @@ from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.linear import linear_model
-from armd.compensation.estimate.linear.blocks import in_blocks
+from armd.compensation.estimate.linear.blocks import to_blocks
 from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
@@ -59,7 +59,7 @@ def small_fit(
     layout = linear_model.Layout(tuple((k, v.shape[1]) for k, v in blocks.items()))
     variance = np.full(layout.n, 100.0)
     variance[layout[PLACEMENTS]] = np.inf
-    problem = LinearModel.of_products(layout, columns.T @ columns, variance)
+    problem = LinearModel.from_products(layout, columns.T @ columns, variance)
     solution, inverse = problem.solve(columns.T @ residual)
     whole = FitLayout(layout, np.full(layout.n, np.inf))
     untimed = SimpleNamespace(time_s=np.full(n, np.nan))
@@ -79,7 +79,7 @@ def small_fit(
         amplitudes=tuple(-solution[at] for at in whole.findings),
         covariances=tuple(inverse[at, at] for at in whole.findings),
         noise=unit_noise(n),
-        nuisance=Nuisance(in_blocks([columns], observations.placement), variance),
+        nuisance=Nuisance(to_blocks([columns], observations.placement), variance),
         layout=whole,
         residual=residual,
         raw_residual=residual if raw is None else raw,

@@ -52,5 +52,5 @@ def sums_of(b: np.ndarray, x: np.ndarray, r: np.ndarray, variance: np.ndarray) -
         )
         for m in set(counts)
     }
-    shared = LinearModel.of_rows([("shared", b, variance)])
+    shared = LinearModel.from_rows([("shared", b, variance)])
     return Sums(signatures, shared, b.T @ r, b.T @ x, x.T @ r, (x**2).sum(axis=0), grams)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.estimate.poses import rigid_columns
+from armd.compensation.estimate.poses import make_rigid_columns
 from armd.compensation.identify.result import Result
 from armd.compensation.model.kinematics import jacobian
 from armd.simulator.truth import nominal
@@ -28,9 +28,9 @@ def errors_of(found: Result, true: TrueArm) -> F64:
     position, columns = jacobian(q, np.tile(fit.constants, (len(q), 1)))
     scale = fit.solution.scale
     own = fit.unknowns.columns(columns, np.zeros((len(q), 0)), []) * scale
-    both = np.concatenate([own, rigid_columns(position)], axis=2).reshape(3 * len(q), -1)
+    both = np.concatenate([own, make_rigid_columns(position)], axis=2).reshape(3 * len(q), -1)
     change = np.linalg.lstsq(both, (wanted - position).ravel(), rcond=1e-10)[0][: len(scale)]
-    known = fit.solution.directions[:, fit.solution.known]
+    known = fit.solution.directions[:, fit.solution.is_known]
     covariance = known.T @ (fit.covariance / np.outer(scale, scale)) @ known
     normalised: F64 = np.linalg.solve(np.linalg.cholesky(covariance), -known.T @ change)
     return normalised

@@ -67,11 +67,11 @@ class _Shares:
     @classmethod
     def from_fit(cls, last: Fit, arm: Arm) -> _Shares:
         plausible = _plausible(last.baseline, arm)
-        poses = last.noise.whiten(last.nuisance.columns.dense(last.layout.blocks[PLACEMENTS]))
+        poses = last.noise.whiten(last.nuisance.columns.to_dense(last.layout.blocks[PLACEMENTS]))
         columns = last.baseline.columns(last.linear, arm) * plausible
         cleared = _clear_of(poses, last.noise.whiten(columns))
         moves = [
-            last.nuisance.columns.dense(block) @ amplitudes
+            last.nuisance.columns.to_dense(block) @ amplitudes
             for block, amplitudes in zip(last.layout.findings, last.amplitudes, strict=True)
         ]
         white = _clear_of(poses, last.noise.whiten(np.array(moves).T))

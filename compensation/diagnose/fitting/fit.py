@@ -32,7 +32,7 @@ from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.linear.blocks import Blocks, in_blocks
+from armd.compensation.estimate.linear.blocks import Blocks, to_blocks
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 
@@ -64,7 +64,7 @@ def fit(
         nuisance, layout = gather_nuisance(linear, arm, baseline, findings, columns, sizes)
         extra = make_finding_columns(linear, noise_extra, arm)
         variance = make_noise_variances(nuisance, layout, extra)
-        blocks = in_blocks([nuisance.columns, *extra], rests.observations.placement)
+        blocks = to_blocks([nuisance.columns, *extra], rests.observations.placement)
         if noise is None:
             noise = noise_model.estimate(linear, residual, blocks, variance)
         clipped, noise = _clipped(linear, residual, blocks, variance, nuisance, layout, noise)
@@ -73,7 +73,7 @@ def fit(
         )
         problem, sizes = fit_sizes(problem, side, layout, findings, sizes)
         nuisance = Nuisance(nuisance.columns, problem.variance)
-        solution = problem.amplitudes(side)
+        solution = problem.solve_amplitudes(side)
         fitted = nuisance.columns.times(solution)
         before = amplitudes
         amplitudes = [-solution[span] for span in layout.findings]
@@ -82,7 +82,7 @@ def fit(
         ]
         if not baseline.is_given:
             step = -solution[layout.identified]
-            shift.append(nuisance.columns.dense(layout.identified) @ step)
+            shift.append(nuisance.columns.to_dense(layout.identified) @ step)
         largest = max((float(np.abs(part).max()) for part in shift), default=0.0)
         is_settled = largest**2 / CURVED_LENGTH_MM < CURVED_SHARE * noise.scale_mm
         if is_settled or step_number == MOST_FIT_STEPS or largest > before_this:
@@ -173,7 +173,7 @@ def fit_sizes(
     determined = find_determined_columns(problem)
     reduced, variance = problem.only(determined), problem.variance.copy()
     for _ in range(SIZING_STEPS):
-        solution = reduced.amplitudes(side[determined])
+        solution = reduced.solve_amplitudes(side[determined])
         for i in curves:
             span = reduced.layout[name_block(i)]
             unit = compute_amplitude_variance(findings[i], 1.0)
@@ -199,7 +199,7 @@ def _solve(
 ) -> F64:
     """Generalised least squares: solution (b,) with B x ≈ residual."""
     problem, side = make_normal_equations(blocks, nuisance.ridged(noise), layout, noise, residual)
-    return problem.amplitudes(side)
+    return problem.solve_amplitudes(side)
 
 
 def make_normal_equations(
@@ -208,7 +208,7 @@ def make_normal_equations(
     """The linear problem of the nuisance columns, the first of *blocks*, and its right side."""
     b = layout.blocks.n
     products = blocks.products(noise.whitener, noise.distance_mm, residual)
-    problem = LinearModel.of_products(
+    problem = LinearModel.from_products(
         layout.blocks, products[:b, :b], nuisance.variance, drawing=layout.nominal_variance
     )
     return problem, products[:b, -1]

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance
-from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
+from armd.compensation.estimate.linear.bordered import compute_pseudo_inverse_factor
 from armd.compensation.model.arm import Arm
 
 
@@ -73,7 +73,7 @@ def _change(before: Fit, after: Fit) -> float:
     layout = after.layout
     span = slice(layout.identified.start, layout.mount.start)
     change = after.solution[span] - before.solution[span]
-    factor = pseudo_inverse_factor(after.problem.covariance_of(span))
+    factor = compute_pseudo_inverse_factor(after.problem.covariance_of(span))
     return float(np.linalg.norm(factor.T @ change))
 
 
@@ -92,7 +92,7 @@ def _about_its_solution(last: Fit, arm: Arm) -> Fit:
     nuisance = Nuisance(nuisance.columns, last.nuisance.variance)
     # Without what the step did, so that the solution is the whole step.
     raw = linear.residual - compute_kinematic_part(last.findings, columns, last.amplitudes)
-    raw = raw - nuisance.columns.dense(identified) @ step
+    raw = raw - nuisance.columns.to_dense(identified) @ step
     clipped = raw - (last.raw_residual - last.residual)
     problem, side = make_normal_equations(nuisance.columns, nuisance, layout, last.noise, clipped)
     moved_to = replace(last, linear=linear, residual=clipped, raw_residual=raw)

@@ -14,7 +14,7 @@ from scipy.linalg import cholesky, solve_triangular
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.constants import GAUGE_SQUARED, LEAST_RELATIVE, MOST_RELATIVE
-from armd.compensation.estimate.linear.bordered import BorderedParts, root_along_known
+from armd.compensation.estimate.linear.bordered import BorderedParts, compute_root_along_known
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class Absorbing:
         """By which columns meet each other (b, b) in some row."""
         drifting, free = np.isnan(variance), np.isinf(variance)
         inner = np.flatnonzero(drifting | free)
-        parts = BorderedParts.of(meeting[np.ix_(inner, inner)])
-        per_part, shared = [inner[part] for part in parts.own], inner[parts.border]
+        parts = BorderedParts.from_matrix(meeting[np.ix_(inner, inner)])
+        per_part, shared = [inner[part] for part in parts.inner_parts], inner[parts.border]
         if drifting[shared].any():
             per_part, shared = [inner], shared[:0]
         return cls(tuple(per_part), shared, np.flatnonzero(~(drifting | free)), drifting, variance)
@@ -127,6 +127,7 @@ def _root_of_free(gram: F64, squared_norms: F64) -> F64:
     size = np.sqrt(squared_norms)
     size[size == 0.0] = 1.0
     root: F64 = (
-        root_along_known(gram / np.outer(size, size), GAUGE_SQUARED, beside=1.0) / size[:, None]
+        compute_root_along_known(gram / np.outer(size, size), GAUGE_SQUARED, least_scale=1.0)
+        / size[:, None]
     )
     return root

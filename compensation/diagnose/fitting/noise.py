@@ -46,9 +46,14 @@ from armd.compensation.diagnose.fitting.likelihood import Absorbing, Restricted
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise, guess_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
-from armd.compensation.estimate.noise import ReadingNoise, whitening
-from armd.compensation.estimate.postures import counts_as, shared_part
-from armd.compensation.estimate.robust import MEDIAN_CHI2, WINSOR_AT, huber_weights, monstrous
+from armd.compensation.estimate.noise import ReadingNoise, make_whitening
+from armd.compensation.estimate.postures import compute_counts, estimate_shared_part
+from armd.compensation.estimate.robust import (
+    MEDIAN_CHI2,
+    WINSOR_AT,
+    compute_huber_weights,
+    find_monstrous,
+)
 from armd.compensation.estimate.surfaces import project_on_normals
 
 MIDDLE_TO_MEAN = AXES / MEDIAN_CHI2
@@ -164,7 +169,7 @@ def _estimate(
     turn_ratio = before.turn_ratio if before else guess_turn_ratio(residual, turned)
     # Copies share all of their error, until they have shown how much: they count as one.
     shared = before.shared_part if before else 1.0
-    counts = counts_as(linear.rests.posture, shared)
+    counts = compute_counts(linear.rests.posture, shared)
     # Across a surface there is no equation, and its part of the whitening is of no account.
     counted, across = np.sqrt(counts), 0.0
     if linear.normal is not None:
@@ -217,13 +222,13 @@ def with_shared_part(noise: RestNoise, linear: Linear, residual: F64) -> RestNoi
     """Return the noise with what copies of a posture share, by their *residual* (N,)."""
     posture, n = linear.rests.posture, linear.rests.n
     white = noise.whiten_rests(residual[: 3 * n].reshape(n, 3))
-    part = shared_part(white, posture, AXES if noise.normal is None else noise.freedom)
+    part = estimate_shared_part(white, posture, AXES if noise.normal is None else noise.freedom)
     return noise.with_shared_part(part, posture)
 
 
 def _unit_whitener(linear: Linear, share: float, turn_ratio: float = 1.0) -> F64:
     """(n, 3, 3) whitening for s = 1."""
-    return whitening(_covariance(linear, share, turn_ratio), np.ones(linear.rests.n))
+    return make_whitening(_covariance(linear, share, turn_ratio), np.ones(linear.rests.n))
 
 
 def _best_scale(restricted: Restricted) -> tuple[float, float, float, bool]:
@@ -270,7 +275,7 @@ def clip_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], 
     clipped by what the middle one of the rests tells, and the fit made again, until it settles.
     """
     nothing = np.zeros_like(residual)
-    monsters = monstrous(residual[: 3 * len(noise.whitener)].reshape(-1, 3)).any()
+    monsters = find_monstrous(residual[: 3 * len(noise.whitener)].reshape(-1, 3)).any()
     # Then the residual is about poses that hardly know of them; a fit would.
     fitted = nothing if monsters else fit(residual, noise)
     squares = noise.squares(_deviations_mm(residual, fitted, noise))
@@ -303,6 +308,6 @@ def winsorise(residual: F64, fitted: F64, noise: RestNoise, limit: float = WINSO
     size = np.sqrt((noise.whiten_rests(deviations_mm) ** 2).sum(axis=1)) * noise.stretch
     clipped = residual.copy()
     clipped[: 3 * n] = (
-        fitted[: 3 * n] + (deviations_mm * huber_weights(size, limit)[:, None]).ravel()
+        fitted[: 3 * n] + (deviations_mm * compute_huber_weights(size, limit)[:, None]).ravel()
     )
     return clipped

@@ -25,7 +25,7 @@ from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelSta
 from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear import linear_model
-from armd.compensation.estimate.linear.blocks import Blocks, in_blocks
+from armd.compensation.estimate.linear.blocks import Blocks, to_blocks
 from armd.compensation.identify.thermal.terms import growth_terms
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
@@ -58,7 +58,7 @@ def gather_nuisance(
     blocks[TARGETS] = noise_model.make_target_nuisance(linear)
     blocks[DRIFT] = noise_model.make_drift_columns(linear)
     joined = Nuisance(
-        in_blocks([matrix for matrix, _ in blocks.values()], linear.rests.observations.placement),
+        to_blocks([matrix for matrix, _ in blocks.values()], linear.rests.observations.placement),
         np.concatenate([variance for _, variance in blocks.values()]),
     )
     layout = linear_model.Layout(
@@ -80,7 +80,7 @@ def with_other_findings(
     first, stop = layout.identified.stop, layout.mount.start
     variances = map(compute_amplitude_variance, findings, sizes)
     changed = Nuisance(
-        nuisance.columns.replaced(slice(first, stop), columns),
+        nuisance.columns.replace_columns(slice(first, stop), columns),
         np.concatenate([nuisance.variance[:first], *variances, nuisance.variance[stop:]]),
     )
     return changed, layout.with_findings([block.shape[1] for block in columns])

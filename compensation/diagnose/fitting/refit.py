@@ -89,7 +89,7 @@ def make_refits_without(fit: Fit, left_out: Sequence[Mask]) -> list[Refits]:
     there are many placements, and explain for it alone.
     """
     free = np.zeros(fit.layout.blocks.n, dtype=bool)
-    free[fit.layout.blocks.of([PLACEMENTS, DRIFT])] = True
+    free[fit.layout.blocks.find_columns([PLACEMENTS, DRIFT])] = True
     eliminated = free & fit.nuisance.columns.in_one_piece
     shared = _of_shared(fit, eliminated)
     refits = []
@@ -133,12 +133,12 @@ def _shared_equations(
     """Linear problem and right side of the columns *shared*, the fit's *eliminated* columns being
     fitted along, without the rests of each of *left_out*."""
     noise = fit.noise
-    systems = fit.nuisance.columns.products_clear_of(
+    systems = fit.nuisance.columns.compute_products_clear_of(
         eliminated, fit.nuisance.variance, noise.whitener, noise.distance_mm, fit.residual, left_out
     )
     return [
         (
-            LinearModel.of_products(
+            LinearModel.from_products(
                 shared.layout.blocks,
                 products[:-1, :-1],
                 shared.nuisance.variance,
@@ -169,7 +169,7 @@ def solve_with_columns(
     """A fit about the same point, solved anew with other nuisance columns (N, b)."""
     determined = find_determined_columns(problem)
     reduced, solution = problem.only(determined), np.zeros(len(side))
-    solution[determined] = reduced.amplitudes(side[determined])
+    solution[determined] = reduced.solve_amplitudes(side[determined])
     names = [name_block(i) for i in range(len(layout.findings))]
     return replace(
         fit,

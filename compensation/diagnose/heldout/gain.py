@@ -26,7 +26,7 @@ from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.curves import as_written
 from armd.compensation.diagnose.fitting.neighbourhood import compute_scale_factor
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.estimate.folds import blocks_of_postures
+from armd.compensation.estimate.folds import assign_posture_folds
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
 
@@ -102,7 +102,7 @@ def group_readings(observations: Observations) -> I64:
     groups = observations.placement * len(observations.target_names) + observations.target
     truth = observations.has_truth
     if truth.any():
-        blocks = blocks_of_postures(observations.rows(truth), TRUTH_BLOCKS)
+        blocks = assign_posture_folds(observations.rows(truth), TRUTH_BLOCKS)
         groups[truth] = groups.max() + 1 + blocks
     return groups
 
@@ -126,13 +126,13 @@ def compute_left_out_squares(current: Fit, out: Mask, arm: Arm, growth: bool = F
     amplitudes[columns_used] = current.solution[columns_used]
     predicted = current.nuisance.columns.times(amplitudes)[:n]
     for span, strange, columns in as_written(current, out):
-        fitted_columns = current.nuisance.columns.dense(span)[strange]
+        fitted_columns = current.nuisance.columns.to_dense(span)[strange]
         predicted[strange] += (columns - fitted_columns) @ current.solution[span]
     residual = current.raw_residual[:n] - predicted
     # A gross error must not carry its placement away from all the others.
     clipped = current.residual[:n] - predicted
     points = out & ~current.linear.rests.observations.turned
-    for rests, values in current.linear.nuisance.apart:
+    for rests, values in current.linear.nuisance.independent_groups:
         rows = (3 * rests[points[rests]][:, None] + np.arange(3)).ravel()
         pose_columns = values[points[rests]].reshape(len(rows), values.shape[2])
         pose_columns = pose_columns[:, pose_columns.any(axis=0)]

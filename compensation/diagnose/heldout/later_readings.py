@@ -19,7 +19,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.effects.courses import is_drift
-from armd.compensation.estimate.folds import blocks_of_time
+from armd.compensation.estimate.folds import assign_time_folds
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
 
@@ -55,7 +55,7 @@ def split_in_time(observations: Observations) -> I64:
     placement = observations.placement
     numbers = np.unique(placement)
     if len(numbers) < TIME_PARTS:
-        return blocks_of_time(observations.states.time_s, TIME_PARTS)
+        return assign_time_folds(observations.states.time_s, TIME_PARTS)
     begin = np.array([observations.states.time_s[placement == p].min() for p in numbers])
     turn = np.empty(len(numbers), dtype=np.int64)
     turn[np.argsort(begin, kind="stable")] = np.arange(len(numbers))
@@ -74,5 +74,5 @@ def _freeze_drifts(last: Fit, until_s: float, arm: Arm) -> Fit:
     for candidate, span in zip(last.findings, last.layout.findings, strict=True):
         if is_drift(candidate):
             stood = make_finding_columns(replace(linear, rests=rests), [candidate], arm)
-            columns = columns.replaced(span, stood)
+            columns = columns.replace_columns(span, stood)
     return replace(last, nuisance=Nuisance(columns, last.nuisance.variance))

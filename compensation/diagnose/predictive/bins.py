@@ -41,68 +41,68 @@ class Bins:
     kind: VariableKind = "name"
     alike: tuple[str, ...] = ()  # variables whose values go with this one's
 
-    def sums(self, values: F64) -> F64:
+    def sum_over_bins(self, values: F64) -> F64:
         """(B, …) sums over each bin of values (n, …)."""
         sums: F64 = np.add.reduceat(values[self.order], self.starts, axis=0)
         return sums
 
 
-def all_bins(rests: Rests) -> list[Bins]:
+def bin_all_variables(rests: Rests) -> list[Bins]:
     """Bins of every variable that was recorded and varies, over the rests that are points."""
-    every = [bins for bins in _bins(rests) if len(bins.starts) >= LEAST_BINS]
-    return [replace(one, alike=_alike(one, every)) for one in every]
+    every = [bins for bins in _iterate_bins(rests) if len(bins.starts) >= LEAST_BINS]
+    return [replace(bins, alike=_find_inseparable(bins, every)) for bins in every]
 
 
-def _alike(one: Bins, every: list[Bins]) -> tuple[str, ...]:
-    """The temperatures, and the time, that these readings cannot tell from *one* of them: a
+def _find_inseparable(bins: Bins, every: list[Bins]) -> tuple[str, ...]:
+    """The temperatures, and the time, that these readings cannot separate from *bins*: a
     straight line over either leaves no tenth of the other's variance (Marquardt, Technometrics 12,
     1970: a variance inflated tenfold)."""
     return tuple(
-        other.variable
-        for other in every
-        if other is not one and one.values is not None and other.values is not None
-        if {one.kind, other.kind} <= {"temperature", "time"}
-        if _shared_variance(one, other) > INSEPARABLE
+        other_bins.variable
+        for other_bins in every
+        if other_bins is not bins and bins.values is not None and other_bins.values is not None
+        if {bins.kind, other_bins.kind} <= {"temperature", "time"}
+        if _shared_variance(bins, other_bins) > INSEPARABLE
     )
 
 
-def _shared_variance(one: Bins, other: Bins) -> float:
+def _shared_variance(bins: Bins, other_bins: Bins) -> float:
     """Squared correlation over the rests at which both are known."""
-    assert one.values is not None and other.values is not None
-    common, i, j = np.intersect1d(one.order, other.order, return_indices=True)
+    assert bins.values is not None and other_bins.values is not None
+    common, i, j = np.intersect1d(bins.order, other_bins.order, return_indices=True)
     if not len(common):
         return 0.0
-    first = one.values[i] - one.values[i].mean()
-    second = other.values[j] - other.values[j].mean()
+    first = bins.values[i] - bins.values[i].mean()
+    second = other_bins.values[j] - other_bins.values[j].mean()
     squares = float(first @ first) * float(second @ second)
     return float(first @ second) ** 2 / squares if squares > 0.0 else 0.0
 
 
-def _bins(rests: Rests) -> Iterator[Bins]:
+def _iterate_bins(rests: Rests) -> Iterator[Bins]:
     observations = rests.points  # the first of the rests
     states, arm = observations.states, observations.arm
     for k in range(arm.n_joints):
         degrees = np.degrees(states.q[:, k])
-        yield _ordered(f"q{k + 1}", f"joint {k + 1}, °", degrees, "angle", WIDEST_DEG)
+        yield _bin_by_value(f"q{k + 1}", f"joint {k + 1}, °", degrees, "angle", WIDEST_DEG)
     for k in range(arm.n_joints):
-        yield _ordered(f"w{k + 1}", f"rate of joint {k + 1}, rad/s", states.rate[:, k], "rate")
+        yield _bin_by_value(f"w{k + 1}", f"rate of joint {k + 1}, rad/s", states.rate[:, k], "rate")
     for s, name in enumerate(arm.sensors):
-        yield _ordered(name, f"{name}, °C", states.temperature_c[:, s], "temperature")
+        yield _bin_by_value(name, f"{name}, °C", states.temperature_c[:, s], "temperature")
     reference = [s.artefact.reference_temperature_c for s in rests.sessions]
     artefact_c = rests.artefact_rise_c[: observations.n] + np.array(reference)[observations.session]
     read = np.array([np.isfinite(s.artefact_c).any() for s in rests.sessions])
     known_c = np.where(read[observations.session], artefact_c, np.nan)
-    yield _ordered("artefact_c", "artefact, °C", known_c, "temperature")
+    yield _bin_by_value("artefact_c", "artefact, °C", known_c, "temperature")
     hours = (states.time_s - np.nanmin(states.time_s, initial=np.inf)) / 3600.0
-    yield _ordered("time_s", "time since the first reading, h", hours, "time")
-    yield _named("placement", observations.placement, observations.placement_names)
+    yield _bin_by_value("time_s", "time since the first reading, h", hours, "time")
+    yield _bin_by_name("placement", observations.placement, observations.placement_names)
     labels = list(dict.fromkeys(rests.target_label))
     place = np.array([labels.index(label) for label in rests.target_label])
-    yield _named("target", place[observations.target], labels)
-    yield _approach(states.approach)
+    yield _bin_by_name("target", place[observations.target], labels)
+    yield _bin_by_approach(states.approach)
 
 
-def _ordered(
+def _bin_by_value(
     variable: str, title: str, values: F64, kind: VariableKind, widest: float = np.inf
 ) -> Bins:
     """Bins of equal count, or nearly where values tie or a bin would be wider than *widest*."""
@@ -119,15 +119,15 @@ def _ordered(
             starts.append(i)
     if len(starts) > 1 and np.isinf(widest) and len(order) - starts[-1] < count // 2:
         starts.pop()  # the last one takes the rest
-    at = np.array(starts, dtype=np.int64)
-    if not len(at):
-        return Bins(variable, title, order, at, np.zeros(0))
-    counts = np.diff(np.append(at, len(order)))
-    middle = np.add.reduceat(ascending, at) / counts
-    return Bins(variable, title, order, at, middle, values=ascending, kind=kind)
+    bin_starts = np.array(starts, dtype=np.int64)
+    if not len(bin_starts):
+        return Bins(variable, title, order, bin_starts, np.zeros(0))
+    counts = np.diff(np.append(bin_starts, len(order)))
+    middle = np.add.reduceat(ascending, bin_starts) / counts
+    return Bins(variable, title, order, bin_starts, middle, values=ascending, kind=kind)
 
 
-def _named(variable: str, number: I64, names: list[str]) -> Bins:
+def _bin_by_name(variable: str, number: I64, names: list[str]) -> Bins:
     order = np.argsort(number, kind="stable")
     sorted_ = number[order]
     starts = np.flatnonzero(np.diff(sorted_, prepend=-1))
@@ -136,15 +136,17 @@ def _named(variable: str, number: I64, names: list[str]) -> Bins:
     return Bins(variable, variable, order, starts, middle, labels)
 
 
-def _approach(approach: F64) -> Bins:
+def _bin_by_approach(approach: F64) -> Bins:
     """By the nearest of fourteen directions of the base frame: its axes and its octants."""
-    known = np.flatnonzero(np.isfinite(approach).all(axis=1))
-    nearest = np.argmax(approach[known] @ DIRECTIONS.T, axis=1)
-    bins = _named("approach", nearest, [_direction_in_words(one) for one in DIRECTIONS])
-    return replace(bins, title="direction of approach", order=known[bins.order])
+    rests = np.flatnonzero(np.isfinite(approach).all(axis=1))
+    nearest = np.argmax(approach[rests] @ DIRECTIONS.T, axis=1)
+    bins = _bin_by_name(
+        "approach", nearest, [_describe_direction(direction) for direction in DIRECTIONS]
+    )
+    return replace(bins, title="direction of approach", order=rests[bins.order])
 
 
-def _direction_in_words(direction: F64) -> str:
+def _describe_direction(direction: F64) -> str:
     """As "+x −z"."""
     parts = zip(direction, "xyz", strict=True)
     return " ".join(f"{'+' if part > 0 else '−'}{axis}" for part, axis in parts if part)

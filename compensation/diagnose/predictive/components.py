@@ -34,26 +34,26 @@ class Component:
         return self.name.removeprefix("angle ").replace("scale", "scale of")
 
 
-def components(linear: Linear) -> tuple[list[Component], F64]:
+def make_components(linear: Linear) -> tuple[list[Component], F64]:
     """Every component, and the tip's motion (n, 3, K) in mm per unit of each."""
     named = [
-        *_angles(linear),
-        *_leans(linear),
-        *_lengths(linear),
-        *_of_base(linear),
-        *_of_artefact(linear),
+        *_make_angles(linear),
+        *_make_leans(linear),
+        *_make_lengths(linear),
+        *_make_base_components(linear),
+        *_make_artefact_components(linear),
     ]
-    return [one for one, _ in named], np.stack([moves for _, moves in named], axis=2)
+    return [component for component, _ in named], np.stack([moves for _, moves in named], axis=2)
 
 
-def _angles(linear: Linear) -> list[tuple[Component, F64]]:
+def _make_angles(linear: Linear) -> list[tuple[Component, F64]]:
     return [
         (Component(f"angle joint {k + 1}", "angle", f"joint {k + 1}"), linear.joints[:, :, k])
         for k in range(linear.joints.shape[2])
     ]
 
 
-def _leans(linear: Linear) -> list[tuple[Component, F64]]:
+def _make_leans(linear: Linear) -> list[tuple[Component, F64]]:
     """Of each link but the last, whose lean is the stylus' place: about the two axes across that of
     its joint."""
     layout = linear.rests.observations.arm.layout
@@ -67,7 +67,7 @@ def _leans(linear: Linear) -> list[tuple[Component, F64]]:
     ]
 
 
-def _lengths(linear: Linear) -> list[tuple[Component, F64]]:
+def _make_lengths(linear: Linear) -> list[tuple[Component, F64]]:
     """Of each link that has a length, and of the stylus."""
     layout = linear.rests.observations.arm.layout
     bodies = [
@@ -75,18 +75,18 @@ def _lengths(linear: Linear) -> list[tuple[Component, F64]]:
         for k in range(linear.joints.shape[2])
     ]
     bodies.append(("stylus", "tip", layout.indices(TIP_PARAMETERS)))
-    found = []
+    components = []
     for name, place, parameters in bodies:
         parts_mm = linear.model.constants[parameters]
         length_mm = float(np.linalg.norm(parts_mm))
         if length_mm >= SHORTEST_MM:
             column = parts_mm / length_mm @ linear.jacobian[parameters]
             moves = column[: 3 * linear.rests.n].reshape(-1, 3)
-            found.append((Component(f"length {name}", "length", place), moves))
-    return found
+            components.append((Component(f"length {name}", "length", place), moves))
+    return components
 
 
-def _of_base(linear: Linear) -> list[tuple[Component, F64]]:
+def _make_base_components(linear: Linear) -> list[tuple[Component, F64]]:
     layout = linear.rests.observations.arm.layout
     return [
         (Component(f"{axis} base", "length", "base"), column[: 3 * linear.rests.n].reshape(-1, 3))
@@ -96,14 +96,14 @@ def _of_base(linear: Linear) -> list[tuple[Component, F64]]:
     ]
 
 
-def _of_artefact(linear: Linear) -> list[tuple[Component, F64]]:
+def _make_artefact_components(linear: Linear) -> list[tuple[Component, F64]]:
     rests = linear.rests
     scale = linear.artefact_column(ArtefactChange("scale"))[: 3 * rests.n].reshape(-1, 3)
     axes = linear.poses.rotation[rests.observations.placement]  # its columns, in the base frame
     if linear.normal is not None:
         axes = project_on_normals(linear.normal, axes)
-    found = [(Component("scale artefact", "scale", "artefact"), scale)]
-    return found + [
+    components = [(Component("scale artefact", "scale", "artefact"), scale)]
+    return components + [
         (Component(f"{axis} artefact", "length", "artefact"), axes[:, :, i])
         for i, axis in enumerate("xyz")
     ]

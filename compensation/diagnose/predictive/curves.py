@@ -26,17 +26,17 @@ from armd.compensation.diagnose.constants import (
     SHARE_OF_NAMES,
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.predictive.bins import Bins, all_bins
-from armd.compensation.diagnose.predictive.components import Component, components
+from armd.compensation.diagnose.predictive.bins import Bins, bin_all_variables
+from armd.compensation.diagnose.predictive.components import Component, make_components
 from armd.compensation.diagnose.predictive.moments import Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
 from armd.compensation.diagnose.predictive.scores import compute_misfit, compute_scores
 from armd.compensation.diagnose.predictive.strength import (
     Strength,
+    compute_strength,
     compute_strengths_of_pairs,
-    features,
-    lines_together,
-    strength,
+    make_features,
+    make_lines,
 )
 from armd.compensation.diagnose.predictive.waves import make_waves
 
@@ -79,12 +79,15 @@ class ResidualComparison:
     def order(self) -> tuple[float, bool]:
         """What comparisons are sorted by: what stands out most stands first. What is the same all
         over is of the time since the calibration."""
-        found, name = self.before.strength, self.bins.variable
-        if name != "time_s" and found.best <= (1.0 + SHARE_BEYOND) * found.flat + BEYOND_FLAT:
-            return (-round(found.flat, ORDER_DIGITS), True)
+        strength, name = self.before.strength, self.bins.variable
+        if name != "time_s" and strength.best <= (1.0 + SHARE_BEYOND) * strength.flat + BEYOND_FLAT:
+            return (-round(strength.flat, ORDER_DIGITS), True)
         if self.bins.kind == "name":
-            return (-round((1.0 - SHARE_OF_NAMES) * found.best - BEYOND_VALUES, ORDER_DIGITS), True)
-        return (-round(found.best, ORDER_DIGITS), name != "time_s")
+            return (
+                -round((1.0 - SHARE_OF_NAMES) * strength.best - BEYOND_VALUES, ORDER_DIGITS),
+                True,
+            )
+        return (-round(strength.best, ORDER_DIGITS), name != "time_s")
 
     def as_json(self) -> dict[str, str | float | list[str]]:
         """An entry of `predictive`."""
@@ -108,80 +111,93 @@ def compare(diagnosis: Diagnosis) -> list[ResidualComparison]:
     of noise most under the model under test stands first."""
     search = diagnosis.search
     last = search.last
-    bins = all_bins(last.linear.rests)
+    variables = bin_all_variables(last.linear.rests)
     fitted = refit(last, last.noise)
-    scale = _noise_scale(fitted)
-    after = _curves(fitted, bins, scale)
+    scale = _compute_noise_scale(fitted)
+    after = _make_curves(fitted, variables, scale)
     alike = not last.findings and search.first is last
-    before = after if alike else _curves(refit(search.first, last.noise), bins, scale)
-    named, _ = components(last.linear)
-    places = [(one, component) for one in bins for component in named]
-    made = [
-        ResidualComparison(one, component, first, second)
-        for (one, component), first, second in zip(places, before, after, strict=True)
+    before = after if alike else _make_curves(refit(search.first, last.noise), variables, scale)
+    named, _ = make_components(last.linear)
+    places = [(bins, component) for bins in variables for component in named]
+    comparisons = [
+        ResidualComparison(bins, component, first, second)
+        for (bins, component), first, second in zip(places, before, after, strict=True)
     ]
-    return sorted(made, key=lambda one: one.order)
+    return sorted(comparisons, key=lambda comparison: comparison.order)
 
 
-def _noise_scale(last: Refitted) -> F64:
+def _compute_noise_scale(last: Refitted) -> F64:
     """(K,) by how much more the last fit's residuals scatter along each component than drawn sets
     do: the noise found is right over all, not along each."""
-    _, moves = components(last.fit.linear)
-    measured = (np.einsum("nij,ni->jn", moves, last.left_mm) ** 2).sum(axis=1)
-    sets = next(last.replicates())
+    _, moves = make_components(last.fit.linear)
+    measured = (np.einsum("nij,ni->jn", moves, last.residual_mm) ** 2).sum(axis=1)
+    sets = next(last.draw_replicates())
     drawn = (np.einsum("ni,nir->nr", along, sets) for along in moves.transpose(2, 0, 1))
     expected = np.array([(along**2).sum(axis=0).mean() for along in drawn])
     scale: F64 = np.sqrt(np.maximum(measured, LEAST_SUM) / np.maximum(expected, LEAST_SUM))
     return scale
 
 
-def _curves(model: Refitted, bins: list[Bins], scale: F64) -> list[ResidualCurve]:
+def _make_curves(model: Refitted, variables: list[Bins], scale: F64) -> list[ResidualCurve]:
     """Bins by bins, component by component, whose noise is so many times that found."""
-    named, moves = components(model.fit.linear)  # (n, 3, K)
+    named, moves = make_components(model.fit.linear)  # (n, 3, K)
     square = (moves**2).sum(axis=1)
     count = moves.shape[2]
-    drawn = [Moments(one.order, one.starts, len(moves), count) for one in bins]
-    for left in model.replicates():
+    drawn = [Moments(bins.order, bins.starts, len(moves), count) for bins in variables]
+    for residual_mm in model.draw_replicates():
         for k in range(count):  # one after the other: all together are large
-            along = np.einsum("ni,nir->nr", scale[k] * moves[:, :, k], left)
-            for kept in drawn:
-                kept.add(k, along)
-    measured = np.einsum("nij,ni->nj", moves, model.left_mm)
-    most = max((size for one in bins if (size := len(one.starts)) <= MOST_TOGETHER), default=0)
-    normal: F32 = np.random.default_rng(CURVES_SEED).normal(size=(most, CURVES)).astype(np.float32)
-    found = []
-    for one, kept, strong in zip(bins, drawn, _strengths(model, bins, named, moves), strict=True):
-        levers = np.maximum(one.sums(square), LEAST_SQUARE)  # (B, K)
-        sums = kept.sums(measured)
-        found += [
-            _curve(one, levers[:, k], sums[:, k], kept, k, normal, strong[k]) for k in range(count)
+            along = np.einsum("ni,nir->nr", scale[k] * moves[:, :, k], residual_mm)
+            for moments in drawn:
+                moments.add(k, along)
+    measured = np.einsum("nij,ni->nj", moves, model.residual_mm)
+    max_bins = max(
+        (size for bins in variables if (size := len(bins.starts)) <= MOST_TOGETHER), default=0
+    )
+    normal: F32 = (
+        np.random.default_rng(CURVES_SEED).normal(size=(max_bins, CURVES)).astype(np.float32)
+    )
+    curves = []
+    for bins, moments, strong in zip(
+        variables, drawn, _compute_strengths(model, variables, named, moves), strict=True
+    ):
+        levers = np.maximum(bins.sum_over_bins(square), LEAST_SQUARE)  # (B, K)
+        sums = moments.sum_over_bins(measured)
+        curves += [
+            _make_curve(bins, levers[:, k], sums[:, k], moments, k, normal, strong[k])
+            for k in range(count)
         ]
-    return found
+    return curves
 
 
-def _strengths(
-    model: Refitted, bins: list[Bins], named: list[Component], moves: F64
+def _compute_strengths(
+    model: Refitted, variables: list[Bins], named: list[Component], moves: F64
 ) -> list[list[Strength]]:
     """Of each of the bins, of each component."""
-    warm = [one for one in bins if one.kind == "temperature" and one.variable != "artefact_c"]
-    lines = lines_together(warm, len(moves))
+    warm = [
+        bins for bins in variables if bins.kind == "temperature" and bins.variable != "artefact_c"
+    ]
+    lines = make_lines(warm, len(moves))
     rests, none = np.arange(len(moves)), np.zeros(0, dtype=np.int64)
-    curves, waves = [features(one) for one in bins], make_waves(bins, len(moves))
+    curves, waves = [make_features(bins) for bins in variables], make_waves(variables, len(moves))
     misfit = compute_misfit(model)
-    found: list[list[Strength]] = [[] for _ in bins]
+    strengths: list[list[Strength]] = [[] for _ in variables]
     for component, score in zip(named, compute_scores(model, moves), strict=True):
         joint: dict[str, float] = {}
         if len(warm) > 1:
-            joint |= compute_strengths_of_pairs(warm, *score.over(lines, rests, none), misfit)
+            joint |= compute_strengths_of_pairs(warm, *score.sum_over(lines, rests, none), misfit)
         if component.name.startswith("angle"):
             joint |= waves.strengths(score, component.name.replace("angle joint ", "q"), misfit)
-        for one, curve, kept in zip(bins, curves, found, strict=True):
-            also = joint.get(one.variable, -np.inf)
-            kept.append(strength(one, *score.over(curve, one.order, one.starts), misfit, also))
-    return found
+        for bins, curve, strengths_of_bins in zip(variables, curves, strengths, strict=True):
+            also = joint.get(bins.variable, -np.inf)
+            strengths_of_bins.append(
+                compute_strength(
+                    bins, *score.sum_over(curve, bins.order, bins.starts), misfit, also
+                )
+            )
+    return strengths
 
 
-def _curve(
+def _make_curve(
     bins: Bins, lever: F64, sums: F64, drawn: Moments, k: int, normal: F32, strong: Strength
 ) -> ResidualCurve:
     """Of the component *k*, by measured *sums* (B,)."""
@@ -194,8 +210,8 @@ def _curve(
         -band,
         band,
         outside,
-        _p_value(outside, moments, normal),
-        (drawn.shown[k] / lever[:, None]).T,
+        _compute_p_value(outside, moments, normal),
+        (drawn.first_sums[k] / lever[:, None]).T,
         drawn.draws,
         lever,
         len(bins.order),
@@ -203,12 +219,12 @@ def _curve(
     )
 
 
-def _p_value(outside: float, moments: F64, normal: F32) -> float:
+def _compute_p_value(outside: float, moments: F64, normal: F32) -> float:
     """That a curve of noise has so large a share *outside* its band: of curves drawn by the
     covariance (B, B) of the sets, or of independent bins (B,)."""
     if moments.ndim == 1:
-        least = round(outside * len(moments))
-        return float(bdtrc(least - 1, len(moments), BEYOND)) if least else 1.0
+        n_outside = round(outside * len(moments))
+        return float(bdtrc(n_outside - 1, len(moments), BEYOND)) if n_outside else 1.0
     sigma = np.sqrt(np.maximum(np.diag(moments), LEAST_POSITIVE))
     root, turned = np.linalg.eigh(moments / np.outer(sigma, sigma))
     factor = (turned * np.sqrt(np.maximum(root, 0.0))).astype(np.float32)

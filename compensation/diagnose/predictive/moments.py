@@ -22,18 +22,18 @@ class Moments:
         shape = (components, size, size) if self._together else (components, size)
         self._sum: F64 = np.zeros(shape)
         self._draws = np.zeros(components, dtype=np.int64)
-        self.shown: F64 = np.zeros((components, size, SETS_SHOWN))  # sums of the first sets
+        self.first_sums: F64 = np.zeros((components, size, SETS_SHOWN))  # sums of the first sets
 
-    def sums(self, along: F64) -> F64:
+    def sum_over_bins(self, along: F64) -> F64:
         """(B, …) of residuals (n, …)."""
         sums: F64 = self._is_in @ along
         return sums
 
     def add(self, component: int, along: F64) -> None:
         """Residuals (n, r) of drawn sets more."""
-        sums = self.sums(along)
+        sums = self.sum_over_bins(along)
         if not self._draws[component]:
-            self.shown[component] = sums[:, :SETS_SHOWN]
+            self.first_sums[component] = sums[:, :SETS_SHOWN]
         self._sum[component] += sums @ sums.T if self._together else (sums**2).sum(axis=1)
         self._draws[component] += sums.shape[1]
 

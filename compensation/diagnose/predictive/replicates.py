@@ -33,7 +33,7 @@ class Refitted:
     """A model's fit under one noise: what it leaves of the data, and of whatever is drawn."""
 
     fit: Fit
-    left_mm: F64  # (n, 3) of the data
+    residual_mm: F64  # (n, 3) of the data
 
     @property
     def draws(self) -> int:
@@ -43,35 +43,35 @@ class Refitted:
         )
         return DRAWS_AT_ONCE * (int(min(max(fitting, LEAST_DRAWS), MOST_DRAWS)) // DRAWS_AT_ONCE)
 
-    def replicates(self) -> Iterator[F64]:
+    def draw_replicates(self) -> Iterator[F64]:
         """(n, 3, r) mm left of drawn sets, some at a time; the same at each call."""
         rng = np.random.default_rng(DRAWS_SEED)
         for _ in range(self.draws // DRAWS_AT_ONCE):
-            drawn = self._drawn(rng, DRAWS_AT_ONCE)
-            taken = self.fit.problem.amplitudes(self.fit.across(drawn))
-            left = drawn - self.fit.nuisance.columns.times(taken)
+            drawn = self._draw(rng, DRAWS_AT_ONCE)
+            amplitudes = self.fit.problem.solve_amplitudes(self.fit.across(drawn))
+            residual_mm = drawn - self.fit.nuisance.columns.times(amplitudes)
             n = self.fit.linear.rests.n
-            yield left[: 3 * n].reshape(n, 3, DRAWS_AT_ONCE)
+            yield residual_mm[: 3 * n].reshape(n, 3, DRAWS_AT_ONCE)
 
-    def _drawn(self, rng: np.random.Generator, count: int) -> F64:
+    def _draw(self, rng: np.random.Generator, count: int) -> F64:
         """(N, count) mm: each rest's own noise, what copies of a posture share, certified lengths,
         targets, the base's drift, and a given calibration within its covariance."""
         fit, noise = self.fit, self.fit.noise
         n, posture = fit.linear.rests.n, fit.linear.rests.posture
-        own = rng.normal(size=(n, 3, count))
+        independent = rng.normal(size=(n, 3, count))
         common = rng.normal(size=(int(posture.max()) + 1, 3, count))[posture]
         part = noise.shared_part
-        unit = np.sqrt(part) * common + np.sqrt(1.0 - part) * own
+        unit = np.sqrt(part) * common + np.sqrt(1.0 - part) * independent
         deviation = noise.roots
         lengths = noise.distance_mm[:, None] * rng.normal(size=(len(noise.distance_mm), count))
         drawn = np.concatenate([(deviation @ unit).reshape(3 * n, count), lengths])
         amplitudes = np.zeros((fit.nuisance.columns.size, count))
-        at = [slice(fit.layout.shared, None)]
+        slices = [slice(fit.layout.shared, None)]
         if fit.baseline.is_given:
-            at.append(fit.layout.identified)
-        for some in at:
-            sigma = np.sqrt(fit.nuisance.variance[some])
-            amplitudes[some] = sigma[:, None] * rng.normal(size=(len(sigma), count))
+            slices.append(fit.layout.identified)
+        for columns in slices:
+            sigma = np.sqrt(fit.nuisance.variance[columns])
+            amplitudes[columns] = sigma[:, None] * rng.normal(size=(len(sigma), count))
         shaken: F64 = drawn + fit.nuisance.columns.times(amplitudes)
         return shaken
 
@@ -86,7 +86,7 @@ def refit(fit: Fit, noise: RestNoise) -> Refitted:
     problem, side = make_normal_equations(
         nuisance.columns, nuisance, fit.layout, noise, fit.residual
     )
-    solution = problem.amplitudes(side)
+    solution = problem.solve_amplitudes(side)
     fitted = nuisance.columns.times(solution)
     again = replace(
         fit, noise=noise, nuisance=nuisance, problem=problem, solution=solution, fitted=fitted

@@ -27,7 +27,7 @@ class Score:
     square: F64  # (n,) of the component's motion
     absorbed: F64  # (n, r) what absorbs takes of it, along apart directions
 
-    def over(self, features: F64, order: I64, starts: I64) -> tuple[F64, Scatter]:
+    def sum_over(self, features: F64, order: I64, starts: I64) -> tuple[F64, Scatter]:
         """Sums (m + B,) over features (k, m) and bins of the rests in *order*, and how they scatter
         where there is noise alone; of too many bins, each by itself and no feature."""
         together = features.shape[1] + len(starts) <= MOST_TOGETHER
@@ -35,27 +35,29 @@ class Score:
         square = self.square[order]
         weighed = columns * square[:, None]
 
-        def sums(values: F64) -> F64:
+        def compute_sums(values: F64) -> F64:
             parts = [columns.T @ values]
             if len(starts):
                 parts.append(np.add.reduceat(values, starts, axis=0))
             return np.concatenate(parts)
 
-        absorbed = sums(self.absorbed[order])
+        absorbed = compute_sums(self.absorbed[order])
         count = columns.shape[1]
         if not together:
-            free = sums(square)
-            return sums(self.product[order]), Scatter(free - (absorbed**2).sum(axis=1), free)
+            free = compute_sums(square)
+            return compute_sums(self.product[order]), Scatter(
+                free - (absorbed**2).sum(axis=1), free
+            )
         information = np.zeros((count + len(starts),) * 2)
-        information[:, :count] = sums(weighed)
+        information[:, :count] = compute_sums(weighed)
         information[:count, count:] = information[count:, :count].T
         if len(starts):
             diagonal = count + np.arange(len(starts))
             information[diagonal, diagonal] = np.add.reduceat(square, starts)
         free = np.diag(information).copy()
-        return sums(self.product[order]), Scatter(information - absorbed @ absorbed.T, free)
+        return compute_sums(self.product[order]), Scatter(information - absorbed @ absorbed.T, free)
 
-    def along(self, shapes: F64) -> tuple[F64, Scatter]:
+    def sum_along(self, shapes: F64) -> tuple[F64, Scatter]:
         """Of each shape (s, n, m) the sums (s, m), and how they scatter."""
         turned = shapes.transpose(0, 2, 1)
         information = turned @ (shapes * self.square[:, None])

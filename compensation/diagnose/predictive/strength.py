@@ -33,18 +33,18 @@ class Misfit:
     square: float  # χ² by the noise that was found
     freedom: float  # what it would be of noise alone
 
-    def gain(self, explained: F64 | float) -> F64:
+    def compute_gain(self, explained: F64 | float) -> F64:
         """Twice the log likelihood that a curve gains which explains so much of χ², by the noise
         found or, where more is left, by what is left."""
-        gain: F64 = self._cost(self.square) - self._cost(self.square - explained)
+        gain: F64 = self._compute_cost(self.square) - self._compute_cost(self.square - explained)
         return gain
 
-    def _cost(self, square: F64 | float) -> F64:
+    def _compute_cost(self, square: F64 | float) -> F64:
         over = np.maximum(square / self.freedom, 1.0)
         cost: F64 = self.freedom * np.log(over) + square / over
         return cost
 
-    def price(self, unknowns: I64 | int, searched: int = 1) -> F64:
+    def compute_price(self, unknowns: I64 | int, searched: int = 1) -> F64:
         """Of so many unknowns, and of the best of so many shapes."""
         price: F64 = unknowns * np.log(self.freedom) + 2.0 * np.log(max(searched, 1))
         return price
@@ -63,7 +63,7 @@ class Strength:
         return float(np.sqrt(max(self.best, 0.0)))
 
 
-def features(bins: Bins) -> F64:
+def make_features(bins: Bins) -> F64:
     """(k, m) functions of a variable at the rests in its bins' order; the first is flat."""
     values = bins.values
     flat = np.ones((len(bins.order), 1))
@@ -71,26 +71,26 @@ def features(bins: Bins) -> F64:
         return flat
     if bins.kind == "rate":
         x = values / max(float(np.abs(values).max()), LEAST_POSITIVE)
-        return _across(np.column_stack([flat, x, np.abs(x), np.sign(x)]))
-    x = _scaled(values)
+        return _orthogonalise(np.column_stack([flat, x, np.abs(x), np.sign(x)]))
+    x = _scale_to_unit(values)
     if bins.kind == "angle":
         turn = np.radians(values)
         harmonics = [wave(order * turn) for order in (1, 2) for wave in (np.cos, np.sin)]
-        return _across(np.column_stack([flat, *harmonics, x]))
-    return _across(np.column_stack([flat, x, x**2, x**3]))
+        return _orthogonalise(np.column_stack([flat, *harmonics, x]))
+    return _orthogonalise(np.column_stack([flat, x, x**2, x**3]))
 
 
-def _across(columns: F64) -> F64:
+def _orthogonalise(columns: F64) -> F64:
     """Each of *columns* without what those before it have, of mean square 1; one that has nothing
     of its own is 0."""
     length = np.linalg.norm(columns, axis=0)
     basis, upper = np.linalg.qr(columns)
-    own = np.abs(np.diag(upper)) > DEPENDENT_SHARE * length
-    apart: F64 = basis * own * np.sqrt(len(columns))
-    return apart
+    is_independent = np.abs(np.diag(upper)) > DEPENDENT_SHARE * length
+    orthogonal: F64 = basis * is_independent * np.sqrt(len(columns))
+    return orthogonal
 
 
-def shapes(bins: Bins, count: int) -> list[I64]:
+def list_shapes(bins: Bins, count: int) -> list[I64]:
     """Places of each shape in the vector of a variable's features, *count*, and then its bins."""
     first = SHAPES_BY_KIND.get(bins.kind, ()) if bins.values is not None else ()
     every = count + np.arange(len(bins.starts))
@@ -104,29 +104,36 @@ class Scatter:
     covariance: F64  # (m, m); or variances (m,) of sums taken as independent
     unabsorbed: F64  # (m,) variances if nothing absorbed any of them
 
-    def of(self, at: I64) -> Scatter:
+    def select(self, places: I64) -> Scatter:
         """Of some of the sums."""
-        return Scatter(self.covariance[np.ix_(at, at)], self.unabsorbed[at])
+        return Scatter(self.covariance[np.ix_(places, places)], self.unabsorbed[places])
 
-    def along(self, shape: F64) -> Scatter:
+    def combine(self, shape: F64) -> Scatter:
         """Of sums (…, k) of these sums that are apart from each other, by rows (…, k, m)."""
         covariance = shape @ self.covariance @ np.swapaxes(shape, -1, -2)
         return Scatter(covariance, shape**2 @ self.unabsorbed)
 
 
-def strength(
+def compute_strength(
     bins: Bins, values: F64, scatter: Scatter, misfit: Misfit, joint: float = -np.inf
 ) -> Strength:
     """Of a variable's *values* (m + B,); *joint*: what it explains with another of its kind."""
     if scatter.covariance.ndim == 1:
         return _compute_strength_of_many(values, scatter, misfit)
     count = len(values) - len(bins.starts)
-    tried = [beyond(values[at], scatter.of(at), misfit) for at in shapes(bins, count)]
+    tried = [
+        score_shape(values[places], scatter.select(places), misfit)
+        for places in list_shapes(bins, count)
+    ]
     if bins.kind == "time":
         every = np.arange(count, len(values))
-        tried.append(_step(values[every], scatter.of(every), misfit))
+        tried.append(_score_best_step(values[every], scatter.select(every), misfit))
     if bins.kind == "name":
-        tried.append(_single(values[count:], scatter.of(np.arange(count, len(values))), misfit))
+        tried.append(
+            _score_largest_bin(
+                values[count:], scatter.select(np.arange(count, len(values))), misfit
+            )
+        )
     return Strength(max(joint, *tried), tried[0])
 
 
@@ -134,76 +141,76 @@ def _compute_strength_of_many(values: F64, scatter: Scatter, misfit: Misfit) -> 
     """Of more bins than are taken together."""
     is_clear = scatter.covariance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
     total = max(float(scatter.covariance.sum()), LEAST_POSITIVE)
-    flat = float(misfit.gain(float(values.sum()) ** 2 / total) - misfit.price(1))
+    flat = float(misfit.compute_gain(float(values.sum()) ** 2 / total) - misfit.compute_price(1))
     square = float((values[is_clear] ** 2 / scatter.covariance[is_clear]).sum())
-    every = float(misfit.gain(square) - misfit.price(int(is_clear.sum())))
+    every = float(misfit.compute_gain(square) - misfit.compute_price(int(is_clear.sum())))
     return Strength(max(every, flat), flat)
 
 
-def beyond(values: F64, scatter: Scatter, misfit: Misfit, searched: int = 1) -> float:
+def score_shape(values: F64, scatter: Scatter, misfit: Misfit, searched: int = 1) -> float:
     """Of a shape with *values* (m,), the best of so many *searched*."""
     single = Scatter(scatter.covariance[None], scatter.unabsorbed[None])
-    return float(each_beyond(values[None], single, misfit, searched)[0])
+    return float(score_shapes(values[None], single, misfit, searched)[0])
 
 
-def each_beyond(values: F64, scatter: Scatter, misfit: Misfit, searched: int) -> F64:
+def score_shapes(values: F64, scatter: Scatter, misfit: Misfit, searched: int) -> F64:
     """(s,) of each of some shapes with *values* (s, m), the best of so many *searched*."""
     scale = np.sqrt(np.maximum(scatter.unabsorbed, LEAST_POSITIVE))
     root, turned = np.linalg.eigh(scatter.covariance / (scale[:, :, None] * scale[:, None]))
     is_clear = root > LEAST_VARIANCE_SHARE
     along = np.einsum("sij,si->sj", turned, values / scale)
     explained = np.where(is_clear, along**2 / np.where(is_clear, root, 1.0), 0.0).sum(axis=1)
-    return misfit.gain(explained) - misfit.price(is_clear.sum(axis=1), searched)
+    return misfit.compute_gain(explained) - misfit.compute_price(is_clear.sum(axis=1), searched)
 
 
-def lines_together(bins: Sequence[Bins], rests: int) -> F64:
+def make_lines(variables: Sequence[Bins], rests: int) -> F64:
     """(n, 1 + S) flat, and a straight line over each of several variables."""
-    lines = np.zeros((rests, 1 + len(bins)))
+    lines = np.zeros((rests, 1 + len(variables)))
     lines[:, 0] = 1.0
-    for i, one in enumerate(bins, 1):
-        if one.values is not None:
-            lines[one.order, i] = _scaled(one.values)
+    for i, bins in enumerate(variables, 1):
+        if bins.values is not None:
+            lines[bins.order, i] = _scale_to_unit(bins.values)
     lines[:, 1:] -= lines[:, 1:].mean(axis=0)
     return lines
 
 
 def compute_strengths_of_pairs(
-    bins: Sequence[Bins], values: F64, scatter: Scatter, misfit: Misfit
+    variables: Sequence[Bins], values: F64, scatter: Scatter, misfit: Misfit
 ) -> dict[str, float]:
     """Of straight lines (1 + S,) over two variables together, for the one of each pair that
     explains more by itself: a difference of two temperatures is explained by neither."""
 
-    def part(places: list[int], searched: int = 1) -> float:
-        return beyond(values[places], scatter.of(np.array(places)), misfit, searched)
+    def score_lines(places: list[int], searched: int = 1) -> float:
+        return score_shape(values[places], scatter.select(np.array(places)), misfit, searched)
 
-    by_itself = [part([0, i]) for i in range(1, len(values))]
-    found: dict[str, float] = {}
-    for i, j in combinations(range(len(bins)), 2):
-        name = bins[i if by_itself[i] >= by_itself[j] else j].variable
-        together = part([0, i + 1, j + 1], len(bins) - 1)
-        found[name] = max(found.get(name, -np.inf), together)
-    return found
+    by_itself = [score_lines([0, i]) for i in range(1, len(values))]
+    strengths: dict[str, float] = {}
+    for i, j in combinations(range(len(variables)), 2):
+        name = variables[i if by_itself[i] >= by_itself[j] else j].variable
+        together = score_lines([0, i + 1, j + 1], len(variables) - 1)
+        strengths[name] = max(strengths.get(name, -np.inf), together)
+    return strengths
 
 
-def _step(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
+def _score_best_step(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
     """Of the best step between two of the bins."""
     count = len(sums)
     if count < 2:
         return -np.inf
     before = np.tri(count - 1, count)
     sides = np.stack([before, 1.0 - before], axis=1)
-    return float(each_beyond(sides @ sums, scatter.along(sides), misfit, count - 1).max())
+    return float(score_shapes(sides @ sums, scatter.combine(sides), misfit, count - 1).max())
 
 
-def _single(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
+def _score_largest_bin(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
     """Of the one bin that stands out most by itself: a target that was loosened."""
     variance = np.diag(scatter.covariance)
-    known = variance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
-    square = np.where(known, sums**2 / np.maximum(variance, LEAST_POSITIVE), 0.0)
-    return float(misfit.gain(float(square.max())) - misfit.price(1, len(sums)))
+    is_clear = variance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
+    square = np.where(is_clear, sums**2 / np.maximum(variance, LEAST_POSITIVE), 0.0)
+    return float(misfit.compute_gain(float(square.max())) - misfit.compute_price(1, len(sums)))
 
 
-def _scaled(values: F64) -> F64:
+def _scale_to_unit(values: F64) -> F64:
     """To −1 … 1."""
     scaled: F64 = 2.0 * (values - values.min()) / max(float(np.ptp(values)), LEAST_POSITIVE) - 1.0
     return scaled

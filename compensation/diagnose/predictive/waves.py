@@ -15,7 +15,7 @@ from armd.arrays import F64
 from armd.compensation.diagnose.constants import WAVES
 from armd.compensation.diagnose.predictive.bins import Bins
 from armd.compensation.diagnose.predictive.scores import Score
-from armd.compensation.diagnose.predictive.strength import Misfit, each_beyond
+from armd.compensation.diagnose.predictive.strength import Misfit, score_shapes
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Waves:
         """Of the variables, for a component along a *joint*'s motion, as "q2"; of its angle with a
         neighbour's, for the one that explains more by itself."""
         strengths = {
-            name: float(each_beyond(*score.along(shapes), misfit, WAVES).max())
+            name: float(score_shapes(*score.sum_along(shapes), misfit, WAVES).max())
             for name, shapes in self.single.items()
         }
         single_strengths = dict(strengths)
@@ -37,7 +37,9 @@ class Waves:
         for names in pairs:
             name = max(names, key=lambda name: single_strengths[name])
             searched = 2 * WAVES * len(pairs)
-            pair_strength = each_beyond(*score.along(self.pairs[names]), misfit, searched).max()
+            pair_strength = score_shapes(
+                *score.sum_along(self.pairs[names]), misfit, searched
+            ).max()
             strengths[name] = max(strengths[name], float(pair_strength))
         return strengths
 

@@ -65,8 +65,11 @@ class Fit:
         of it, and of what rests share (a base that wanders, certified positions) what a placement
         does not follow. From session to session a base may wander far, and no residual shows it.
         """
-        free, shared = self.layout.blocks.of([PLACEMENTS]), slice(self.layout.shared, None)
-        absorbed = self.problem.only(free).amplitudes(self.problem.gram[free, shared])
+        free, shared = (
+            self.layout.blocks.find_columns([PLACEMENTS]),
+            slice(self.layout.shared, None),
+        )
+        absorbed = self.problem.only(free).solve_amplitudes(self.problem.gram[free, shared])
         # |shared − free · taken|² by products of the columns, of the rests alone, in mm².
         points = ~self.linear.rests.observations.turned
         rests = points[:, None, None] * np.eye(3)
@@ -86,17 +89,19 @@ class Fit:
         What rests share by chance (certified targets, a slow drift) is noise: it weighs, but what
         it could take up is still the finding's.
         """
-        moves = -self.nuisance.columns.dense(self.layout.findings[index]) @ self.amplitudes[index]
+        moves = (
+            -self.nuisance.columns.to_dense(self.layout.findings[index]) @ self.amplitudes[index]
+        )
         return self._net(name_block(index), moves)
 
     def net_growth(self) -> F64:
         """Motion (n, 3) in mm of the tip by the first link's growth, clear of all else."""
         span = self.layout.mount
-        return self._net(MOUNT, self.nuisance.columns.dense(span) @ self.solution[span])
+        return self._net(MOUNT, self.nuisance.columns.to_dense(span) @ self.solution[span])
 
     def _net(self, block: str, moves: F64) -> F64:
-        keep = self.layout.blocks.but([block])
-        absorbed = self.problem.only(keep).amplitudes(self.across(moves)[keep])
+        keep = self.layout.blocks.find_other_columns([block])
+        absorbed = self.problem.only(keep).solve_amplitudes(self.across(moves)[keep])
         model = keep < self.layout.shared
         amplitudes = np.zeros(len(self.solution))
         amplitudes[keep[model]] = absorbed[model]

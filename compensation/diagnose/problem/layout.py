@@ -83,6 +83,8 @@ def select_findings(layout: FitLayout, numbers: Sequence[int]) -> tuple[I64, Fit
     """Which nuisance columns stay with the findings of these *numbers*, and their layout."""
     names = [name for name, _ in layout.blocks.sizes]
     finding_names = [name_block(i) for i in numbers]
-    columns = layout.blocks.of([*names[:BLOCKS_BEFORE], *finding_names, *names[-BLOCKS_AFTER:]])
+    columns = layout.blocks.find_columns(
+        [*names[:BLOCKS_BEFORE], *finding_names, *names[-BLOCKS_AFTER:]]
+    )
     sizes = dict(layout.blocks.sizes)
     return columns, layout.with_findings([sizes[name] for name in finding_names])

@@ -18,7 +18,7 @@ from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.observations import TURN_MM, Observations
 from armd.compensation.estimate.poses import Poses
 from armd.compensation.estimate.surface_kinds import POINT
-from armd.compensation.estimate.surfaces import planes_together, project_on_normals
+from armd.compensation.estimate.surfaces import group_planes, project_on_normals
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
@@ -115,7 +115,7 @@ class Linear:
     def _placed_mm(self) -> F64:
         """(n, 3) where the tip should stand, in the base frame."""
         observations = self.rests.observations
-        placed = self.poses.target_points(observations)
+        placed = self.poses.compute_target_points(observations)
         if self.normal is not None:
             off = self.residual[: 3 * self.rests.n].reshape(-1, 3)
             placed = np.where(observations.on_surface[:, None], self.position_mm - off, placed)
@@ -133,7 +133,7 @@ class Linear:
             moves = self._motions(change.index)[change.axis, change.after :]
             column[3 * later[:, None] + np.arange(3)] = -moves
             return column
-        target_mm = observations.known_mm(self.poses.target_mm)
+        target_mm = observations.get_known_mm(self.poses.target_mm)
         if change.kind == "expansion":
             move = self._from_still_mm * self.rests.artefact_rise_c[:, None]
         elif change.kind == "warmth":
@@ -178,9 +178,9 @@ class Linear:
             seats = seats[observations.kind[seats] == POINT]
             if len(seats):
                 target_mm[seats] -= target_mm[seats].mean(axis=0)
-        for body in planes_together(observations):
+        for body in group_planes(observations):
             target_mm[body] -= target_mm[body].mean(axis=0)
-        return observations.known_mm(target_mm)
+        return observations.get_known_mm(target_mm)
 
     def artefact_columns(self, changes: Sequence[ArtefactChange]) -> Blocks:
         """The columns of several changes; of one placement that was moved, in that placement."""

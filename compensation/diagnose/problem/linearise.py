@@ -9,7 +9,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import LEAST_LENGTH_MM
 from armd.compensation.diagnose.problem.linear import Linear, ModelState, Rests
-from armd.compensation.estimate.linear.blocks import Blocks, Piece, in_blocks
+from armd.compensation.estimate.linear.blocks import Blocks, Piece, to_blocks
 from armd.compensation.estimate.linearise import Linearisation, linearise_as_read
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.surface_kinds import FREEDOM, PLANE
@@ -37,7 +37,7 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     n, distances = observations.n, observations.distances
     parameters = np.zeros((linearisation.jacobian.shape[2], 3 * n + len(distances.length_mm)))
     parameters[:, : 3 * n] = linearisation.jacobian.reshape(3 * n, -1).T
-    length, direction = linearisation.poses.apart(distances.between)
+    length, direction = linearisation.poses.measure_distances(distances.between)
     flat = observations.kind[distances.between[:, 0]] == PLANE  # its third coordinate is all of it
     direction[flat, :2] = 0.0
     nuisance: list[F64 | Blocks] = [
@@ -53,7 +53,7 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
         residual=np.append(linearisation.residual_mm.ravel(), length - distances.length_mm),
         jacobian=parameters,
         joints=np.ascontiguousarray(linearisation.joints),
-        nuisance=in_blocks(nuisance, observations.placement),
+        nuisance=to_blocks(nuisance, observations.placement),
         position_mm=linearisation.position_mm,
         normal=_normals(linearisation),
     )
@@ -120,7 +120,7 @@ def _normals(linearisation: Linearisation) -> F64 | None:
     """(n, 3) of the surfaces that readings touch; None where none does."""
     touched = linearisation.observations.on_surface.any()
     return (
-        linearisation.poses.normals(linearisation.observations, linearisation.position_mm)
+        linearisation.poses.compute_normals(linearisation.observations, linearisation.position_mm)
         if touched
         else None
     )

@@ -14,9 +14,9 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.constants import BLOCKS, MOST_FOLDS, REST_RAD
 from armd.compensation.diagnose.problem.linear import Rests
-from armd.compensation.estimate.folds import blocks_of_postures, whole_groups
+from armd.compensation.estimate.folds import assign_group_folds, assign_posture_folds
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.orientations import measured_rows, with_orientations
+from armd.compensation.estimate.orientations import find_oriented_rows, with_orientations
 from armd.compensation.identify.admission.requirements import unknowns_of_artefacts
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
@@ -71,7 +71,7 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
     labels = [name for s in sessions for name in s.artefact.target_names]
     point_of = np.arange(observations.n)
     if not observations.on_surface.any():
-        point_of = np.append(point_of, measured_rows(observations))
+        point_of = np.append(point_of, find_oriented_rows(observations))
         observations = with_orientations(observations)
     labels += [ORIENTATION] * (len(observations.target_names) - len(labels))
     return Rests(
@@ -148,5 +148,5 @@ def assign_folds(rests: Rests) -> I64:
     """(n,) fold of each rest: whole placements, dealt in turn; of a single one blocks of time, each
     posture in that in which it came first."""
     observations = rests.observations
-    folds = whole_groups(observations.placement, MOST_FOLDS)
-    return folds if folds.any() else blocks_of_postures(rests.points, BLOCKS)[rests.point_of]
+    folds = assign_group_folds(observations.placement, MOST_FOLDS)
+    return folds if folds.any() else assign_posture_folds(rests.points, BLOCKS)[rests.point_of]

@@ -9,8 +9,8 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.constants import AXES, LEAST_VARIANCE_MM2, ROUNDING, TURN_RATIOS
 from armd.compensation.estimate.linear.blocks import Blocks
-from armd.compensation.estimate.postures import counts_as
-from armd.compensation.estimate.robust import edge_stretch, of_three_components
+from armd.compensation.estimate.postures import compute_counts
+from armd.compensation.estimate.robust import compute_edge_stretch, to_three_components
 from armd.compensation.estimate.surfaces import project_on_normals
 
 
@@ -91,12 +91,12 @@ class RestNoise:
     def squares(self, moves: F64) -> F64:
         """(n,) of rests (n, 3) in units of their own noise, as of three components each."""
         total = (self.whiten_rests(moves) ** 2).sum(axis=1)
-        return total if self.normal is None else of_three_components(total, self.freedom)
+        return total if self.normal is None else to_three_components(total, self.freedom)
 
     @property
     def stretch(self) -> F64 | float:
         """By what distances of rests (n,) are multiplied to be clipped at one edge."""
-        return 1.0 if self.normal is None else edge_stretch(self.freedom)
+        return 1.0 if self.normal is None else compute_edge_stretch(self.freedom)
 
     def whiten_rests(self, moves: F64) -> F64:
         """Of each rest (n, 3) in units of its own noise."""
@@ -105,7 +105,7 @@ class RestNoise:
 
     def with_shared_part(self, part: float, posture: I64) -> RestNoise:
         """Return the same with copies of each *posture* (n,) sharing their error to a *part*."""
-        counts = counts_as(posture, part)
+        counts = compute_counts(posture, part)
         whitener = self.whitener * np.sqrt(counts / self.counts)[:, None, None]
         return replace(self, whitener=whitener, counts=counts, shared_part=part)
 

@@ -213,7 +213,7 @@ def _few(diagnosis: Diagnosis) -> str:
         return ""
     observations = last.linear.rests.observations
     farthest = ", ".join(
-        f"{observations.row_name(i)} ({off_mm[i]:.3g} mm)"
+        f"{observations.name_row(i)} ({off_mm[i]:.3g} mm)"
         for i in np.argsort(-off_mm)[: min(n_far, MOST_TOLD)]
     )
     return (

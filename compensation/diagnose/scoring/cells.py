@@ -49,7 +49,7 @@ class ArtefactColumns:
 
     def _indices_in(self, cell: Cell) -> tuple[I64, F64]:
         if len(cell.rests):
-            piece = self.white.at(cell.rests)
+            piece = self.white.select_rests(cell.rests)
             return piece.columns, flatten(piece.values)
         indices = np.flatnonzero(self.white.distances.any(axis=0))
         return indices, self.white.distances[:, indices]

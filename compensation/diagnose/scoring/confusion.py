@@ -56,7 +56,7 @@ def _products(columns: F64, current: Fit, without: str) -> F64:
     size = np.sqrt((white**2).sum(axis=0))
     size[size == 0.0] = 1.0
     size[0] = 1.0  # the residual
-    keep = current.layout.blocks.but([without])
+    keep = current.layout.blocks.find_other_columns([without])
     absorbed = current.problem.only(keep).project(current.across(columns)[keep])
     products: F64 = (white.T @ white - absorbed.T @ absorbed) / np.outer(size, size)
     return products

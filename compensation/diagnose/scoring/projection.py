@@ -90,7 +90,7 @@ class Projection:
     def without(self, part: int, fit: Fit) -> Projection:
         """Without the rests of a part, for a *fit* of the shared columns whose whitener is zero
         there."""
-        nothing = self.parts[part].of_no_rows()
+        nothing = self.parts[part].without_rows()
         cleared_rows = self.cleared.copy()
         for cell in self.cells:
             if cell.part == part:
@@ -110,7 +110,7 @@ class Projection:
         start = fit.layout.identified.stop
         stop = fit.layout.mount.start
         shapes = with_shapes(fit, self.arm)
-        added = np.hstack([fit.nuisance.columns.dense(slice(start, stop)), shapes.matrix])
+        added = np.hstack([fit.nuisance.columns.to_dense(slice(start, stop)), shapes.matrix])
         variance = np.concatenate([fit.nuisance.variance[start:stop], shapes.variance])
         white = fit.noise.whiten(added)
         cleared_added = clear_columns(white, self.cells)
@@ -284,12 +284,12 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     for part, piece in places:
         is_local = local[piece.columns]
         rows_of_cell = flatten(piece.values[:, :, is_local])
-        local_model = LinearModel.of_rows(
+        local_model = LinearModel.from_rows(
             [("own", rows_of_cell, variance[piece.columns[is_local]])]
         )
         rows = slice(3 * n, size) if piece is of_lengths else as_slice(list_rows(piece.rests))
         cells.append(Cell(part, piece.rests, rows, rows_of_cell @ local_model.factor))
-    common = white.dense(np.flatnonzero(~local[: white.size]))
+    common = white.to_dense(np.flatnonzero(~local[: white.size]))
     always_shared = fit.noise.whiten(np.hstack([shapes.matrix, fit.residual[:, None]]))
     shared = np.hstack([common, always_shared])
     cleared_shared = clear_columns(shared, cells)
@@ -306,7 +306,9 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
         np.ascontiguousarray(fit.noise.whiten(fit.linear.jacobian.T).T),
         np.where(local, -1, np.cumsum(~local) - 1),
         tuple(
-            LinearModel.of_products(layout, part_products[:, :-1], variance[~local], square=length)
+            LinearModel.from_products(
+                layout, part_products[:, :-1], variance[~local], square=length
+            )
             for part_products, length in zip(products, squared_lengths, strict=True)
         ),
         cleared_shared,

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.linear_model import LinearModel
-from armd.compensation.estimate.robust import WINSOR_AT, huber_loss, huber_weights
+from armd.compensation.estimate.robust import WINSOR_AT, compute_huber_loss, compute_huber_weights
 
 
 def compute_unclipped_gain(
@@ -52,7 +52,7 @@ def clip_about(candidate: Candidate, projection: Projection) -> Projection:
     fit = projection.fit
     whitened_residual = _absorbing(projection).joined(candidate).robust().residual
     size = np.linalg.norm(whitened_residual, axis=1) * fit.noise.stretch
-    excess = whitened_residual * (1.0 - huber_weights(size))[:, None]
+    excess = whitened_residual * (1.0 - compute_huber_weights(size))[:, None]
     residual = fit.raw_residual.copy()
     clipped = size > WINSOR_AT
     residual[: 3 * len(whitened_residual)].reshape(-1, 3)[clipped] -= np.linalg.solve(
@@ -71,7 +71,7 @@ def _huber(residual: F64, projection: Projection) -> float:
     end = 3 * projection.fit.linear.rests.n
     stretch = projection.fit.noise.stretch
     size = np.linalg.norm(residual[:end].reshape(-1, 3), axis=1) * stretch
-    return huber_loss(size, stretch) + 0.5 * float((residual[end:] ** 2).sum())
+    return compute_huber_loss(size, stretch) + 0.5 * float((residual[end:] ** 2).sum())
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class _Problem:
             gained = best.loss - loss
             of_rests = residual[: 3 * n].reshape(-1, 3)
             size = np.linalg.norm(of_rests, axis=1) * self.projection.fit.noise.stretch
-            weight_loss = 1.0 - huber_weights(size)
+            weight_loss = 1.0 - compute_huber_weights(size)
             if gained > 0.0:
                 best = _Robust(loss, of_rests, weight_loss)
             if gained < LEAST_GAINED:
@@ -153,7 +153,7 @@ def _absorbing(projection: Projection) -> _Problem:
     columns = projection.cleared[:, :-1]
     # Columns clear of the cells are what is weighed here: their own lengths are the yardstick.
     shared = projection.shared
-    model = LinearModel.of_products(shared.layout, projection.within, shared.variance)
+    model = LinearModel.from_products(shared.layout, projection.within, shared.variance)
     residuals = projection.clear_of_cells(_residuals(projection))
     nothing = np.empty((len(columns), 0))
     return _Problem(projection, columns, nothing, model, residuals, columns.T @ residuals)

@@ -26,14 +26,14 @@ from armd.compensation.diagnose.scoring.evidence import compute_log_bayes_factor
 from armd.compensation.diagnose.scoring.memory import compute_variance_of_sums
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.linear.bordered import root_along_known
+from armd.compensation.estimate.linear.bordered import compute_root_along_known
 
 
 def compute_log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     """Log of the p value of a candidate's score, its variance from the rests' own residuals."""
     white, cleared, residual, size = _cleared(candidate, projection)
     gram = white.T @ cleared
-    root = root_along_known(gram, ABSORBED)
+    root = compute_root_along_known(gram, ABSORBED)
     if not root.shape[1]:
         return 0.0
     score = root.T @ (white.T @ residual)

@@ -47,7 +47,11 @@ from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p, 
 from armd.compensation.diagnose.search.findings import find_nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
-from armd.compensation.estimate.robust import DOWNWEIGHT_CHI2, huber_loss, huber_weights
+from armd.compensation.estimate.robust import (
+    DOWNWEIGHT_CHI2,
+    compute_huber_loss,
+    compute_huber_weights,
+)
 from armd.compensation.model.arm import Arm
 
 
@@ -156,7 +160,7 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
     def loss(k: int) -> float:
         cut = 3 * k
         parts = ((pose[:cut], residual[:cut]), (pose[cut:], residual[cut:]))
-        return sum(huber_loss(_distance(*part)) for part in parts)
+        return sum(compute_huber_loss(_distance(*part)) for part in parts)
 
     possible = _possible(projection.fit.linear.rests, in_time)
     while True:  # a placement of thousands of rests is searched more and more finely
@@ -188,7 +192,7 @@ def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64
     columns_of_findings = [
         j for span in fit.layout.findings[:-1] for j in range(span.start, span.stop)
     ]
-    columns = fit.nuisance.columns.dense(np.array(columns_of_findings, dtype=int))
+    columns = fit.nuisance.columns.to_dense(np.array(columns_of_findings, dtype=int))
     explained = columns[rows] @ fit.solution[columns_of_findings]
     raw = fit.raw_residual[rows] - explained
     return in_time, pose, (whitener @ raw.reshape(-1, 3, 1)).ravel()
@@ -214,7 +218,7 @@ def _distance(columns: F64, residual: F64) -> F64:
         root = np.sqrt(weight)
         solution = np.linalg.lstsq(columns * root[:, None], residual * root, rcond=RANK_SHARE)[0]
         size = np.linalg.norm((residual - columns @ solution).reshape(-1, 3), axis=1)
-        weight = np.repeat(huber_weights(size), 3)
+        weight = np.repeat(compute_huber_weights(size), 3)
     return size
 
 

@@ -262,7 +262,7 @@ def _with_shapes(
     ]
     shapes = with_shapes(fitted, projection.arm)
     columns = np.hstack(
-        [fitted.nuisance.columns.dense(np.array(columns_of_findings, dtype=int)), shapes.matrix]
+        [fitted.nuisance.columns.to_dense(np.array(columns_of_findings, dtype=int)), shapes.matrix]
     )
     white, cleared = projection.clear_of_all(columns)
     gram, side = white.T @ cleared, cleared.T @ nothing.noise.whiten(nothing.residual)

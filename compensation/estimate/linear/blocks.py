@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.in_order import in_order
-from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
+from armd.compensation.estimate.linear.bordered import compute_pseudo_inverse_factor
 
 
 @dataclass(frozen=True)
@@ -53,23 +53,23 @@ class Blocks:
             total[np.ix_(numbers, numbers)] += product
         return total
 
-    def products_clear_of(
+    def compute_products_clear_of(
         self,
-        alone: Mask,
+        eliminated: Mask,
         variance: F64,
         whitener: F64,
         distance_mm: F64,
         residual: F64,
         left_out: Sequence[Mask],
     ) -> list[tuple[F64, F64]]:
-        """The same of all columns but those *alone* (m,), each in one of the pieces, which are
+        """The same of all columns but those *eliminated* (m,), each in one of the pieces, which are
         fitted along, and the squared lengths of these columns before; without the rests of each of
         *left_out* (n,), which do not overlap: rows are multiplied once for all of these.
 
         *variance* (m,): of the amplitudes a priori, inf: free. What neither rows nor priors tell of
         the columns fitted along takes nothing.
         """
-        shared = np.flatnonzero(~alone)
+        shared = np.flatnonzero(~eliminated)
         turn = np.empty(self.size, dtype=np.int64)
         turn[shared] = np.arange(len(shared))
         n = 3 * self.n
@@ -82,11 +82,13 @@ class Blocks:
             part_of[out] = part
 
         def clear_each(piece: Piece) -> list[tuple[F64, F64] | None]:
-            is_eliminated = alone[piece.columns]
+            is_eliminated = eliminated[piece.columns]
             order = np.concatenate([np.flatnonzero(is_eliminated), np.flatnonzero(~is_eliminated)])
             columns = np.concatenate([piece.values[:, :, order], by_rest[piece.rests]], axis=2)
             white, parts = whitener[piece.rests] @ columns, part_of[piece.rests]
-            grams = {int(part): _gram(white[parts == part]) for part in np.unique(parts)}
+            grams = {
+                int(part): _multiply_columns(white[parts == part]) for part in np.unique(parts)
+            }
             priors = 1.0 / variance[piece.columns[is_eliminated]]
             by_parts: dict[tuple[int, ...], tuple[F64, F64] | None] = {(): None}
             remaining_parts = [
@@ -94,13 +96,13 @@ class Blocks:
             ]
             for parts_left in remaining_parts:
                 if parts_left not in by_parts:
-                    by_parts[parts_left] = _clear_of_first(
+                    by_parts[parts_left] = _eliminate_first(
                         np.sum([grams[p] for p in parts_left], axis=0), priors
                     )
             return [by_parts[parts_left] for parts_left in remaining_parts]
 
         for piece, of_parts in zip(self.pieces, in_order(clear_each, self.pieces), strict=True):
-            numbers = np.append(turn[piece.columns[~alone[piece.columns]]], len(shared))
+            numbers = np.append(turn[piece.columns[~eliminated[piece.columns]]], len(shared))
             for (products, squared_lengths), addition in zip(results, of_parts, strict=True):
                 if addition is not None:
                     products[np.ix_(numbers, numbers)] += addition[0]
@@ -130,7 +132,7 @@ class Blocks:
         pieces = (replace(p, values=whitener[p.rests] @ p.values) for p in self.pieces)
         return replace(self, pieces=tuple(pieces), distances=self.distances / distance_mm[:, None])
 
-    def at(self, rests: I64) -> Piece:
+    def select_rests(self, rests: I64) -> Piece:
         """At some rests of one placement, ascending."""
         piece = self.pieces[int(self._number[rests[0]])]
         return replace(piece, rests=rests, values=piece.values[np.searchsorted(piece.rests, rests)])
@@ -152,9 +154,9 @@ class Blocks:
         by_row = at_rests.reshape(3 * self.n, *sets)
         return np.concatenate([by_row, self.distances @ amplitudes])
 
-    def across(self, others: F64) -> F64:
+    def across(self, columns: F64) -> F64:
         """Products (m, …) with other columns (N, …)."""
-        flat = others[:, None] if others.ndim == 1 else others
+        flat = columns[:, None] if columns.ndim == 1 else columns
         products: F64 = self.distances.T @ flat[3 * self.n :]
         by_rest = flat[: 3 * self.n].reshape(self.n, 3, flat.shape[1])
         for piece in self.pieces:
@@ -162,7 +164,7 @@ class Blocks:
             products[piece.columns] += rows.T @ by_rest[piece.rests].reshape(
                 len(rows), flat.shape[1]
             )
-        return products.reshape(self.size, *others.shape[1:])
+        return products.reshape(self.size, *columns.shape[1:])
 
     def only(self, numbers: I64 | slice) -> Blocks:
         """Some of the columns, in their order."""
@@ -179,7 +181,7 @@ class Blocks:
             )
         return Blocks(self.n, len(chosen), tuple(pieces), self.distances[:, chosen])
 
-    def dense(self, numbers: I64 | slice = slice(None)) -> F64:
+    def to_dense(self, numbers: I64 | slice = slice(None)) -> F64:
         """(N, …) some of the columns in full."""
         chosen = self.only(numbers)
         rows = np.zeros((3 * self.n + len(self.distances), chosen.size))
@@ -191,12 +193,12 @@ class Blocks:
         rows[3 * self.n :] = chosen.distances
         return rows
 
-    def replaced(self, at: slice, columns: Sequence[F64]) -> Blocks:
-        """With other *columns* (N, …) in the place of those *at*."""
-        return _joined([self.only(slice(at.start)), *columns, self.only(slice(at.stop, None))])
+    def replace_columns(self, place: slice, columns: Sequence[F64]) -> Blocks:
+        """With other *columns* (N, …) in the place of those at *place*."""
+        return _join([self.only(slice(place.start)), *columns, self.only(slice(place.stop, None))])
 
     @cached_property
-    def apart(self) -> tuple[tuple[I64, F64], ...]:
+    def independent_groups(self) -> tuple[tuple[I64, F64], ...]:
         """What can be solved by itself, as placements that share no column: rests (k,), and the
         values (k, 3, c) of the columns there."""
         count = len(self.pieces)
@@ -220,22 +222,22 @@ class Blocks:
         return tuple(solvable)
 
 
-def in_blocks(columns: Sequence[F64 | Blocks], placement: I64) -> Blocks:
+def to_blocks(columns: Sequence[F64 | Blocks], placement: I64) -> Blocks:
     """Columns (3 n + D, …), m in all, by the *placement* (n,) of each rest; those that are in
     blocks already, in the same ones."""
     n = len(placement)
     if any(isinstance(block, Blocks) for block in columns):
-        return _joined(columns)
+        return _join(columns)
     rests = [np.flatnonzero(placement == number) for number in np.unique(placement)]
     none = tuple(
         Piece(piece_rests, np.empty(0, np.int64), np.empty((len(piece_rests), 3, 0)))
         for piece_rests in rests
     )
     distances = max(block.shape[0] for block in columns if not isinstance(block, Blocks)) - 3 * n
-    return _joined([Blocks(n, 0, none, np.empty((distances, 0))), *columns])
+    return _join([Blocks(n, 0, none, np.empty((distances, 0))), *columns])
 
 
-def _joined(columns: Sequence[F64 | Blocks]) -> Blocks:
+def _join(columns: Sequence[F64 | Blocks]) -> Blocks:
     """All columns, side by side; at least the first in blocks."""
     blocks = next(block for block in columns if isinstance(block, Blocks))
     n = blocks.n
@@ -264,18 +266,18 @@ def _joined(columns: Sequence[F64 | Blocks]) -> Blocks:
     return Blocks(n, int(first[-1]), tuple(pieces), np.hstack(distances))
 
 
-def _gram(white: F64) -> F64:
+def _multiply_columns(white: F64) -> F64:
     """(c, c) products of columns (k, 3, c)."""
     rows = white.reshape(-1, white.shape[2])
     gram: F64 = rows.T @ rows
     return gram
 
 
-def _clear_of_first(gram: F64, priors: F64) -> tuple[F64, F64]:
+def _eliminate_first(gram: F64, priors: F64) -> tuple[F64, F64]:
     """Products of all columns but the first m, clear of these, held by *priors* (m,), from those
     of all; and their squared lengths before, but for the last."""
     m = len(priors)
     first_gram = gram[:m, :m] + np.diag(priors)
-    projected = pseudo_inverse_factor(first_gram).T @ gram[:m, m:]
+    projected = compute_pseudo_inverse_factor(first_gram).T @ gram[:m, m:]
     within = gram[m:, m:]
     return within - projected.T @ projected, np.diag(within)[:-1]

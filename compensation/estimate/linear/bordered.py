@@ -28,11 +28,11 @@ MOST_MET = 0.5
 class BorderedParts:
     """Which columns of a symmetric matrix (b, b) make which part, and the border: all others."""
 
-    own: tuple[I64, ...]
+    inner_parts: tuple[I64, ...]
     border: I64
 
     @classmethod
-    def of(cls, matrix: F64 | Mask) -> BorderedParts:
+    def from_matrix(cls, matrix: F64 | Mask) -> BorderedParts:
         """By what is not zero; no parts where all columns hang together."""
         meets = matrix != 0.0
         np.fill_diagonal(meets, True)
@@ -54,128 +54,128 @@ class Root:
     """F (b, r), of which each part of the rows has columns of its own (c, ·); all rows have those
     of the border."""
 
-    own: tuple[tuple[I64, F64], ...]
+    inner_blocks: tuple[tuple[I64, F64], ...]
     border: F64  # (b, ·)
 
     def scaled(self, by: F64) -> Root:
         """With every row multiplied (b,)."""
-        blocks = tuple((rows, by[rows, None] * values) for rows, values in self.own)
+        blocks = tuple((rows, by[rows, None] * values) for rows, values in self.inner_blocks)
         return Root(blocks, by[:, None] * self.border)
 
-    def dense(self) -> F64:
+    def to_dense(self) -> F64:
         """(b, r) in full."""
         blocks = []
-        for rows, values in self.own:
+        for rows, values in self.inner_blocks:
             block = np.zeros((len(self.border), values.shape[1]))
             block[rows] = values
             blocks.append(block)
         return np.hstack([*blocks, self.border])
 
-    def turned(self, across: F64) -> F64:
+    def multiply_transposed(self, across: F64) -> F64:
         """Fᵀ times columns (b, …)."""
-        products = (values.T @ across[rows] for rows, values in self.own)
+        products = (values.T @ across[rows] for rows, values in self.inner_blocks)
         return np.concatenate([*products, self.border.T @ across])
 
-    def squared_times(self, side: F64) -> F64:
+    def multiply_square(self, side: F64) -> F64:
         """F Fᵀ times a vector (b,)."""
         product: F64 = self.border @ (self.border.T @ side)
-        for rows, values in self.own:
+        for rows, values in self.inner_blocks:
             product[rows] += values @ (values.T @ side[rows])
         return product
 
-    def squared(self, rows: slice) -> F64:
+    def compute_square(self, rows: slice) -> F64:
         """F Fᵀ of some rows (m, m)."""
         border = self.border[rows]
         product: F64 = border @ border.T
         turn = np.full(len(self.border), -1)
         turn[rows] = np.arange(len(product))
-        for numbers, values in self.own:
+        for numbers, values in self.inner_blocks:
             is_chosen = turn[numbers] >= 0
             chosen = values[is_chosen]
             product[np.ix_(turn[numbers[is_chosen]], turn[numbers[is_chosen]])] += chosen @ chosen.T
         return product
 
 
-def inverse_root(matrix: F64, held: F64 | float = 0.0) -> tuple[Root, float]:
-    """F with F Fᵀ the inverse of a positive definite *matrix* (b, b), *held* (b,) on its diagonal,
-    and its trace.
+def compute_inverse_root(matrix: F64, added_diagonal: F64 | float = 0.0) -> tuple[Root, float]:
+    """F with F Fᵀ the inverse of a positive definite *matrix* (b, b), *added_diagonal* (b,) on its
+    diagonal, and its trace.
 
     Raises `numpy.linalg.LinAlgError` where it is not.
     """
-    held = np.broadcast_to(held, (len(matrix),))
-    root, trace, _ = _inverse_root(matrix, held, np.ones(len(matrix)))
+    added_diagonal = np.broadcast_to(added_diagonal, (len(matrix),))
+    root, trace, _ = _compute_inverse_root(matrix, added_diagonal, np.ones(len(matrix)))
     return root, trace
 
 
-def pseudo_inverse_root(matrix: F64, held: F64 | float = 0.0) -> Root:
+def compute_pseudo_inverse_root(matrix: F64, added_diagonal: F64 | float = 0.0) -> Root:
     """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
 
     What is known is told with each unknown in units of its own diagonal (`LEAST_KNOWN`): a prior
     far tighter than the rows of one unknown must not make the others look as if nothing were known
-    of them. *held* (b,) is added to the diagonal, in no copy of a large matrix.
+    of them. *added_diagonal* (b,) is added to the diagonal, in no copy of a large matrix.
     """
-    held = np.broadcast_to(held, (len(matrix),))
-    size = np.sqrt(np.maximum(np.diag(matrix) + held, 0.0))
+    added_diagonal = np.broadcast_to(added_diagonal, (len(matrix),))
+    size = np.sqrt(np.maximum(np.diag(matrix) + added_diagonal, 0.0))
     size[size == 0.0] = 1.0
-    if (known_root := _root_of_known(matrix, held, size)) is not None:
+    if (known_root := _compute_root_of_known(matrix, added_diagonal, size)) is not None:
         return known_root.scaled(1.0 / size)
     unit = matrix / np.outer(size, size)
-    unit[np.diag_indices_from(unit)] += held / size**2
-    return Root((), root_along_known(unit, LEAST_KNOWN) / size[:, None])
+    unit[np.diag_indices_from(unit)] += added_diagonal / size**2
+    return Root((), compute_root_along_known(unit, LEAST_KNOWN) / size[:, None])
 
 
-def root_along_known(matrix: F64, least: float, beside: float = 1e-300) -> F64:
-    """F (b, r) with F Fᵀ the inverse along the eigenvectors of which more is known than *least*,
-    relative to the largest eigenvalue, but at least to *beside*."""
+def compute_root_along_known(matrix: F64, least_share: float, least_scale: float = 1e-300) -> F64:
+    """F (b, r) with F Fᵀ the inverse along the eigenvectors of which more is known than
+    *least_share*, relative to the largest eigenvalue, but at least to *least_scale*."""
     values, vectors = np.linalg.eigh(matrix)
-    is_known = values > least * max(float(values.max(initial=0.0)), beside)
+    is_known = values > least_share * max(float(values.max(initial=0.0)), least_scale)
     root: F64 = vectors[:, is_known] / np.sqrt(values[is_known])
     return root
 
 
-def pseudo_inverse_factor(matrix: F64) -> F64:
+def compute_pseudo_inverse_factor(matrix: F64) -> F64:
     """The same in full."""
-    return pseudo_inverse_root(matrix).dense()
+    return compute_pseudo_inverse_root(matrix).to_dense()
 
 
-def _root_of_known(matrix: F64, held: F64, size: F64) -> Root | None:
+def _compute_root_of_known(matrix: F64, added_diagonal: F64, size: F64) -> Root | None:
     """The same in units of *size* (b,) where everything is known for sure, which takes no
     eigenvalues to tell: none is below one over the inverse's trace, none above the largest sum of
     a row."""
     try:
-        root, trace, largest = _inverse_root(matrix, held, size)
+        root, trace, largest = _compute_inverse_root(matrix, added_diagonal, size)
     except np.linalg.LinAlgError:
         return None
     return root if trace * largest * LEAST_KNOWN < 1.0 else None
 
 
-def _inverse_root(matrix: F64, held: F64, size: F64) -> tuple[Root, float, float]:
-    """As `inverse_root` of the matrix, *held* (b,) on its diagonal, in units of *size* (b,); and
-    the largest sum of a row of it."""
+def _compute_inverse_root(matrix: F64, added_diagonal: F64, size: F64) -> tuple[Root, float, float]:
+    """As `compute_inverse_root` of the matrix, *added_diagonal* (b,) on its diagonal, in units of
+    *size* (b,); and the largest sum of a row of it."""
 
     def block(rows: I64, columns: I64) -> F64:
         part: F64 = matrix[np.ix_(rows, columns)] / np.outer(size[rows], size[columns])
         if rows is columns:
-            part[np.diag_indices_from(part)] += held[rows] / size[rows] ** 2
+            part[np.diag_indices_from(part)] += added_diagonal[rows] / size[rows] ** 2
         return part
 
     together = BorderedParts((), np.arange(len(matrix)))
-    parts = together if len(matrix) <= FEW else BorderedParts.of(matrix)
+    parts = together if len(matrix) <= FEW else BorderedParts.from_matrix(matrix)
     border_columns = parts.border
     border_matrix = block(border_columns, border_columns)
     of_rest, largest = np.abs(border_matrix).sum(axis=1), 0.0
     inverses, crossings = [], []
-    for inner in parts.own:
+    for inner in parts.inner_parts:
         within, meeting = block(inner, inner), block(inner, border_columns)
         of_rest += np.abs(meeting).sum(axis=0)
         sums = np.abs(within).sum(axis=1) + np.abs(meeting).sum(axis=1)
         largest = max(largest, float(sums.max()))
-        inverse = _inverse_factor(within)
+        inverse = _compute_inverse_factor(within)
         across = inverse.T @ meeting
         border_matrix -= across.T @ across
         inverses.append((inner, inverse))
         crossings.append(across)
-    last = _inverse_factor(border_matrix)
+    last = _compute_inverse_factor(border_matrix)
     border = np.zeros((len(matrix), len(border_columns)))
     border[border_columns] = last
     for (inner, inverse), across in zip(inverses, crossings, strict=True):
@@ -184,12 +184,12 @@ def _inverse_root(matrix: F64, held: F64, size: F64) -> tuple[Root, float, float
     return Root(tuple(inverses), border), trace, max(largest, float(of_rest.max(initial=0.0)))
 
 
-def _inverse_factor(matrix: F64) -> F64:
+def _compute_inverse_factor(matrix: F64) -> F64:
     """Upper F with F Fᵀ the inverse."""
-    return inverse_of_lower(np.asarray(np.linalg.cholesky(matrix), dtype=np.float64))
+    return invert_lower(np.asarray(np.linalg.cholesky(matrix), dtype=np.float64))
 
 
-def inverse_of_lower(lower: F64) -> F64:
+def invert_lower(lower: F64) -> F64:
     """Upper F with F Fᵀ the inverse of a matrix, from Cholesky's factor *lower* of it."""
     inverse: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
     return inverse

@@ -10,10 +10,10 @@ the rows do not hold:
   gauge) takes nothing: it is held softly, so that rounding is not mistaken for knowledge.
 - `solve`: the amplitudes, and their covariance. Along what the rows do not hold, each stays at
   its `drawing`, good to a stated departure; where none is stated, it stays 0 (pseudo-inverse).
-- `lean`: the same where the drawing has a say along *directions* that the rows hardly tell, and in
-  no other: what is known does not move for it.
-- `information`: what rows and priors tell of some blocks, all others being fitted along.
-- `clear_of`: the problem of the others, some blocks being fitted along, and how these follow.
+- `solve_with_prior`: the same where the drawing has a say along *directions* that the rows hardly
+  tell, and in no other: what is known does not move for it.
+- `compute_information`: what rows and priors tell of some blocks, all others being fitted along.
+- `eliminate`: the problem of the others, some blocks being fitted along, and how these follow.
 - `without`: the same problem without a block.
 """
 
@@ -30,11 +30,11 @@ from scipy.linalg import cho_solve
 from armd.arrays import F64, I64
 from armd.compensation.estimate.linear.bordered import (
     Root,
-    inverse_of_lower,
-    inverse_root,
-    pseudo_inverse_root,
+    compute_inverse_root,
+    compute_pseudo_inverse_root,
+    invert_lower,
 )
-from armd.compensation.estimate.linear.solution import FittedAlong, Solution, leaning
+from armd.compensation.estimate.linear.solution import FittedAlong, Solution, solve_with_prior
 
 #: Weight of nothing, beside columns of unit length: far above rounding (1e-16), far below what
 #: decides anything (a candidate's share of 1e-6 that survives projection).
@@ -70,15 +70,15 @@ class Layout:
     def __getitem__(self, name: str) -> slice:
         return self._slices[name]
 
-    def of(self, names: Iterable[str]) -> I64:
+    def find_columns(self, names: Iterable[str]) -> I64:
         """Numbers of the columns of some blocks, block after block."""
         numbers = np.arange(self.n)
         return np.concatenate([np.empty(0, dtype=np.int64), *(numbers[self[n]] for n in names)])
 
-    def but(self, names: Iterable[str]) -> I64:
+    def find_other_columns(self, names: Iterable[str]) -> I64:
         """Numbers of the columns of all other blocks."""
         left_out = frozenset(names)
-        return self.of(name for name, _ in self.sizes if name not in left_out)
+        return self.find_columns(name for name, _ in self.sizes if name not in left_out)
 
     def only(self, columns: I64) -> Layout:
         """The layout of some columns, ascending; blocks of which none is left stay, empty."""
@@ -99,7 +99,7 @@ class LinearModel:
     drawing: F64  # (b,) variance with which to choose where the rows leave it open; inf: none
 
     @classmethod
-    def of_products(
+    def from_products(
         cls,
         layout: Layout,
         gram: F64,
@@ -114,11 +114,11 @@ class LinearModel:
         return cls(layout, gram, variance, np.diag(gram) if square is None else square, drawing)
 
     @classmethod
-    def of_rows(cls, blocks: Sequence[tuple[str, F64, F64]]) -> LinearModel:
+    def from_rows(cls, blocks: Sequence[tuple[str, F64, F64]]) -> LinearModel:
         """Of blocks: a name, whitened columns (N, m) and the variances (m,) of their amplitudes."""
         layout = Layout(tuple((name, columns.shape[1]) for name, columns, _ in blocks))
         rows = np.hstack([columns for _, columns, _ in blocks])
-        return cls.of_products(layout, rows.T @ rows, np.concatenate([v for *_, v in blocks]))
+        return cls.from_products(layout, rows.T @ rows, np.concatenate([v for *_, v in blocks]))
 
     def only(self, columns: I64) -> LinearModel:
         """The problem of some columns, by number, ascending."""
@@ -134,7 +134,7 @@ class LinearModel:
 
     def without(self, *names: str) -> LinearModel:
         """The problem without some blocks."""
-        return self.only(self.layout.but(names))
+        return self.only(self.layout.find_other_columns(names))
 
     def with_variance(self, variance: F64) -> LinearModel:
         """The same rows under other priors (b,)."""
@@ -146,26 +146,26 @@ class LinearModel:
         added = flat.T @ flat
         return replace(self, gram=self.gram + added, square=self.square + np.diag(added))
 
-    def of_no_rows(self) -> LinearModel:
+    def without_rows(self) -> LinearModel:
         """The same unknowns with their priors, and nothing measured."""
         return replace(self, gram=np.zeros_like(self.gram), square=np.zeros_like(self.square))
 
     def joined(
-        self, name: str, own: F64, across: F64, variance: F64, square: F64 | None = None
+        self, name: str, products: F64, across: F64, variance: F64, square: F64 | None = None
     ) -> LinearModel:
         """With one block more: products of its columns (m, m), with those there (b, m), and the
-        variances (m,) of its amplitudes; *square* (m,) as in `of_products`."""
+        variances (m,) of its amplitudes; *square* (m,) as in `from_products`."""
         return LinearModel(
-            Layout((*self.layout.sizes, (name, len(own)))),
-            np.block([[self.gram, across], [across.T, own]]),
+            Layout((*self.layout.sizes, (name, len(products)))),
+            np.block([[self.gram, across], [across.T, products]]),
             np.concatenate([self.variance, variance]),
-            np.concatenate([self.square, np.diag(own) if square is None else square]),
-            np.concatenate([self.drawing, np.full(len(own), np.inf)]),
+            np.concatenate([self.square, np.diag(products) if square is None else square]),
+            np.concatenate([self.drawing, np.full(len(products), np.inf)]),
         )
 
-    def __add__(self, other: LinearModel) -> LinearModel:
+    def __add__(self, model: LinearModel) -> LinearModel:
         """The problem of both's rows."""
-        return replace(self, gram=self.gram + other.gram, square=self.square + other.square)
+        return replace(self, gram=self.gram + model.gram, square=self.square + model.square)
 
     @cached_property
     def length(self) -> F64:
@@ -175,7 +175,7 @@ class LinearModel:
     @cached_property
     def factor(self) -> F64:
         """F (b, b), F Fᵀ what projects: columns · F are an orthonormal basis of what they take."""
-        return inverse_of_lower(self._lower) / self.length[:, None]
+        return invert_lower(self._lower) / self.length[:, None]
 
     @cached_property
     def _lower(self) -> F64:
@@ -189,7 +189,7 @@ class LinearModel:
         products (b, …) with these: products of what is left are those less these coordinates'."""
         if self.layout.n > MANY:
             diagonal = 1.0 / self.variance + HELD * self.length**2
-            return inverse_root(self.gram, diagonal)[0].turned(across)
+            return compute_inverse_root(self.gram, diagonal)[0].multiply_transposed(across)
         coordinates: F64 = self.factor.T @ across
         return coordinates
 
@@ -205,11 +205,11 @@ class LinearModel:
 
         What neither rows, prior nor drawing say anything of stays 0.
         """
-        return self.amplitudes(side), self.covariance
+        return self.solve_amplitudes(side), self.covariance
 
-    def amplitudes(self, side: F64) -> F64:
+    def solve_amplitudes(self, side: F64) -> F64:
         """What `solve` finds (b,), without its covariance, which takes three times as long."""
-        return self._root.squared_times(side)
+        return self._root.multiply_square(side)
 
     @cached_property
     def covariance(self) -> F64:
@@ -218,47 +218,52 @@ class LinearModel:
 
     def covariance_of(self, columns: slice) -> F64:
         """The same of some columns (m, m)."""
-        return self._root.squared(columns)
+        return self._root.compute_square(columns)
 
     @cached_property
     def _root(self) -> Root:
         """(b, r), times its transpose the covariance."""
         prior_weight = 1.0 / np.minimum(self.variance, self.drawing)
-        return pseudo_inverse_root(self.gram, held=prior_weight)
+        return compute_pseudo_inverse_root(self.gram, added_diagonal=prior_weight)
 
-    def lean(self, side: F64, drawn: F64, damping: float = 0.0, held: bool = False) -> Solution:
+    def solve_with_prior(
+        self, side: F64, drawn: F64, damping: float = 0.0, along_all: bool = False
+    ) -> Solution:
         """Amplitudes from the products (b,) with a residual, and what is known of them.
 
         Along directions known worse than a tenth of a departure (docs/decisions/0026) the drawing,
-        where the amplitudes are *drawn* (b,), counts as one more row, good to one; *held*: along
-        all. A departure is the root of `drawing`, which has to be finite. *damping* is relative to
-        the best known direction.
+        where the amplitudes are *drawn* (b,), counts as one more row, good to one; *along_all*:
+        along all. A departure is the root of `drawing`, which has to be finite. *damping* is
+        relative to the best known direction.
         """
-        return leaning(self.gram, side, np.sqrt(self.drawing), drawn, damping, held)
+        return solve_with_prior(self.gram, side, np.sqrt(self.drawing), drawn, damping, along_all)
 
-    def clear_of(self, *names: str) -> tuple[LinearModel, FittedAlong]:
+    def eliminate(self, *names: str) -> tuple[LinearModel, FittedAlong]:
         """The problem of all other blocks, these, of columns in one unit, being fitted along.
 
         What neither rows nor priors tell of these stays 0 and takes nothing.
         """
-        eliminated, remaining = self.layout.of(names), self.layout.but(names)
+        eliminated, remaining = (
+            self.layout.find_columns(names),
+            self.layout.find_other_columns(names),
+        )
         unit = float(self.length[eliminated].max(initial=0.0)) ** 2 or 1.0
         eliminated_gram = self.gram[np.ix_(eliminated, eliminated)] + np.diag(
             1.0 / self.variance[eliminated]
         )
         scaled = eliminated_gram / unit
-        factor = factor_of_known(scaled, lower_factors(scaled[None])[0]) / np.sqrt(unit)
+        factor = factorise_known(scaled, factorise_lower(scaled[None])[0]) / np.sqrt(unit)
         projected = factor.T @ self.gram[np.ix_(eliminated, remaining)]
         reduced = self.only(remaining)
         return replace(reduced, gram=reduced.gram - projected.T @ projected), FittedAlong(
             factor, -factor @ projected
         )
 
-    def information(self, *names: str) -> F64:
+    def compute_information(self, *names: str) -> F64:
         """(m, m) of some blocks, in the order of *names*, their own priors included, all other
         amplitudes being fitted along."""
-        columns = self.layout.of(names)
-        remaining = self.layout.but(names)
+        columns = self.layout.find_columns(names)
+        remaining = self.layout.find_other_columns(names)
         projected = self.only(remaining).project(self.gram[np.ix_(remaining, columns)])
         reduced_gram: F64 = self.gram[np.ix_(columns, columns)] - projected.T @ projected
         return (reduced_gram + reduced_gram.T) / 2.0 + np.diag(1.0 / self.variance[columns])
@@ -271,7 +276,7 @@ class LinearModel:
         return scaled
 
 
-def factor_of_known(matrix: F64, lower: F64 | None) -> F64:
+def factorise_known(matrix: F64, lower: F64 | None) -> F64:
     """Return F (m, r) with F Fᵀ the inverse of *matrix* (m, m), of columns in one unit, along the
     eigenvectors of which something is known; *lower*: Cholesky's factor of it, if it has one.
 
@@ -279,7 +284,7 @@ def factor_of_known(matrix: F64, lower: F64 | None) -> F64:
     inverse's trace.
     """
     if lower is not None:
-        factor = inverse_of_lower(lower)
+        factor = invert_lower(lower)
         if float((factor**2).sum()) * LEAST_TAKEN < 1.0:
             return factor
     values, vectors = np.linalg.eigh(matrix)
@@ -288,11 +293,11 @@ def factor_of_known(matrix: F64, lower: F64 | None) -> F64:
     return along
 
 
-def lower_factors(matrices: F64) -> Sequence[F64 | None]:
+def factorise_lower(matrices: F64) -> Sequence[F64 | None]:
     """Return Cholesky's lower factor of each of *matrices* (s, m, m); None where there is none."""
     try:
         return list(np.linalg.cholesky(matrices))
     except np.linalg.LinAlgError:
         if len(matrices) == 1:
             return [None]
-    return [factor for matrix in matrices for factor in lower_factors(matrix[None])]
+    return [factor for matrix in matrices for factor in factorise_lower(matrix[None])]

@@ -21,7 +21,7 @@ class Solution:
 
     step: F64  # (C,) in the unknowns' own units
     singular_values: F64  # (C,) of the whitened columns, descending
-    known: Mask  # (C,) which directions are known
+    is_known: Mask  # (C,) which directions are known
     prior: Mask  # (C,) along which the drawing counts as one more reading
     directions: F64  # (C, C) columns: directions in scaled unknowns
     scale: F64  # (C,) plausible departures
@@ -29,15 +29,15 @@ class Solution:
 
     @property
     def rank(self) -> int:
-        return int(self.known.sum())
+        return int(self.is_known.sum())
 
     @property
     def null(self) -> F64:
         """(C, C − rank) directions the readings do not know, in plausible departures."""
-        return self.directions[:, ~self.known]
+        return self.directions[:, ~self.is_known]
 
     @property
-    def told(self) -> float:
+    def effective_rank(self) -> float:
         """How many unknowns the readings told, by the share they had in each beside the drawing."""
         curvature = self.singular_values**2
         shares = curvature[curvature > 0] / (curvature + self.prior)[curvature > 0]
@@ -51,7 +51,7 @@ class Solution:
     @property
     def known_step(self) -> F64:
         """(C,) the step along what is known, nothing beside it."""
-        known_directions = self.directions[:, self.known]
+        known_directions = self.directions[:, self.is_known]
         step: F64 = self.scale * (
             known_directions @ (known_directions.T @ (self.step / self.scale))
         )
@@ -68,9 +68,9 @@ class Solution:
         curvature: F64 = self.singular_values**2 + self.prior
         return curvature
 
-    def known_covariance(self) -> F64:
+    def compute_known_covariance(self) -> F64:
         """(C, C) covariance of what is known alone, in the unknowns' own units."""
-        return self._covariance(self.directions[:, self.known], self.known)
+        return self._covariance(self.directions[:, self.is_known], self.is_known)
 
     def covariance(self, gauge: F64) -> F64:
         """(C, C) in the unknowns' own units; zero along *gauge* (C, k), which moves no point.
@@ -78,7 +78,7 @@ class Solution:
         What the readings do not know is as uncertain as a plausible departure, not certain.
         """
         without_gauge = self.directions - gauge @ (gauge.T @ self.directions)
-        return self._covariance(without_gauge, np.ones_like(self.known))
+        return self._covariance(without_gauge, np.ones_like(self.is_known))
 
     def _covariance(self, directions: F64, chosen: Mask) -> F64:
         root = directions / np.sqrt(self._curvature[chosen])
@@ -100,16 +100,16 @@ class FittedAlong:
         return int(self.factor.shape[1])
 
 
-def leaning(
-    gram: F64, side: F64, scale: F64, drawn: F64, damping: float = 0.0, held: bool = False
+def solve_with_prior(
+    gram: F64, side: F64, scale: F64, drawn: F64, damping: float = 0.0, along_all: bool = False
 ) -> Solution:
-    """What `LinearModel.lean` says, from products (C, C) of the columns and (C,) with a residual;
-    *scale* (C,): plausible departures."""
+    """What `LinearModel.solve_with_prior` says, from products (C, C) of the columns and (C,) with a
+    residual; *scale* (C,): plausible departures."""
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
     curvature, directions = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
     largest = float(curvature.max(initial=0.0))
     is_known = curvature > max(LEAST_KNOWN**2, ROUNDING * largest)
-    prior = ~is_known | held
+    prior = ~is_known | along_all
     slope = directions.T @ (scale * side) + prior * (directions.T @ (drawn / scale))
     leaned = curvature + prior
     step = scale * (directions @ (slope / (leaned + damping * largest)))

@@ -13,9 +13,9 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
-from armd.compensation.estimate.fit_poses import robust_poses
+from armd.compensation.estimate.fit_poses import fit_robust_poses
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.robust import LEAST_MM, SUSPECT, monstrous
+from armd.compensation.estimate.robust import LEAST_MM, SUSPECT, find_monstrous
 from armd.terminal.counted import counted
 
 #: Readings that are listed.
@@ -54,7 +54,7 @@ def far_off(off_mm: F64, times: float = SUSPECT) -> FarOff:
     if not len(known):
         return FarOff(known, np.empty(0), LEAST_MM)
     of_mm = off_mm[known]
-    found = known[monstrous(of_mm[:, None], times)]
+    found = known[find_monstrous(of_mm[:, None], times)]
     farthest = found[np.argsort(-off_mm[found], kind="stable")]
     return FarOff(farthest, off_mm[farthest], max(float(np.median(of_mm)), LEAST_MM))
 
@@ -86,5 +86,5 @@ def distances_mm(observations: Observations, position_mm: F64) -> F64:
     alone = observations.unknown & (count < 2)
     told = usable & (observations.has_truth | ~alone[observations.target])
     if told.any():
-        distance[told] = robust_poses(observations.rows(told), position_mm[told])[1]
+        distance[told] = fit_robust_poses(observations.rows(told), position_mm[told])[1]
     return distance

@@ -201,7 +201,7 @@ def _explains(found: Identification, one: GroupFit, most: float, grown_mm: float
             found.reference_c,
         )  # fmt: skip
         equations = int(part.freedom.sum())
-        freedom = equations - alone.alone.rank - alone.solution.told
+        freedom = equations - alone.alone.rank - alone.solution.effective_rank
         kept = one.kept[group]
         kept[alone.outliers] = False
         noise_um = rms_um(alone.at.residual_mm[kept]) * np.sqrt(equations / max(freedom, 1))

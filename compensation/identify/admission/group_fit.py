@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64, Mask
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.row_groups import LEAST_ROWS, GroupGain, acquisition_order
 from armd.compensation.identify.admission.second_group import Differs
@@ -37,7 +37,7 @@ class GroupCause:
 
     def columns(self, found: Identification) -> F64:
         """(n, 3, c) d residual / d parameter."""
-        return found.at.constant_columns(self.parameters)
+        return found.at.make_constant_columns(self.parameters)
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def unknowns_of(arm: Arm, terms: Sequence[Term]) -> Unknowns:
     the last frame stays the drawing's, and no fit creeps along what no reading tells.
     """
     last = arm.layout.names[arm.layout.joint(arm.n_joints)]
-    constants = [name for name in free_constants(arm) if name not in last]
+    constants = [name for name in list_free_constants(arm) if name not in last]
     return Unknowns(constants, range(len(terms)))
 
 

@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.fit_poses import fit_poses, robust_poses
+from armd.compensation.estimate.fit_poses import fit_poses, fit_robust_poses
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.identify.admission.other_ends import other_ends
@@ -142,7 +142,7 @@ def _largest(observations: Observations, position_mm: F64) -> F64:
     if not kept.any():
         return largest
     observations, position_mm = observations.rows(kept), position_mm[kept]
-    _, distance = robust_poses(observations, position_mm)
+    _, distance = fit_robust_poses(observations, position_mm)
     for placement in np.unique(observations.placement):
         own = observations.placement == placement
         if own.sum() < LEAST_READINGS:

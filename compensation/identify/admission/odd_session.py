@@ -14,7 +14,7 @@ import numpy as np
 
 from armd.arrays import F64, Mask
 from armd.compensation.data.session import Session
-from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.mistakes import (
@@ -210,7 +210,7 @@ def identified(observations: Observations, rows: Mask) -> Identification | None:
     arm = observations.arm
     finite = np.isfinite(chosen.states.temperature_c).all()
     terms = length_terms(arm, [1]) if finite and len(temperature_groups(chosen)) > 1 else []
-    unknowns = Unknowns(free_constants(arm), range(len(terms)))
+    unknowns = Unknowns(list_free_constants(arm), range(len(terms)))
     return fit(chosen, arm.nominal(), terms, unknowns, arm.reference_temperature_c)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armd.arrays import Mask
-from armd.compensation.estimate.gauge import unidentifiable
+from armd.compensation.estimate.gauge import describe_unidentifiable
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.surface_kinds import FREEDOM, POINT, TURN
 from armd.compensation.identify.admission.needed import readings_for
@@ -164,7 +164,7 @@ def _most_of_all(found: Identification) -> str:
     i = int(np.argmax(off_mm))
     return (
         f" (half of the readings within {np.median(off_mm):.2g} mm; the farthest,"
-        f" {found.observations.row_name(i)}, {off_mm[i]:.3g} mm off)"
+        f" {found.observations.name_row(i)}, {off_mm[i]:.3g} mm off)"
     )
 
 
@@ -200,4 +200,4 @@ def require_plausible(found: Identification, files: str) -> None:
 def not_known(found: Identification) -> list[str]:
     """What the readings cannot tell apart, in words."""
     names = found.unknowns.words(found.terms)
-    return unidentifiable(found.solution.null, names, found.observations.arm)
+    return describe_unidentifiable(found.solution.null, names, found.observations.arm)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.robust import huber_weights
+from armd.compensation.estimate.robust import compute_huber_weights
 from armd.compensation.identify.fit import Identification
 
 #: A group and the rest have at least so many rows: fewer are single readings gone wrong.
@@ -133,7 +133,7 @@ def clear_rows(found: Identification, without: I64) -> ClearedRows | None:
     order = acquisition_order(found)
     size_mm = np.linalg.norm(at.residual_mm, axis=1)
     usual_mm = max(float(np.median(size_mm)), 1e-12)
-    weight = np.sqrt(huber_weights(size_mm / usual_mm, EDGE))
+    weight = np.sqrt(compute_huber_weights(size_mm / usual_mm, EDGE))
     weight[without] = 0.0
     poses = _own(observations.placement, placements, at.pose_columns)
     seats = _own(observations.target, targets, at.target_columns)

@@ -11,7 +11,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import Poses
 from armd.compensation.estimate.surface_kinds import CYLINDER, FREEDOM, PLANE
-from armd.compensation.estimate.surfaces import LEAST_COSINE, mean_cosines
+from armd.compensation.estimate.surfaces import LEAST_COSINE, compute_mean_cosines
 from armd.errors import BadInput
 from armd.terminal.counted import counted
 
@@ -37,7 +37,7 @@ def require_surfaces(
     """
     if not observations.on_surface.any():
         return
-    normal = poses.normals(observations, position_mm)
+    normal = poses.compute_normals(observations, position_mm)
     every = np.flatnonzero(observations.on_surface)
     of_placement = observations.placement[every]
     for p in np.unique(of_placement):
@@ -98,7 +98,7 @@ def _needs_side(observations: Observations, target: int) -> bool:
 
 
 def _no_side(observations: Observations, rows: I64, normal: F64) -> tuple[str, str] | None:
-    approach, shaft = mean_cosines(observations, rows, normal)
+    approach, shaft = compute_mean_cosines(observations, rows, normal)
     if abs(approach) >= LEAST_COSINE or abs(shaft) >= LEAST_SHAFT:
         return None
     return (

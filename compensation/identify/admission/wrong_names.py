@@ -18,7 +18,7 @@ from armd.arrays import F64, I64
 from armd.compensation.data.readings import row_in_words
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_files import readings_path
-from armd.compensation.estimate.fit_poses import robust_poses
+from armd.compensation.estimate.fit_poses import fit_robust_poses
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.identify.admission.mistakes import (
@@ -58,7 +58,7 @@ def wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
     if not len(told):
         return WrongNames(told, told, np.empty(0), np.empty(0))
     observations, position = observations.rows(told), position[told]
-    poses, own_mm = robust_poses(observations, position, roughly=True)
+    poses, own_mm = fit_robust_poses(observations, position, roughly=True)
     level = max(float(np.median(own_mm)), LEAST_MM)
     # Where hardly any reading lies at its target, nothing says where the artefact is.
     near = np.bincount(
@@ -69,7 +69,7 @@ def wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
     session = np.isin(observations.target_session, observations.session)
     known = touched | ~observations.unknown
     others = np.flatnonzero(session & known & (observations.kind == POINT))
-    there = poses.placed_at(observations.rows(far), others)
+    there = poses.place_at(observations.rows(far), others)
     distance = np.linalg.norm(position[far, None] - there, axis=2)
     nearest = distance.argmin(axis=1)
     at_mm = distance[np.arange(len(far)), nearest]

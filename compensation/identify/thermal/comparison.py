@@ -87,12 +87,12 @@ class Comparison:
         basis = basis_values(everything, observations.states, arm, fit.reference_c, fit.constants)
         columns = np.concatenate(
             [
-                fit.at.constant_columns(fit.unknowns.constants),
-                fit.at.term_columns(everything, basis),
+                fit.at.make_constant_columns(fit.unknowns.constants),
+                fit.at.make_term_columns(everything, basis),
             ],
             axis=2,
         )
-        fitted = fit.at.term_columns(fit.terms, fit.at.basis)
+        fitted = fit.at.make_term_columns(fit.terms, fit.at.basis)
         coefficients = np.array([term.coefficient for term in fit.terms])
         self._residual = fit.at.residual_mm - fitted @ coefficients
         self._columns = columns

@@ -14,11 +14,11 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import linearise
-from armd.compensation.estimate.noise import estimate, whitening
+from armd.compensation.estimate.noise import estimate_noise, make_whitening
 from armd.compensation.estimate.robust import (
-    mahalanobis2,
-    of_three_components,
-    redescending_weights,
+    compute_mahalanobis2,
+    compute_redescending_weights,
+    to_three_components,
 )
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
@@ -60,13 +60,13 @@ def regressed(
     names = list(around.unknowns.constants)
     # θ₁ and d₁ move every placement alike: no reading tells them.
     moving = [i for i, name in enumerate(names) if name not in ("theta_1", "d_1")]
-    each = np.array([solution.known_covariance() for solution in identified])
+    each = np.array([solution.compute_known_covariance() for solution in identified])
     covariance = np.einsum("rg,sg,gij->risj", linear, linear, each)
     places = [(m, i) for m in range(1, order + 1) for i in moving]
     chosen = [*range(len(names)), *(len(names) * m + i for m, i in places)]
     covariance = covariance.reshape(2 * [len(names) * (order + 1)])[np.ix_(chosen, chosen)]
     # What no temperature knows stays as the fit of all together has it, and as uncertain.
-    unsure = around.covariance - around.solution.known_covariance() * around.variance_factor
+    unsure = around.covariance - around.solution.compute_known_covariance() * around.variance_factor
     covariance[: len(names), : len(names)] += unsure[: len(names), : len(names)]
     deviation = np.sqrt(np.diag(covariance))[len(names) :]
     terms = [
@@ -90,8 +90,8 @@ def _standing(around: Identification, constants: F64, terms: list[Term]) -> Iden
     poses = evaluate_model(observations, constants, terms, reference_c).poses
     at = linearise(observations, constants, terms, poses, reference_c)
     joints = at.joints
-    left = around.alone.left(around.solution.root)
-    noise = estimate(
+    left = around.alone.compute_residual_share(around.solution.root)
+    noise = estimate_noise(
         at.residual_mm,
         joints,
         around.alone.whitening,
@@ -101,12 +101,16 @@ def _standing(around: Identification, constants: F64, terms: list[Term]) -> Iden
         observations.freedom,
     )
     covariance = noise.covariance(joints)
-    distance2 = of_three_components(mahalanobis2(at.residual_mm, covariance), observations.freedom)
+    distance2 = to_three_components(
+        compute_mahalanobis2(at.residual_mm, covariance), observations.freedom
+    )
     unknowns = Unknowns(around.unknowns.constants, range(len(terms)))
-    scale = unknowns.plausible(terms, at.basis)
+    scale = unknowns.get_plausible(terms, at.basis)
     alone = ArmAlone(
         at,
-        whitening(covariance, around.counts * redescending_weights(distance2, around.region)),
+        make_whitening(
+            covariance, around.counts * compute_redescending_weights(distance2, around.region)
+        ),
         unknowns.columns(at.jacobian, at.basis, terms),
     )
     return replace(

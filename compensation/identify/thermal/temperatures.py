@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.folds import placement_folds
+from armd.compensation.estimate.folds import make_placement_folds
 from armd.compensation.estimate.observations import Observations
 
 #: Placements closer than this in temperature count as one temperature.
@@ -91,7 +91,7 @@ def left_out_in_turn(observations: Observations, groups: list[tuple[float, Mask]
     ]
     for g in (0, len(groups) - 1):
         rows = groups[g][1]
-        for part in placement_folds(observations.rows(rows), SETS_AT_AN_END)[0]:
+        for part in make_placement_folds(observations.rows(rows), SETS_AT_AN_END)[0]:
             out = np.zeros(observations.n, dtype=bool)
             out[np.flatnonzero(rows)[part]] = True
             found.append(LeftOut(g, out, rows & ~out))

@@ -15,7 +15,7 @@ def find_interval(
 ) -> tuple[float, float]:
     """What holds the change's instant: from the last good check without it to the first with it."""
     until = checks[change.latest].first_unix_s
-    good = _good_before(change.earliest, bad)
+    good = _list_good_before(change.earliest, bad)
     beyond = stack.gap_d * DAY_S
     if not change.gradual:
         return (checks[good[-1]].last_unix_s if good else until - beyond), until
@@ -33,11 +33,11 @@ def find_instant(
     if change.gradual:
         return checks[0].mean_unix_s + change.origin_d * DAY_S
     first = checks[change.first].first_unix_s
-    good = _good_before(change.first, bad)
+    good = _list_good_before(change.first, bad)
     if not good:
         return first - stack.gap_d * DAY_S / 2
     return (checks[good[-1]].last_unix_s + first) / 2
 
 
-def _good_before(check: int, bad: Collection[int]) -> list[int]:
+def _list_good_before(check: int, bad: Collection[int]) -> list[int]:
     return [i for i in range(check) if i not in bad]

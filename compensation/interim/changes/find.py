@@ -61,7 +61,7 @@ def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) 
         look = EpochLook(since, left_out, known_numbers, looked.quiet)
         stands.append(SearchState(look, tuple(changes), tuple(alarms), bad))
         if looked.alarm is None:
-            if changes and _since_start(stack, causes, changes, stack.n, bad) < REFUTED:
+            if changes and _weigh_last_change(stack, causes, changes, stack.n, bad) < REFUTED:
                 # Later checks speak against the last alarm: it was a false one.
                 changes.pop()
                 since = alarms.pop() + 1
@@ -76,18 +76,23 @@ def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) 
             break
         weighed, good = weigh_since(null, causes, since, until, until, bad)
         if changes:
-            again = _renamed(stack, causes, changes, alarms[-1], until, bad, weighed.log_alarm)
+            again = _rename_change(
+                stack, causes, changes, alarms[-1], until, bad, weighed.log_alarm
+            )
             if again is not None:
                 changes[-1] = again
                 since = again.first + 1
                 continue
-            if _since_start(stack, causes, changes, until, bad) + weighed.log_alarm < 2 * LIMIT:
+            if (
+                _weigh_last_change(stack, causes, changes, until, bad) + weighed.log_alarm
+                < 2 * LIMIT
+            ):
                 # There and back is less likely than a false alarm, and what ended it another.
                 changes.pop()
                 since = alarms.pop() + 1
                 continue
         new = find_likeliest(null, causes, weighed, good)
-        if (same := _same_growth(changes, causes, new)) is not None:
+        if (same := _find_same_growth(changes, causes, new)) is not None:
             # What moves on at one place is one growth, no staircase; it is known up to here.
             begun = replace(
                 changes[same],
@@ -105,16 +110,16 @@ def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) 
         changes.append(new)
         alarms.append(looked.alarm)
         since = new.first + 1
-    changes = _refined(stack, causes, changes, bad)
+    changes = _refine(stack, causes, changes, bad)
     assert first_look is not None
-    statistic = _filled(first_look, stack, causes, bad, before)
+    statistic = _fill(first_look, stack, causes, bad, before)
     after = () if first_look.alarm is None else statistic[first_look.alarm + 1 : -1].tolist()
     looks = tuple(stand.look for stand in stands)
     remembered = EpochLooks(looks, tuple(after), tuple(i for i in bad if i < stack.n - 1))
     return ChangesFound(statistic, first_look.alarm, tuple(changes), bad, remembered)
 
 
-def _refined(
+def _refine(
     stack: Stack, causes: Sequence[Cause], changes: list[Change], bad: tuple[int, ...]
 ) -> list[Change]:
     """Every change looked at once more with all readings, the others known; what they leave too
@@ -129,14 +134,14 @@ def _refined(
                 del named[i]
                 continue
             named[i] = find_likeliest(without_it, causes, weighed, good)
-            if _same_growth(named[:i], causes, named[i]) is not None:
+            if _find_same_growth(named[:i], causes, named[i]) is not None:
                 del named[i]  # under this name it is the growth that is there already
                 continue
             i += 1
     return [*named, *strange]
 
 
-def _filled(
+def _fill(
     first_look: Watched,
     stack: Stack,
     causes: Sequence[Cause],
@@ -159,7 +164,9 @@ def _filled(
     return statistic
 
 
-def _same_growth(changes: Sequence[Change], causes: Sequence[Cause], new: Change) -> int | None:
+def _find_same_growth(
+    changes: Sequence[Change], causes: Sequence[Cause], new: Change
+) -> int | None:
     """Which change found *new* only goes on with: one of its cause at its place, if either of them
     grows or it would be the third."""
 
@@ -173,7 +180,7 @@ def _same_growth(changes: Sequence[Change], causes: Sequence[Cause], new: Change
     return same[0] if grows or len(same) > 1 else None
 
 
-def _since_start(
+def _weigh_last_change(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], until: int, bad: Sequence[int]
 ) -> float:
     """Log ratio of all readings *until* a check with some change where the last one found may be,
@@ -183,7 +190,7 @@ def _since_start(
     return weigh_since(before, causes, start, until, until, bad)[0].log_alarm
 
 
-def _renamed(
+def _rename_change(
     stack: Stack,
     causes: Sequence[Cause],
     changes: Sequence[Change],

@@ -117,9 +117,11 @@ class _Ramps:
         if len(bends):
             common = self.pairs(bends, bends) * np.outer(sizes, sizes) + np.eye(len(sizes))
             root = cholesky(common, lower=True, check_finite=False)
-            solved_side = _solved(root, self.products(bends)[1].ravel() * sizes)
+            solved_side = _solve_triangle(root, self.products(bends)[1].ravel() * sizes)
             across = self.pairs(bends, origins) * sizes[:, None] * np.tile(first, len(origins))
-            across = _solved(root, across).reshape(len(sizes), len(origins), -1).swapaxes(0, 1)
+            across = (
+                _solve_triangle(root, across).reshape(len(sizes), len(origins), -1).swapaxes(0, 1)
+            )
             gram = gram - across.swapaxes(1, 2) @ across
             side = side - solved_side @ across
             spread, explained = float(np.log(np.diag(root)).sum()), float(solved_side @ solved_side)
@@ -137,9 +139,9 @@ class _Since:
         step = np.diff(time_d, append=time_d[-1])[:, None] / RAMP_DAYS
         flat = values.reshape(len(values), -1)
         self._shape = values.shape[1:]
-        self._sums = _backwards(flat)
-        self._once = _backwards(step * self._sums[1:])
-        self._twice = _backwards(2 * step * self._once[1:] + step**2 * self._sums[1:])
+        self._sums = _sum_backwards(flat)
+        self._once = _sum_backwards(step * self._sums[1:])
+        self._twice = _sum_backwards(2 * step * self._once[1:] + step**2 * self._sums[1:])
 
     def once(self, origins: F64) -> F64:
         """(*origins, …) the ramp from each origin on, times *of*."""
@@ -162,13 +164,13 @@ class _Since:
         return sums.reshape(*origins.shape, *self._shape)
 
 
-def _backwards(values: F64) -> F64:
+def _sum_backwards(values: F64) -> F64:
     """(n + 1, …) sums of *of* (n, …) from each on."""
     sums = np.zeros((len(values) + 1, *values.shape[1:]))
     np.cumsum(values[::-1], axis=0, out=sums[-2::-1])
     return sums
 
 
-def _solved(factor: F64, side: F64) -> F64:
+def _solve_triangle(factor: F64, side: F64) -> F64:
     solution: F64 = solve_triangular(factor, side, lower=True, check_finite=False)
     return solution

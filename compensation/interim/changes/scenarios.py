@@ -29,8 +29,8 @@ def list_scenarios(
     named = [change for change in changes if change.cause is not None]
     scenarios_so_far: list[ChangeScenario] = [(1.0, ())]
     for index in range(len(named)):
-        its = _likeliest(_alternatives(stack, causes, changes, index, bad))
-        scenarios_so_far = _likeliest(
+        its = _keep_likeliest(_list_alternatives(stack, causes, changes, index, bad))
+        scenarios_so_far = _keep_likeliest(
             (share * weight, (*before, *alternative))
             for share, before in scenarios_so_far
             for weight, alternative in its
@@ -41,7 +41,7 @@ def list_scenarios(
     ]
 
 
-def _likeliest(scenarios: Iterator[ChangeScenario]) -> list[ChangeScenario]:
+def _keep_likeliest(scenarios: Iterator[ChangeScenario]) -> list[ChangeScenario]:
     ordered = sorted(scenarios, key=lambda pair: -pair[0])
     shares = np.array([share for share, _ in ordered])
     until = int(np.searchsorted(np.cumsum(shares), KEPT_SHARE * shares.sum())) + 1
@@ -50,7 +50,7 @@ def _likeliest(scenarios: Iterator[ChangeScenario]) -> list[ChangeScenario]:
     return [(share / total, changes) for share, changes in chosen]
 
 
-def _alternatives(
+def _list_alternatives(
     stack: Stack, causes: Sequence[Cause], changes: Sequence[Change], index: int, bad: Sequence[int]
 ) -> Iterator[ChangeScenario]:
     """Everything that one change may be: a step by cause, onset and size, or a growth by cause and
@@ -63,11 +63,11 @@ def _alternatives(
         first, origin = firsts[t], find_origin_d(stack, good, int(weighed.first[t]))
         return Change(k, gradual, first, first, first, origin, np.nan, size=size)
 
-    for t, k, s in _largest(share[:, :, 0]):
+    for t, k, s in _iterate_largest(share[:, :, 0]):
         yield float(share[t, k, 0, s]), (make_change(t, k, False, SIZES[s]),)
     by_cause = share[:, :, 1].sum(axis=(0, 2))
     growths = Growths(without_it, good)
-    for (k,) in _largest(by_cause):
+    for (k,) in _iterate_largest(by_cause):
         grown = share[:, k, 1]
         t, s = (int(position) for position in np.unravel_index(int(np.argmax(grown)), grown.shape))
         likeliest = make_change(t, k, True, SIZES[s])
@@ -75,7 +75,7 @@ def _alternatives(
             yield float(by_cause[k]) * begun, (course,)
 
 
-def _largest(share: F64) -> Iterator[tuple[int, ...]]:
+def _iterate_largest(share: F64) -> Iterator[tuple[int, ...]]:
     """Indices of all that may be among those kept."""
     smallest = (1 - KEPT_SHARE) / MOST_SCENARIOS
     yield from (tuple(int(i) for i in indices) for indices in np.argwhere(share > smallest))

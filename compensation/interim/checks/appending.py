@@ -37,13 +37,13 @@ def append_checks(
     """
     path = folder / HISTORY
     places = [folder / CHECKS / new_line.folder for new_line in new]
-    with explain_os_errors(folder), _taken_back_unless_told_of(places, path):
+    with explain_os_errors(folder), _undo_unless_reported(places, path):
         for name in (CHECKS, *(str(file.parent) for file in common)):
             (folder / name).mkdir(exist_ok=True)
         for file, data in common.items():
             write_changed(folder / file, data)
         text = read_input(path) if path.exists() else b""
-        previous = _hash_of_last(text)
+        previous = _hash_last(text)
         added = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         for number, (new_line, place) in enumerate(zip(new, places, strict=True), count + 1):
             line = {
@@ -71,7 +71,7 @@ def make_folder_name(started: str, name: str) -> str:
 
 
 @contextmanager
-def _taken_back_unless_told_of(places: Sequence[Path], history: Path) -> Iterator[None]:
+def _undo_unless_reported(places: Sequence[Path], history: Path) -> Iterator[None]:
     """What fails within this `with` (a full disk) leaves no check's folder, whole or in part, that
     no new line of *history* tells of: there it would keep the disk full."""
     before = history.read_bytes() if history.is_file() else b""
@@ -81,7 +81,7 @@ def _taken_back_unless_told_of(places: Sequence[Path], history: Path) -> Iterato
         with suppress(OSError):
             if (history.read_bytes() if history.is_file() else b"") == before:
                 for place in places:
-                    shutil.rmtree(_part_of(place), ignore_errors=True)
+                    shutil.rmtree(_name_part(place), ignore_errors=True)
                     shutil.rmtree(place, ignore_errors=True)
         raise
 
@@ -91,7 +91,7 @@ def _write_head(folder: Path, checks: int, sha256: str) -> None:
     write_whole(folder / HEAD, json.dumps(head) + "\n")
 
 
-def _hash_of_last(text: bytes) -> str:
+def _hash_last(text: bytes) -> str:
     lines = text.split(b"\n")[:-1]
     return hashlib.sha256(lines[-1]).hexdigest() if lines else BEGINNING
 
@@ -100,7 +100,7 @@ def _keep_check(place: Path, contents: Mapping[str, bytes]) -> dict[str, str]:
     """A check's files in *place*; their hashes."""
     if place.exists():  # begun and not finished: no line tells of it
         shutil.rmtree(place)
-    part = _part_of(place)
+    part = _name_part(place)
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir()
     for name, data in contents.items():
@@ -110,6 +110,6 @@ def _keep_check(place: Path, contents: Mapping[str, bytes]) -> dict[str, str]:
     return {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
 
 
-def _part_of(place: Path) -> Path:
+def _name_part(place: Path) -> Path:
     """Where a check's folder is made before it stands in its *place*."""
     return place.with_name(f".{place.name}.part")

@@ -99,7 +99,7 @@ def read_lines(folder: Path, kind: type[Line]) -> HistoryChain[Line]:
         if folder.exists() and not folder.is_dir():
             raise BadInput(folder, "the history", "a file", "a folder")
     # Before the lines: a check that is added in between makes them more than it says, never less.
-    head = _head(folder)
+    head = _load_head(folder)
     with explain_os_errors(folder):
         begun = path.exists()
     if not begun:
@@ -123,7 +123,7 @@ def read_lines(folder: Path, kind: type[Line]) -> HistoryChain[Line]:
             raise BadInput(path, f"line {number}", problem, follows)
         hashes.append(hashlib.sha256(text).hexdigest())
         lines.append(line)
-    _check_head(folder, head or _head(folder), hashes)
+    _check_head(folder, head or _load_head(folder), hashes)
     return HistoryChain(tuple(lines), tuple(hashes[1:]))
 
 
@@ -149,7 +149,7 @@ def _check_head(folder: Path, head: Head | None, hashes: Sequence[str]) -> None:
         raise BadInput(path, f"line {head.checks}", mismatch, "the line that was written")
 
 
-def _head(folder: Path) -> Head | None:
+def _load_head(folder: Path) -> Head | None:
     path = folder / HEAD
     if not path.exists():
         return None

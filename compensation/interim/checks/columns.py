@@ -54,9 +54,9 @@ class Cause:
 def list_causes(arm: Arm, calibration: Calibration) -> list[Cause]:
     """Every cause that may begin between two checks, with its prior: uniform over families, then
     over places, then over the forms at one place."""
-    possible = [c for c in candidates(_scene(arm, calibration)) if _happens(c)]
-    slips = [_slip(c) for c in possible if _is_turn(c)]
-    sudden, gradual = _priors([*possible, *slips]), _priors(possible)
+    possible = [c for c in candidates(_make_scene(arm, calibration)) if _can_happen(c)]
+    slips = [_make_slip(c) for c in possible if _is_turn(c)]
+    sudden, gradual = _make_priors([*possible, *slips]), _make_priors(possible)
     causes: list[Cause] = []
     for candidate, prior in zip([*possible, *slips], sudden, strict=True):
         # A turn of the zero is a knock seldom, if sudden, and a creep, if it grows.
@@ -70,7 +70,7 @@ def list_causes(arm: Arm, calibration: Calibration) -> list[Cause]:
     ]
 
 
-def _scene(arm: Arm, calibration: Calibration) -> SessionFacts:
+def _make_scene(arm: Arm, calibration: Calibration) -> SessionFacts:
     """The calibration held; no instants, for a change's instant is not the catalogue's business."""
     return SessionFacts(
         arm=arm,
@@ -97,7 +97,7 @@ def _scene(arm: Arm, calibration: Calibration) -> SessionFacts:
     )
 
 
-def _happens(candidate: Candidate) -> bool:
+def _can_happen(candidate: Candidate) -> bool:
     orders = [value for name, value, _ in candidate.setting if name == "order"]
     if candidate.cause == "axis_wobble" and orders != [WOBBLE_ORDER]:
         return False
@@ -108,13 +108,13 @@ def _is_turn(candidate: Candidate) -> bool:
     return candidate.cause == "geometry_shift" and candidate.columns[0].name == "theta"
 
 
-def _slip(turn: Candidate) -> Candidate:
+def _make_slip(turn: Candidate) -> Candidate:
     joint = turn.location.joint
     assert joint is not None  # of a constant that shifts
     return Candidate("encoder_slip", turn.location, encoder_slip.columns(joint), ("time_s",))
 
 
-def _priors(forms: list[Candidate]) -> list[float]:
+def _make_priors(forms: list[Candidate]) -> list[float]:
     families = {c.cause for c in forms}
     places = {c.place for c in forms}
     return [

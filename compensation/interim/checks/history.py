@@ -21,7 +21,7 @@ from armd.compensation.data.session import Session, load_session
 from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.chain import HistoryLine, read_chain
 from armd.compensation.interim.checks.columns import Cause, list_causes
-from armd.compensation.interim.checks.open_growth import open_growth
+from armd.compensation.interim.checks.open_growth import list_open_growth
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.statistics import from_json
@@ -76,7 +76,7 @@ def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
         epoch = line.arm_file, line.calibration
         if epoch not in catalogues:
             causes = list_causes(arm, calibration.content)
-            growth = open_growth(arm, calibration.content)
+            growth = list_open_growth(arm, calibration.content)
             catalogues[epoch] = causes, hash_catalogue(causes, growth)
         causes, catalogue = catalogues[epoch]
         if (same := loaded.get(line.check)) is not None and same.line == line:
@@ -85,7 +85,7 @@ def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
         path = place / STATISTICS
         check = Check(line, arm, calibration, from_json(path, read_input(path)))
         if check.reduced.catalogue != catalogue:
-            check = _of_today(folder, check, causes)
+            check = _reduce_as_today(folder, check, causes)
         checks.append(check)
     return sorted(checks, key=lambda check: check.line.first_unix_s)
 
@@ -96,7 +96,7 @@ def load_measured(folder: Path, check: Check) -> Session:
     return replace(measured, name=check.line.name)
 
 
-def _of_today(folder: Path, check: Check, causes: Sequence[Cause]) -> Check:
+def _reduce_as_today(folder: Path, check: Check, causes: Sequence[Cause]) -> Check:
     """A check whose statistics are of another catalogue, from what was measured."""
     measured = load_measured(folder, check)
     return replace(check, reduced=reduce(measured, check.arm, check.calibration.content, causes))

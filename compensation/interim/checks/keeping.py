@@ -197,12 +197,12 @@ def keep(
             "calibration": calibration.sha256,
         }
         new_lines.append(
-            NewLine(facts, make_folder_name(started, session.name), _contents(new_check))
+            NewLine(facts, make_folder_name(started, session.name), _make_contents(new_check))
         )
     append_checks(folder, len(lines), new_lines, common)
 
 
-def _contents(new: NewCheck) -> dict[str, bytes]:
+def _make_contents(new: NewCheck) -> dict[str, bytes]:
     """The session's files and its statistics."""
     contents = {
         name: read_input(new.session.path / name)

@@ -38,7 +38,7 @@ class OpenGrowth:
         return f"{GROWTH}{self.term.parameter}"
 
 
-def open_growth(arm: Arm, calibration: Calibration) -> tuple[OpenGrowth, ...]:
+def list_open_growth(arm: Arm, calibration: Calibration) -> tuple[OpenGrowth, ...]:
     """The growth of every length, if *calibration* has no thermal term and was made at what counts
     as one temperature; none otherwise."""
     ranges = calibration.temperature_range_c
@@ -53,12 +53,12 @@ def open_growth(arm: Arm, calibration: Calibration) -> tuple[OpenGrowth, ...]:
     places = arm.layout.indices(term.parameter for term in terms)
     sizes = compute_growth_mm_per_k(calibration.vector(arm.n_joints), places)
     return tuple(
-        OpenGrowth(term, _made_k(term, calibration), float(size))
+        OpenGrowth(term, _compute_middle_k(term, calibration), float(size))
         for term, size in zip(terms, sizes, strict=True)
     )
 
 
-def _made_k(term: Term, calibration: Calibration) -> float:
+def _compute_middle_k(term: Term, calibration: Calibration) -> float:
     (factor,) = term.basis
     assert isinstance(factor, Temperature)
     return sum(

@@ -14,13 +14,13 @@ from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import (
     Poses,
-    centres,
-    pose_columns,
-    target_columns,
+    compute_centres,
+    make_pose_columns,
+    make_target_columns,
 )
 from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.checks.open_growth import open_growth
+from armd.compensation.interim.checks.open_growth import list_open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.model.arm import Arm
@@ -40,13 +40,15 @@ def reduce(
     session: Session, arm: Arm, calibration: Calibration, causes: Sequence[Cause]
 ) -> Reduced:
     """Reduce *session*; raises `BadInput` where it cannot tell anything."""
-    observations = _usable(gather([session], arm, calibration.artefact), arm, calibration, session)
+    observations = _select_usable(
+        gather([session], arm, calibration.artefact), arm, calibration, session
+    )
     states = observations.states
     signals = Signals(states, arm, calibration)
     position = signals.position_mm
     poses = fit_poses(observations, position)
-    placed = poses.target_points(observations)
-    share = _rest_share(observations)
+    placed = poses.compute_target_points(observations)
+    share = _compute_rest_share(observations)
     whitener = signals.compute_whitener() * share[:, None, None]
 
     def whitened(columns: F64) -> F64:
@@ -56,13 +58,13 @@ def reduce(
     cause_columns = signals.compute_motions(
         [column for cause in causes for column in cause.candidate.columns]
     )
-    growth = open_growth(arm, calibration)
+    growth = list_open_growth(arm, calibration)
     calibration_errors = np.concatenate(
         [signals.compute_calibration_motions(), signals.compute_growth_motions(growth)], axis=2
     )
-    shifts, touched = _target_shifts(observations, poses)
-    extra = _distances(observations, poses, touched)
-    nuisance = np.concatenate([_placements(observations, placed), shifts], axis=2)
+    shifts, touched = _make_target_shifts(observations, poses)
+    extra = _make_distance_rows(observations, poses, touched)
+    nuisance = np.concatenate([_make_placement_columns(observations, placed), shifts], axis=2)
     n_free = nuisance.shape[2] - shifts.shape[2]
     free = np.ones(nuisance.shape[2], dtype=bool)
     free[n_free:] = np.repeat(observations.unknown[touched], 3)
@@ -70,7 +72,7 @@ def reduce(
     wide = np.zeros((3 * observations.n + rows, nuisance.shape[2]))
     wide[: 3 * observations.n] = whitened(nuisance)
     wide[3 * observations.n :, n_free:] = extra.columns
-    clear = _clear_of(wide[:, free])
+    clear = _make_clear_basis(wide[:, free])
     errors = np.zeros((len(wide), 0))
     error_names: list[str] = []
     certified = observations.uncertainty_mm[touched]
@@ -78,7 +80,7 @@ def reduce(
         if not observations.unknown[target] and certified[t] > 0:
             block = wide[:, n_free + 3 * t : n_free + 3 * t + 3] * certified[t]
             errors = np.concatenate([errors, block], axis=1)
-            label = _label(session, int(target))
+            label = _label_target(session, int(target))
             error_names += [f"{label} {axis}" for axis in "xyz"]
     wrong_lengths = np.concatenate([np.zeros((3 * observations.n, rows)), extra.errors])
     residual = np.concatenate([whitened((position - placed)[:, :, None])[:, 0], extra.residual])
@@ -109,7 +111,7 @@ def reduce(
             *(f"{session.artefact.name} distance {i}" for i in extra.numbers),
         ),
         targets=clear.T @ wide[:, n_free:],
-        target_names=tuple(_label(session, int(target)) for target in touched),
+        target_names=tuple(_label_target(session, int(target)) for target in touched),
         certified=tuple(bool(x) for x in ~observations.unknown[touched]),
         mean_unix_s=float(states.time_s.mean()),
         first_unix_s=float(states.time_s.min()),
@@ -117,7 +119,7 @@ def reduce(
         readings=observations.n,
         rms_um=1e3 * float(np.sqrt(np.mean(np.sum((position - placed) ** 2, axis=1)))),
         catalogue=hash_catalogue(causes, growth),
-        temperature_c=_temperatures(observations, arm),
+        temperature_c=_summarise_temperatures(observations, arm),
     )
 
 
@@ -129,11 +131,11 @@ class _Lengths:
     numbers: tuple[int, ...]
 
 
-def _label(session: Session, target: int) -> str:
+def _label_target(session: Session, target: int) -> str:
     return f"{session.artefact.name} {session.artefact.target_names[target]}"
 
 
-def _usable(
+def _select_usable(
     observations: Observations, arm: Arm, calibration: Calibration, session: Session
 ) -> Observations:
     """Readings with all that the model needs, in time."""
@@ -146,7 +148,7 @@ def _usable(
     return observations.rows(good)
 
 
-def _temperatures(observations: Observations, arm: Arm) -> dict[str, tuple[float, float]]:
+def _summarise_temperatures(observations: Observations, arm: Arm) -> dict[str, tuple[float, float]]:
     """The lowest and highest of each sensor that read anything."""
     range_c = {}
     for name, celsius in zip(arm.sensors, observations.states.temperature_c.T, strict=True):
@@ -156,7 +158,7 @@ def _temperatures(observations: Observations, arm: Arm) -> dict[str, tuple[float
     return range_c
 
 
-def _rest_share(observations: Observations) -> F64:
+def _compute_rest_share(observations: Observations) -> F64:
     """(n,) readings of one rest share its weight."""
     q, target = observations.states.q, observations.target
     begins = np.ones(observations.n, dtype=bool)
@@ -166,19 +168,19 @@ def _rest_share(observations: Observations) -> F64:
     return share
 
 
-def _placements(observations: Observations, placed: F64) -> F64:
+def _make_placement_columns(observations: Observations, placed: F64) -> F64:
     """(n, 3, 6 P) columns of the placements."""
-    motions = pose_columns(observations, placed, centres(observations, placed))
+    motions = make_pose_columns(observations, placed, compute_centres(observations, placed))
     n_placements = len(observations.placement_names)
     columns = np.zeros((observations.n, 3, n_placements, 6))
     columns[np.arange(observations.n), :, observations.placement] = motions
     return columns.reshape(observations.n, 3, 6 * n_placements)
 
 
-def _target_shifts(observations: Observations, poses: Poses) -> tuple[F64, I64]:
+def _make_target_shifts(observations: Observations, poses: Poses) -> tuple[F64, I64]:
     """(n, 3, 3 T) columns of the touched targets' shifts, and which targets these are."""
     touched = np.unique(observations.target[~observations.has_truth])
-    motions = target_columns(observations, poses)
+    motions = make_target_columns(observations, poses)
     columns = np.zeros((observations.n, 3, len(touched), 3))
     for t, target in enumerate(touched):
         rows = observations.target == target
@@ -186,7 +188,7 @@ def _target_shifts(observations: Observations, poses: Poses) -> tuple[F64, I64]:
     return columns.reshape(observations.n, 3, 3 * len(touched)), touched
 
 
-def _distances(observations: Observations, poses: Poses, touched: I64) -> _Lengths:
+def _make_distance_rows(observations: Observations, poses: Poses, touched: I64) -> _Lengths:
     """Certified lengths between touched targets as rows."""
     lengths, place = observations.distances, {int(t): i for i, t in enumerate(touched)}
     residual, columns, errors, numbers = [], [], [], []
@@ -209,7 +211,7 @@ def _distances(observations: Observations, poses: Poses, touched: I64) -> _Lengt
     )
 
 
-def _clear_of(nuisance: F64) -> F64:
+def _make_clear_basis(nuisance: F64) -> F64:
     """(rows, r) an orthonormal basis of what no nuisance moves."""
     u, s, _ = np.linalg.svd(nuisance, full_matrices=True)
     rank = int((s > NUISANCE_RANK * s[0]).sum())

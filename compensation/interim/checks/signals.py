@@ -57,7 +57,7 @@ class Signals:
         if not columns:
             return np.zeros((self.states.n, 3, 0))
         covariance = np.array(self.calibration.covariance).reshape((len(columns),) * 2)
-        return np.stack(columns, axis=2) @ _root(covariance)
+        return np.stack(columns, axis=2) @ _compute_root(covariance)
 
     def compute_growth_motions(self, growth: Sequence[OpenGrowth]) -> F64:
         """(n, 3, m) how far each growth moves the tip, mm per standard deviation of it."""
@@ -79,7 +79,7 @@ class Signals:
         return whitener
 
 
-def _root(covariance: F64) -> F64:
+def _compute_root(covariance: F64) -> F64:
     """R (B, B) with R Rᵀ the covariance."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     value, vector = np.linalg.eigh(covariance / np.outer(scale, scale))

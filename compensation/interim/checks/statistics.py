@@ -47,7 +47,7 @@ def to_json(reduced: Reduced) -> str:
         "last_unix_s": reduced.last_unix_s,
         "catalogue": reduced.catalogue,
         "temperature_c": reduced.temperature_c,
-        "residual": _numbers(reduced.residual),
+        "residual": _to_numbers(reduced.residual),
         "cause_columns": reduced.causes.shape[1],
         "known_names": list(reduced.known_names),
         "target_names": list(reduced.target_names),
@@ -60,7 +60,7 @@ def to_json(reduced: Reduced) -> str:
         "targets": reduced.targets,
     }
     for name, matrix in matrices.items():
-        rows = [json.dumps(_numbers(row)) for row in matrix]
+        rows = [json.dumps(_to_numbers(row)) for row in matrix]
         lines.append(f"{json.dumps(name)}: [\n" + ",\n".join(rows) + "\n]")
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
@@ -91,5 +91,5 @@ def from_json(path: Path, content: bytes) -> Reduced:
     )
 
 
-def _numbers(values: F64) -> list[float]:
+def _to_numbers(values: F64) -> list[float]:
     return [float(f"{value:.{DIGITS}g}") for value in values]

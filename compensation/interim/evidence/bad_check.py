@@ -63,7 +63,7 @@ class Rest:
             # No density of the check itself is over 1: what so little speaks for adds nothing.
             if others_log[k] < others_log[order[0]] + densities[order[0]].min() - NEGLIGIBLE:
                 continue
-            densities[k] = _usual_and_spoilt(
+            densities[k] = _weigh_usual_and_spoilt(
                 residual - turned @ turned_side[k],
                 (turned * eliminated.weights[k]) @ turned.T,
                 self.stack.targets[check],
@@ -73,7 +73,7 @@ class Rest:
         return np.column_stack([others_log, densities])
 
 
-def _usual_and_spoilt(
+def _weigh_usual_and_spoilt(
     off: F64, spread: F64, targets: F64, remainder: float, freedom: float
 ) -> tuple[float, float]:
     """Log densities of a check that is *off* (r,), known to scatter by *spread* (r, r) beside the
@@ -81,8 +81,8 @@ def _usual_and_spoilt(
     value, vector = np.linalg.eigh(spread)
     along = vector.T @ off
     value = 1.0 + np.maximum(value, 0.0)
-    usual = _log_density(value, along, remainder, freedom)
-    wide = [_log_density(value + s**2 - 1.0, along, remainder, freedom) for s in SCATTERS]
+    usual = _compute_log_density(value, along, remainder, freedom)
+    wide = [_compute_log_density(value + s**2 - 1.0, along, remainder, freedom) for s in SCATTERS]
     root = 1.0 / np.sqrt(value)
     moved, whitened = (vector.T @ targets) * root[:, None], along * root
     elsewhere = _Beside(moved.T @ moved, moved.T @ whitened, float(whitened @ whitened), remainder,
@@ -96,7 +96,7 @@ def _usual_and_spoilt(
     return usual, float(log_sum(np.array(family_logs))) - float(np.log(len(family_logs)))
 
 
-def _log_density(variance: F64, along: F64, remainder: float, freedom: float) -> float:
+def _compute_log_density(variance: F64, along: F64, remainder: float, freedom: float) -> float:
     """Log of Student's density of *along* (r,), of *variance* (r,) times the noise's."""
     quad = float((along**2 / variance).sum())
     spread = float(np.log(variance).sum())

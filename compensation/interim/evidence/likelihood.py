@@ -73,14 +73,16 @@ def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Wei
     priors = np.array([[c.prior_sudden, c.prior_gradual] for c in causes])
     with np.errstate(divide="ignore"):
         log_prior = np.log(priors) - np.log(len(SIZES))
-    log_share = _log_marginals(eliminated, int(sums.numbers[n]))
+    log_share = _compute_log_marginals(eliminated, int(sums.numbers[n]))
     log_share -= logsumexp(log_share)
     freedom = NOISE_WORD + float(sums.numbers[n])
     weights = np.empty((len(first), len(causes), 2, len(SIZES)))
     for begin in range(0, len(first), AT_ONCE):
         batch = slice(begin, begin + AT_ONCE)
         for shape, begun in enumerate(sums.sum_by_onset(first[batch], n, eliminated.rotation)):
-            for members, ratio in _log_ratios(sums.groups, begun, eliminated, freedom, log_share):
+            for members, ratio in _compute_log_ratios(
+                sums.groups, begun, eliminated, freedom, log_share
+            ):
                 weights[batch, members, shape] = ratio + log_prior[members, shape, None]
     return Weighed(first, weights)
 
@@ -92,7 +94,7 @@ def log_sum(logs: F64, axis: int = -1) -> F64:
     return total
 
 
-def _log_ratios(
+def _compute_log_ratios(
     groups: Sequence[tuple[I64, I64]],
     begun: OnsetSums,
     eliminated: EliminatedErrors,
@@ -126,24 +128,26 @@ def _log_ratios(
 def log_marginals(sums: RunningSums, n: int) -> F64:
     """(scales,) log of Student's density of the first *n* checks' readings without a change, by
     how large the standing errors are; everything known integrated out."""
-    return _log_marginals(sums.stack.eliminate_errors(sums.sum_first(n)), int(sums.numbers[n]))
+    return _compute_log_marginals(
+        sums.stack.eliminate_errors(sums.sum_first(n)), int(sums.numbers[n])
+    )
 
 
-def _log_marginals(eliminated: EliminatedErrors, numbers: int) -> F64:
+def _compute_log_marginals(eliminated: EliminatedErrors, numbers: int) -> F64:
     pairs = zip(eliminated.spread, eliminated.square, strict=True)
     return np.array([log_student(float(numbers), float(a), float(b)) for a, b in pairs])
 
 
 def log_marginal(stack: Stack, sums: CheckSums) -> float:
     """Log of the density of the readings of *sums*, whatever the standing errors' size."""
-    logs = _log_marginals(stack.eliminate_errors(sums), sums.numbers)
+    logs = _compute_log_marginals(stack.eliminate_errors(sums), sums.numbers)
     return float(logsumexp(logs)) - float(np.log(len(logs)))
 
 
 def fit_standing_share(stack: Stack) -> Stack:
     """The stack with its standing errors as large as its readings make likeliest."""
     sums = stack.sum_checks(range(stack.n))
-    scales = _log_marginals(stack.eliminate_errors(sums), sums.numbers)
+    scales = _compute_log_marginals(stack.eliminate_errors(sums), sums.numbers)
     return stack.rescale(stack.scales[int(np.argmax(scales))])
 
 

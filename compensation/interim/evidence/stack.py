@@ -137,8 +137,8 @@ def stack_checks(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
     typical = np.array([c.prior_sd for cause in causes for c in cause.candidate.columns])
     columns = [check.causes * typical for check in checks]
     share = max(ALL_ALONG)
-    stated = _compressed(_aligned(checks))
-    standing = _compressed([share * values for values in columns])
+    stated = _compress(_align(checks))
+    standing = _compress([share * values for values in columns])
     error_columns = [np.concatenate(pair, axis=1) for pair in zip(stated, standing, strict=True)]
     ends = np.cumsum([len(cause.candidate.columns) for cause in causes])
     starts = np.concatenate([[0], ends[:-1]])
@@ -155,7 +155,7 @@ def stack_checks(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
     )
 
 
-def _aligned(checks: Sequence[Reduced]) -> list[F64]:
+def _align(checks: Sequence[Reduced]) -> list[F64]:
     """Known errors of every check under the same names."""
     names = list(dict.fromkeys(name for check in checks for name in check.known_names))
     place = {name: i for i, name in enumerate(names)}
@@ -169,7 +169,7 @@ def _aligned(checks: Sequence[Reduced]) -> list[F64]:
     return aligned
 
 
-def _compressed(error_columns: Sequence[F64]) -> list[F64]:
+def _compress(error_columns: Sequence[F64]) -> list[F64]:
     """The same errors by fewer, independent unknowns: those that the checks see at all."""
     gram = sum(
         (columns.T @ columns for columns in error_columns),
@@ -210,8 +210,8 @@ class RunningSums:
         self._powers = np.array([np.ones(stack.n), days, days**2])  # of time
         pairs = [*zip(stack.error_columns, stack.residual, strict=True)]
         q = stack.error_columns[0].shape[1]
-        self.error_gram = _cumulated(self._powers[:1], (k.T @ k for k, _ in pairs), (q, q))[0]
-        self.known_towards = _cumulated(self._powers[:1], (k.T @ z for k, z in pairs), (q,))[0]
+        self.error_gram = _cumulate(self._powers[:1], (k.T @ k for k, _ in pairs), (q, q))[0]
+        self.known_towards = _cumulate(self._powers[:1], (k.T @ z for k, z in pairs), (q,))[0]
         self.square = np.concatenate([[0.0], np.cumsum([z @ z for z in stack.residual])])
         self.numbers = np.concatenate([[0], np.cumsum([len(z) for z in stack.residual])])
 
@@ -244,7 +244,7 @@ class RunningSums:
         return (x[:, self._order] for x in self.stack.columns[self.begin :])
 
     def _since_begin(self, powers: int, products: Iterable[F64], shape: tuple[int, ...]) -> F64:
-        return _cumulated(self._powers[:powers, self.begin :], products, shape)
+        return _cumulate(self._powers[:powers, self.begin :], products, shape)
 
     def sum_first(self, n: int) -> CheckSums:
         """Of the first *n* checks."""
@@ -307,7 +307,7 @@ class RunningSums:
         return before[first]
 
 
-def _cumulated(powers: F64, products: Iterable[F64], shape: tuple[int, ...]) -> F64:
+def _cumulate(powers: F64, products: Iterable[F64], shape: tuple[int, ...]) -> F64:
     """(powers, n + 1, *shape) sums of *of*, n of that shape, times powers of time (powers, n)."""
     sums = np.zeros((len(powers), powers.shape[1] + 1, *shape))
     for i, product in enumerate(products):

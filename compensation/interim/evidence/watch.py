@@ -64,7 +64,7 @@ def watch(
     statistics = np.full(stack.n, np.nan)
     statistics[since : since + watched] = begun.statistic
     doubted: list[int] = []
-    sums, good = _sums(stack, settled, since + watched)
+    sums, good = _make_sums(stack, settled, since + watched)
     quiet = begun
     for n in range(since + watched + 1, stack.n + 1):
         quiet = QuietRun(tuple(statistics[since : n - 1].tolist()), tuple(settled))
@@ -74,9 +74,9 @@ def watch(
             list(find_spoilt(sums.stack, sums.sum_first(count), unsettled)) if count > 1 else []
         )
         if places:
-            standing = _weighed(sums, causes, begins, count, places)
+            standing = _weigh(sums, causes, begins, count, places)
         else:
-            standing = Standing(_log_ratio(sums, causes, begins, count), False, ())
+            standing = Standing(_compute_log_ratio(sums, causes, begins, count), False, ())
         doubted = [good[i] for i in places]
         statistics[n - 1] = standing.statistic
         if standing.statistic >= LIMIT:
@@ -85,11 +85,11 @@ def watch(
         past = [i for i in doubted if i <= n - UNSETTLED]
         if past:
             settled = sorted({*settled, *past})
-            sums, good = _sums(stack, settled, n)
+            sums, good = _make_sums(stack, settled, n)
     return Watched(statistics, None, False, tuple(sorted({*settled, *doubted})), quiet)
 
 
-def _weighed(
+def _weigh(
     sums: RunningSums,
     causes: Sequence[Cause],
     begins: int,
@@ -99,11 +99,11 @@ def _weighed(
     """Log odds of a change from check *begins* on, after *count* checks, whichever of the *doubted*
     are bad."""
     stack, every = sums.stack, sums.sum_first(count)
-    without_doubted = log_marginal(stack, _without(stack, every, doubted))
+    without_doubted = log_marginal(stack, _drop_checks(stack, every, doubted))
     spoilt_log = {
         i: log_marginal(stack, with_it) - without_doubted + Rest(stack, with_it).log_evidence(i)
         for i in doubted
-        for with_it in [_without(stack, every, [k for k in doubted if k != i])]
+        for with_it in [_drop_checks(stack, every, [k for k in doubted if k != i])]
     }
     combinations_of_bad = [
         chosen for k in range(len(doubted) + 1) for chosen in combinations(doubted, k)
@@ -111,10 +111,10 @@ def _weighed(
     nothing, change = np.empty((2, len(combinations_of_bad)))
     for w, chosen in enumerate(combinations_of_bad):
         bad = sum(spoilt_log[i] - np.log(ONE_IN) for i in chosen)
-        nothing[w] = bad + log_marginal(stack, _without(stack, every, chosen))
+        nothing[w] = bad + log_marginal(stack, _drop_checks(stack, every, chosen))
         good, begin = sums.drop_checks(chosen, count, MOST_BACK)
         onsets = max(begins - sum(i < begins for i in chosen) - begin, 0)
-        change[w] = nothing[w] + _log_ratio(good, causes, onsets, good.stack.n)
+        change[w] = nothing[w] + _compute_log_ratio(good, causes, onsets, good.stack.n)
     nameless = -np.inf
     if len(doubted) == UNSETTLED:
         nameless = np.log(STRANGE) + without_doubted + sum(spoilt_log.values())
@@ -126,13 +126,15 @@ def _weighed(
     )
 
 
-def _without(stack: Stack, sums: CheckSums, left_out: Sequence[int]) -> CheckSums:
+def _drop_checks(stack: Stack, sums: CheckSums, left_out: Sequence[int]) -> CheckSums:
     for i in left_out:
         sums = sums.subtract_check(stack.error_columns[i], stack.residual[i])
     return sums
 
 
-def _sums(stack: Stack, left_out: Sequence[int], watched: int) -> tuple[RunningSums, list[int]]:
+def _make_sums(
+    stack: Stack, left_out: Sequence[int], watched: int
+) -> tuple[RunningSums, list[int]]:
     """Of all checks but those *left_out*, and which these are; the first *watched* are no news."""
     good = [i for i in range(stack.n) if i not in left_out]
     back = MOST_BACK + UNSETTLED + 1  # some of the last may be left out, too
@@ -140,7 +142,9 @@ def _sums(stack: Stack, left_out: Sequence[int], watched: int) -> tuple[RunningS
     return RunningSums(stack.select_checks(good), begin), good
 
 
-def _log_ratio(sums: RunningSums, causes: Sequence[Cause], begins: int, count: int) -> float:
+def _compute_log_ratio(
+    sums: RunningSums, causes: Sequence[Cause], begins: int, count: int
+) -> float:
     """Log of the summed ratio, of *count* checks, for changes from check *begins* on."""
     first = np.arange(max(begins, count - MOST_BACK), count)
     return weigh(sums, causes, count, first).log_sum if len(first) else -np.inf

@@ -85,7 +85,7 @@ def log_ratios(
         if has_figure.sum() < 2:
             ratios.append(np.zeros((shapes.shape[1], len(sizes))))
             continue
-        y, x, freedom, squares = _cleared(series, j, has_figure, known_courses, shapes)
+        y, x, freedom, squares = _clear_columns(series, j, has_figure, known_courses, shapes)
         xx, xy = (x**2).sum(axis=0)[:, None], (y @ x)[:, None]
         gain = 1.0 + np.square(sizes) * xx
         rest = 1.0 - np.square(sizes) * xy**2 / (gain * squares)
@@ -95,12 +95,12 @@ def log_ratios(
     return out
 
 
-def _cleared(
+def _clear_columns(
     series: Series, j: int, has_figure: Mask, known_courses: Sequence[ChangeCourse], shapes: F64
 ) -> tuple[F64, F64, float, float]:
     """A figure and shapes clear of its level and the known courses; freedom, squares."""
     nuisance = [np.ones(series.n)] + [course.shape(series.instant_s) for course in known_courses]
-    basis, _ = np.linalg.qr(_full_rank(np.column_stack(nuisance)[has_figure]))
+    basis, _ = np.linalg.qr(_make_full_rank(np.column_stack(nuisance)[has_figure]))
     y, x = series.value[has_figure, j], shapes[has_figure]
     y, x = y - basis @ (basis.T @ y), x - basis @ (basis.T @ x)
     freedom = float(len(y) - basis.shape[1])
@@ -111,7 +111,7 @@ def _cleared(
     return y, x, freedom, squares
 
 
-def _full_rank(columns: F64) -> F64:
+def _make_full_rank(columns: F64) -> F64:
     """Drop columns that the ones before make, where a figure has no part in some checks."""
     basis = columns[:, :1]
     for column in columns.T[1:]:
@@ -139,7 +139,7 @@ def fit_change_size(
         has_figure = rows & np.isfinite(series.value[:, j])
         if has_figure.sum() < 2:
             continue
-        y, x, free, squares = _cleared(series, j, has_figure, known_courses, shape[:, None])
+        y, x, free, squares = _clear_columns(series, j, has_figure, known_courses, shape[:, None])
         xx = float((x**2).sum())
         if xx < 1e-12 or free <= 1:
             continue

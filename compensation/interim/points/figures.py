@@ -67,7 +67,7 @@ def compute_figures(
         if name not in names:
             expected = f"a target of the artefact{hint(name, names)}"
             raise BadInput(path, f"row {row}, target", repr(name), expected)
-    groups = _groups(points)
+    groups = _group_points(points)
     kinds = artefact.surface_kinds
     on_surfaces = {key: positions for key, positions in groups.items() if key[1] in kinds}
     at_points = {
@@ -75,10 +75,10 @@ def compute_figures(
         for key, positions in groups.items()
         if key[1] not in kinds and not ON_SPHERE.fullmatch(key[1])
     }
-    figures = list(_lengths(artefact, at_points))
-    figures += _spheres(artefact, groups, tip_radius_mm)
+    figures = list(_measure_lengths(artefact, at_points))
+    figures += _measure_spheres(artefact, groups, tip_radius_mm)
     figures += compute_surface_figures(artefact, on_surfaces, tip_radius_mm)
-    figures += _seats(at_points)
+    figures += _measure_seats(at_points)
     if not figures:
         problem = (
             f"{len(points.target)} points at {', '.join(list(dict.fromkeys(points.target))[:6])}"
@@ -96,23 +96,23 @@ def compute_figures(
     return figures
 
 
-def _groups(points: PointTable) -> Groups:
+def _group_points(points: PointTable) -> Groups:
     rows: dict[tuple[str, str], list[int]] = {}
     for i, key in enumerate(zip(points.placement, points.target, strict=True)):
         rows.setdefault(key, []).append(i)
     return {key: points.position_mm[chosen] for key, chosen in rows.items()}
 
 
-def _lengths(artefact: Artefact, groups: Groups) -> Iterator[PointFigure]:
+def _measure_lengths(artefact: Artefact, groups: Groups) -> Iterator[PointFigure]:
     """Between the means of two targets in one placement, averaged over the placements."""
     placements = list(dict.fromkeys(placement for placement, _ in groups))
     certified = {frozenset(d.between): d.length_mm for d in artefact.distances}
-    own_mm = _scatter_mm(groups)
+    own_mm = _compute_scatter_mm(groups)
     relative: list[tuple[float, float]] = []
-    for first, second in _pairs(artefact, groups):
+    for first, second in _list_pairs(artefact, groups):
         errors, variances, length = [], [], certified.get(frozenset((first, second)), math.nan)
         if math.isnan(length):
-            length = _apart_mm(artefact, first, second)
+            length = _measure_distance_mm(artefact, first, second)
         for placement in placements:
             ends = [groups.get((placement, name)) for name in (first, second)]
             if ends[0] is None or ends[1] is None:
@@ -129,10 +129,10 @@ def _lengths(artefact: Artefact, groups: Groups) -> Iterator[PointFigure]:
         if is_certified:
             relative.append((length, value))
     if len(relative) > 2:
-        yield _scale(np.array(relative), own_mm)
+        yield _measure_scale(np.array(relative), own_mm)
 
 
-def _scale(relative: F64, own_mm: float) -> PointFigure:
+def _measure_scale(relative: F64, own_mm: float) -> PointFigure:
     """The factor that all certified lengths (n, 2: length, error) share, at the longest one."""
     length, error = relative.T
     longest, square = float(length.max()), float(length @ length)
@@ -142,11 +142,11 @@ def _scale(relative: F64, own_mm: float) -> PointFigure:
     )
 
 
-def _pairs(artefact: Artefact, groups: Groups) -> list[tuple[str, str]]:
+def _list_pairs(artefact: Artefact, groups: Groups) -> list[tuple[str, str]]:
     """Which lengths are compared: the certified ones first."""
     measured = list(dict.fromkeys(target for _, target in groups))
     listed = [d.between for d in artefact.distances if frozenset(d.between) != DIAMETER]
-    located = [name for name in measured if _position(artefact, name) is not None]
+    located = [name for name in measured if _find_position(artefact, name) is not None]
     rest = located if listed or len(located) > 1 else measured
     combined = combinations(rest, 2)
     pairs = [
@@ -156,19 +156,19 @@ def _pairs(artefact: Artefact, groups: Groups) -> list[tuple[str, str]]:
     return list({frozenset(pair): pair for pair in reversed(pairs)}.values())[::-1]
 
 
-def _position(artefact: Artefact, name: str) -> F64 | None:
+def _find_position(artefact: Artefact, name: str) -> F64 | None:
     position = artefact.targets[artefact.target_names.index(name)].position_mm
     return None if position is None else np.array(position)
 
 
-def _apart_mm(artefact: Artefact, first: str, second: str) -> float:
-    ends = _position(artefact, first), _position(artefact, second)
+def _measure_distance_mm(artefact: Artefact, first: str, second: str) -> float:
+    ends = _find_position(artefact, first), _find_position(artefact, second)
     if ends[0] is None or ends[1] is None:
         return math.nan
     return float(np.linalg.norm(ends[1] - ends[0]))
 
 
-def _scatter_mm(groups: Groups) -> float:
+def _compute_scatter_mm(groups: Groups) -> float:
     """Standard deviation of a reading along one axis, from repeats; NaN without them."""
     repeated = [positions for positions in groups.values() if len(positions) > 1]
     freedom = sum(len(positions) - 1 for positions in repeated)
@@ -180,7 +180,9 @@ def _scatter_mm(groups: Groups) -> float:
     return math.sqrt(squares / (3 * freedom))
 
 
-def _spheres(artefact: Artefact, groups: Groups, tip_radius_mm: float) -> Iterator[PointFigure]:
+def _measure_spheres(
+    artefact: Artefact, groups: Groups, tip_radius_mm: float
+) -> Iterator[PointFigure]:
     diameter = next((d.length_mm for d in artefact.distances if set(d.between) == DIAMETER), 0.0)
     sets: dict[str, list[F64]] = {}
     for (placement, target), positions in groups.items():
@@ -192,7 +194,7 @@ def _spheres(artefact: Artefact, groups: Groups, tip_radius_mm: float) -> Iterat
         yield from compute_sphere_figures(name, on, diameter, tip_radius_mm)
 
 
-def _seats(groups: Groups) -> Iterator[PointFigure]:
+def _measure_seats(groups: Groups) -> Iterator[PointFigure]:
     """3-D standard deviation of the readings of each seat, over its placements."""
     for name in dict.fromkeys(target for _, target in groups):
         sets: Sequence[F64] = [

@@ -55,7 +55,7 @@ def find_changes(series: Series) -> PointChanges:
     detected = PointChanges(np.full(series.n, -np.inf))
     row = 0
     while row < series.n:
-        detected.statistic[row] = _statistic(series, detected, row)
+        detected.statistic[row] = _compute_statistic(series, detected, row)
         if row not in detected.bad and detected.statistic[row] >= LIMIT:
             bad, change = _explain(series, detected, row)
             if change is None:
@@ -68,23 +68,23 @@ def find_changes(series: Series) -> PointChanges:
     return detected
 
 
-def _starts(detected: PointChanges, last: int) -> list[int]:
+def _list_starts(detected: PointChanges, last: int) -> list[int]:
     """Checks that may be a change's first: after the last one's, and none that is bad."""
     after = max((course.first for course in detected.courses), default=0)
     return [i for i in range(after + 1, last + 1) if i not in detected.bad]
 
 
-def _until(series: Series, detected: PointChanges, last: int) -> np.ndarray:
+def _select_until(series: Series, detected: PointChanges, last: int) -> np.ndarray:
     rows = np.arange(series.n) <= last
     rows[detected.bad] = False
     return rows
 
 
-def _by_start(
+def _weigh_by_start(
     series: Series, detected: PointChanges, starts: list[int], last: int
 ) -> dict[bool, F64]:
     """(k,) log of the ratio of a change from each of *starts* on, sudden and gradual."""
-    rows = _until(series, detected, last)
+    rows = _select_until(series, detected, last)
     out = {}
     for gradual, sizes, share in (
         (False, STEPS, 1 - GRADUAL_SHARE),
@@ -97,27 +97,27 @@ def _by_start(
     return out
 
 
-def _statistic(series: Series, detected: PointChanges, row: int) -> float:
-    starts = _starts(detected, row)
+def _compute_statistic(series: Series, detected: PointChanges, row: int) -> float:
+    starts = _list_starts(detected, row)
     if not starts or row in detected.bad:
         return -math.inf
-    return float(logsumexp(list(_by_start(series, detected, starts, row).values())))
+    return float(logsumexp(list(_weigh_by_start(series, detected, starts, row).values())))
 
 
 def _explain(series: Series, detected: PointChanges, row: int) -> tuple[int, PointChange | None]:
     """The bad check that an alarm at *row* was, or the change."""
     last = min(series.n - 1, row + LATER_CHECKS)
-    starts = _starts(detected, row)
+    starts = _list_starts(detected, row)
     change = {
         gradual: ratios + math.log(CHANGE_SHARE)
-        for gradual, ratios in _by_start(series, detected, starts, last).items()
+        for gradual, ratios in _weigh_by_start(series, detected, starts, last).items()
     }
     # The last check alone may be either: a change, until one comes after it.
     bad_candidates = [i for i in starts if i < last]
     bad = np.full(1, -np.inf)
     if bad_candidates:
         shapes = np.eye(series.n)[:, bad_candidates]
-        rows = _until(series, detected, last)
+        rows = _select_until(series, detected, last)
         bad = log_ratios(series, rows, detected.courses, shapes, STEPS) + math.log(BAD_SHARE)
     every = logsumexp([*change[False], *change[True]])
     if logsumexp(bad) > every:

@@ -62,11 +62,11 @@ def judge_points(checks: Sequence[PointCheck]) -> list[PointEpoch]:
     """The epochs of *checks*, which are in order of time, by their latest check."""
     ordered = sorted(checks, key=lambda check: check.epoch)
     groups = [tuple(group) for _, group in groupby(ordered, key=lambda check: check.epoch)]
-    epochs = [_epoch(group) for group in groups]
+    epochs = [_judge_epoch(group) for group in groups]
     return sorted(epochs, key=lambda epoch: epoch.checks[-1].first_unix_s)
 
 
-def _epoch(checks: tuple[PointCheck, ...]) -> PointEpoch:
+def _judge_epoch(checks: tuple[PointCheck, ...]) -> PointEpoch:
     names = tuple(dict.fromkeys(figure.name for check in checks for figure in check.figures))
     value_um, own_um = np.full((2, len(checks), len(names)), np.nan)
     freedom = np.zeros((len(checks), len(names)))
@@ -76,15 +76,16 @@ def _epoch(checks: tuple[PointCheck, ...]) -> PointEpoch:
             value_um[i, j], own_um[i, j] = 1e3 * figure.value_mm, 1e3 * figure.own_mm
             freedom[i, j] = figure.freedom
     spread = freedom.max(axis=0) > 0
-    series = _series(checks, value_um, own_um, np.where(freedom > 0, freedom, np.nan), spread)
+    series = _make_series(checks, value_um, own_um, np.where(freedom > 0, freedom, np.nan), spread)
     detected = find_changes(series)
     moved = tuple(
-        _moved(series, detected, change, names, value_um, spread) for change in detected.changes
+        _list_moved(series, detected, change, names, value_um, spread)
+        for change in detected.changes
     )
     return PointEpoch(checks, names, value_um, detected, moved)
 
 
-def _series(
+def _make_series(
     checks: Sequence[PointCheck], value_um: F64, own_um: F64, freedom: F64, spread: F64
 ) -> Series:
     scaled = np.where(spread, np.abs(value_um) ** POWER, value_um)
@@ -104,7 +105,7 @@ def _series(
     return Series(scaled, own_deviation, least_deviation, instants)
 
 
-def _moved(
+def _list_moved(
     series: Series,
     detected: PointChanges,
     change: PointChange,
@@ -121,13 +122,13 @@ def _moved(
     for j, name in enumerate(names):
         if math.isfinite(change_size.value[j]) and np.isfinite(value_um[before, j]).any():
             named_figures.append(
-                (_in_um(change_size, j, series.value[before, j], bool(spread[j])), name)
+                (_to_um(change_size, j, series.value[before, j], bool(spread[j])), name)
             )
     named_figures.sort(key=lambda pair: -abs(pair[0][1] / max(pair[0][2], 1e-12)))
     return tuple(Moved(name, *figures) for figures, name in named_figures)
 
 
-def _in_um(
+def _to_um(
     change_size: ChangeSize, j: int, before: F64, spread: bool
 ) -> tuple[float, float, float, float, bool]:
     """Mean before, change, its standard uncertainty, half of its interval; whether it is sure."""

@@ -15,8 +15,8 @@ from armd.compensation.interim.points.result import describe_points
 from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics
 from armd.compensation.report.drawing import COLOURS, make_single_figure
-from armd.compensation.report.head import head
-from armd.compensation.report.page import MOST_SENTENCES, Page, report_number
+from armd.compensation.report.head import add_head
+from armd.compensation.report.page import MOST_SENTENCES, Page, make_report_number
 from armd.compensation.wording import plain
 
 
@@ -30,24 +30,28 @@ def render_points_page(
     page = Page(f"Interim checks of points: {folder.resolve().name}")
     first, *further_sentences = describe_points(epochs)
     changed = result["state"] == "changed"
-    reason = page.in_brief("Verdict", first.removeprefix("In control: "))
-    page.verdict("CHANGED" if changed else "IN CONTROL", reason, not changed)
-    head(page, None, [], about, [check.first_unix_s for epoch in epochs for check in epoch.checks])
-    page.items_in_brief("What the checks show", further_sentences, MOST_SENTENCES)
-    page.text(f"Next: {result['next_check']['sentence']}")
-    page.text(
+    reason = page.abbreviate("Verdict", first.removeprefix("In control: "))
+    page.add_verdict("CHANGED" if changed else "IN CONTROL", reason, not changed)
+    add_head(
+        page, None, [], about, [check.first_unix_s for epoch in epochs for check in epoch.checks]
+    )
+    page.add_items_in_brief("What the checks show", further_sentences, MOST_SENTENCES)
+    page.add_text(f"Next: {result['next_check']['sentence']}")
+    page.add_text(
         "Decision rule: a change is reported where the statistic reaches its limit: without one,"
         f" once in {RUN_LENGTH:.0f} checks at most. It is Shiryaev's and Roberts's: how much"
         " likelier the figures are with a change than without, over all instants and sizes."
     )
-    page.figure(draw_statistics(result["checks"]), "The statistic of each check, and its limit")
-    page.signatures("Checked by")
-    page.appendix()
+    page.add_figure(draw_statistics(result["checks"]), "The statistic of each check, and its limit")
+    page.add_signature_lines("Checked by")
+    page.begin_appendix()
     for epoch in epochs:
-        _changes(page, epoch)
+        _add_changes(page, epoch)
         for j, name in enumerate(epoch.names):
-            page.figure(_over_time(epoch, result["checks"], j), f"{name}, µm, check by check")
-    _table(page, epochs, result["checks"])
+            page.add_figure(
+                _draw_over_time(epoch, result["checks"], j), f"{name}, µm, check by check"
+            )
+    _add_table(page, epochs, result["checks"])
     inputs = {
         f"check {check.name}, {file}": sha256
         for epoch in epochs
@@ -57,14 +61,14 @@ def render_points_page(
         f"artefact of {epoch.checks[0].name} and later checks": epoch.checks[0].artefact
         for epoch in epochs
     }
-    page.origin(report_number("points", *inputs.values()), inputs)
-    return page.html()
+    page.add_origin(make_report_number("points", *inputs.values()), inputs)
+    return page.to_html()
 
 
-def _changes(page: Page, epoch: PointEpoch) -> None:
+def _add_changes(page: Page, epoch: PointEpoch) -> None:
     for number, moved in enumerate(epoch.moved, 1):
-        page.heading(f"Change {number}: by how much")
-        page.table(
+        page.add_heading(f"Change {number}: by how much")
+        page.add_table(
             ["figure", "before, µm", "change, µm", "standard uncertainty, µm", "95 %, ± µm"],
             [
                 [
@@ -79,7 +83,7 @@ def _changes(page: Page, epoch: PointEpoch) -> None:
         )
 
 
-def _over_time(epoch: PointEpoch, checks: Sequence[dict[str, Any]], j: int) -> Figure:
+def _draw_over_time(epoch: PointEpoch, checks: Sequence[dict[str, Any]], j: int) -> Figure:
     figure, panel = make_single_figure(2.4)
     name = epoch.names[j]
     artefacts = {check.artefact for check in epoch.checks}
@@ -93,10 +97,10 @@ def _over_time(epoch: PointEpoch, checks: Sequence[dict[str, Any]], j: int) -> F
     return figure
 
 
-def _table(page: Page, epochs: Sequence[PointEpoch], checks: Sequence[dict[str, Any]]) -> None:
+def _add_table(page: Page, epochs: Sequence[PointEpoch], checks: Sequence[dict[str, Any]]) -> None:
     names = list(dict.fromkeys(name for epoch in epochs for name in epoch.names))
-    page.heading("All checks")
-    page.table(
+    page.add_heading("All checks")
+    page.add_table(
         ["check", "started", *(f"{name}, µm" for name in names), "statistic", "verdict"],
         [
             [

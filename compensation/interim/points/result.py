@@ -43,9 +43,9 @@ def points_as_json(epochs: Sequence[PointEpoch]) -> dict[str, Any]:
         "artefact": latest.checks[-1].artefact,
         "last_check": format_iso(latest.checks[-1].first_unix_s),
         "in_control_run_length": RUN_LENGTH,
-        "checks": [_check(epoch, i) for epoch, i in checks],
+        "checks": [_describe_check(epoch, i) for epoch, i in checks],
         "changes": [
-            _change(epoch, change, moved)
+            _describe_change(epoch, change, moved)
             for epoch in epochs
             for change, moved in zip(epoch.detected.changes, epoch.moved, strict=True)
         ],
@@ -55,7 +55,7 @@ def points_as_json(epochs: Sequence[PointEpoch]) -> dict[str, Any]:
     }
 
 
-def _check(epoch: PointEpoch, index: int) -> dict[str, Any]:
+def _describe_check(epoch: PointEpoch, index: int) -> dict[str, Any]:
     check, statistic = epoch.checks[index], float(epoch.detected.statistic[index])
     return {
         "name": check.name,
@@ -68,7 +68,9 @@ def _check(epoch: PointEpoch, index: int) -> dict[str, Any]:
     }
 
 
-def _change(epoch: PointEpoch, change: PointChange, moved: Sequence[Moved]) -> dict[str, Any]:
+def _describe_change(
+    epoch: PointEpoch, change: PointChange, moved: Sequence[Moved]
+) -> dict[str, Any]:
     low, high = epoch.between_unix_s(change)
     return {
         "between": [format_iso(math.floor(low)), format_iso(math.ceil(high))],

@@ -42,7 +42,7 @@ def compute_surface_figures(
         for (placement, target), positions in groups.items():
             if target != surface.name:
                 continue
-            name = _named(target, placement)
+            name = _name_in_placement(target, placement)
             if surface.kind == "sphere":
                 yield from compute_sphere_figures(
                     name, positions, 2 * (surface.radius_mm or 0.0), tip_radius_mm
@@ -51,7 +51,7 @@ def compute_surface_figures(
                 planes = fit_parallel_planes([positions])
                 if planes is not None:
                     yield PointFigure(f"form {name}", planes.form_mm, freedom=planes.freedom)
-    yield from _blocks(artefact, groups, tip_radius_mm)
+    yield from _measure_blocks(artefact, groups, tip_radius_mm)
 
 
 def compute_sphere_figures(
@@ -74,7 +74,9 @@ def compute_sphere_figures(
     yield PointFigure(f"form {name}", form, freedom=freedom)
 
 
-def _blocks(artefact: Artefact, groups: Groups, tip_radius_mm: float) -> Iterator[PointFigure]:
+def _measure_blocks(
+    artefact: Artefact, groups: Groups, tip_radius_mm: float
+) -> Iterator[PointFigure]:
     """Error of each certified length between two planes, touched from outside."""
     kinds = artefact.surface_kinds
     for distance in artefact.distances:
@@ -88,10 +90,10 @@ def _blocks(artefact: Artefact, groups: Groups, tip_radius_mm: float) -> Iterato
             if planes is None:
                 continue
             error = planes.apart_mm - 2 * tip_radius_mm - distance.length_mm
-            name = _named(f"{first} to {second}", placement)
+            name = _name_in_placement(f"{first} to {second}", placement)
             deviation = planes.apart_uncertainty_mm
             yield PointFigure(f"length {name}", error, deviation, longest_mm=distance.length_mm)
 
 
-def _named(name: str, placement: str) -> str:
+def _name_in_placement(name: str, placement: str) -> str:
     return name if placement == "1" else f"{name} in {placement}"

@@ -10,7 +10,7 @@ import numpy as np
 
 from armd.arrays import F64, Mask
 from armd.compensation.report.drawing import make_single_figure
-from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.page import Page, make_report_number
 from armd.compensation.report.sessions import NOT_STATED
 from armd.terminal.counted import counted
 
@@ -100,14 +100,14 @@ def render_quality_page(
     corrects again, None: not stated; *celsius* are the arm's temperatures in the measurements."""
     page = Page(f"Measurements corrected again: {change.serial}")
     word, good = change.headline()
-    page.verdict(word, f"{change.in_words()}.", good)
-    page.items(left_out)
-    page.text(
+    page.add_verdict(word, f"{change.in_words()}.", good)
+    page.add_items(left_out)
+    page.add_text(
         "Off by at most: how far a measurement moves, and 1.96 times the standard uncertainty of "
         "its new position, in space; with a probability of 95 % its old position was no farther "
         "off, as far as the calibration states its uncertainty."
     )
-    page.text(f"Decision rule: {_rule(change.tolerance_mm)}.")
+    page.add_text(f"Decision rule: {_write_rule(change.tolerance_mm)}.")
     figure, panel = make_single_figure()
     instants = np.array(change.stamp_ns, dtype="datetime64[ns]")
     panel.plot(instants, change.distance_mm, "o", markersize=3, rasterized=True, label="moved by")
@@ -119,8 +119,8 @@ def render_quality_page(
     if change.tolerance_mm is not None:
         panel.axhline(change.tolerance_mm, linestyle="--", color="black", label="tolerance")
     panel.legend(frameon=False)
-    page.figure(figure, "How far each measurement moves, and how far it was off at most, mm")
-    _affected(page, change)
+    page.add_figure(figure, "How far each measurement moves, and how far it was off at most, mm")
+    _add_affected(page, change)
     tolerance = change.tolerance_mm
     before = sorted({sha256 or "none" for sha256 in change.calibrations_before})
     facts = {
@@ -133,12 +133,12 @@ def render_quality_page(
         "measured under (calibration's first digits)": ", ".join(before) or "nothing",
         "tolerance": NOT_STATED if tolerance is None else f"{tolerance:g} mm",
     }
-    page.origin(report_number(change.serial, *inputs.values()), inputs, facts)
-    page.signatures("Corrected again by", "Checked by")
-    return page.html()
+    page.add_origin(make_report_number(change.serial, *inputs.values()), inputs, facts)
+    page.add_signature_lines("Corrected again by", "Checked by")
+    return page.to_html()
 
 
-def _rule(tolerance_mm: float | None) -> str:
+def _write_rule(tolerance_mm: float | None) -> str:
     if tolerance_mm is None:
         return "none, as no tolerance was given (--tolerance)"
     return (
@@ -147,21 +147,21 @@ def _rule(tolerance_mm: float | None) -> str:
     )
 
 
-def _affected(page: Page, change: Impact) -> None:
+def _add_affected(page: Page, change: Impact) -> None:
     """The measurements that matter, or may; without a tolerance all of them, the worst first."""
     if change.tolerance_mm is None:
-        page.heading("Measurements affected")
+        page.add_heading("Measurements affected")
         rows = np.flatnonzero(np.isfinite(change.distance_mm))
     else:
-        page.heading(
+        page.add_heading(
             f"Measurements that move by more than {change.tolerance_mm:g} mm, or may be off by more"
         )
         rows = np.flatnonzero(change.matter | change.may_matter)
     rows = rows[np.argsort(-change.distance_mm[rows], kind="stable")]
     if not len(rows):
-        page.text("None.")
+        page.add_text("None.")
         return
-    page.table(
+    page.add_table(
         ["seq", "measured at, UTC", "moved by, mm", "standard uncertainty, mm",
          "off by at most (95 %), mm"],
         [
@@ -169,15 +169,15 @@ def _affected(page: Page, change: Impact) -> None:
                 str(change.seq[i]),
                 f"{np.datetime64(change.stamp_ns[i], 'ns').astype('datetime64[s]')}",
                 f"{change.distance_mm[i]:.4f}",
-                _number(change.uncertainty_mm[i]),
-                _number(change.at_most_mm[i]),
+                _format_number(change.uncertainty_mm[i]),
+                _format_number(change.at_most_mm[i]),
             ]
             for i in rows[:MOST_ROWS]
         ],
     )  # fmt: skip
     if len(rows) > MOST_ROWS:
-        page.text(f"The farthest {MOST_ROWS} of {len(rows)}; all are in the CSV.")
+        page.add_text(f"The farthest {MOST_ROWS} of {len(rows)}; all are in the CSV.")
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return NOT_STATED if np.isnan(value) else f"{value:.4f}"

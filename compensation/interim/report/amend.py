@@ -55,7 +55,12 @@ def fit(
     large as anything that is wrong all along, whatever the others are (decision 36).
     """
     moved_columns = sorted(
-        {column for c in changes if c.cause is not None for column in _columns(stacked, c.cause)}
+        {
+            column
+            for c in changes
+            if c.cause is not None
+            for column in _list_columns(stacked, c.cause)
+        }
     )
     before = max(ALL_ALONG) if stacked.stands else 0.0
     pairs = zip(stacked.columns, list_change_columns(stacked, changes), strict=True)
@@ -68,7 +73,7 @@ def fit(
             extra
         )
     )
-    sizes = _sizes(causes, changes)
+    sizes = _compute_sizes(causes, changes)
     # The columns' sign: a residual is what the arm shows too much under the calibration.
     values = -estimate.mean[q:] * sizes
     cov = estimate.scale * estimate.covariance[q:, q:] * np.outer(sizes, sizes)
@@ -90,11 +95,11 @@ def list_telling_checks(stacked: Stack, changes: Sequence[Change], bad: Sequence
     return [i for i in range(until) if i not in bad]
 
 
-def _columns(stacked: Stack, cause: int) -> range:
+def _list_columns(stacked: Stack, cause: int) -> range:
     return range(stacked.blocks[cause].start, stacked.blocks[cause].stop)
 
 
-def _sizes(causes: Sequence[Cause], changes: Sequence[Change]) -> F64:
+def _compute_sizes(causes: Sequence[Cause], changes: Sequence[Change]) -> F64:
     """Units of the changes' unknowns in the columns' own units."""
     sizes = []
     for change in changes:
@@ -132,7 +137,7 @@ def amend_calibration(
             continue
         candidate = causes[change.cause].candidate
         start = amplitudes.slice_of(index).start
-        for b, factor in enumerate(_factors(change, instant, begun_unix_s, until_unix_s)):
+        for b, factor in enumerate(_list_factors(change, instant, begun_unix_s, until_unix_s)):
             per = HOUR_S / (RAMP_DAYS * DAY_S) if change.gradual else 1.0
             for j, column in enumerate(candidate.columns):
                 largest = max((abs(t.coefficient) for t in column.terms), default=0.0)
@@ -182,7 +187,7 @@ def amend_calibration(
     )
 
 
-def _factors(
+def _list_factors(
     change: Change, instant: float, begun_unix_s: float, until_unix_s: float
 ) -> list[Factor]:
     if not change.gradual:

@@ -54,15 +54,15 @@ def choose_affordable(
     """
     max_terms = (MOST_ROWS - rows) // 2
     ordered = sorted(scenarios, key=lambda scenario: -scenario[0])
-    chosen, terms = _fitting(ordered, causes, max_terms)
+    chosen, terms = _select_fitting(ordered, causes, max_terms)
     while (len(chosen) < len(ordered) or terms > max_terms) and any(
-        _bends(changes) for _, changes in ordered
+        _has_bend(changes) for _, changes in ordered
     ):
         ordered = [
             (share, tuple(c.coarser if len(c.bends_d) > FEW_BENDS else c for c in changes))
             for share, changes in ordered
         ]
-        chosen, terms = _fitting(ordered, causes, max_terms)
+        chosen, terms = _select_fitting(ordered, causes, max_terms)
     if terms > max_terms:
         chosen = [
             (share, tuple(replace(c, bends_d=()) for c in changes)) for share, changes in chosen
@@ -71,12 +71,12 @@ def choose_affordable(
     return [(share / total, changes) for share, changes in chosen]
 
 
-def _bends(changes: Sequence[Change]) -> bool:
+def _has_bend(changes: Sequence[Change]) -> bool:
     """Whether a growth has so many bends that half of them may be enough."""
     return any(len(change.bends_d) > FEW_BENDS for change in changes)
 
 
-def _fitting(
+def _select_fitting(
     ordered: Sequence[ChangeScenario], causes: Sequence[Cause], max_terms: int
 ) -> tuple[list[ChangeScenario], int]:
     """The first scenarios, one at least, that together have no more than *max_terms* terms, and
@@ -84,7 +84,7 @@ def _fitting(
     chosen: list[ChangeScenario] = []
     terms: set[tuple[object, ...]] = set()
     for share, changes in ordered:
-        extended = terms.union(*(_terms(change, causes) for change in changes))
+        extended = terms.union(*(_list_terms(change, causes) for change in changes))
         if chosen and len(extended) > max_terms:
             break
         chosen.append((share, changes))
@@ -92,7 +92,7 @@ def _fitting(
     return chosen, len(terms)
 
 
-def _terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ...]]:
+def _list_terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ...]]:
     """What a calibration has of a change: terms of its columns, each since every instant."""
     if change.cause is None:
         return set()
@@ -114,8 +114,8 @@ def average_amplitudes(
     shares: dict[tuple[object, ...], float] = {}
     for share, changes in scenarios:
         for number, change in enumerate(changes):
-            distinct.setdefault(_key(number, change), (number, change))
-            shares[_key(number, change)] = shares.get(_key(number, change), 0.0) + share
+            distinct.setdefault(_make_key(number, change), (number, change))
+            shares[_make_key(number, change)] = shares.get(_make_key(number, change), 0.0) + share
     keys = sorted(distinct, key=lambda key: distinct[key][0])
     sizes = [count_amplitudes(stacked, distinct[key][1]) for key in keys]
     ends = np.cumsum(sizes)
@@ -125,7 +125,7 @@ def average_amplitudes(
     told_by = ExtendedSums(stacked, list_telling_checks(stacked, scenarios[0][1], bad))
     for share, changes in scenarios:
         amplitudes = fit(stacked, causes, changes, bad, told_by)
-        used_slots = [slots[_key(number, change)] for number, change in enumerate(changes)]
+        used_slots = [slots[_make_key(number, change)] for number, change in enumerate(changes)]
         places = np.concatenate(used_slots) if used_slots else np.zeros(0, int)
         values = (
             np.concatenate([value.ravel() for value in amplitudes.values])
@@ -148,6 +148,6 @@ def average_amplitudes(
     )
 
 
-def _key(number: int, change: Change) -> tuple[object, ...]:
+def _make_key(number: int, change: Change) -> tuple[object, ...]:
     """The same change by another size is the same column."""
     return number, *change.key, change.origin_d if change.gradual else None, change.bends_d

@@ -13,7 +13,7 @@ from armd.compensation.identify.thermal.terms import last_lever_mm
 from armd.compensation.interim.changes.change import Change, list_change_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check
-from armd.compensation.interim.checks.open_growth import GROWTH, OpenGrowth, open_growth
+from armd.compensation.interim.checks.open_growth import GROWTH, OpenGrowth, list_open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.extended_sums import ExtendedSums
 from armd.compensation.interim.evidence.likelihood import KnownErrors, estimate_known_errors
@@ -59,12 +59,12 @@ def find_growth(
     """The growth of the links beside *changes*, by the checks that are not *bad*; `None` where the
     calibration knows it, or the checks do not distinguish it from zero."""
     arm, calibration = checks[0].arm, checks[0].calibration.content
-    growth = open_growth(arm, calibration)
+    growth = list_open_growth(arm, calibration)
     good = list_telling_checks(stacked, changes, bad)
     if not growth or not good:
         return None
     reduced = [check.reduced for check in checks]
-    without = stack_checks([_without_growth(check) for check in reduced], causes)
+    without = stack_checks([_drop_growth(check) for check in reduced], causes)
     without = without.rescale(stacked.share / without.share)
     growth_columns = [check.error_columns[:, _is_growth(check)] for check in reduced]
     change_columns = list_change_columns(without, changes)
@@ -77,14 +77,14 @@ def find_growth(
     size = np.array([expansion.size for expansion in growth])
     # The columns' sign: a residual is what the arm shows too much under the calibration.
     values, spread = -estimate.mean[q] * size, covariance * np.outer(size, size)
-    links = _by_link(growth, values, spread, calibration, arm)
+    links = _sum_by_link(growth, values, spread, calibration, arm)
     significant = tuple(link for link in links if link.is_significant)
     rms_um = float(np.sqrt(np.mean([reduced[i].rms_um ** 2 for i in good])))
     ranges = calibration.temperature_range_c.values()
     return FittedGrowth(
         significant or links,
         bool(significant),
-        (rms_um, rms_um * _left_share(without, growth_columns, change_columns, good)),
+        (rms_um, rms_um * _compute_left_share(without, growth_columns, change_columns, good)),
         max(high - low for low, high in ranges),
         with_growth(calibration, growth, values, spread, [reduced[i] for i in good]),
     )
@@ -94,7 +94,7 @@ def _is_growth(reduced: Reduced) -> list[int]:
     return [i for i, name in enumerate(reduced.known_names) if name.startswith(GROWTH)]
 
 
-def _without_growth(reduced: Reduced) -> Reduced:
+def _drop_growth(reduced: Reduced) -> Reduced:
     columns = [i for i, name in enumerate(reduced.known_names) if not name.startswith(GROWTH)]
     names = tuple(reduced.known_names[i] for i in columns)
     return replace(reduced, error_columns=reduced.error_columns[:, columns], known_names=names)
@@ -107,7 +107,7 @@ def _fit(
     return estimate_known_errors(ExtendedSums(stacked, chosen).sum_with(extra))
 
 
-def _left_share(
+def _compute_left_share(
     stacked: Stack, growth: Sequence[F64], changes: Sequence[F64], good: Sequence[int]
 ) -> float:
     """Of the whitened residuals, what the growth known by the other checks leaves of each."""
@@ -121,7 +121,7 @@ def _left_share(
     return float(np.sqrt(after / before)) if before else 1.0
 
 
-def _by_link(
+def _sum_by_link(
     growth: Sequence[OpenGrowth], values: F64, spread: F64, calibration: Calibration, arm: Arm
 ) -> tuple[LinkGrowth, ...]:
     """Of each link the mean of its lengths' growth, per mm, weighted by their squares; the last
@@ -176,7 +176,7 @@ def with_growth(
         update={
             "constants": constants,
             "terms": [*calibration.terms, *terms],
-            "temperature_range_c": _widened(calibration.temperature_range_c, checks),
+            "temperature_range_c": _widen(calibration.temperature_range_c, checks),
             "covariance_of": [*names, *(f"term {first + j}" for j in range(len(growth)))],
             "covariance": ((covariance + covariance.T) / 2).tolist(),
             "content_sha256": "",
@@ -184,7 +184,7 @@ def with_growth(
     )
 
 
-def _widened(
+def _widen(
     ranges: dict[str, tuple[float, float]], checks: Sequence[Reduced]
 ) -> dict[str, tuple[float, float]]:
     widened = dict(ranges)

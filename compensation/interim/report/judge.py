@@ -42,11 +42,11 @@ def judge(checks: Sequence[Check], remembered: Remembered = NOTHING) -> Judgemen
         ordered = sorted(checks, key=lambda check: check.epoch)
         groups = [tuple(group) for _, group in groupby(ordered, key=lambda check: check.epoch)]
         by_time = [tuple(sorted(g, key=lambda check: check.line.first_unix_s)) for g in groups]
-        epochs = [_epoch(group, remembered.recall_looks(group)) for group in by_time]
+        epochs = [_judge_epoch(group, remembered.recall_looks(group)) for group in by_time]
     return Judgement(tuple(sorted(epochs, key=lambda e: e.checks[0].line.first_unix_s)))
 
 
-def _epoch(checks: tuple[Check, ...], before: EpochLooks) -> Epoch:
+def _judge_epoch(checks: tuple[Check, ...], before: EpochLooks) -> Epoch:
     arm, calibration = checks[0].arm, checks[0].calibration
     causes = list_causes(arm, calibration.content)
     reduced = [check.reduced for check in checks]
@@ -123,7 +123,7 @@ def _report_change(
                     if ch.cause is not None
                 )
             ],
-            "averaged_over": _shares(every, causes, index),
+            "averaged_over": _compute_shares(every, causes, index),
         },
     )
     return ReportedChange(
@@ -140,7 +140,7 @@ def _report_change(
     )
 
 
-def _shares(every: Averaged, causes: Sequence[Cause], index: int) -> list[dict[str, float]]:
+def _compute_shares(every: Averaged, causes: Sequence[Cause], index: int) -> list[dict[str, float]]:
     """Of each change: causes at their places, and what share each has in the average."""
     shares: list[dict[str, float]] = [{} for _ in range(index + 1)]
     for change, number, share in zip(every.changes, every.of_change, every.shares, strict=True):

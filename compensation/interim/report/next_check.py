@@ -114,7 +114,7 @@ def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
     again = checks[measured[-1]]  # its seats are projected out already
     usual = replace(again, mean_unix_s=check_unix_s, targets=np.zeros((len(again.residual), 0)))
     every_pose = predict_check(plan, arm, calibration, epoch.causes)
-    stacked = _stack(epoch, [*checks, every_pose])
+    stacked = _stack_with(epoch, [*checks, every_pose])
     (ahead,) = predict_checks(stacked, scenarios, measured, [len(checks)])
     pairs = list(combinations(range(len(plan.seats_mm)), SEATS))
     pools = [[plan.list_poses_on(seat) for seat in pair] for pair in pairs]
@@ -128,7 +128,7 @@ def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
     chosen, _, best = min(tried, key=lambda attempt: attempt[1])
     poses = np.array(chosen)
     this = select_rows(every_pose, list_numbers(poses))
-    stacked = _stack(epoch, [*checks, usual, this])
+    stacked = _stack_with(epoch, [*checks, usual, this])
     reported = epoch.reported_changes[index]
     assert reported.cause is not None
     probability_of = {reported.cause.place: reported.change.probability}
@@ -150,22 +150,24 @@ def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
     if advised.after_this > LEFT * advised.after_usual:
         return None
     return NextCheck(
-        _sentence(advised, [name_cause(epoch.causes[k]) for k in _causes(scenarios, index)]),
+        _write_sentence(
+            advised, [name_cause(epoch.causes[k]) for k in _list_causes(scenarios, index)]
+        ),
         advised,
     )
 
 
-def _stack(epoch: Epoch, checks: Sequence[Reduced]) -> Stack:
+def _stack_with(epoch: Epoch, checks: Sequence[Reduced]) -> Stack:
     """*checks* stacked, what is wrong all along as large as in the epoch."""
     stacked = stack_checks(checks, epoch.causes)
     return stacked.rescale(epoch.stack.share / stacked.share)
 
 
-def _causes(scenarios: Sequence[tuple[Change, ...]], index: int) -> list[int]:
+def _list_causes(scenarios: Sequence[tuple[Change, ...]], index: int) -> list[int]:
     return [cause for changes in scenarios if (cause := changes[index].cause) is not None]
 
 
-def _sentence(advised: AdvisedPoses, causes: Sequence[str]) -> str:
+def _write_sentence(advised: AdvisedPoses, causes: Sequence[str]) -> str:
     first, *rivals = causes
     seats = " and ".join(f"({x:.0f}, {y:.0f}, {z:.0f}) mm" for x, y, z in advised.seats_mm)
     now, usual, this = (

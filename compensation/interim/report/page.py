@@ -17,12 +17,12 @@ from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
 from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
 from armd.compensation.interim.report.result import describe_judgement
 from armd.compensation.report.about import About
-from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, instants
+from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, to_instants
 from armd.compensation.report.coverage import add_coverage
 from armd.compensation.report.drawing import COLOURS, make_single_figure
-from armd.compensation.report.head import head
-from armd.compensation.report.page import MOST_SENTENCES, Page, report_number
-from armd.compensation.report.sessions import session_facts
+from armd.compensation.report.head import add_head
+from armd.compensation.report.page import MOST_SENTENCES, Page, make_report_number
+from armd.compensation.report.sessions import add_session_facts
 from armd.compensation.report.units import Unit, choose_units
 from armd.compensation.wording import ARC_SECOND, minute, plain
 
@@ -45,46 +45,47 @@ def render_interim_page(
         choose_units(arm).length,
     )
     first, *further_sentences = describe_judgement(judgement)
-    reason = page.in_brief("Verdict", first.removeprefix("In control: "))
-    page.verdict(
+    reason = page.abbreviate("Verdict", first.removeprefix("In control: "))
+    page.add_verdict(
         "CHANGED" if judgement.changed else "IN CONTROL", reason, not judgement.changed,
-        _key_sentence(result["checks"], unit),
+        _write_key_sentence(result["checks"], unit),
     )  # fmt: skip
-    head(page, arm, sessions, about)
-    page.items_in_brief("What the checks show", further_sentences, MOST_SENTENCES)
+    add_head(page, arm, sessions, about)
+    page.add_items_in_brief("What the checks show", further_sentences, MOST_SENTENCES)
     if result["next_check"]:
-        page.text(f"Next: {result['next_check']['sentence']}")
-    page.text(
+        page.add_text(f"Next: {result['next_check']['sentence']}")
+    page.add_text(
         "Decision rule: a change is reported where the statistic reaches its limit: without one,"
         f" about once in {RUN_LENGTH:.0f} checks. It is Shiryaev's and Roberts's: how "
         "much likelier the readings are with a change than without, over all instants and causes."
     )
     checks = result["checks"]
-    page.figure(draw_statistics(checks), "The statistic of each check, and its limit")
-    page.figure(
-        _residuals(checks, unit), f"Residuals of each check under the calibration, {unit.name} RMS"
+    page.add_figure(draw_statistics(checks), "The statistic of each check, and its limit")
+    page.add_figure(
+        _draw_residuals(checks, unit),
+        f"Residuals of each check under the calibration, {unit.name} RMS",
     )
     add_coverage(page, arm, sessions)
-    page.signatures("Checked by")
-    page.appendix()
+    page.add_signature_lines("Checked by")
+    page.begin_appendix()
     for epoch in judgement.epochs:
         for reported in epoch.reported_changes:
             if reported.cause is None:
                 continue
             candidate = reported.cause.candidate
-            page.heading(f"{candidate.cause.replace('_', ' ')}, {candidate.location}")
-            page.text(f"{CATALOGUE[candidate.cause].reason}.".capitalize())
-            page.figure(
-                _over_time(epoch, reported),
+            page.add_heading(f"{candidate.cause.replace('_', ' ')}, {candidate.location}")
+            page.add_text(f"{CATALOGUE[candidate.cause].reason}.".capitalize())
+            page.add_figure(
+                _draw_over_time(epoch, reported),
                 "Amplitude in each check alone (bars: two standard uncertainties), the course that"
                 " is reported, and the interval that holds the change",
             )
-            page.table(
+            page.add_table(
                 ["what", "at the last check", "standard uncertainty", "unit"],
-                [_row(reported, j) for j in range(len(reported.values))],
+                [_make_row(reported, j) for j in range(len(reported.values))],
             )
-    page.heading("All checks")
-    page.table(
+    page.add_heading("All checks")
+    page.add_table(
         ["check", "started", "readings", f"residuals, {unit.name} RMS", "statistic", "limit",
          "verdict"],
         [
@@ -100,12 +101,12 @@ def render_interim_page(
             for check in checks
         ],
     )  # fmt: skip
-    _origin(page, judgement, result)
-    session_facts(page, sessions, arm)
-    return page.html()
+    _add_origin(page, judgement, result)
+    add_session_facts(page, sessions, arm)
+    return page.to_html()
 
 
-def _origin(page: Page, judgement: Judgement, result: dict[str, Any]) -> None:
+def _add_origin(page: Page, judgement: Judgement, result: dict[str, Any]) -> None:
     """Every check's files, every description of the arm and every calibration, by their hashes."""
     inputs: dict[str, str] = {}
     for check in judgement.checks:
@@ -122,10 +123,10 @@ def _origin(page: Page, judgement: Judgement, result: dict[str, Any]) -> None:
         for change in result["changes"]
         if change["calibration_from"]
     }
-    page.origin(report_number(result["arm"], *inputs.values()), inputs, facts)
+    page.add_origin(make_report_number(result["arm"], *inputs.values()), inputs, facts)
 
 
-def _key_sentence(checks: Sequence[dict[str, Any]], unit: Unit) -> str:
+def _write_key_sentence(checks: Sequence[dict[str, Any]], unit: Unit) -> str:
     """The last check that counts, in one figure."""
     counts = [check for check in checks if check["verdict"] != "bad_check"] or checks
     last_mm, first_mm = (counts[i]["rms_um"] / 1e3 for i in (-1, 0))
@@ -136,7 +137,7 @@ def _key_sentence(checks: Sequence[dict[str, Any]], unit: Unit) -> str:
     )
 
 
-def _residuals(checks: Sequence[dict[str, Any]], unit: Unit) -> Figure:
+def _draw_residuals(checks: Sequence[dict[str, Any]], unit: Unit) -> Figure:
     figure, panel = make_single_figure(2.6)
     factor = unit.per_base / 1e3
     draw_by_verdict(panel, checks, [factor * check["rms_um"] for check in checks])
@@ -146,18 +147,18 @@ def _residuals(checks: Sequence[dict[str, Any]], unit: Unit) -> Figure:
     return figure
 
 
-def _over_time(epoch: Epoch, reported: ReportedChange) -> Figure:
+def _draw_over_time(epoch: Epoch, reported: ReportedChange) -> Figure:
     """A cause's amplitudes check by check, and the course that is told."""
     figure, panel = make_single_figure()
     assert reported.change.cause is not None and reported.cause is not None
-    moments = instants([check.line.started for check in epoch.checks])
+    moments = to_instants([check.line.started for check in epoch.checks])
     block = epoch.stack.blocks[reported.change.cause]
     course = compute_shapes(epoch.stack, reported.change)
     grown = course[:, 0] / max(float(course[-1, 0]), 1e-300)
     drawstyle = "default" if reported.change.gradual else "steps-post"
     for j, column in enumerate(reported.cause.candidate.columns):
         unit, factor = SHOWN.get(column.unit, (column.unit, 1.0))
-        values, spread = _by_check(epoch, block, j)
+        values, spread = _list_by_check(epoch, block, j)
         colour = COLOURS[j % len(COLOURS)]
         panel.errorbar(
             moments.astype(object), factor * column.prior_sd * values,
@@ -179,7 +180,7 @@ def _over_time(epoch: Epoch, reported: ReportedChange) -> Figure:
     return figure
 
 
-def _by_check(epoch: Epoch, block: slice, j: int) -> tuple[F64, F64]:
+def _list_by_check(epoch: Epoch, block: slice, j: int) -> tuple[F64, F64]:
     """(n,) a column's amplitude in every check alone, in typical sizes, and its deviation."""
     values, spread = [], []
     for residual, columns in zip(epoch.stack.residual, epoch.stack.columns, strict=True):
@@ -190,7 +191,7 @@ def _by_check(epoch: Epoch, block: slice, j: int) -> tuple[F64, F64]:
     return np.array(values), np.array(spread)
 
 
-def _row(reported: ReportedChange, j: int) -> list[object]:
+def _make_row(reported: ReportedChange, j: int) -> list[object]:
     assert reported.cause is not None
     column = reported.cause.candidate.columns[j]
     unit, factor = SHOWN.get(column.unit, (column.unit, 1.0))

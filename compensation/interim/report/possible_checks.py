@@ -10,10 +10,10 @@ from scipy.linalg import block_diag
 
 from armd.arrays import F64, I64
 from armd.compensation.design.clearance import column_distance_mm, height_mm
-from armd.compensation.estimate.adjustment import adjusted
+from armd.compensation.estimate.adjustment import adjust_angles
 from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.checks.open_growth import open_growth
+from armd.compensation.interim.checks.open_growth import list_open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.report.reach import draw_poses
@@ -57,7 +57,7 @@ def plan_check(arm: Arm, calibration: Calibration, at_unix_s: float) -> Possible
     free &= (height > HEIGHT[0] * reach) & (height < HEIGHT[1] * reach)
     seats, on_seats = [], []
     for seat in tips[free][:SEATS]:
-        on_seat = _reaching(arm, constants, seat, drawn)
+        on_seat = _reach_seat(arm, constants, seat, drawn)
         if on_seat.n >= POOL:
             seats.append(seat)
             on_seats.append(on_seat.rows(slice(POOL)))
@@ -66,12 +66,12 @@ def plan_check(arm: Arm, calibration: Calibration, at_unix_s: float) -> Possible
     )
 
 
-def _reaching(arm: Arm, constants: F64, seat: F64, drawn: States) -> States:
+def _reach_seat(arm: Arm, constants: F64, seat: F64, drawn: States) -> States:
     """Different poses with the tip on *seat* (3,)."""
     parameters = np.tile(constants, (drawn.n, 1))
     q = drawn.q
     for _ in range(STEPS):
-        q = adjusted(q, parameters, np.tile(seat, (drawn.n, 1)))
+        q = adjust_angles(q, parameters, np.tile(seat, (drawn.n, 1)))
     is_on_seat = np.linalg.norm(forward(q, parameters)[0] - seat, axis=1) < THERE_MM
     low, high = arm.limits_rad
     inside = ((q > low + MARGIN_RAD) & (q < high - MARGIN_RAD)).all(axis=1)
@@ -91,7 +91,7 @@ def predict_check(
     def rows(motions: F64) -> F64:
         return (whitener @ motions).reshape(3 * plan.states.n, -1)
 
-    growth = open_growth(arm, calibration)
+    growth = list_open_growth(arm, calibration)
     error_columns = rows(
         np.concatenate(
             [signals.compute_calibration_motions(), signals.compute_growth_motions(growth)], axis=2

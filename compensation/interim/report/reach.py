@@ -7,7 +7,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.design.clearance import make_resting_states
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.poses import rigid_columns
+from armd.compensation.estimate.poses import make_rigid_columns
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
@@ -30,6 +30,8 @@ def compute_tip_rms_um(
     states = draw_poses(arm, calibration.reference_temperature_c, POSES, 20)
     signals = Signals(states, arm, calibration)
     moved = (signals.compute_motions(candidate.columns) @ values).reshape(-1)
-    rigid = rigid_columns(signals.position_mm - signals.position_mm.mean(axis=0)).reshape(-1, 6)
+    rigid = make_rigid_columns(signals.position_mm - signals.position_mm.mean(axis=0)).reshape(
+        -1, 6
+    )
     residual_mm = moved - rigid @ np.linalg.lstsq(rigid, moved, rcond=None)[0]
     return 1e3 * float(np.sqrt((residual_mm**2).sum() / states.n))

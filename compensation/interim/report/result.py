@@ -42,18 +42,18 @@ def as_json(
         "calibration": latest.calibration.sha256,
         "last_check": latest.line.started,
         "in_control_run_length": RUN_LENGTH,
-        "checks": [_check(*row) for row in checks],
+        "checks": [_describe_check(*row) for row in checks],
         "changes": [
-            _change(reported, epoch, *(file or (None, None)))
+            _describe_change(reported, epoch, *(file or (None, None)))
             for (reported, epoch), file in zip(changes, calibrations, strict=True)
         ],
-        "growth": _growth(judgement.latest.grown, *(with_growth or (None, None))),
+        "growth": _describe_growth(judgement.latest.grown, *(with_growth or (None, None))),
         "far_off": list(judgement.far_off),
         "next_check": tomorrow,
     }
 
 
-def _check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:
+def _describe_check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:
     statistic = float(epoch.detected.statistic[index])
     return {
         "name": check.line.name,
@@ -67,7 +67,7 @@ def _check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:
     }
 
 
-def _growth(
+def _describe_growth(
     grown: FittedGrowth | None, path: str | None, sha256: str | None
 ) -> dict[str, Any] | None:
     if grown is None:
@@ -115,7 +115,7 @@ def describe_growth(grown: FittedGrowth) -> str:
     )
 
 
-def _change(
+def _describe_change(
     reported: ReportedChange, epoch: Epoch, path: str | None, sha256: str | None
 ) -> dict[str, Any]:
     change, cause = reported.change, reported.cause

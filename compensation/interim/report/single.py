@@ -30,12 +30,14 @@ def list_single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
             fate = "not counted, as nothing of its check is" if bad else "counted until now"
             # New play in a joint takes readings ten times as far as others, and is a change.
             changed = any(i >= change.first for change in epoch.detected.changes)
-            far_readings = _far_off(session, check, SUSPECT if bad and not changed else MONSTROUS)
+            far_readings = _find_far_off(
+                session, check, SUSPECT if bad and not changed else MONSTROUS
+            )
             for line in far_readings.in_words(session):
                 yield f"{line}; {fate}"
 
 
-def _far_off(session: Session, check: Check, times: float) -> FarOff:
+def _find_far_off(session: Session, check: Check, times: float) -> FarOff:
     calibration = check.calibration.content
     observations = gather([session], check.arm, calibration.artefact)
     model = AssumedModel.under(check.arm, calibration)

@@ -57,7 +57,7 @@ def _is_set(numbers: Sequence[int], until: int) -> bool:
 
 
 class _WatchedEpoch(Strict):
-    checks: list[str]  # `_key` of each, in order of time
+    checks: list[str]  # `_make_key` of each, in order of time
     looks: list[_Look]  # the first one with no change known
     after: list[float]  # of checks after the first alarm, the statistic without …
     left_out: list[int]
@@ -91,7 +91,7 @@ class Remembered:
         """Of the *checks* of an epoch, in order of time, as many as were watched before."""
         if not self.epochs:
             return NEVER_YET
-        keys = [_key(check) for check in checks[:-1]]
+        keys = [_make_key(check) for check in checks[:-1]]
         for epoch in self.epochs:
             pairs = zip(epoch.checks, keys, strict=False)
             same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
@@ -110,7 +110,7 @@ def recall(folder: Path) -> Remembered:
     with suppress(BadInput):
         file = load_json(folder / WATCHED, _WatchedFile)
         ours = (file.armd, file.code) == (__version__, hash_sources())
-        right = file.sha256 == _sha256(file.epochs)
+        right = file.sha256 == _hash_epochs(file.epochs)
         if ours and right and all(epoch.is_sound() for epoch in file.epochs):
             return Remembered(tuple(file.epochs))
     return NOTHING
@@ -120,7 +120,7 @@ def remember(folder: Path, judgement: Judgement) -> None:
     """Write it; where that is refused (a full disk), the next time takes longer."""
     epochs = [
         _WatchedEpoch(
-            checks=[_key(check) for check in epoch.checks[:-1]],
+            checks=[_make_key(check) for check in epoch.checks[:-1]],
             looks=[
                 _Look(
                     since=look.since,
@@ -142,7 +142,7 @@ def remember(folder: Path, judgement: Judgement) -> None:
         "armd": __version__,
         "code": hash_sources(),
         "epochs": [epoch.model_dump() for epoch in epochs],
-        "sha256": _sha256(epochs),
+        "sha256": _hash_epochs(epochs),
     }
     with suppress(BadInput):
         write_changed(folder / WATCHED, json.dumps(file) + "\n")
@@ -160,12 +160,12 @@ def hash_sources(room: Path = Path(__file__).parents[2]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _key(check: Check) -> str:
+def _make_key(check: Check) -> str:
     """What a check says, of which arm under which calibration, by which catalogue of causes."""
     facts = (*check.epoch, check.line.files[STATISTICS], check.reduced.catalogue)
     return hashlib.sha256("\n".join(facts).encode()).hexdigest()
 
 
-def _sha256(epochs: Sequence[_WatchedEpoch]) -> str:
+def _hash_epochs(epochs: Sequence[_WatchedEpoch]) -> str:
     text = json.dumps([epoch.model_dump() for epoch in epochs])
     return hashlib.sha256(text.encode()).hexdigest()

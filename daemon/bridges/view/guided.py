@@ -18,13 +18,13 @@ from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.feed import Feed
 from armd.daemon.bridges.view.http import NotServed, Request
 from armd.daemon.bridges.view.sessions import A_NAME, results
-from armd.daemon.measure.ending import EndOptions, commands, run
-from armd.daemon.measure.in_use import in_use_of
+from armd.daemon.measure.ending import EndOptions, list_commands, run
+from armd.daemon.measure.in_use import ask_in_use
 from armd.daemon.measure.log import NAME
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, PlanKind, Wishes
-from armd.daemon.measure.so_far.estimate import identified
+from armd.daemon.measure.so_far.estimate import identify_so_far
 from armd.daemon.measure.waiting import Waiting
 from armd.errors import ArmdError, BadInput
 from armd.files.schema import load_toml
@@ -139,7 +139,7 @@ class Guided:
                 self._became(await in_thread(partial(_guarded, deed)))
             case "finish":
                 await in_thread(measuring.finish)
-                final_commands = commands(
+                final_commands = list_commands(
                     measuring.folder, measuring.plan, measuring.in_use, self._options
                 )
                 self._phase = "ending"
@@ -181,13 +181,13 @@ class Guided:
         def begun() -> tuple[Measuring, str]:
             self._folder.mkdir(parents=True, exist_ok=True)
             trigger = str(arm.info()["configuration"]["measurement"]["trigger"])
-            in_use = in_use_of(arm)
+            in_use = ask_in_use(arm)
             if wishes is None:
                 return Measuring.resume(folder, in_use), trigger
             artefact_content = (
                 None if artefact is None else load_toml(artefact, ArtefactFile).artefact
             )
-            plan = plan_of(cast(PlanKind, kind), in_use.arm, artefact_content, wishes)
+            plan = make_plan(cast(PlanKind, kind), in_use.arm, artefact_content, wishes)
             return Measuring(folder, plan, in_use), trigger
 
         measuring, self._trigger = await in_thread(begun)
@@ -196,7 +196,7 @@ class Guided:
             options = replace(options, history=self._folder / HISTORY)
         try:
             # refused now rather than at the end
-            commands(measuring.folder, measuring.plan, measuring.in_use, options)
+            list_commands(measuring.folder, measuring.plan, measuring.in_use, options)
         except ArmdError:
             measuring.close()
             raise
@@ -229,7 +229,7 @@ class Guided:
         async def ask() -> None:
             try:
                 estimate = await in_thread(
-                    lambda: identified(measuring.folder, measuring.in_use.arm)
+                    lambda: identify_so_far(measuring.folder, measuring.in_use.arm)
                 )
                 self._so_far = str(estimate["text"])
             except (ArmdError, ArithmeticError, OSError, ValueError) as error:

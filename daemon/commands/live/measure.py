@@ -10,11 +10,11 @@ from typing import get_args
 import armd
 from armd.client import Arm
 from armd.compensation.data.session_format import ArtefactFile
-from armd.daemon.measure.ending import EndOptions, Then, commands
+from armd.daemon.measure.ending import EndOptions, Then, list_commands
 from armd.daemon.measure.ending import run as run_command
-from armd.daemon.measure.in_use import in_use_of
+from armd.daemon.measure.in_use import ask_in_use
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, Wishes
 from armd.daemon.measure.plan.verify_stations import TESTS
 from armd.daemon.measure.terminal import Terminal
@@ -128,11 +128,11 @@ def run(args: argparse.Namespace) -> int:
         sphere_mm=args.sphere_mm,
     )
     with armd.connect(args.serial, args.endpoint, timeout_s=WAIT_S) as arm:
-        in_use = in_use_of(arm)
-        plan = plan_of(args.kind, in_use.arm, artefact, wishes)
+        in_use = ask_in_use(arm)
+        plan = make_plan(args.kind, in_use.arm, artefact, wishes)
         with Measuring(args.output, plan, in_use) as measuring:
             # refused now rather than at the end
-            commands(measuring.folder, measuring.plan, measuring.in_use, options)
+            list_commands(measuring.folder, measuring.plan, measuring.in_use, options)
             if args.artefact_c is not None:
                 measuring.set_artefact_c(args.artefact_c)
             return _lead(args, arm, measuring, options)
@@ -149,7 +149,7 @@ def _lead(args: argparse.Namespace, arm: Arm, measuring: Measuring, options: End
         return 1
     measuring.finish()
     code = 0
-    for command in commands(measuring.folder, measuring.plan, measuring.in_use, options):
+    for command in list_commands(measuring.folder, measuring.plan, measuring.in_use, options):
         done = run_command(command)
         face.report_command(done)
         code = max(code, done.code)

@@ -122,10 +122,10 @@ def _apply(args: argparse.Namespace, words: list[str]) -> int:
 
 def _list(args: argparse.Namespace, words: list[str]) -> int:
     from armd.daemon.files.tip_history import history
-    from armd.daemon.measure.in_use import in_use_of
+    from armd.daemon.measure.in_use import ask_in_use
 
     with armd.connect(words[0] if words else None, args.endpoint) as arm:
-        info, in_use = arm.info(), in_use_of(arm)
+        info, in_use = arm.info(), ask_in_use(arm)
         last = {entry["name"]: entry for entry in history(arm.serial)}
     table = Table("", "tip", "offset, mm", "radius, mm", _when_column(), "U (k = 2), mm", "verdict")
     tips: dict[str, dict[str, Any]] = {OWN: {"offset_mm": None}, **info["configuration"]["tips"]}
@@ -193,7 +193,7 @@ def _history(args: argparse.Namespace, words: list[str]) -> int:
 
 def _calibrate(args: argparse.Namespace, words: list[str]) -> int:
     from armd.daemon.files.tip_history import history, keep
-    from armd.daemon.measure.tip_calibration import calibrate_tip, moved_mm
+    from armd.daemon.measure.tip_calibration import calibrate_tip, measure_moved_mm
 
     folder = Path(words[0])
     if args.apply and args.name == OWN:
@@ -209,7 +209,7 @@ def _calibrate(args: argparse.Namespace, words: list[str]) -> int:
         for past in history(calibration.serial, calibration.name)
         if past["session"] != entry["session"]
     ]
-    moved, uncertainty, since = moved_mm(calibration, earlier[-1] if earlier else None)
+    moved, uncertainty, since = measure_moved_mm(calibration, earlier[-1] if earlier else None)
     entry |= {"moved_mm": moved, "moved_expanded_uncertainty_mm": uncertainty, "moved_since": since}
     history_path = keep(calibration.serial, entry)
     if args.json:

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from armd.compensation.identify.result import Result
 from armd.compensation.report.about import add_about, read_about
-from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     outputs = {
         "-o": (args.output, CALIBRATION),
         "--json": (args.json, RESULT),
-        **page_outputs(args),
+        **list_page_outputs(args),
     }
     check_outputs(outputs, [args.arm, *args.session, args.about], args.force)
     about = read_about(args)

@@ -14,7 +14,7 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.model.calibration import save_calibration
 from armd.compensation.report.about import add_about, read_about
-from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     outputs = {
         "--json": (args.json, RESULT),
-        **page_outputs(args),
+        **list_page_outputs(args),
         "--extended": (args.extended, CALIBRATION),
     }
     inputs = [args.arm, args.calibration, *args.session, *args.holdout, args.about]

@@ -30,7 +30,7 @@ from armd.compensation.interim.report.watch_memory import recall, remember
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.compensation.report.about import About, add_about, read_about
-from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.commands.offline import interim_points
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
@@ -137,7 +137,7 @@ def _report(args: argparse.Namespace) -> int:
     check_outputs(
         {
             "--json": (to_file, RESULT),
-            **page_outputs(args),
+            **list_page_outputs(args),
             "--poses": (args.poses, POSES),
         },
         [args.about],

@@ -21,7 +21,7 @@ from armd.daemon.catalogue.universal_robots import (
     FIRST_LINE,
     LINKS,
     describe_omitted,
-    kinematics_yaml,
+    write_kinematics_yaml,
 )
 from armd.daemon.catalogue.urdf_like import correct_urdf
 from armd.errors import BadInput
@@ -120,7 +120,7 @@ def _yaml(
     args: argparse.Namespace, arm: Arm, loaded: LoadedCalibration | None, geometry: Geometry
 ) -> tuple[bytes | str, list[str]]:
     identity = loaded.sha256[:16] if loaded else "nominal"
-    text = kinematics_yaml(arm, geometry.parameters, arm.serial_number, identity)
+    text = write_kinematics_yaml(arm, geometry.parameters, arm.serial_number, identity)
     missing = describe_omitted(arm, geometry.parameters)
     remark = f"without what follows the last joint: {', '.join(missing)}" if missing else ""
     return text, [remark] if remark else []

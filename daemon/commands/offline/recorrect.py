@@ -20,7 +20,7 @@ from armd.compensation.interim.recorrection.recorrect import Recorrected, recorr
 from armd.compensation.model.arm import Arm, Vector3, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.compensation.model.state import States
-from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.bridges.export import source
 from armd.daemon.bridges.export.source import MeasurementLine, Measurements
 from armd.daemon.bridges.export.tables import uncertainty_mm
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     if args.tolerance is not None and not 0 < args.tolerance < float("inf"):
         raise BadInput("the command line", "--tolerance", f"{args.tolerance:g}", "mm, above 0")
     check_outputs(
-        {"-o": (args.output, RECORRECTED), **page_outputs(args)},
+        {"-o": (args.output, RECORRECTED), **list_page_outputs(args)},
         [*args.measurements, args.arm, args.calibration, args.config],
         args.force,
     )

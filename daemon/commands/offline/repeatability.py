@@ -14,7 +14,7 @@ from armd.arrays import F64, Mask
 from armd.compensation.data.foreign.points import read_points
 from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.data.session import Session, load_session
-from armd.compensation.report.written import page_outputs, write_pages
+from armd.compensation.report.written import list_page_outputs, write_pages
 from armd.compensation.verify import single
 from armd.compensation.verify.figures import correct_positions
 from armd.compensation.verify.repeatability import (
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         count = f"{len(args.operand)} operands"
         raise BadInput("the command line", "armd feature repeatability", count, "1")
     path = Path(args.operand[0])
-    outputs = {"--json": (args.json, RESULT), **page_outputs(args)}
+    outputs = {"--json": (args.json, RESULT), **list_page_outputs(args)}
     check_outputs(outputs, [path, args.arm, args.calibration], args.force)
     of_table = path.suffix.lower() in TABLES and not path.is_dir()
     visits = _of_table(args, path) if of_table else _of_session(args, path)
@@ -127,7 +127,9 @@ def _page(
     visits: Visits,
     path: Path,
 ) -> str:
-    from armd.compensation.report.repeatability import repeatability_page  # draws: slow to load
+    from armd.compensation.report.repeatability import (
+        make_repeatability_page,  # draws: slow to load
+    )
     from armd.compensation.report.sessions import InputFile
 
     readings = next(
@@ -139,4 +141,4 @@ def _page(
         "calibration": InputFile.read(args.calibration),
     }
     conditions = visits.time_h, visits.temperature_c
-    return repeatability_page(repeatability, words, conditions, path.resolve().name, files)
+    return make_repeatability_page(repeatability, words, conditions, path.resolve().name, files)

@@ -12,7 +12,7 @@ from rich.table import Table
 from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.model.arm import load_arm
 from armd.compensation.report.about import About, add_about, read_about
-from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty
 from armd.compensation.verify.points import PointsVerification, verify_points
 from armd.compensation.verify.verdict import Verdict, judge
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    outputs = {"--json": (args.json, RESULT), **page_outputs(args)}
+    outputs = {"--json": (args.json, RESULT), **list_page_outputs(args)}
     inputs = [args.arm, args.calibration, args.mpe, args.session, args.artefact, args.about]
     check_outputs(outputs, inputs, args.force)
     about = read_about(args)
@@ -109,10 +109,12 @@ def _page(
     args: argparse.Namespace, verdict: Verdict, verification: PointsVerification, about: About
 ) -> str:
     from armd.compensation.report.sessions import InputFile
-    from armd.compensation.report.verification import verification_report  # drawings load slowly
+    from armd.compensation.report.verification import (
+        make_verification_report,  # drawings load slowly
+    )
 
     files = {"arm": InputFile.read(args.arm), "limits": InputFile.read(args.mpe)}
-    return verification_report(verdict, verification.session, verification.arm, files, about)
+    return make_verification_report(verdict, verification.session, verification.arm, files, about)
 
 
 def _print(verdict: Verdict, limits: PermissibleErrors | None) -> None:

@@ -15,13 +15,13 @@ from armd.daemon.catalogue import microscribe
 from armd.daemon.catalogue.known_arms import (
     KNOWN,
     Bus,
-    arm_text,
-    canonical,
-    daemon_text,
-    geometry_in_words,
-    known_arm,
-    title,
+    describe_geometry,
+    find_spelling,
+    load_known_arm,
+    read_arm_text,
+    read_title,
     with_serial_number,
+    write_daemon_text,
 )
 from armd.daemon.catalogue.lerobot import take_over
 from armd.drivers.microscribe.factory import read_factory
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     elif args.name == "microscribe":
         return _microscribe(args)
     else:
-        text, bus = arm_text(args.name), KNOWN[canonical(args.name)]
+        text, bus = read_arm_text(args.name), KNOWN[find_spelling(args.name)]
     if args.serial_number is not None:
         text = with_serial_number(text, args.serial_number)
         validate("--serial-number", tomllib.loads(text), Arm)
@@ -99,9 +99,9 @@ def run(args: argparse.Namespace) -> int:
         return 0
     check_same(args.output, text, ARM, args.force, [args.file])
     write_whole(args.output, text)
-    print(f"{args.output}: {title(text)}")
+    print(f"{args.output}: {read_title(text)}")
     if not args.quiet:
-        print(printable(f"armd: {geometry_in_words(text)}"), file=sys.stderr)
+        print(printable(f"armd: {describe_geometry(text)}"), file=sys.stderr)
     if bus is not None:
         _write_daemon_file(args.output, bus, args.port)
     return 0
@@ -116,15 +116,15 @@ def _microscribe(args: argparse.Namespace) -> int:
     if args.output is not None:
         check_place(args.output)  # before the arm is asked, which takes seconds
     factory = read_factory(ports[0], args.baud)
-    text = microscribe.arm_text(factory, ports[0], args.ball)
+    text = microscribe.write_arm_text(factory, ports[0], args.ball)
     validate(f"{ports[0]}: the arm's memory", tomllib.loads(text), Arm)
     if args.output is None:
         sys.stdout.write(text)
         return 0
     check_same(args.output, text, ARM, args.force)
     write_whole(args.output, text)
-    print(f"{args.output}: {title(text)}")
-    daemon_file = microscribe.daemon_text(args.output.name, ports[0], factory.baud)
+    print(f"{args.output}: {read_title(text)}")
+    daemon_file = microscribe.write_daemon_text(args.output.name, ports[0], factory.baud)
     path = args.output.parent / "armd.toml"
     if path.exists():
         print(f"{path}: left as it is; its [driver] for this arm:", end="\n  ")
@@ -147,12 +147,12 @@ def _write_daemon_file(output: Path, bus: Bus, port: str | None) -> None:
         print(f"{path}: not written, {reason}; with --port PORT it is. Its [driver]:", end="\n  ")
         print(*_driver(bus, port), sep="\n  ")
         return
-    write_whole(path, daemon_text(output.name, bus, str(ports[0])))
+    write_whole(path, write_daemon_text(output.name, bus, str(ports[0])))
     print(f"{path}: for `armd run {path}`, on {ports[0]}")
 
 
 def _driver(bus: Bus, port: str | None) -> list[str]:
-    return _driver_of(daemon_text("arm.toml", bus, port or "/dev/serial/by-id/…"))
+    return _driver_of(write_daemon_text("arm.toml", bus, port or "/dev/serial/by-id/…"))
 
 
 def _driver_of(text: str) -> list[str]:
@@ -164,9 +164,11 @@ def _driver_of(text: str) -> list[str]:
 def _print_list() -> None:
     table = Table("name", "arm", "joints", "bus", "source", box=None)
     for name, bus in KNOWN.items():
-        text = arm_text(name)
+        text = read_arm_text(name)
         wire = "-" if bus is None else f"{bus.kind}, {bus.baud} baud"
-        table.add_row(name, title(text), str(known_arm(name).n_joints), wire, _source(text))
+        table.add_row(
+            name, read_title(text), str(load_known_arm(name).n_joints), wire, _source(text)
+        )
     table.add_row("microscribe", MICROSCRIBE, "5", "microscribe", "the arm's own memory")
     Console(width=None if sys.stdout.isatty() else 250).print(table)
 

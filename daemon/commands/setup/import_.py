@@ -274,9 +274,9 @@ def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns:
 
 
 def _urdf(args: argparse.Namespace) -> int:
-    from armd.daemon.catalogue.urdf import arm_toml
+    from armd.daemon.catalogue.urdf import write_arm_toml
 
-    text, remarks = arm_toml(args.table, args.tip_link)
+    text, remarks = write_arm_toml(args.table, args.tip_link)
     check_same(args.output, text, ARM, args.force, [args.table])
     write_whole(args.output, text)
     for sentence in () if args.quiet else remarks:

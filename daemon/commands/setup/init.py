@@ -11,11 +11,11 @@ from armd.compensation.model.arm import Arm
 from armd.daemon.catalogue.known_arms import (
     KNOWN,
     Bus,
-    arm_text,
-    daemon_text,
-    geometry_in_words,
+    describe_geometry,
+    read_arm_text,
     with_joint,
     with_serial_number,
+    write_daemon_text,
 )
 from armd.daemon.catalogue.rows import CONVENTIONS, ROW, from_rows
 from armd.daemon.catalogue.xml_tree import ROBOTS
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
     validate(f"--from {args.start_from}", tomllib.loads(text), Arm)
     daemon = DAEMON.format(port=args.port)
     if bus is not None:
-        daemon = daemon_text("arm.toml", bus, args.port)
+        daemon = write_daemon_text("arm.toml", bus, args.port)
     args.folder.mkdir(parents=True, exist_ok=True)
     for name, kind, content in (("arm.toml", ARM, text), ("armd.toml", CONFIGURATION, daemon)):
         check_same(args.folder / name, content, kind, args.force)
@@ -126,9 +126,9 @@ def _arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
     bus = None
     remarks: list[str] = []
     if source.suffix.lower() in ROBOTS:
-        from armd.daemon.catalogue.urdf import arm_toml  # scipy, only for this
+        from armd.daemon.catalogue.urdf import write_arm_toml  # scipy, only for this
 
-        text, remarks = arm_toml(source, args.tip_link)
+        text, remarks = write_arm_toml(source, args.tip_link)
     elif source.suffix:
         text, remarks = from_rows(source, args.convention)
     else:
@@ -136,8 +136,8 @@ def _arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
         if name not in KNOWN:
             expected = f"FILE.urdf, FILE.csv, or a known arm{hint(name, KNOWN)}"
             raise BadInput("the command line", "--from", args.start_from, expected)
-        text, bus = arm_text(name), KNOWN[name]
-        remarks.append(geometry_in_words(text))
+        text, bus = read_arm_text(name), KNOWN[name]
+        remarks.append(describe_geometry(text))
     for sentence in () if args.quiet else remarks:
         print(f"armd: {sentence}")
     joints = tomllib.loads(text)["joint"]

@@ -8,23 +8,23 @@ from armd.compensation.data.points_only import refuse_surfaces
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, certificate_readings
 from armd.compensation.model.arm import Arm
-from armd.daemon.measure.plan.poses import Pose, read_poses, stations_of
-from armd.daemon.measure.plan.proposed import proposed_check
+from armd.daemon.measure.plan.poses import Pose, make_stations, read_poses
+from armd.daemon.measure.plan.proposed import load_proposed_check
 from armd.daemon.measure.plan.stations import (
     MOST_STATIONS,
     Plan,
     PlanKind,
     Station,
     Wishes,
-    near_mm,
-    rounds,
-    seats_artefact,
+    compute_near_mm,
+    make_seats_artefact,
+    repeat_rounds,
 )
 from armd.daemon.measure.plan.surface_stations import (
     CALIBRATION_TOUCHES,
     SURFACE_PLACEMENTS,
-    surface_stations,
-    verified_surfaces,
+    list_verified_surfaces,
+    make_surface_stations,
 )
 from armd.daemon.measure.plan.verify_stations import (
     SEAT_HOW,
@@ -51,7 +51,7 @@ BALL_HOW = "the tip's centre at the ball, the wrist turned otherwise than last t
 SPHERE_HOW = "touch the sphere, all over its upper half"
 
 
-def plan_of(kind: PlanKind, arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Plan:
+def make_plan(kind: PlanKind, arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Plan:
     """The stations of a measurement of *arm*, on *artefact* where there is one.
 
     Raises `BadInput` for wishes that cannot be met.
@@ -72,7 +72,7 @@ def plan_of(kind: PlanKind, arm: Arm, artefact: Artefact | None, wishes: Wishes)
         kind=kind,
         artefact=artefact,
         stations=stations,
-        near_mm=wishes.near_mm or (TIP_NEAR_MM if kind == "tip" else near_mm(arm)),
+        near_mm=wishes.near_mm or (TIP_NEAR_MM if kind == "tip" else compute_near_mm(arm)),
         within_calibration=kind in ("verify", "tip", "interim"),
         sphere_mm=wishes.sphere_mm,
     )
@@ -101,13 +101,15 @@ def _refuse_what_is_not_asked(kind: PlanKind, artefact: Artefact | None, wishes:
 Made = tuple[Artefact, list[Station]]
 
 
-def _seats(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
+def _plan_seats(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
     targets = wishes.targets or ["seat"]
     repeats = wishes.repeats or SEAT_READINGS
-    return seats_artefact(targets), rounds(wishes.placements or ["1"], targets, repeats, SEAT_HOW)
+    return make_seats_artefact(targets), repeat_rounds(
+        wishes.placements or ["1"], targets, repeats, SEAT_HOW
+    )
 
 
-def _artefact(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+def _plan_artefact(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     assert artefact is not None  # asked for
     names = wishes.targets or artefact.target_names
     targets = [name for name in names if name not in artefact.surface_kinds]
@@ -122,14 +124,14 @@ def _artefact(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
         station
         for placement in placements
         for station in (
-            *rounds([placement], targets, wishes.repeats or enough, BALL_HOW),
-            *surface_stations(artefact, placement, names, touches),
+            *repeat_rounds([placement], targets, wishes.repeats or enough, BALL_HOW),
+            *make_surface_stations(artefact, placement, names, touches),
         )
     ]
 
 
-def _verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
-    artefact = _with_points(artefact or seats_artefact(SPAT), wishes.tests or ())
+def _plan_verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+    artefact = _with_points(artefact or make_seats_artefact(SPAT), wishes.tests or ())
     stations: list[Station] = []
     tests = list(wishes.tests or TESTS)
     for test in tests:
@@ -143,7 +145,7 @@ def _verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
             raise BadInput("the artefact", "target", names, expected)
         stations += test_stations
     if not wishes.tests:
-        stations += verified_surfaces(artefact)
+        stations += list_verified_surfaces(artefact)
     if not stations:
         expected = "targets whose names say which test they are of (docs/how-to/verify.md)"
         raise BadInput("the artefact", "target", ", ".join(artefact.target_names[:8]), expected)
@@ -166,46 +168,48 @@ def _with_points(artefact: Artefact, tests: Sequence[str]) -> Artefact:
     return artefact.with_documented(names)
 
 
-def _poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+def _plan_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     assert wishes.poses is not None  # asked for
     poses = read_poses(wishes.poses, arm.n_joints, arm.sensors)
-    artefact = artefact or seats_artefact(["seat"])
-    return artefact, stations_of(poses, artefact, (wishes.placements or ["1"])[0])
+    artefact = artefact or make_seats_artefact(["seat"])
+    return artefact, make_stations(poses, artefact, (wishes.placements or ["1"])[0])
 
 
-def _tip(_arm: Arm, _none: Artefact | None, wishes: Wishes) -> Made:
+def _plan_tip(_arm: Arm, _none: Artefact | None, wishes: Wishes) -> Made:
     if wishes.sphere_mm is None:
         names = ["seat"]
-        stations = rounds(["1"], names, wishes.repeats or TIP_SEAT_READINGS, SEAT_HOW)
+        stations = repeat_rounds(["1"], names, wishes.repeats or TIP_SEAT_READINGS, SEAT_HOW)
     else:
         # A contact point is a target of its own: the tip's centre stands there once.
         count = wishes.repeats or TIP_SPHERE_READINGS
         names = [f"SPHERE.{i:02d}" for i in range(1, count + 1)]
-        stations = rounds(["1"], names, 1, f"{SPHERE_HOW}, the wrist turned otherwise each time")
-    return seats_artefact(names), stations
+        stations = repeat_rounds(
+            ["1"], names, 1, f"{SPHERE_HOW}, the wrist turned otherwise each time"
+        )
+    return make_seats_artefact(names), stations
 
 
-def _repeatability(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
+def _plan_repeatability(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
     names = ["seat"]
-    return seats_artefact(names), rounds(
+    return make_seats_artefact(names), repeat_rounds(
         ["1"], names, wishes.repeats or REPEATABILITY_VISITS, VISIT_HOW
     )
 
 
-def _interim(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+def _plan_interim(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     if wishes.proposed is not None or wishes.poses is not None:
-        return _interim_poses(arm, artefact, wishes)
+        return _plan_interim_poses(arm, artefact, wishes)
     if artefact is None:
         targets = wishes.targets or INTERIM_SEATS
         repeats = wishes.repeats or INTERIM_SEAT_READINGS
-        artefact, how = seats_artefact(targets), SEAT_HOW
+        artefact, how = make_seats_artefact(targets), SEAT_HOW
     else:
         targets, how = wishes.targets or artefact.target_names, BALL_HOW
         repeats = wishes.repeats or INTERIM_ROUNDS
-    return artefact, rounds(wishes.placements or ["1"], targets, repeats, how)
+    return artefact, repeat_rounds(wishes.placements or ["1"], targets, repeats, how)
 
 
-def _interim_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+def _plan_interim_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     """The check that a history proposes, or a table of it: each pose once, the seats in turn."""
     option = "--poses" if wishes.proposed is None else "--proposed"
     options = {
@@ -217,26 +221,26 @@ def _interim_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
         if is_given:
             expected = f"one of both: {option} says what is touched and how often"
             raise BadInput(COMMAND_LINE, name, f"it with {option}", expected)
-    seats, poses = list(wishes.targets or INTERIM_SEATS), _interim_table(arm, wishes)
+    seats, poses = list(wishes.targets or INTERIM_SEATS), _read_interim_table(arm, wishes)
     if len(seats) != (n_seats := len(INTERIM_SEATS)):
         raise BadInput(COMMAND_LINE, "--targets", counted(len(seats), "name"), f"{n_seats}: seats")
-    check_artefact = seats_artefact(seats)
-    return check_artefact, stations_of(poses, check_artefact, (wishes.placements or ["1"])[0])
+    check_artefact = make_seats_artefact(seats)
+    return check_artefact, make_stations(poses, check_artefact, (wishes.placements or ["1"])[0])
 
 
-def _interim_table(arm: Arm, wishes: Wishes) -> list[Pose]:
+def _read_interim_table(arm: Arm, wishes: Wishes) -> list[Pose]:
     if wishes.proposed is not None:
-        return proposed_check(wishes.proposed, arm)
+        return load_proposed_check(wishes.proposed, arm)
     assert wishes.poses is not None  # asked for
     return read_poses(wishes.poses, arm.n_joints, arm.sensors)
 
 
 _MAKERS: dict[PlanKind, Callable[[Arm, Artefact | None, Wishes], Made]] = {
-    "seats": _seats,
-    "artefact": _artefact,
-    "verify": _verify,
-    "poses": _poses,
-    "tip": _tip,
-    "interim": _interim,
-    "repeatability": _repeatability,
+    "seats": _plan_seats,
+    "artefact": _plan_artefact,
+    "verify": _plan_verify,
+    "poses": _plan_poses,
+    "tip": _plan_tip,
+    "interim": _plan_interim,
+    "repeatability": _plan_repeatability,
 }

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64, I64
 from armd.compensation.data.session_format import Artefact
-from armd.compensation.estimate.rigid_motions import kabsch
+from armd.compensation.estimate.rigid_motions import align_by_kabsch
 from armd.daemon.measure.plan.stations import Station
 from armd.errors import BadInput
 from armd.files.inputs import MOST_TOML_BYTES, read_input
@@ -50,9 +50,9 @@ def read_poses(path: Path, n_joints: int, sensors: Sequence[str]) -> list[Pose]:
         raise BadInput(path, "header", f"no column {missing[0]}", "a table of `armd design -o`")
     poses = []
     for number, row in enumerate(rows, 2):
-        x, y, z = (_number(path, number, row, name) for name in tip)
-        posture = tuple(_number(path, number, row, name) for name in joints)
-        how = how_to(number - 1, row, n_joints, sensors)
+        x, y, z = (_parse_number(path, number, row, name) for name in tip)
+        posture = tuple(_parse_number(path, number, row, name) for name in joints)
+        how = describe_pose(number - 1, row, n_joints, sensors)
         named = (row.get("placement") or "", row.get("target") or "")
         poses.append(Pose((x, y, z), posture, how, *named))
     if not poses:
@@ -60,26 +60,30 @@ def read_poses(path: Path, n_joints: int, sensors: Sequence[str]) -> list[Pose]:
     return poses
 
 
-def stations_of(poses: Sequence[Pose], artefact: Artefact, placement: str) -> list[Station]:
+def make_stations(poses: Sequence[Pose], artefact: Artefact, placement: str) -> list[Station]:
     """Pose after pose, at the target that the table names, else at the one that suits it; seats, of
     which nobody knows where they are, are then gone to in turn, and each had better stand where its
     poses are. Raises `BadInput` for a target that the artefact lacks."""
     if all(pose.placement and pose.target for pose in poses):
-        return _named_stations(poses, artefact)
+        return _make_named_stations(poses, artefact)
     names = artefact.target_names
     located = np.flatnonzero(np.isfinite(artefact.positions_mm()).all(axis=1))
     targets, hint = [names[i % len(names)] for i in range(len(poses))], ""
     tips = np.array([pose.tip_mm for pose in poses])
     if len(located) > 1:
         local = artefact.positions_mm()[located]
-        placed, nearest = _placed(local, tips)
+        placed, nearest = _place_targets(local, tips)
         targets = [names[located[i]] for i in nearest]
-        ends = [f"{names[located[i]]} near {_in_words(placed[i])}" for i in _far_apart(local)]
+        ends = [
+            f"{names[located[i]]} near {_describe_point(placed[i])}"
+            for i in _choose_far_targets(local)
+        ]
         hint = f"; the artefact with {', '.join(ends)}"
     elif len(names) == 1 or not len(located):
         places = [tips[i :: len(names)].mean(axis=0) for i in range(min(len(names), len(tips)))]
         hint = "; " + ", ".join(
-            f"{name} near {_in_words(place)}" for name, place in zip(names, places, strict=False)
+            f"{name} near {_describe_point(place)}"
+            for name, place in zip(names, places, strict=False)
         )
     return [
         Station(
@@ -92,7 +96,7 @@ def stations_of(poses: Sequence[Pose], artefact: Artefact, placement: str) -> li
     ]
 
 
-def _named_stations(poses: Sequence[Pose], artefact: Artefact) -> list[Station]:
+def _make_named_stations(poses: Sequence[Pose], artefact: Artefact) -> list[Station]:
     """The first pose of each placement says where to put the artefact."""
     stations, begun = [], set()
     for pose in poses:
@@ -104,8 +108,8 @@ def _named_stations(poses: Sequence[Pose], artefact: Artefact) -> list[Station]:
             begun.add(pose.placement)
             tips = {p.target: p.tip_mm for p in poses if p.placement == pose.placement}
             local = np.array(list(tips.values()))
-            corners = _far_apart(local) if len(tips) > 1 else [0]
-            ends = [f"{list(tips)[i]} near {_in_words(local[i])}" for i in corners]
+            corners = _choose_far_targets(local) if len(tips) > 1 else [0]
+            ends = [f"{list(tips)[i]} near {_describe_point(local[i])}" for i in corners]
             hint = f"; the artefact with {', '.join(ends)}"
         stations.append(
             Station(
@@ -118,7 +122,7 @@ def _named_stations(poses: Sequence[Pose], artefact: Artefact) -> list[Station]:
     return stations
 
 
-def _placed(local: F64, tips: F64) -> tuple[F64, I64]:
+def _place_targets(local: F64, tips: F64) -> tuple[F64, I64]:
     """Targets (m, 3) in the base frame, put where they come nearest to the tips (n, 3), and the
     nearest target (n,) of each tip: to and fro between both, from many turns (iterative closest
     points, Besl and McKay 1992)."""
@@ -129,7 +133,7 @@ def _placed(local: F64, tips: F64) -> tuple[F64, I64]:
         placed = (local - local.mean(axis=0)) @ turn.T + tips.mean(axis=0)
         for _ in range(STEPS):
             nearest = np.linalg.norm(tips[:, None] - placed, axis=2).argmin(axis=1)
-            rotation, translation = kabsch(local[nearest], tips, weight, group, 1)
+            rotation, translation = align_by_kabsch(local[nearest], tips, weight, group, 1)
             placed = local @ rotation[0].T + translation[0]
         away = np.linalg.norm(tips[:, None] - placed, axis=2)
         missed = float((away.min(axis=1) ** 2).sum())
@@ -138,7 +142,7 @@ def _placed(local: F64, tips: F64) -> tuple[F64, I64]:
     return best
 
 
-def _far_apart(local: F64) -> list[int]:
+def _choose_far_targets(local: F64) -> list[int]:
     """Up to three targets that tell how an artefact stands: the farthest two, and the one farthest
     from these."""
     distance_mm = np.linalg.norm(local[:, None] - local, axis=2)
@@ -147,11 +151,11 @@ def _far_apart(local: F64) -> list[int]:
     return list(dict.fromkeys([int(first), int(second), third]))
 
 
-def _in_words(point: F64) -> str:
+def _describe_point(point: F64) -> str:
     return "[" + ", ".join(f"{value:.0f}" for value in point) + "] mm"
 
 
-def how_to(
+def describe_pose(
     number: int,
     row: Mapping[str, str],
     n_joints: int,
@@ -171,7 +175,7 @@ def how_to(
     return words + (f"; at {', '.join(warm)}" if warm else "")
 
 
-def _number(path: Path, line: int, row: Mapping[str, str], name: str) -> float:
+def _parse_number(path: Path, line: int, row: Mapping[str, str], name: str) -> float:
     try:
         value = float(row[name])
         if not math.isfinite(value):

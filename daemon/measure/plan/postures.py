@@ -36,27 +36,27 @@ def propose(arm: Arm, constants: F64, target_mm: F64 | None, measured: F64, seed
     why = f"joint {k + 1} has turned over {100 * share:.0f} % of its range so far"
     if target_mm is None:
         return Proposal(None, f"{why}: turn it farther")
-    reaching = _reaching(arm, constants, target_mm, seed)
+    reaching = _find_reaching(arm, constants, target_mm, seed)
     if len(reaching) == 0:
         return Proposal(None, f"{why}: turn it farther")
     gap = np.linalg.norm((reaching[:, None, :] - measured) / (high - low), axis=2).min(axis=1)
     q = reaching[int(np.argmax(gap))]
-    beyond = _beyond(arm, q, measured)
+    beyond = _describe_beyond(arm, q, measured)
     return Proposal(q, beyond or "a posture between those measured, as unlike each as there is")
 
 
-def designed(
+def choose_designed(
     arm: Arm, constants: F64, target_mm: F64 | None, designed_q: F64, measured: F64
 ) -> Proposal:
     """The posture *designed_q* (N,) rad, turned to reach the target where that is known."""
     q = designed_q
     if target_mm is not None:
-        reaching = _solved(arm, constants, target_mm, designed_q[None])
+        reaching = _solve_reaching(arm, constants, target_mm, designed_q[None])
         q = reaching[0] if len(reaching) else designed_q
-    return Proposal(q, _beyond(arm, q, measured) if len(measured) else "")
+    return Proposal(q, _describe_beyond(arm, q, measured) if len(measured) else "")
 
 
-def _beyond(arm: Arm, q: F64, measured: F64) -> str:
+def _describe_beyond(arm: Arm, q: F64, measured: F64) -> str:
     """The joint that leaves what was covered farthest is what a person should know; "" if none."""
     low, high = arm.range_rad
     beyond = np.maximum(measured.min(axis=0) - q, q - measured.max(axis=0))
@@ -69,15 +69,15 @@ def _beyond(arm: Arm, q: F64, measured: F64) -> str:
     )
 
 
-def _reaching(arm: Arm, constants: F64, target_mm: F64, seed: int) -> F64:
+def _find_reaching(arm: Arm, constants: F64, target_mm: F64, seed: int) -> F64:
     """Postures (m, N) within the limits whose tip is at the target."""
     low, high = arm.range_rad
     rng = np.random.default_rng(seed)
     q = rng.uniform(low + MARGIN_RAD, high - MARGIN_RAD, (CANDIDATES, arm.n_joints))
-    return _solved(arm, constants, target_mm, q)
+    return _solve_reaching(arm, constants, target_mm, q)
 
 
-def _solved(arm: Arm, constants: F64, target_mm: F64, q: F64) -> F64:
+def _solve_reaching(arm: Arm, constants: F64, target_mm: F64, q: F64) -> F64:
     """Of postures *q* (m, N) those that can be turned to reach the target within the limits."""
     solved, reached = solve_postures(arm, constants, target_mm, q)
     solutions: F64 = solved[reached]

@@ -10,7 +10,7 @@ from typing import Any
 from armd.compensation.interim.checks.chain import REPORT
 from armd.compensation.model.arm import Arm
 from armd.daemon.interim_checks import MOST_BYTES
-from armd.daemon.measure.plan.poses import Pose, how_to
+from armd.daemon.measure.plan.poses import Pose, describe_pose
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.schema import json_data
@@ -19,7 +19,7 @@ SCHEMA = "armd.interim/1"
 SEATS = 2
 
 
-def proposed_check(history: Path, arm: Arm) -> list[Pose]:
+def load_proposed_check(history: Path, arm: Arm) -> list[Pose]:
     """The poses that the last `armd interim add` or `report` proposed, from seat to seat in turn.
 
     Raises `BadInput` for a history of another arm, without a result, or that proposes nothing.
@@ -39,27 +39,27 @@ def proposed_check(history: Path, arm: Arm) -> list[Pose]:
         expected = "a cause in doubt: without --proposed the usual check is measured"
         raise BadInput(path, "next_check", "no poses", expected)
     try:
-        return _poses(after, arm)
+        return _parse_poses(after, arm)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         expected = "seats_mm, poses_deg and approach, as `armd interim report` writes them anew"
         raise BadInput(path, "next_check", json.dumps(after)[:60], expected) from error
 
 
-def _poses(after: dict[str, Any], arm: Arm) -> list[Pose]:
-    seats = [_numbers(seat, 3) for seat in after["seats_mm"]]
-    postures = [_numbers(pose, arm.n_joints) for pose in after["poses_deg"]]
+def _parse_poses(after: dict[str, Any], arm: Arm) -> list[Pose]:
+    seats = [_parse_numbers(seat, 3) for seat in after["seats_mm"]]
+    postures = [_parse_numbers(pose, arm.n_joints) for pose in after["poses_deg"]]
     if len(seats) != SEATS:
         raise ValueError
     poses = []
     for i, (posture, signs) in enumerate(zip(postures, after["approach"], strict=True)):
         row = {f"approach_joint_{k}": sign for k, sign in enumerate(signs, 1)}
         x, y, z = seats[i % len(seats)]
-        how = how_to(i + 1, row, arm.n_joints, (), "the proposed check")
+        how = describe_pose(i + 1, row, arm.n_joints, (), "the proposed check")
         poses.append(Pose((x, y, z), posture, how))
     return poses
 
 
-def _numbers(values: list[float], count: int) -> tuple[float, ...]:
+def _parse_numbers(values: list[float], count: int) -> tuple[float, ...]:
     numbers = tuple(float(value) for value in values)
     if len(numbers) != count or not all(map(math.isfinite, numbers)):
         raise ValueError

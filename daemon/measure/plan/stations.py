@@ -84,14 +84,14 @@ class Wishes:
     sphere_mm: float | None = None
 
 
-def near_mm(arm: Arm) -> float:
+def compute_near_mm(arm: Arm) -> float:
     """How far from its target a reading of this arm may lie, uncalibrated."""
     turns = [joint.counts_per_turn for joint in arm.joint if joint.counts_per_turn]
     step_mm = 1000.0 * math.tau / min(turns) if turns else 0.0
     return max(NEAR_MM, NEAR_STEPS * step_mm)
 
 
-def rounds(
+def repeat_rounds(
     placements: Sequence[str], targets: Sequence[str], repeats: int, how: str = ""
 ) -> list[Station]:
     """Round after round over all targets, in one placement after another: no target is touched
@@ -104,7 +104,7 @@ def rounds(
     ]
 
 
-def seats_artefact(names: Sequence[str]) -> Artefact:
+def make_seats_artefact(names: Sequence[str]) -> Artefact:
     """Points that nobody knows, fixed where they are."""
     targets = [{"name": name} for name in dict.fromkeys(names)]
     return validate("the seats", {"name": "seats", "target": targets}, Artefact)

@@ -20,7 +20,7 @@ HOW: dict[SurfaceKind, str] = {
 }
 
 
-def surface_stations(
+def make_surface_stations(
     artefact: Artefact, placement: str, names: Sequence[str], touches: int
 ) -> list[Station]:
     """Stations on the surfaces among *names* in one placement, by turns."""
@@ -33,16 +33,16 @@ def surface_stations(
     ]
 
 
-def verified_surfaces(artefact: Artefact) -> list[Station]:
+def list_verified_surfaces(artefact: Artefact) -> list[Station]:
     """What `armd verify` counts: each sphere in two positions, and the faces of each block."""
     spheres = [surface.name for surface in artefact.surfaces if surface.kind == "sphere"]
     stations = [
         station
         for position in range(1, SPHERE_POSITIONS + 1)
-        for station in surface_stations(artefact, f"SPHERE{position}", spheres, SPHERE_POINTS)
+        for station in make_surface_stations(artefact, f"SPHERE{position}", spheres, SPHERE_POINTS)
     ]
     planes = {surface.name for surface in artefact.surfaces if surface.kind == "plane"}
     blocks = [d.between for d in artefact.distances if planes.issuperset(d.between)]
     for number, faces in enumerate(blocks, 1):
-        stations += surface_stations(artefact, f"BLOCK{number}", faces, FACE_TOUCHES)
+        stations += make_surface_stations(artefact, f"BLOCK{number}", faces, FACE_TOUCHES)
     return stations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
-from armd.daemon.measure.plan.stations import Station, rounds
+from armd.daemon.measure.plan.stations import Station, repeat_rounds
 
 #: Readings of a seat, each in another posture: as ASME B89.4.22 wants of a single point.
 SEAT_READINGS = 10
@@ -22,34 +22,36 @@ SPHERE_POINTS: dict[str, list[str]] = {
 }
 
 
-def _starting(names: Sequence[str], prefix: str) -> list[str]:
+def _select_by_prefix(names: Sequence[str], prefix: str) -> list[str]:
     return [name for name in names if name.startswith(prefix)]
 
 
-def _spheres(names: Sequence[str]) -> list[Station]:
+def _plan_spheres(names: Sequence[str]) -> list[Station]:
     return [
-        Station(placement=placement, target=name, how=_on_sphere(name))
+        Station(placement=placement, target=name, how=_describe_on_sphere(name))
         for placement in ("SPHERE1", "SPHERE2")
-        for name in _starting(names, f"{placement}.")
+        for name in _select_by_prefix(names, f"{placement}.")
     ]
 
 
-def _orientations(names: Sequence[str]) -> list[Station]:
+def _plan_orientations(names: Sequence[str]) -> list[Station]:
     return [
-        Station(placement="LDIA", target=name, how=f"{_on_sphere(name)}; arm in posture {k}")
+        Station(
+            placement="LDIA", target=name, how=f"{_describe_on_sphere(name)}; arm in posture {k}"
+        )
         for k in range(1, 6)
-        for name in _starting(names, f"LDIA.{k}.")
+        for name in _select_by_prefix(names, f"LDIA.{k}.")
     ]
 
 
-def _effective(names: Sequence[str]) -> list[Station]:
+def _plan_effective(names: Sequence[str]) -> list[Station]:
     return [
-        Station(placement="EFFDIA", target=name, how=_on_sphere(name))
-        for name in _starting(names, "EFFDIA.")
+        Station(placement="EFFDIA", target=name, how=_describe_on_sphere(name))
+        for name in _select_by_prefix(names, "EFFDIA.")
     ]
 
 
-def _single_points(names: Sequence[str]) -> list[Station]:
+def _plan_single_points(names: Sequence[str]) -> list[Station]:
     if not set(SPAT) <= set(names):
         return []
     return [
@@ -59,14 +61,14 @@ def _single_points(names: Sequence[str]) -> list[Station]:
     ]
 
 
-def _lengths(names: Sequence[str]) -> list[Station]:
+def _plan_lengths(names: Sequence[str]) -> list[Station]:
     if not set(LENGTHS) <= set(names):
         return []
     placements = [f"E_UNI{i}" for i in range(1, 8)]
-    return rounds(placements, LENGTHS, 3, "the length bar, from one end to the other")
+    return repeat_rounds(placements, LENGTHS, 3, "the length bar, from one end to the other")
 
 
-def _volumetric(names: Sequence[str]) -> list[Station]:
+def _plan_volumetric(names: Sequence[str]) -> list[Station]:
     if not {"BARS.a", "BARS.b", "BARL.a", "BARL.b"} <= set(names):
         return []
     return [
@@ -81,16 +83,16 @@ def _volumetric(names: Sequence[str]) -> list[Station]:
 
 #: What `--tests` names, in the order of measuring.
 TESTS: dict[str, Callable[[Sequence[str]], list[Station]]] = {
-    "probing": _spheres,
-    "l_dia": _orientations,
-    "effective_diameter": _effective,
-    "spat": _single_points,
-    "e_uni": _lengths,
-    "volumetric": _volumetric,
+    "probing": _plan_spheres,
+    "l_dia": _plan_orientations,
+    "effective_diameter": _plan_effective,
+    "spat": _plan_single_points,
+    "e_uni": _plan_lengths,
+    "volumetric": _plan_volumetric,
 }
 
 
-def _on_sphere(name: str) -> str:
+def _describe_on_sphere(name: str) -> str:
     """Points are numbered from the pole down, ring by ring."""
     number = int(re.sub(r"\D", "", name.rpartition(".")[2]) or "0")
     region = "at the pole" if number == 1 else "farther down, all around"

@@ -15,7 +15,7 @@ from armd.daemon.measure.so_far.progress import Progress
 FULL_TURN_DEG = 360.0
 
 
-def targets_covered(plan: Plan, progress: Progress) -> list[dict[str, Any]]:
+def count_targets(plan: Plan, progress: Progress) -> list[dict[str, Any]]:
     """Each target in each placement of the plan: readings taken and wanted."""
     planned = Counter((station.placement, station.target) for station in plan.stations)
     counts = Counter((reading.placement, reading.target) for reading in progress.readings)
@@ -34,9 +34,9 @@ def targets_covered(plan: Plan, progress: Progress) -> list[dict[str, Any]]:
     ]
 
 
-def joints_covered(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
+def describe_joints(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
     """Each joint: the angles it has stood at, and what share of its range that is."""
-    angles = np.degrees(angles_of(progress, arm.n_joints))
+    angles = np.degrees(stack_angles(progress, arm.n_joints))
     rows = []
     for k, joint in enumerate(arm.joint):
         low = float(angles[:, k].min()) if len(angles) else None
@@ -57,7 +57,7 @@ def joints_covered(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
     return rows
 
 
-def temperatures_covered(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
+def describe_temperatures(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
     """Each sensor: its lowest and highest value at a reading, °C."""
     rows = []
     for name in arm.sensors:
@@ -68,7 +68,7 @@ def temperatures_covered(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
     return rows
 
 
-def angles_of(progress: Progress, n_joints: int) -> F64:
+def stack_angles(progress: Progress, n_joints: int) -> F64:
     """Joint angles (n, N) rad of the readings."""
     rows = [reading.measurement["angles_rad"] for reading in progress.readings]
     return np.array(rows, dtype=float).reshape(len(rows), n_joints)

@@ -14,25 +14,27 @@ from scipy.spatial.transform import Rotation
 from armd.arrays import F64
 from armd.compensation.data.session import load_sessions
 from armd.compensation.data.session_format import Artefact
-from armd.compensation.estimate.rigid_motions import kabsch
+from armd.compensation.estimate.rigid_motions import align_by_kabsch
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.tip import TipFit, fit_in_seat, fit_on_sphere
 from armd.compensation.model.arm import Arm
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.plan.stations import Plan
 from armd.daemon.measure.so_far.progress import Progress, Reading
-from armd.daemon.measure.so_far.surface_scatter import surface_residuals
+from armd.daemon.measure.so_far.surface_scatter import compute_surface_residuals
 from armd.errors import BadInput
 
 
-def estimate(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, Any]:
+def estimate_now(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, Any]:
     """At once, after every reading: `text` for a person, and its figures."""
     if plan.kind == "tip":
-        return _tip(plan, progress, in_use)
-    return _scatter(plan, progress)
+        return _estimate_tip(plan, progress, in_use)
+    return _estimate_scatter(plan, progress)
 
 
-def identified(folder: Path, arm: Arm, earlier_sessions: Sequence[Path] = ()) -> dict[str, Any]:
+def identify_so_far(
+    folder: Path, arm: Arm, earlier_sessions: Sequence[Path] = ()
+) -> dict[str, Any]:
     """What `armd calibrate` makes of the unfinished session in *folder*, with *earlier_sessions*:
     `text`, `enough` and figures. Takes seconds; for a thread of the face's own."""
     try:
@@ -60,7 +62,7 @@ def identified(folder: Path, arm: Arm, earlier_sessions: Sequence[Path] = ()) ->
     }
 
 
-def tip_fit(plan: Plan, readings: Sequence[Reading], in_use: MeasuredWith) -> TipFit:
+def fit_tip_so_far(plan: Plan, readings: Sequence[Reading], in_use: MeasuredWith) -> TipFit:
     """The tip's offset of these readings; raises `ArithmeticError` where they do not tell it."""
     if not readings:
         raise ArithmeticError("no readings")
@@ -72,9 +74,9 @@ def tip_fit(plan: Plan, readings: Sequence[Reading], in_use: MeasuredWith) -> Ti
     return fit_on_sphere(origin, rotation, in_use.offset_mm, plan.sphere_mm)
 
 
-def _tip(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, Any]:
+def _estimate_tip(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, Any]:
     try:
-        calibrated = tip_fit(plan, progress.readings, in_use)
+        calibrated = fit_tip_so_far(plan, progress.readings, in_use)
     except ArithmeticError as error:
         return {"text": f"no tip yet: {error}"}
     offset = ", ".join(f"{value:.3f}" for value in calibrated.offset_mm)
@@ -85,14 +87,14 @@ def _tip(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, Any]
     return {"text": text, **calibrated.as_json()}
 
 
-def _scatter(plan: Plan, progress: Progress) -> dict[str, Any]:
+def _estimate_scatter(plan: Plan, progress: Progress) -> dict[str, Any]:
     """How well the live points repeat at seats, and fit the certified positions."""
     squares, freedom = 0.0, 0
     by_placement: defaultdict[str, list[Reading]] = defaultdict(list)
     for reading in progress.readings:
         by_placement[reading.placement].append(reading)
     for readings in by_placement.values():
-        for part, unknowns in _residuals(plan.artefact, readings):
+        for part, unknowns in _compute_residuals(plan.artefact, readings):
             squares += float((part**2).sum())
             freedom += part.size - unknowns
     if freedom <= 0:
@@ -107,7 +109,7 @@ def _scatter(plan: Plan, progress: Progress) -> dict[str, Any]:
     }
 
 
-def _residuals(artefact: Artefact, readings: Sequence[Reading]) -> list[tuple[F64, int]]:
+def _compute_residuals(artefact: Artefact, readings: Sequence[Reading]) -> list[tuple[F64, int]]:
     """Of one placement: residuals mm, (n, 3) or on a surface (n,), and how many unknowns they
     took, in parts that share none: the certified targets, each seat and each surface."""
     certified = {
@@ -117,20 +119,20 @@ def _residuals(artefact: Artefact, readings: Sequence[Reading]) -> list[tuple[F6
     placed = [reading for reading in readings if reading.target in certified]
     if len({reading.target for reading in placed}) >= 3:
         local = np.array([certified[reading.target] for reading in placed])
-        base = _points(placed)
+        base = _stack_points(placed)
         group, weight = np.zeros(len(placed), np.int64), np.ones(len(placed))
-        rotation, translation = kabsch(local, base, weight, group, 1)
+        rotation, translation = align_by_kabsch(local, base, weight, group, 1)
         parts.append((base - local @ rotation[0].T - translation[0], 6))
     kinds = artefact.surface_kinds
     for name in {reading.target for reading in readings} - set(certified):
-        points = _points([reading for reading in readings if reading.target == name])
+        points = _stack_points([reading for reading in readings if reading.target == name])
         if name in kinds:
-            if (part := surface_residuals(kinds[name], points)) is not None:
+            if (part := compute_surface_residuals(kinds[name], points)) is not None:
                 parts.append(part)
         elif len(points) > 1:
             parts.append((points - points.mean(axis=0), 3))
     return parts
 
 
-def _points(readings: Sequence[Reading]) -> F64:
+def _stack_points(readings: Sequence[Reading]) -> F64:
     return np.array([reading.measurement["position_mm"] for reading in readings], dtype=float)

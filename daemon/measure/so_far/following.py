@@ -9,15 +9,15 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.daemon.measure.in_use import MeasuredWith
-from armd.daemon.measure.plan.postures import Proposal, designed, propose
+from armd.daemon.measure.plan.postures import Proposal, choose_designed, propose
 from armd.daemon.measure.plan.stations import Plan
 from armd.daemon.measure.so_far.coverage import (
-    angles_of,
-    joints_covered,
-    targets_covered,
-    temperatures_covered,
+    count_targets,
+    describe_joints,
+    describe_temperatures,
+    stack_angles,
 )
-from armd.daemon.measure.so_far.estimate import estimate
+from armd.daemon.measure.so_far.estimate import estimate_now
 from armd.daemon.measure.so_far.progress import Progress
 from armd.daemon.measure.so_far.whereabouts import Whereabouts
 
@@ -30,11 +30,11 @@ class Following:
         self._plan = plan
         arm = in_use.arm
         self.coverage = {
-            "targets": targets_covered(plan, progress),
-            "joints": joints_covered(arm, progress),
-            "temperatures": temperatures_covered(arm, progress),
+            "targets": count_targets(plan, progress),
+            "joints": describe_joints(arm, progress),
+            "temperatures": describe_temperatures(arm, progress),
         }
-        self.estimate = estimate(plan, progress, in_use)
+        self.estimate = estimate_now(plan, progress, in_use)
         #: Of the station's placement; None where there is no station.
         self.whereabouts: Whereabouts | None = None
         #: Of the placements before, as long as nothing was measured in the station's.
@@ -44,22 +44,24 @@ class Following:
         self._moved = True
         if station is None:
             return
-        self.whereabouts = _placed(plan, progress, station.placement)
+        self.whereabouts = _locate_placement(plan, progress, station.placement)
         self._target_mm = self.whereabouts.get_position(station.target)
         readings = progress.readings
         self._moved = not readings or readings[-1].placement != station.placement
         measured_in = {reading.placement for reading in readings}
         # The bars of a verification may share a mount from placement to placement.
         if station.placement not in measured_in and plan.kind != "verify":
-            self.earlier = {place: _placed(plan, progress, place) for place in measured_in}
+            self.earlier = {
+                place: _locate_placement(plan, progress, place) for place in measured_in
+            }
         to = arm, in_use.constants, self._target_mm
-        measured = angles_of(progress, arm.n_joints)
+        measured = stack_angles(progress, arm.n_joints)
         if plan.kind == "repeatability":
             self._posture = Proposal(measured[0] if len(measured) else None, "")
         elif station.posture_deg is None:
             self._posture = propose(*to, measured, progress.last_number)
         else:
-            self._posture = designed(*to, np.radians(station.posture_deg), measured)
+            self._posture = choose_designed(*to, np.radians(station.posture_deg), measured)
 
     def distance_mm(self, tip_mm: Sequence[float] | F64) -> float | None:
         """From the tip to the next target; None while nobody knows where that is."""
@@ -88,7 +90,7 @@ class Following:
         }
 
 
-def _placed(plan: Plan, progress: Progress, placement: str) -> Whereabouts:
+def _locate_placement(plan: Plan, progress: Progress, placement: str) -> Whereabouts:
     points: dict[str, list[list[float]]] = {}
     for reading in progress.readings:
         if reading.placement == placement:

@@ -14,7 +14,7 @@ SPARE = 2
 UNKNOWNS: dict[SurfaceKind, int] = {"plane": 3, "sphere": 4}
 
 
-def surface_residuals(kind: SurfaceKind, points_mm: F64) -> tuple[F64, int] | None:
+def compute_surface_residuals(kind: SurfaceKind, points_mm: F64) -> tuple[F64, int] | None:
     """Distances (n,) mm of points (n, 3) from the best surface, and how many unknowns it took; None
     for too few points, and of a cylinder."""
     unknowns = UNKNOWNS.get(kind)

@@ -15,7 +15,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import frames
 from armd.daemon import cli
-from armd.daemon.catalogue.known_arms import KNOWN, arm_text, known_arm
+from armd.daemon.catalogue.known_arms import KNOWN, load_known_arm, read_arm_text
 from armd.daemon.config import load_config
 from armd.drivers.ports import serial_ports
 
@@ -230,7 +230,7 @@ def test_a_name_may_be_written_as_its_makers_write_it(
 ) -> None:
     assert cli.main(["arm", name]) == 0
     known = "gello-yam" if "YAM" in name else "so100"
-    assert capsys.readouterr().out == arm_text(known)
+    assert capsys.readouterr().out == read_arm_text(known)
 
 
 def test_ports_have_their_lasting_names(tmp_path: Path) -> None:
@@ -279,7 +279,7 @@ def test_a_dynamixel_turns_its_count_round_itself(tmp_path: Path) -> None:
     }
     source.write_text(json.dumps(leader))
     assert cli.main(["arm", "import-lerobot", str(source), "-o", str(path), "--arm", "koch"]) == 0
-    drawing = known_arm("koch")
+    drawing = load_known_arm("koch")
     taken = [joint.direction for joint in load_arm(path).joint]
     assert taken == [joint.direction for joint in drawing.joint]
 

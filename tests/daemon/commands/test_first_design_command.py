@@ -12,11 +12,11 @@ import pytest
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.design.reaching import solve_postures
-from armd.compensation.estimate.rigid_motions import kabsch
+from armd.compensation.estimate.rigid_motions import align_by_kabsch
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon import cli
-from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes
 from armd.errors import BadInput
 from support import synthetic
@@ -102,7 +102,7 @@ def test_an_artefacts_table_is_the_plan_of_a_measurement(arm: Arm) -> None:
     assert result["target_kind"] == "artefact" and result["structural_rank"] == 13
     targets = [{"name": name, "position_mm": at} for name, at in BALLS.items()]
     balls = Artefact.model_validate({"name": "balls", "target": targets})
-    plan = plan_of("poses", arm, balls, Wishes(poses=Path("poses.csv")))
+    plan = make_plan("poses", arm, balls, Wishes(poses=Path("poses.csv")))
     assert [(s.placement, s.target) for s in plan.stations] == [
         (row["placement"], row["target"]) for row in rows
     ]
@@ -113,7 +113,7 @@ def test_an_artefacts_table_is_the_plan_of_a_measurement(arm: Arm) -> None:
     assert len(begins) == 3
     assert plan.stations[0].posture_deg == tuple(float(rows[0][f"q{k}_deg"]) for k in range(1, 5))
     with pytest.raises(BadInput, match=r"target: found 'B.', expected targets of --artefact"):
-        plan_of("poses", arm, None, Wishes(poses=Path("poses.csv")))
+        make_plan("poses", arm, None, Wishes(poses=Path("poses.csv")))
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_a_session_in_these_poses_is_granted_a_certificate(arm: Arm, on_balls: b
         for one in ("P1", "P2", "P3"):
             of = place == one
             group = np.zeros(of.sum(), dtype=np.int64)
-            turn, shift = kabsch(local[of], drawn[of], np.ones(of.sum()), group, 1)
+            turn, shift = align_by_kabsch(local[of], drawn[of], np.ones(of.sum()), group, 1)
             wanted[of] = local[of] @ turn[0].T + shift[0]
         assert np.abs(wanted - drawn).max() < 1.0
         wanted += rng.normal(0.0, 0.02, wanted.shape)

@@ -15,7 +15,7 @@ import pytest
 
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
-from armd.daemon.catalogue.urdf import denavit_hartenberg, read_chain
+from armd.daemon.catalogue.urdf import compute_denavit_hartenberg, read_chain
 from armd.daemon.cli import main
 from armd.files.toml_text import toml_text
 from support.own_urdf import OWN
@@ -86,7 +86,7 @@ def expected_tip(path: Path, arm: Arm, values: np.ndarray, base: str | None = No
     """armd's tip in the base link, as import places it; turned as the tip's link is as drawn."""
     link = read_chain(path, "tool0", base)
     placed = np.eye(4)
-    placed[:3, :3], placed[:3, 3] = denavit_hartenberg(link)[2], link.origins[0]
+    placed[:3, :3], placed[:3, 3] = compute_denavit_hartenberg(link)[2], link.origins[0]
     zero = np.zeros((1, arm.n_joints))
     drawn = placed @ tip_pose(zero, arm.nominal()[None])[0]
     turned = np.eye(4)

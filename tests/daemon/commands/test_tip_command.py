@@ -14,7 +14,7 @@ from armd.daemon.files.kept_tips import tips_file, tips_in_force
 from armd.daemon.files.tip_history import history, history_file
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes
 from armd.errors import BadInput
 from support.small_arm import small_arm
@@ -96,7 +96,7 @@ def measured(folder, offset_mm, noise_mm=0.002, seed=4, n=12):
     true[30:33] = offset_mm
     rng = np.random.default_rng(seed)
     goal = np.array([500.0, 100.0, 300.0])
-    plan = plan_of("tip", arm, None, Wishes(repeats=n))
+    plan = make_plan("tip", arm, None, Wishes(repeats=n))
     with Measuring(folder, plan, MeasuredWith(arm, None, None, None)) as measuring:
         number = 0
         while not measuring.complete:

@@ -22,11 +22,11 @@ from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main, module_of
 from armd.daemon.measure import hearing
-from armd.daemon.measure.ending import EndOptions, commands
+from armd.daemon.measure.ending import EndOptions, list_commands
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.log import NAME
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes
 from support.small_arm import thermal_calibration
 
@@ -204,10 +204,10 @@ def test_bad_usage(command, arguments, words):
 def test_each_kind_ends_with_a_command_that_there_is(tmp_path, kind, calibrated, named):
     calibration = thermal_calibration(ARM).content if calibrated else None
     in_use = MeasuredWith(ARM, calibration, "ab" * 8, None) if calibrated else IN_USE
-    plan = plan_of(kind, ARM, BEAM if kind == "artefact" else None, Wishes())
+    plan = make_plan(kind, ARM, BEAM if kind == "artefact" else None, Wishes())
     options = EndOptions(mpe=Path("mpe.toml"), history=Path("checks"), tip_name="ruby")
     with Measuring(tmp_path / kind, plan, in_use) as measuring:
-        made = commands(measuring.folder, measuring.plan, measuring.in_use, options)
+        made = list_commands(measuring.folder, measuring.plan, measuring.in_use, options)
     assert [command[0] for command in made] == named
     for command in made:
         parser = argparse.ArgumentParser()

@@ -15,10 +15,10 @@ from armd import Flag
 from armd.compensation.data.session import load_session
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.kinematics import forward
-from armd.daemon.measure.in_use import MeasuredWith, arm_toml
+from armd.daemon.measure.in_use import MeasuredWith, write_arm_toml
 from armd.daemon.measure.log import NAME
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import KINDS, Wishes
 from armd.errors import BadInput
 from armd.files.schema import parse_toml, validate
@@ -69,7 +69,7 @@ def at(ball, number, off_mm=0.0, placement="P1"):
 
 
 def beam_plan(**wishes):
-    return plan_of("artefact", ARM, BEAM, Wishes(**wishes))
+    return make_plan("artefact", ARM, BEAM, Wishes(**wishes))
 
 
 def targets_on_disk(folder):
@@ -157,7 +157,7 @@ def test_refused_with_its_reason_and_nothing_changes(tmp_path, wrong, reason, wo
 )
 def test_an_arm_of_three_joints_comes_back_to_the_same_angles(tmp_path, since, event):
     """It holds its tip in a seat in one posture alone, and a servo's counts are the same again."""
-    plan = plan_of("seats", ARM, None, Wishes(targets=["S1"], repeats=2))
+    plan = make_plan("seats", ARM, None, Wishes(targets=["S1"], repeats=2))
     with Measuring(tmp_path / "seat", plan, IN_USE) as measuring:
         assert measuring.offer(press(1, q=[0.1, 0.2, 0.3]))["event"] == "reading"
         told = measuring.offer(press(2, q=[0.1, 0.2, 0.3], **since))
@@ -220,7 +220,7 @@ def test_an_artefact_must_be_moved_to_its_next_placement(tmp_path):
 
 def test_a_seat_is_not_where_another_is(tmp_path):
     """Pressed once too often at the first one: not the first reading of the second."""
-    plan = plan_of("verify", ARM, None, Wishes(tests=["spat"]))
+    plan = make_plan("verify", ARM, None, Wishes(tests=["spat"]))
     with Measuring(tmp_path / "spat", plan, IN_USE) as measuring:
         for number in range(1, 11):
             assert measuring.offer(press(number, [400.0, 0.0, 0.0]))["event"] == "reading"
@@ -230,7 +230,7 @@ def test_a_seat_is_not_where_another_is(tmp_path):
 
 
 def test_where_the_arm_is_judged_its_calibration_must_hold_and_stay(tmp_path):
-    plan = plan_of("verify", ARM, None, Wishes())
+    plan = make_plan("verify", ARM, None, Wishes())
     with Measuring(tmp_path / "spat", plan, IN_USE) as measuring:
         outside = press(1, flags=int(Flag.AT_REST | Flag.TEMPERATURE_RANGE))
         assert measuring.offer(outside)["reason"] == "temperature"
@@ -242,7 +242,7 @@ def test_where_the_arm_is_judged_its_calibration_must_hold_and_stay(tmp_path):
     with pytest.raises(BadInput, match="begun with another calibration"):
         Measuring(tmp_path / "spat", plan, other)
     # Where it is calibrated, both are what is wanted.
-    with Measuring(tmp_path / "seat", plan_of("seats", ARM, None, Wishes()), IN_USE) as measuring:
+    with Measuring(tmp_path / "seat", make_plan("seats", ARM, None, Wishes()), IN_USE) as measuring:
         assert measuring.offer(outside | {"calibration": "ab" * 8})["event"] == "reading"
 
 
@@ -251,7 +251,7 @@ def plan_of_kind(kind, folder):
     if kind == "poses":
         balls = [TURN.apply(BALLS[name]) + ORIGIN for name in ("B2", "B1", "B3", "B1")]
         poses_table(folder / "poses.csv", [reaching(ball, [20.0, 30.0, -40.0]) for ball in balls])
-        return plan_of(kind, ARM, BEAM, Wishes(poses=folder / "poses.csv"))
+        return make_plan(kind, ARM, BEAM, Wishes(poses=folder / "poses.csv"))
     wishes = {
         "seats": Wishes(targets=["S1", "S2"], repeats=3),
         "artefact": Wishes(placements=["P1", "1"], repeats=1),
@@ -260,7 +260,7 @@ def plan_of_kind(kind, folder):
         "interim": Wishes(targets=["S1", "S2"], repeats=3),
         "repeatability": Wishes(repeats=5),
     }
-    return plan_of(kind, ARM, BEAM if kind == "artefact" else None, wishes[kind])
+    return make_plan(kind, ARM, BEAM if kind == "artefact" else None, wishes[kind])
 
 
 def there(target, number, placement):
@@ -441,7 +441,7 @@ def test_each_pose_of_a_design_goes_to_the_ball_that_suits_it(tmp_path):
     balls = [TURN.apply(BALLS[name]) + ORIGIN for name in order]
     postures = [reaching(ball, [20.0 + 5 * i, 30.0, -40.0]) for i, ball in enumerate(balls)]
     poses_table(tmp_path / "poses.csv", postures)
-    plan = plan_of("poses", ARM, BEAM, Wishes(poses=tmp_path / "poses.csv"))
+    plan = make_plan("poses", ARM, BEAM, Wishes(poses=tmp_path / "poses.csv"))
     assert [station.target for station in plan.stations] == order
     first = plan.stations[0].how
     assert "turning joints 1 up, 2 down, 3 up; at a 25.0 °C" in first
@@ -467,7 +467,7 @@ def test_two_seats_are_to_stand_where_their_poses_are_and_are_gone_to_in_turn(tm
     points = [TURN.apply(BALLS[name]) + ORIGIN for name in ("B2", "B3", "B2", "B3")]
     postures = [reaching(at, [20.0 + 5 * i, 30.0, -40.0]) for i, at in enumerate(points)]
     poses_table(tmp_path / "poses.csv", postures)
-    plan = plan_of("poses", ARM, seats, Wishes(poses=tmp_path / "poses.csv"))
+    plan = make_plan("poses", ARM, seats, Wishes(poses=tmp_path / "poses.csv"))
     assert [station.target for station in plan.stations] == ["A", "B", "A", "B"]
     near = dict(re.findall(r"(\w) near \[(.*?)\] mm", plan.stations[0].how))
     for name, at in zip("AB", points[:2], strict=True):
@@ -487,14 +487,14 @@ def test_a_table_that_is_no_design_is_refused(tmp_path, old, new, said):
     poses_table(path, [[20.0, 30.0, -40.0]])
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(BadInput, match=re.escape(said)):
-        plan_of("poses", ARM, None, Wishes(poses=path))
+        make_plan("poses", ARM, None, Wishes(poses=path))
 
 
 def test_arm_toml_says_the_same_again():
     arm = small_arm(gravity=[0.0, 1.0, 0.0])
     joint = arm.joint[0].model_copy(update={"temperature": {"a": 0.5, "b": 0.5}})
     arm = arm.model_copy(update={"joint": [joint, *arm.joint[1:]]})
-    assert parse_toml("arm.toml", arm_toml(arm).encode(), type(arm)) == arm
+    assert parse_toml("arm.toml", write_arm_toml(arm).encode(), type(arm)) == arm
 
 
 def test_repeatability_comes_back_to_the_same_posture(tmp_path):
@@ -506,7 +506,7 @@ def test_repeatability_comes_back_to_the_same_posture(tmp_path):
     place = (300.0, 20.0, 100.0)
     q = np.array([0.1, 0.2, 0.3, 0.4, 0.5])
     for kind, wanted in (("repeatability", "reading"), ("seats", "refused")):
-        plan = plan_of(kind, arm, None, Wishes(repeats=3))
+        plan = make_plan(kind, arm, None, Wishes(repeats=3))
         with Measuring(tmp_path / kind, plan, in_use) as measuring:
             first = press(1, place, angles_rad=q.tolist(), rates_rad_s=[0.0] * 5)
             assert measuring.offer(first)["event"] == "reading"

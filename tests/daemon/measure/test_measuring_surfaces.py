@@ -14,7 +14,7 @@ from armd.compensation.data.session import load_session
 from armd.compensation.data.session_format import Artefact
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes
 from armd.errors import BadInput
 from armd.files.schema import validate
@@ -57,7 +57,7 @@ def press(number: int, point_mm: F64) -> dict[str, Any]:
 
 def test_surfaces_are_touched_anywhere_and_their_scatter_is_told(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
-    plan = plan_of("artefact", ARM, CORNER, Wishes(placements=["P1"], repeats=12))
+    plan = make_plan("artefact", ARM, CORNER, Wishes(placements=["P1"], repeats=12))
     assert len(plan.stations) == 36
     heights = {"foot": 100.0, "head": 131.0}
     with Measuring(tmp_path / "corner", plan, IN_USE) as measuring:
@@ -85,13 +85,13 @@ def test_surfaces_are_touched_anywhere_and_their_scatter_is_told(tmp_path: Path)
 
 
 def test_plans_for_calibration_and_verification() -> None:
-    plan = plan_of("artefact", ARM, CORNER, Wishes())
+    plan = make_plan("artefact", ARM, CORNER, Wishes())
     assert len(plan.stations) == 6 * 3 * 40  # six placements, each surface 40 times
     assert len({station.placement for station in plan.stations}) == 6
     assert all("anywhere" in station.how for station in plan.stations)
-    mixed = plan_of("artefact", ARM, SEATED, Wishes(repeats=2))
+    mixed = make_plan("artefact", ARM, SEATED, Wishes(repeats=2))
     assert [s.target for s in mixed.stations[:4]] == ["S", "S", "plate", "plate"]
-    verify = plan_of("verify", ARM, CORNER, Wishes())
+    verify = make_plan("verify", ARM, CORNER, Wishes())
     counted = [(s.placement, s.target) for s in verify.stations]
     assert counted.count(("SPHERE1", "ball")) == counted.count(("SPHERE2", "ball")) == 25
     assert counted.count(("BLOCK1", "foot")) == counted.count(("BLOCK1", "head")) == 8
@@ -103,4 +103,4 @@ def test_what_goes_to_named_points_refuses_surfaces(kind: Any, tmp_path: Path) -
     poses = tmp_path / "poses.csv"
     wishes = Wishes(poses=poses) if kind == "poses" else Wishes()
     with pytest.raises(BadInput, match=r"'ball', a sphere, expected points: `armd measure`"):
-        plan_of(kind, ARM, CORNER, wishes)
+        make_plan(kind, ARM, CORNER, wishes)

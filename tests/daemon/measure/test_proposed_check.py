@@ -6,7 +6,7 @@ import pytest
 from test_measure_command import command  # noqa: F401  (a fixture)
 from test_measuring import ARM, poses_table, press, reaching
 
-from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes
 from armd.errors import BadInput
 
@@ -41,7 +41,7 @@ def changed(history, **keys):
 
 
 def test_its_poses_are_gone_to_in_turn(history):
-    plan = plan_of("interim", ARM, None, Wishes(proposed=history))
+    plan = make_plan("interim", ARM, None, Wishes(proposed=history))
     assert [station.target for station in plan.stations] == ["S1", "S2", "S1", "S2"]
     first, second = plan.stations[:2]
     assert "S1 near [400, 150, 60] mm, S2 near [300, -220, 90] mm" in first.how
@@ -64,7 +64,7 @@ def test_it_is_measured_to_its_end(command, history):  # noqa: F811
 
 def test_a_table_of_poses_will_do_from_another_computer(tmp_path):
     poses_table(tmp_path / "poses.csv", [[20.0, 30.0, -40.0], [-40.0, 35.0, -45.0]])
-    plan = plan_of("interim", ARM, None, Wishes(poses=tmp_path / "poses.csv", targets=["A", "B"]))
+    plan = make_plan("interim", ARM, None, Wishes(poses=tmp_path / "poses.csv", targets=["A", "B"]))
     assert plan.kind == "interim"
     assert [station.target for station in plan.stations] == ["A", "B"]
 
@@ -84,12 +84,12 @@ def test_a_table_of_poses_will_do_from_another_computer(tmp_path):
 def test_a_history_that_proposes_nothing_sound_is_refused(history, keys, said):
     changed(history, **keys)
     with pytest.raises(BadInput, match=said):
-        plan_of("interim", ARM, None, Wishes(proposed=history))
+        make_plan("interim", ARM, None, Wishes(proposed=history))
 
 
 def test_a_history_without_a_result_is_refused(tmp_path):
     with pytest.raises(BadInput, match=r"report.json: the file: found nothing"):
-        plan_of("interim", ARM, None, Wishes(proposed=tmp_path))
+        make_plan("interim", ARM, None, Wishes(proposed=tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_a_history_without_a_result_is_refused(tmp_path):
 )
 def test_it_says_itself_what_is_touched(history, wishes, said):
     with pytest.raises(BadInput, match=said):
-        plan_of("interim", ARM, None, Wishes(proposed=history, **wishes))
+        make_plan("interim", ARM, None, Wishes(proposed=history, **wishes))
 
 
 def test_another_kind_or_no_history_is_refused(command, history):  # noqa: F811
