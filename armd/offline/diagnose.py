@@ -12,8 +12,8 @@ from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.predictive.curves import ResidualComparison, compare
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.estimate.observations import gather
+from armd.compensation.identify.admission.inconsistent_session import refuse_mistakes
 from armd.compensation.identify.admission.mistakes import AssumedModel
-from armd.compensation.identify.admission.odd_session import refuse_mistakes
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellShare
@@ -193,7 +193,7 @@ def diagnose(
     inspected = resolve_sessions(sessions)
     holdout_sessions = [] if holdout is None else resolve_sessions(holdout)
     fitted, held_out = load_sessions(inspected, model.content, holdout_sessions)
-    assumed = AssumedModel.under(model.content, content) if content else None
+    assumed = AssumedModel.from_calibration(model.content, content) if content else None
     every = [*fitted, *held_out]
     if any(session.artefact.surfaces for session in every):
         evaluate(every, model.content, content)  # refuses surfaces that nobody can place

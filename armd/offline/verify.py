@@ -116,7 +116,7 @@ def verify(
     # First of all: it refuses a calibration that overflows.
     position = correct_positions(read, model.content, loaded)
     observations = gather([read], model.content, content.artefact if content else None)
-    refuse_misnamed([read], observations, AssumedModel.under(model.content, content))
+    refuse_misnamed([read], observations, AssumedModel.from_calibration(model.content, content))
     if surfaces := bool(read.artefact.surfaces):
         evaluate([read], model.content, content)  # refuses those that nobody can place
     test = limits.uncertainty if limits else TestUncertainty()

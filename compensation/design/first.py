@@ -30,8 +30,8 @@ from armd.compensation.estimate.gauge import ROUNDING, describe_unidentifiable, 
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
 from armd.compensation.identify.admission.needed import (
     LEAST_PLACEMENTS,
-    certificate_readings,
-    least_readings,
+    count_certificate_readings,
+    count_least_readings,
 )
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward
@@ -108,8 +108,8 @@ def design_first(
     bounds = bounds or Bounds()
     placements = 1 if artefact is None else LEAST_PLACEMENTS
     seats = 0 if artefact is None else int(np.isnan(artefact.positions_mm()[:, 0]).sum())
-    minimum = least_readings(arm.n_joints, placements, seats)
-    certificate = certificate_readings(arm.n_joints, placements, seats)
+    minimum = count_least_readings(arm.n_joints, placements, seats)
+    certificate = count_certificate_readings(arm.n_joints, placements, seats)
     _require_between(readings, minimum, POOL)
     rng = np.random.default_rng(seed)
     within = _draw_postures(arm, parameters, bounds, rng)

@@ -30,7 +30,7 @@ from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.search_outcome import SearchOutcome
 from armd.compensation.estimate.observations import TURN_MM, gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
-from armd.compensation.identify.admission.wrong_names import told_of_misnamed
+from armd.compensation.identify.admission.wrong_names import report_misnamed
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
@@ -55,10 +55,10 @@ def describe_readings(searched: SearchOutcome, arm: Arm) -> list[str]:
         remarks += report_growth(baseline)
     if has_reflectors(searched.sessions):  # whose readings lie at no common tip
         return remarks
-    remarks += told_of_misnamed(
+    remarks += report_misnamed(
         searched.sessions,
         gather(searched.sessions, arm, baseline.calibration.artefact),
-        AssumedModel.under(arm, baseline.calibration),
+        AssumedModel.from_calibration(arm, baseline.calibration),
     )
     return remarks
 

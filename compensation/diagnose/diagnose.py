@@ -63,7 +63,7 @@ from armd.compensation.diagnose.search_outcome import (
 )
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.freed import give_back_freed
-from armd.compensation.identify.admission.odd_session import Odd
+from armd.compensation.identify.admission.inconsistent_session import InconsistentSession
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
@@ -177,7 +177,7 @@ def _search_sessions(
     work: WorkBudget,
 ) -> tuple[SearchOutcome, list[str]]:
     """Search the sessions that fit each other; and what is reported of the others."""
-    remarks, strange = list[str](), list[Odd]()
+    remarks, strange = list[str](), list[InconsistentSession]()
     consistent = tuple(sessions)
     of_all, inconsistent = make_model_under_test(consistent, arm, calibration)
     baseline = of_all
@@ -209,7 +209,7 @@ def _search_sessions(
 
 def _is_explained(
     sessions: Sequence[Session],
-    inconsistent: Odd,
+    inconsistent: InconsistentSession,
     without: SearchOutcome,
     arm: Arm,
     calibration: Calibration | None,

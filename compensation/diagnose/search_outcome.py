@@ -13,7 +13,7 @@ from armd.compensation.diagnose.diagnosis import MovedArtefact, SearchResult
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
-from armd.compensation.identify.admission.odd_session import Odd
+from armd.compensation.identify.admission.inconsistent_session import InconsistentSession
 
 
 @dataclass
@@ -29,7 +29,9 @@ class SearchOutcome:
     touched: tuple[MovedArtefact, ...]
 
 
-def without_sessions(sessions: Sequence[Session], *strange: Odd) -> tuple[Session, ...]:
+def without_sessions(
+    sessions: Sequence[Session], *strange: InconsistentSession
+) -> tuple[Session, ...]:
     """The sessions without those that do not fit the others."""
     paths = {inconsistent.path for inconsistent in strange}
     return tuple(session for session in sessions if session.path not in paths)

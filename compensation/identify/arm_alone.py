@@ -27,18 +27,18 @@ class ArmAlone:
     other readings weigh something, too; what it found of the sessions that weigh alike holds here.
     """
 
-    at: Linearisation
+    linearisation: Linearisation
     whitening: F64
     columns: F64
     length_floor_mm: float = 1e-6
-    whole: ArmAlone | None = None
+    full_problem: ArmAlone | None = None
 
     def solve(
         self,
         scale: F64,
         pull: F64,
         damping: float = 0.0,
-        held: bool = False,
+        along_all: bool = False,
         chosen: I64 | slice = slice(None),
     ) -> Solution:
         """The step of the *chosen* unknowns, all by default, that leans on the drawing: that lies
@@ -46,7 +46,7 @@ class ArmAlone:
         numbers = np.arange(self.columns.shape[2])[chosen]
         model = self._placements.reduced_model
         arm = replace(model.only(numbers), drawing=scale**2)
-        return arm.solve_with_prior(-model.gram[numbers, -1], pull, damping, held)
+        return arm.solve_with_prior(-model.gram[numbers, -1], pull, damping, along_all)
 
     @property
     def rank(self) -> int:
@@ -61,7 +61,7 @@ class ArmAlone:
     def certified_entries(self) -> I64:
         """(E, 2) what each row of what is certified is: the certificate's entry, and 0, 1, 2 for
         an axis of a position, 3 for a distance."""
-        observations = self.at.observations
+        observations = self.linearisation.observations
         entries = []
         for session in observations.rows_by_session:
             slots, distances = self._certificate_of(session)
@@ -85,7 +85,7 @@ class ArmAlone:
     @cached_property
     def cost(self) -> float:
         """Sum of squares of all whitened residuals where the linearisation stands."""
-        whitened = np.einsum("nij,nj->ni", self.whitening, self.at.residual_mm)
+        whitened = np.einsum("nij,nj->ni", self.whitening, self.linearisation.residual_mm)
         missed = [missed for _, missed in self._certified_by_session.values()]
         return float(np.sum(whitened**2) + np.sum(np.concatenate(missed) ** 2))
 
@@ -97,8 +97,10 @@ class ArmAlone:
 
     def clear_cost_of(self, residual_mm: F64, poses: Poses) -> float:
         """The same of other residuals (n, 3), with *poses* near by."""
-        moved = replace(self.at, residual_mm=residual_mm, poses=poses)
-        return replace(self, at=moved, columns=self.columns[:, :, :0], whole=None).clear_cost
+        moved = replace(self.linearisation, residual_mm=residual_mm, poses=poses)
+        return replace(
+            self, linearisation=moved, columns=self.columns[:, :, :0], full_problem=None
+        ).clear_cost
 
     def follow(self, step: F64) -> tuple[F64, F64]:
         """Twists (p, 6) and target shifts (K, 3) that answer a *step* (C,) of the unknowns: least
@@ -115,14 +117,14 @@ class ArmAlone:
     @cached_property
     def _placements(self) -> Placements:
         return Placements(
-            self.at.observations,
-            self.at.pose_columns,
-            self.at.target_columns,
-            self.at.free_targets,
-            (self.columns, self.at.residual_mm[:, :, None]),
+            self.linearisation.observations,
+            self.linearisation.pose_columns,
+            self.linearisation.target_columns,
+            self.linearisation.free_targets,
+            (self.columns, self.linearisation.residual_mm[:, :, None]),
             self.whitening,
             lambda session: self._certified_by_session[session],
-            self.whole._placements if self.whole else None,
+            self.full_problem._placements if self.full_problem else None,
         )
 
     @cached_property
@@ -130,33 +132,38 @@ class ArmAlone:
         """Of each session with readings: rows (E, 3 K), whitened, of what is certified about its K
         free targets, and by how much it is missed (E,)."""
         return {
-            session: self._certified(session) for session in self.at.observations.rows_by_session
+            session: self._certified(session)
+            for session in self.linearisation.observations.rows_by_session
         }
 
     def _certificate_of(self, session: int) -> tuple[I64, I64]:
         """Which of a session's free targets, by their place among these, and which distances have
         rows of a certificate."""
-        is_certified = ~self.at.observations.unknown[self._placements.list_free_targets(session)]
+        is_certified = ~self.linearisation.observations.unknown[
+            self._placements.list_free_targets(session)
+        ]
         return np.flatnonzero(is_certified), self._distances_by_session.get(session, NONE)
 
     @cached_property
     def _distances_by_session(self) -> dict[int, I64]:
         """Distances, of two targets apart from each other, that move with a free one."""
-        observations = self.at.observations
+        observations = self.linearisation.observations
         between = observations.distances.between
         if not len(between):
             return {}
-        is_free = np.isin(between, self.at.free_targets).any(axis=1)
+        is_free = np.isin(between, self.linearisation.free_targets).any(axis=1)
         numbers = np.flatnonzero((self._lengths[0] != 0) & is_free)
         session = observations.target_session[between[numbers, 0]]
         return {int(session[part[0]]): numbers[part] for part in split_alike([session])}
 
     @cached_property
     def _lengths(self) -> tuple[F64, F64]:
-        return self.at.poses.measure_distances(self.at.observations.distances.between)
+        return self.linearisation.poses.measure_distances(
+            self.linearisation.observations.distances.between
+        )
 
     def _certified(self, session: int) -> tuple[F64, F64]:
-        observations, position = self.at.observations, self.at.poses.target_mm
+        observations, position = self.linearisation.observations, self.linearisation.poses.target_mm
         targets = self._placements.list_free_targets(session)
         slots, distances = self._certificate_of(session)
         weight = np.repeat(1.0 / observations.uncertainty_mm[targets[slots]], 3)
@@ -172,7 +179,7 @@ class ArmAlone:
 
     def _certified_lengths(self, targets: I64, numbers: I64) -> tuple[F64, F64]:
         """Rows (D, 3 K) and misses (D,) of the distances *numbers* (D,) between K *targets*."""
-        distances = self.at.observations.distances
+        distances = self.linearisation.observations.distances
         lengths_mm, directions = self._lengths
         uncertain = np.maximum(distances.standard_uncertainty_mm, self.length_floor_mm)[numbers]
         rows = np.zeros((len(numbers), len(targets), 3))

@@ -19,39 +19,42 @@ from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.orientations import with_orientation_rows, with_orientations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.find_second_group import find_second_group
+from armd.compensation.identify.admission.inconsistent_session import (
+    find_inconsistent_session,
+    refuse_mistakes,
+)
 from armd.compensation.identify.admission.mistakes import AssumedModel
-from armd.compensation.identify.admission.odd_session import odd_session, refuse_mistakes
 from armd.compensation.identify.admission.requirements import (
     choose_readings,
+    describe_unknown,
     is_plausible,
-    not_known,
     require_enough,
     require_help,
     require_plausible,
     require_some,
 )
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
-from armd.compensation.identify.admission.wrong_names import refuse_misnamed, told_of_misnamed
+from armd.compensation.identify.admission.wrong_names import refuse_misnamed, report_misnamed
 from armd.compensation.identify.certificate import Misses, Suspects, judge
-from armd.compensation.identify.drawing import drawn_rms_um, off_drawing
+from armd.compensation.identify.drawing import compute_drawn_rms_um, find_off_drawing
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
-from armd.compensation.identify.fit import rms_um as residual_rms_um
+from armd.compensation.identify.fit import compute_rms_um as residual_rms_um
 from armd.compensation.identify.heldout import HeldOut
 from armd.compensation.identify.next_step import CalibratedFiles
-from armd.compensation.identify.orientation import orientation_gain
+from armd.compensation.identify.orientation import compute_orientation_gain
 from armd.compensation.identify.reflectors import (
     ReflectorTerms,
-    found_reflectors,
-    reflector_terms,
+    locate_reflectors,
+    make_reflector_terms,
     require_one_kind,
     require_polynomial,
 )
 from armd.compensation.identify.result import Result
-from armd.compensation.identify.sensor_noise import sensor_noise_c
+from armd.compensation.identify.sensor_noise import estimate_sensor_noise_c
 from armd.compensation.identify.thermal.comparison import Comparison, Trial
-from armd.compensation.identify.thermal.temperatures import far_apart
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.temperatures import are_far_apart
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of
 from armd.compensation.model.terms import Term
@@ -98,7 +101,7 @@ def _calibrate(
     observations, groups = choose_readings(
         gather(sessions, arm), files, options.thermal_order, notes
     )
-    tips = reflector_terms(observations, arm.nominal()[arm.layout.tip])
+    tips = make_reflector_terms(observations, arm.nominal()[arm.layout.tip])
     require_one_kind(tips, files)
     observations = tips.observations
     unknown = tips.identified(unknown)
@@ -107,44 +110,50 @@ def _calibrate(
     drawn = evaluate_model(observations, arm.nominal(), tips.terms, arm.reference_temperature_c)
     require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)
     require_some(observations, files)
-    whole = with_orientations(observations)
-    simple = not tips.terms and whole.n == observations.n
+    all_observations = with_orientations(observations)
+    simple = not tips.terms and all_observations.n == observations.n
     if simple:  # else nobody knows where each reading's tip is
         refuse_mistakes(sessions, observations)
     thermal = len(groups) > 1 and options.thermal_order != 0
     if thermal and not simple:
         require_polynomial(options.thermal_method, files)
-    terms = length_terms(arm, [1]) if thermal else []
-    first_whole = final_whole = _fit(whole, tips, unknown, terms, progress)
+    terms = make_length_terms(arm, [1]) if thermal else []
+    first_whole = final_whole = _fit(all_observations, tips, unknown, terms, progress)
     first = first_whole.of_points()
-    require_surfaces(sessions, observations, first.at.poses, first.at.position_mm)
-    drawing_rms_um = drawn_rms_um(observations, tips.terms, tips.free)
-    odd = odd_session(sessions, first, drawing_rms_um) if simple else None
-    second = None if not simple or (odd and odd.tip) else find_second_group(sessions, first)
+    require_surfaces(
+        sessions, observations, first.linearisation.poses, first.linearisation.position_mm
+    )
+    drawing_rms_um = compute_drawn_rms_um(observations, tips.terms, tips.free)
+    inconsistent = find_inconsistent_session(sessions, first, drawing_rms_um) if simple else None
+    second = (
+        None
+        if not simple or (inconsistent and inconsistent.tip)
+        else find_second_group(sessions, first)
+    )
     if second:
-        odd = None  # it explains that session's rows, too
+        inconsistent = None  # it explains that session's rows, too
         if not is_plausible(first):
             raise second.refusal()
-    if odd:
-        notes.append(odd.in_words())
+    if inconsistent:
+        notes.append(inconsistent.in_words())
     # A fit to many of them may lie so far off that the drawing tells more.
     if not is_plausible(first) and simple:
-        refuse_misnamed(sessions, observations, AssumedModel.of(first))
-        refuse_misnamed(sessions, observations, AssumedModel.under(arm, None))
+        refuse_misnamed(sessions, observations, AssumedModel.from_identification(first))
+        refuse_misnamed(sessions, observations, AssumedModel.from_calibration(arm, None))
     if not second:  # else it is what moves the links
-        require_plausible(first, str(odd.path) if odd else files)
-    notes += told_of_misnamed(sessions, observations, AssumedModel.of(first))
+        require_plausible(first, str(inconsistent.path) if inconsistent else files)
+    notes += report_misnamed(sessions, observations, AssumedModel.from_identification(first))
     trials: list[Trial] = []
     order, final = 0, first
     per_temperature = thermal and options.thermal_method == "per-temperature"
     if thermal and not simple:
-        order = options.thermal_order or int(far_apart(groups))
-        terms = length_terms(arm, range(1, order + 1))
-        final_whole = _fit(whole, tips, unknown, terms, progress, first_whole)
+        order = options.thermal_order or int(are_far_apart(groups))
+        terms = make_length_terms(arm, range(1, order + 1))
+        final_whole = _fit(all_observations, tips, unknown, terms, progress, first_whole)
         final = final_whole.of_points()
         notes.append(f"no thermal models are compared here: order {order}")
     elif thermal and not options.compare:
-        order = 1 if far_apart(groups) or Comparison(first, groups).tells_expansion() else 0
+        order = 1 if are_far_apart(groups) or Comparison(first, groups).tells_expansion() else 0
         terms = terms if order else []
         final = _fit(observations, tips, unknown, terms, progress, first)
     elif thermal:
@@ -157,7 +166,7 @@ def _calibrate(
                 trials, options.thermal_order, options.offset
             )
         else:
-            order, terms = _choose(comparison, trials, arm, options, notes)
+            order, terms = _choose_terms(comparison, trials, arm, options, notes)
             final = _fit(observations, tips, unknown, terms, progress, first)
     if not final.converged:
         notes.append(f"the fit did not settle within {final.steps} steps")
@@ -172,9 +181,13 @@ def _calibrate(
         folds, by = make_placement_folds(observations)
         if not simple:  # an orientation is left out with its reading
             folds = [with_orientation_rows(observations, fold) for fold in folds]
-        columns = base.unknowns.columns(base.at.jacobian, base.at.basis, base.terms)
+        columns = base.unknowns.columns(
+            base.linearisation.jacobian, base.linearisation.basis, base.terms
+        )
         scale = base.solution.scale
-        left_out = HeldOut(base, columns, scale, base.at.residual_mm, -base.departure, folds)
+        left_out = HeldOut(
+            base, columns, scale, base.linearisation.residual_mm, -base.departure, folds
+        )
         heldout = left_out.errors(np.arange(len(scale)))
     terms, reference_c = final.terms, final.reference_c
     evaluation = evaluate_model(observations, final.constants, terms, reference_c)
@@ -183,18 +196,18 @@ def _calibrate(
     # Copies of one reading fit any drawing: where that misses by nothing, nothing helps.
     share = heldout.rms_um / drawing_rms_um if drawing_rms_um else 1.0
     require_help(first, share, files, notes)
-    gain = orientation_gain(final_whole)
+    gain = compute_orientation_gain(final_whole)
     if gain:
         notes.append(gain.in_words())
-    far = off_drawing(first)
-    notes += [one.in_words() for one in far]
-    noise_rms_um = 1e3 * final.noise.distance_mm(final.at.joints, observations.freedom)
+    far_entries = find_off_drawing(first)
+    notes += [entry.in_words() for entry in far_entries]
+    noise_rms_um = 1e3 * final.noise.distance_mm(final.linearisation.joints, observations.freedom)
     certificate = judge(
         first,
         first.converged and final.converged,
         Misses(drawing_rms_um, noise_rms_um, heldout, by),
         lengths,
-        Suspects(odd.path if odd else None, second, far),
+        Suspects(inconsistent.path if inconsistent else None, second, far_entries),
         CalibratedFiles(tuple(session.path for session in sessions), options.arm_file),
     )
     provenance = {
@@ -212,8 +225,8 @@ def _calibrate(
         "thermal_order": order,
         "certificate": asdict(certificate),
         "lengths": [length.as_json() for length in lengths],
-        "off_drawing": [one.as_json() for one in far],
-        "odd_session": odd.in_words() if odd else None,
+        "off_drawing": [entry.as_json() for entry in far_entries],
+        "odd_session": inconsistent.in_words() if inconsistent else None,
         "thermal_method": options.thermal_method if order else "none",
         "thermal_offset": ("identified" if options.offset else "0")
         if per_temperature
@@ -228,23 +241,23 @@ def _calibrate(
         thermal_order=order,
         thermal_method=options.thermal_method if order else "none",
         trials=trials,
-        unidentifiable=not_known(final),
+        unidentifiable=describe_unknown(final),
         certificate=certificate,
         lengths=lengths,
-        odd=odd,
-        off_drawing=far,
+        inconsistent_session=inconsistent,
+        off_drawing=far_entries,
         notes=notes,
         second_group=second,
         orientation=gain,
-        reflectors=found_reflectors(
+        reflectors=locate_reflectors(
             observations, final.constants, final.terms, final.unknowns.names, final.covariance
         ),
     )
 
 
-def as_calibration(found: Identification, provenance: dict[str, Any]) -> Calibration:
+def as_calibration(identification: Identification, provenance: dict[str, Any]) -> Calibration:
     """A fit as the file the daemon runs."""
-    arm, states = found.observations.arm, found.observations.states
+    arm, states = identification.observations.arm, identification.observations.states
     ranges = {}
     for name, column in zip(arm.sensors, states.temperature_c.T, strict=True):
         if name in arm.used_sensors and np.isfinite(column).any():
@@ -252,16 +265,18 @@ def as_calibration(found: Identification, provenance: dict[str, Any]) -> Calibra
     return Calibration(
         arm=arm.serial_number,
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        reference_temperature_c=found.reference_c,
+        reference_temperature_c=identification.reference_c,
         temperature_range_c=ranges,
-        constants=constants_of(found.constants, arm.n_joints),
-        terms=found.terms,
-        covariance_of=found.unknowns.names,
-        covariance=found.covariance.tolist(),
+        constants=constants_of(identification.constants, arm.n_joints),
+        terms=identification.terms,
+        covariance_of=identification.unknowns.names,
+        covariance=identification.covariance.tolist(),
         noise=Noise(
-            encoder_rad=[found.noise.encoder_rad] * arm.n_joints,
-            reading_mm=found.noise.reading_mm,
-            temperature_c=sensor_noise_c(states, [arm.sensors.index(name) for name in ranges]),
+            encoder_rad=[identification.noise.encoder_rad] * arm.n_joints,
+            reading_mm=identification.noise.reading_mm,
+            temperature_c=estimate_sensor_noise_c(
+                states, [arm.sensors.index(name) for name in ranges]
+            ),
         ),
         provenance=provenance,
     )
@@ -276,13 +291,13 @@ def _fit(
     start: Identification | None = None,
 ) -> Identification:
     """Fit *unknown* constants, the reflectors' terms as far as they are free, and *terms*."""
-    arm, known = observations.arm, len(tips.terms)
-    unknowns = Unknowns(unknown, [*tips.free, *range(known, known + len(terms))])
-    own = tips.terms if start is None else start.terms[:known]
+    arm, n_tip_terms = observations.arm, len(tips.terms)
+    unknowns = Unknowns(unknown, [*tips.free, *range(n_tip_terms, n_tip_terms + len(terms))])
+    tip_terms = tips.terms if start is None else start.terms[:n_tip_terms]
     return fit(
         observations,
         arm.nominal(),
-        [*own, *terms],
+        [*tip_terms, *terms],
         unknowns,
         arm.reference_temperature_c,
         noise=start.noise if start else None,
@@ -291,7 +306,7 @@ def _fit(
     )
 
 
-def _choose(
+def _choose_terms(
     comparison: Comparison,
     trials: Sequence[Trial],
     arm: Arm,
@@ -307,13 +322,13 @@ def _choose(
             )
         return 1, comparison.models[name]
     if options.thermal_order is not None:
-        terms = length_terms(arm, range(1, options.thermal_order + 1))
+        terms = make_length_terms(arm, range(1, options.thermal_order + 1))
         return options.thermal_order, [*terms, *comparison.growth]
     order = comparison.best_order(trials)
     if order == 0:
         notes.append("no thermal order lowers the error on readings left out")
         return 0, []
-    terms = [*length_terms(arm, range(1, order + 1)), *comparison.growth]
+    terms = [*make_length_terms(arm, range(1, order + 1)), *comparison.growth]
     for extension in comparison.extended(terms):
         notes.append(f"{extension.name}: {extension.heldout_rms_um:.2f} µm held out, taken")
         terms = extension.terms

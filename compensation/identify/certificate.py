@@ -13,13 +13,17 @@ from armd.compensation.estimate.linear.solution import LEAST_KNOWN
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import is_indicator
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, LEAST_TIMES
-from armd.compensation.identify.admission.requirements import readings_needed
+from armd.compensation.identify.admission.requirements import count_needed_readings
 from armd.compensation.identify.admission.second_group import Differs, SecondGroup
 from armd.compensation.identify.drawing import OffDrawing
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
-from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
-from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, next_step
+from armd.compensation.identify.heldout import (
+    Errors,
+    compute_another_placement_um,
+    describe_left_out,
+)
+from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, choose_next_step
 from armd.terminal.counted import counted
 
 #: What a granted one is, and what it is not.
@@ -98,16 +102,16 @@ class Misses:
 class Suspects:
     """What may be wrong with the readings, or with the drawing."""
 
-    odd_session: Path | None = None
+    inconsistent_session: Path | None = None
     """The folder of one that does not fit the others."""
     second: SecondGroup | None = None
     """Rows of another tip or place, which then are why readings miss; nothing else is guessed."""
-    far: Sequence[OffDrawing] = ()
+    off_drawing: Sequence[OffDrawing] = ()
     """Parameters far off the drawing: no fault of the calibration, and somebody should know."""
 
 
 def judge(
-    found: Identification,
+    identification: Identification,
     converged: bool,
     misses: Misses,
     lengths: Sequence[Length],
@@ -116,8 +120,8 @@ def judge(
 ) -> Certificate:
     """Judge a calibration by what readings miss by that it did not see.
 
-    *found* tells what is known: all constants, and the lengths' linear growth where thermal.
-    *files* are those that the next step names.
+    *identification* tells what is known: all constants, and the lengths' linear growth where
+    thermal. *files* are those that the next step names.
     """
     suspects = suspects or Suspects()
     drawn_rms_um, noise_rms_um = misses.drawn_rms_um, misses.noise_rms_um
@@ -126,22 +130,23 @@ def judge(
     share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
     percent = f"{100 * share:.0f}" if share > 0.1 else f"{100 * share:.2g}"  # never 1.1e+02
     most_mm = max(MOST_LEFT * drawn_mm, MOST_NOISE * noise_rms_um / 1e3)
-    left = (
-        f"{left_out_in_words(found.observations, heldout, misses.heldout_by)} left out misses by"
+    set_words = describe_left_out(identification.observations, heldout, misses.heldout_by)
+    summary = (
+        f"{set_words} left out misses by"
         f" {heldout_mm:.4g} mm RMS,"
         f" {percent}% of the {drawn_mm:.4g} mm that the drawing's own dimensions miss by"
     )
     if share > MOST_LEFT:
         times = heldout.rms_um / noise_rms_um
-        left += f" and {times:.2f} times a reading's noise of {noise_rms_um / 1e3:.4g} mm"
+        summary += f" and {times:.2f} times a reading's noise of {noise_rms_um / 1e3:.4g} mm"
     faults = []
     if not converged:
         faults.append(Objection(Why.UNSETTLED, "the fit did not settle"))
-    if odd := suspects.odd_session:
-        words = f"session {odd.name} does not fit the others, and no one arm fits all"
-        faults.append(Objection(Why.ODD_SESSION, words, str(odd)))
+    if folder := suspects.inconsistent_session:
+        words = f"session {folder.name} does not fit the others, and no one arm fits all"
+        faults.append(Objection(Why.ODD_SESSION, words, str(folder)))
     if suspects.second:
-        faults.append(_second_group(suspects.second))
+        faults.append(_object_to_second_group(suspects.second))
     if heldout_mm > most_mm:
         words = (
             f"more than the {MOST_LEFT:.0%} that shows a calibration to help, and than"
@@ -150,11 +155,11 @@ def judge(
         faults.append(Objection(Why.NO_HELP, words))
     without_mm = heldout.without_far_um / 1e3
     most_mm = min(MOST_HELDOUT_MM, most_mm)
-    single = len(found.outliers) and not suspects.second
+    single = len(identification.outliers) and not suspects.second
     if heldout_mm > most_mm > without_mm and single:
         words = (
             f"{without_mm:.4g} mm without {counted(heldout.n_far, 'reading')} far off:"
-            f" {found.outlier_words()}"
+            f" {identification.outlier_words()}"
         )
         faults.append(Objection(Why.OUTLIERS, words))
     elif heldout_mm > MOST_HELDOUT_MM:
@@ -165,14 +170,14 @@ def judge(
                 " in a joint, a loose artefact, readings mixed up?)"
             )
         faults.append(Objection(Why.FAR, words))
-    left += _another(found.observations, heldout, misses.heldout_by)
-    ideal = 4 * found.observations.arm.n_joints - 3 + len(found.unknowns.terms)
-    rank = found.solution.rank
+    summary += _describe_another_placement(identification.observations, heldout, misses.heldout_by)
+    ideal = 4 * identification.observations.arm.n_joints - 3 + len(identification.unknowns.terms)
+    rank = identification.solution.rank
     if rank < LEAST_RANK * ideal:
         words = f"only {rank} of {ideal} combinations of the unknowns are known beside it"
         faults.append(Objection(Why.POSTURES, words))
-    faults += _too_few(found.observations)
-    faults += _impossible_temperatures(found.observations)
+    faults += _object_to_too_few(identification.observations)
+    faults += _object_to_temperatures(identification.observations)
     faults += [
         Objection(
             Why.LENGTH,
@@ -183,7 +188,9 @@ def judge(
         if abs(length.off) > MOST_OFF
     ]
     scale_known = not is_scale_free(
-        found.solution.null, found.unknowns.words(found.terms), found.observations.arm
+        identification.solution.null,
+        identification.unknowns.words(identification.terms),
+        identification.observations.arm,
     )
     scale = [] if scale_known else [NO_SCALE]
     remarks = []
@@ -191,23 +198,30 @@ def judge(
         remarks.append(
             "what is left is noise, or what no constants describe (`armd diagnose` looks for it)"
         )
-    if suspects.far:
-        remarks.append(f"arm.toml is far off: {', '.join(one.in_brief() for one in suspects.far)}")
-    files = files or CalibratedFiles(tuple(map(Path, found.observations.session_names)))
+    if suspects.off_drawing:
+        remarks.append(
+            f"arm.toml is far off: {', '.join(entry.in_brief() for entry in suspects.off_drawing)}"
+        )
+    files = files or CalibratedFiles(tuple(map(Path, identification.observations.session_names)))
     return Certificate(
         not faults,
-        "; ".join([left, *(fault.words for fault in faults), *remarks, *scale]),
+        "; ".join([summary, *(fault.words for fault in faults), *remarks, *scale]),
         scale_known=scale_known,
-        next_step=next_step(
-            faults, found.observations, files, [far.parameter for far in suspects.far]
+        next_step=choose_next_step(
+            faults,
+            identification.observations,
+            files,
+            [entry.parameter for entry in suspects.off_drawing],
         ),
     )
 
 
-def _another(observations: Observations, heldout: Errors, heldout_by: str) -> str:
+def _describe_another_placement(
+    observations: Observations, heldout: Errors, heldout_by: str
+) -> str:
     """What the certificate promises of a place where nothing was measured, where few were: not the
     mean of these, but what another one of them stays below."""
-    another_um = another_placement_um(observations, heldout, heldout_by)
+    another_um = compute_another_placement_um(observations, heldout, heldout_by)
     if another_um is None:
         return ""
     low, high = min(heldout.of_sets_um) / 1e3, max(heldout.of_sets_um) / 1e3
@@ -217,13 +231,13 @@ def _another(observations: Observations, heldout: Errors, heldout_by: str) -> st
     )
 
 
-def _second_group(second: SecondGroup) -> Objection:
-    rows = " and ".join(one.in_words() for one in second.sessions if not one.whole)
+def _object_to_second_group(second: SecondGroup) -> Objection:
+    rows = " and ".join(session.in_words() for session in second.sessions if not session.is_whole)
     why = Why.OTHER_TIP if second.differs is Differs.TIP else Why.OTHER_PLACE
     return Objection(why, second.in_words(), rows=rows, folders=second.folders)
 
 
-def _too_few(observations: Observations) -> list[Objection]:
+def _object_to_too_few(observations: Observations) -> list[Objection]:
     """Placements and readings. A tracker sees the arm everywhere: it needs no second placement."""
     faults = []
     placements = len(np.unique(observations.placement))
@@ -233,7 +247,7 @@ def _too_few(observations: Observations) -> list[Objection]:
             " another place may miss by any amount"
         )
         faults.append(Objection(Why.PLACEMENTS, words))
-    needed = LEAST_TIMES * readings_needed(observations)
+    needed = LEAST_TIMES * count_needed_readings(observations)
     postures = observations.n_postures
     if postures < needed:
         copies = f" of {counted(postures, 'posture')}" if postures < observations.n else ""
@@ -245,7 +259,7 @@ def _too_few(observations: Observations) -> list[Objection]:
     return faults
 
 
-def _impossible_temperatures(observations: Observations) -> list[Objection]:
+def _object_to_temperatures(observations: Observations) -> list[Objection]:
     """Sensors whose values no arm can have had, or not both: another unit, another arm."""
     columns = [i for i, name in enumerate(observations.arm.sensors) if not is_indicator(name)]
     celsius = observations.states.temperature_c[:, columns]
@@ -267,9 +281,11 @@ def _impossible_temperatures(observations: Observations) -> list[Objection]:
             faults.append(Objection(Why.TEMPERATURES, words, warmest))
     rows = np.flatnonzero(np.isfinite(celsius).any(axis=1))
     apart_k = np.nanmax(celsius[rows], axis=1) - np.nanmin(celsius[rows], axis=1)
-    farthest, apart = rows[int(np.argmax(apart_k))], float(np.max(apart_k))
-    if not faults and apart > MOST_APART_K:
-        words = f"sensors of one reading {apart:.1f} K apart, expected at most {MOST_APART_K:g} K"
+    farthest, widest_k = rows[int(np.argmax(apart_k))], float(np.max(apart_k))
+    if not faults and widest_k > MOST_APART_K:
+        words = (
+            f"sensors of one reading {widest_k:.1f} K apart, expected at most {MOST_APART_K:g} K"
+        )
         session = observations.session_names[observations.session[farthest]]
         faults.append(Objection(Why.TEMPERATURES, words, session))
     return faults

@@ -33,8 +33,8 @@ class End:
     """Where a descent came to rest."""
 
     x: F64
-    at: Linearisation
-    alone: ArmAlone
+    linearisation: Linearisation
+    arm_problem: ArmAlone
     solution: Solution
     steps: int
     converged: bool
@@ -45,8 +45,8 @@ class _Place:
     """Where a descent stands."""
 
     x: F64
-    at: Linearisation
-    alone: ArmAlone
+    linearisation: Linearisation
+    arm_problem: ArmAlone
 
 
 @dataclass
@@ -57,12 +57,14 @@ class _Trial:
     x: F64
     poses: Poses
     floor_mm: float
-    held: bool
+    with_prior: bool
 
     @cached_property
     def place(self) -> _Place:
         """Linearised there."""
-        return _Place(self.x, *self.descent.linearise(self.x, self.poses, self.floor_mm, self.held))
+        return _Place(
+            self.x, *self.descent.linearise(self.x, self.poses, self.floor_mm, self.with_prior)
+        )
 
 
 @dataclass(frozen=True)
@@ -78,92 +80,109 @@ class Descent:
     start: F64  # (C,) what unidentifiable directions stay near
     weighting: Weighting
 
-    def run(self, x: F64, begun: Linearisation, floor_mm: float, held: bool) -> End:
+    def run(self, x: F64, begun: Linearisation, floor_mm: float, with_prior: bool) -> End:
         """Step until what a step would gain is nothing beside the noise; *begun*: at *x* (C,), with
         poses to begin with."""
         scale = self.unknowns.get_plausible(self.terms, self.basis)
 
-        if self._poses_anew(held):
-            here = _Place(x, *self.linearise(x, begun.poses, floor_mm, held))
+        if self._refits_poses(with_prior):
+            place = _Place(x, *self.linearise(x, begun.poses, floor_mm, with_prior))
         else:
-            here = _Place(x, begun, self._alone(begun, floor_mm))
+            place = _Place(x, begun, self._make_arm_problem(begun, floor_mm))
         damping = 0.0
         steps = 0
         while steps < MOST_STEPS:
             steps += 1
-            pull = self.start - here.x
-            solution = here.alone.solve(scale, pull, held=held)
-            converged = solution.gain < 1e-6 + 1e-8 * here.alone.cost
+            pull = self.start - place.x
+            solution = place.arm_problem.solve(scale, pull, along_all=with_prior)
+            converged = solution.gain < 1e-6 + 1e-8 * place.arm_problem.cost
             if converged:
                 break
 
             while True:
-                damped = here.alone.solve(scale, pull, damping, held) if damping else solution
-                trial = self._moved(here, damped.step, floor_mm, held)
-                better = self._better(here, trial, solution, held)
+                damped = (
+                    place.arm_problem.solve(scale, pull, damping, with_prior)
+                    if damping
+                    else solution
+                )
+                trial = self._move(place, damped.step, floor_mm, with_prior)
+                better = self._is_better(place, trial, solution, with_prior)
                 if not better:
                     # The way may bend, where a link turns with what hangs on it: a second step
                     # from there comes back to the valley's floor.
-                    bent = self.start - trial.x
-                    second = trial.place.alone.solve(scale, bent, damping, held)
-                    trial = self._moved(trial.place, second.step, floor_mm, held)
-                    better = self._better(here, trial, solution, held)
+                    second_pull = self.start - trial.x
+                    second = trial.place.arm_problem.solve(scale, second_pull, damping, with_prior)
+                    trial = self._move(trial.place, second.step, floor_mm, with_prior)
+                    better = self._is_better(place, trial, solution, with_prior)
                 if better or damping > 1e3 or solution.gain < NOTHING:
                     break
                 damping = max(10.0 * damping, 1e-6)
             if not better:  # no step gains anything
                 converged = solution.gain < NOTHING
                 break
-            here = trial.place
+            place = trial.place
             damping = damping / 10.0 if damping > 1e-8 else 0.0
-        return End(here.x, here.at, here.alone, solution, steps, converged)
+        return End(place.x, place.linearisation, place.arm_problem, solution, steps, converged)
 
-    def _moved(self, here: _Place, step: F64, floor_mm: float, held: bool) -> _Trial:
+    def _move(self, place: _Place, step: F64, floor_mm: float, with_prior: bool) -> _Trial:
         """After a step (C,) of the unknowns, placements and targets following."""
-        twist, shift = here.alone.follow(step)
-        poses = here.at.poses.moved(here.at.centre_mm, twist, shift)
-        return _Trial(self, here.x + step, poses, floor_mm, held)
+        twist, shift = place.arm_problem.follow(step)
+        poses = place.linearisation.poses.moved(place.linearisation.centre_mm, twist, shift)
+        return _Trial(self, place.x + step, poses, floor_mm, with_prior)
 
-    def _better(self, here: _Place, trial: _Trial, solution: Solution, held: bool) -> bool:
+    def _is_better(
+        self, place: _Place, trial: _Trial, solution: Solution, with_prior: bool
+    ) -> bool:
         """Whether a trial is taken: judged by what made it where placements are fitted anew or
         have followed it, but for less than it promises; otherwise by χ² where it stands."""
         leans = solution.off_drawing(trial.x - self.start)
-        leans -= solution.off_drawing(here.x - self.start)
-        clear, near = here.alone.clear_cost, solution.gain < NEAR * here.alone.cost
-        if self._poses_anew(held):
-            there = self._held_cost(here, trial) if near else trial.place.alone.clear_cost
-            return there + leans <= clear
-        cost = trial.place.alone.cost
-        most = here.alone.cost + (solution.gain if near else 0.0)
-        if cost + leans <= most:
+        leans -= solution.off_drawing(place.x - self.start)
+        clear, is_near = place.arm_problem.clear_cost, solution.gain < NEAR * place.arm_problem.cost
+        if self._refits_poses(with_prior):
+            trial_cost = (
+                self._compute_fixed_cost(place, trial)
+                if is_near
+                else trial.place.arm_problem.clear_cost
+            )
+            return trial_cost + leans <= clear
+        cost = trial.place.arm_problem.cost
+        limit = place.arm_problem.cost + (solution.gain if is_near else 0.0)
+        if cost + leans <= limit:
             return True
-        followed = cost - trial.place.alone.clear_cost <= solution.gain
-        return near and followed and self._held_cost(here, trial) + leans <= clear
+        followed = cost - trial.place.arm_problem.clear_cost <= solution.gain
+        return is_near and followed and self._compute_fixed_cost(place, trial) + leans <= clear
 
-    def _held_cost(self, here: _Place, trial: _Trial) -> float:
+    def _compute_fixed_cost(self, place: _Place, trial: _Trial) -> float:
         """What a trial costs with the weights and adjusted angles held of where it came from."""
         rows = parameter_rows(*self.unknowns.put(trial.x, self.constants, self.terms), self.basis)
-        tip = observe(here.at.q, rows, self.observations.turned) - here.at.there_mm
-        residual = trial.poses.residual(self.observations, here.at.position_mm + tip)
-        return here.alone.clear_cost_of(residual, trial.poses)
+        tip = (
+            observe(place.linearisation.q, rows, self.observations.turned)
+            - place.linearisation.there_mm
+        )
+        residual = trial.poses.residual(self.observations, place.linearisation.position_mm + tip)
+        return place.arm_problem.clear_cost_of(residual, trial.poses)
 
     def linearise(
-        self, x: F64, poses: Poses, floor_mm: float, held: bool
+        self, x: F64, poses: Poses, floor_mm: float, with_prior: bool
     ) -> tuple[Linearisation, ArmAlone]:
-        """At the unknowns (C,), with poses as they are, or fitted anew while the fit is *held*."""
+        """At the unknowns (C,), with poses as they are, or fitted anew *with_prior*."""
         constants, terms = self.unknowns.put(x, self.constants, self.terms)
-        if self._poses_anew(held):
+        if self._refits_poses(with_prior):
             # Far off, poses are not linear: about a beam's own axis they turn by any angle.
             rows = parameter_rows(constants, terms, self.basis)
             position = observe(self.observations.states.q, rows, self.observations.turned)
             poses = fit_poses(self.observations, position, self.weighting.weight, poses)
-        at = linearise(self.observations, constants, terms, poses, self.reference_c, self.basis)
-        return at, self._alone(at, floor_mm)
+        linearisation = linearise(
+            self.observations, constants, terms, poses, self.reference_c, self.basis
+        )
+        return linearisation, self._make_arm_problem(linearisation, floor_mm)
 
-    def _alone(self, at: Linearisation, floor_mm: float) -> ArmAlone:
-        columns = self.unknowns.columns(at.jacobian, at.basis, self.terms)
-        return ArmAlone(at, self.weighting.compute_whitening(at.joints), columns, floor_mm)
+    def _make_arm_problem(self, linearisation: Linearisation, floor_mm: float) -> ArmAlone:
+        columns = self.unknowns.columns(linearisation.jacobian, linearisation.basis, self.terms)
+        return ArmAlone(
+            linearisation, self.weighting.compute_whitening(linearisation.joints), columns, floor_mm
+        )
 
-    def _poses_anew(self, held: bool) -> bool:
+    def _refits_poses(self, with_prior: bool) -> bool:
         """Whether poses are fitted at every place, and do not follow the steps alone."""
-        return held and not len(self.observations.distances.length_mm)
+        return with_prior and not len(self.observations.distances.length_mm)

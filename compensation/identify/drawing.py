@@ -17,7 +17,7 @@ from armd.arrays import F64
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
-from armd.compensation.identify.fit import Identification, fit, gauge_of, rms_um
+from armd.compensation.identify.fit import Identification, compute_fit_gauge, compute_rms_um, fit
 from armd.compensation.model import parameters
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.compensation.model.terms import Term
@@ -80,7 +80,7 @@ class OffDrawing:
         return "compare it with the drawing"
 
 
-def drawn_rms_um(
+def compute_drawn_rms_um(
     observations: Observations, terms: Sequence[Term] = (), free: Sequence[int] = ()
 ) -> float:
     """3-D RMS of readings under the drawing's links, with the one tip that suits them best, and
@@ -90,60 +90,64 @@ def drawn_rms_um(
     as_drawn = evaluate_model(observations, arm.nominal(), terms, reference_c)
     tip = fit(observations, arm.nominal(), terms, Unknowns(TIP_PARAMETERS, free), reference_c)
     fitted = evaluate_model(observations, tip.constants, tip.terms, reference_c)
-    return min(rms_um(as_drawn.residual_mm), rms_um(fitted.residual_mm))
+    return min(compute_rms_um(as_drawn.residual_mm), compute_rms_um(fitted.residual_mm))
 
 
-def off_drawing(found: Identification) -> list[OffDrawing]:
+def find_off_drawing(identification: Identification) -> list[OffDrawing]:
     """The lengths and angles that are surely far off the drawing.
 
     Where the readings cannot tell parameters apart, the tip departs rather than a link, and few
     parameters rather than many. θ₁ and d₁ only place the arm, and have no part.
     """
-    arm, count = found.observations.arm, len(found.unknowns.constants)
-    names, scale = list(found.unknowns.constants), found.solution.scale[:count]
+    arm, count = identification.observations.arm, len(identification.unknowns.constants)
+    names, scale = list(identification.unknowns.constants), identification.solution.scale[:count]
     drawing = arm.nominal()[arm.layout.indices(names)]
-    undecided = found.solution.null[:count]
+    undecided = identification.solution.null[:count]
     ease = np.array([1.0 / TIP_EASE if name in TIP_PARAMETERS else 1.0 for name in names])
-    departure, weight = _sparsest(found.departure[:count] / scale, undecided, ease)
+    departure, weight = _find_sparsest(identification.departure[:count] / scale, undecided, ease)
     # What moves no point is a choice, and not uncertain. All else that is not known is.
-    choice = gauge_of(
-        found.unknowns, found.constants, found.terms, found.at.basis, found.solution.scale
+    choice = compute_fit_gauge(
+        identification.unknowns,
+        identification.constants,
+        identification.terms,
+        identification.linearisation.basis,
+        identification.solution.scale,
     )[:count]
-    chosen = scale[:, None] * _without(choice, weight) / scale
-    variance = np.diag(chosen @ found.covariance[:count, :count] @ chosen.T)
+    chosen = scale[:, None] * _project_out(choice, weight) / scale
+    variance = np.diag(chosen @ identification.covariance[:count, :count] @ chosen.T)
     uncertainty = np.sqrt(np.maximum(variance, 0.0))
-    far = []
+    entries = []
     for name, nominal, off, u in zip(names, drawing, departure * scale, uncertainty, strict=True):
         unit, factor = (
             ("mm", 1.0) if parameters.unit(name) == "mm" else ("°", float(np.degrees(1.0)))
         )
-        known = abs(off) > SURE * u
-        if name in ("theta_1", "d_1") or not known or factor * abs(off) < FAR[unit]:
+        is_known = abs(off) > SURE * u
+        if name in ("theta_1", "d_1") or not is_known or factor * abs(off) < FAR[unit]:
             continue
-        there, fitted, u = (factor * float(value) for value in (nominal, nominal + off, u))
-        far.append(OffDrawing(name, _place(name), there, fitted, u, unit))
-    return far
+        drawn, fitted, u = (factor * float(value) for value in (nominal, nominal + off, u))
+        entries.append(OffDrawing(name, _name_place(name), drawn, fitted, u, unit))
+    return entries
 
 
-def _place(name: str) -> str:
+def _name_place(name: str) -> str:
     kind, _, joint = name.rpartition("_")
     if name in TIP_PARAMETERS:
         return "tip"
     return f"zero of joint {joint}'s encoder" if kind == "theta" else f"joint {joint}"
 
 
-def _sparsest(departure: F64, undecided: F64, ease: F64) -> tuple[F64, F64]:
+def _find_sparsest(departure: F64, undecided: F64, ease: F64) -> tuple[F64, F64]:
     """*departure* (C,) moved along *undecided* (C, k) until few entries are left, and the weights
     (C,) that this takes; entries with little *ease* (C,) may be large."""
     weight = ease / np.sqrt(np.abs(departure) + NO_DEPARTURE)
     moved = departure
     for _ in range(ROUNDS):
-        moved = _without(undecided, weight) @ departure
+        moved = _project_out(undecided, weight) @ departure
         weight = ease / np.sqrt(np.abs(moved) + NO_DEPARTURE)
     return moved, weight
 
 
-def _without(directions: F64, weight: F64) -> F64:
+def _project_out(directions: F64, weight: F64) -> F64:
     """(C, C) projection along *directions* (C, k) onto what has the least *weight*-ed square."""
     along: F64 = np.linalg.pinv(weight[:, None] * directions) * weight
     return np.eye(len(weight)) - directions @ along

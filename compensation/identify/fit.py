@@ -66,8 +66,8 @@ class Identification:
     terms: list[Term]  # with their coefficients and standard uncertainties
     unknowns: Unknowns
     solution: Solution
-    at: Linearisation  # at the solution
-    alone: ArmAlone  # with the last round's weights
+    linearisation: Linearisation  # at the solution
+    arm_problem: ArmAlone  # with the last round's weights
     noise: ReadingNoise
     distance2: F64  # (n,) squared Mahalanobis distances of the readings
     counts: F64  # (n,) how much each reading counts: copies of a posture share their error
@@ -88,30 +88,30 @@ class Identification:
         """Rows gone wrong, as `armd diagnose` judges them, too."""
         return select_outliers(self.distance2, self.region)[0]
 
-    def outlier_words(self, most: int = 4) -> str:
+    def outlier_words(self, max_words: int = 4) -> str:
         """Where the outliers are and how far off, the farthest first."""
-        far_mm = np.linalg.norm(self.at.residual_mm[self.outliers], axis=1)
+        far_mm = np.linalg.norm(self.linearisation.residual_mm[self.outliers], axis=1)
         words = [
             f"{self.observations.name_row(i)} ({mm:.3g} mm off)"
             for mm, i in sorted(zip(far_mm, self.outliers, strict=True), reverse=True)
         ]
-        return ", ".join(words[:most]) + (", …" if len(words) > most else "")
+        return ", ".join(words[:max_words]) + (", …" if len(words) > max_words else "")
 
     @property
     def rms_um(self) -> float:
         """3-D RMS of all readings' residuals."""
-        return rms_um(self.at.residual_mm)
+        return compute_rms_um(self.linearisation.residual_mm)
 
     def of_points(self) -> Identification:
         """The same with the rows alone that say where the tip is."""
         points = ~self.observations.turned
         if points.all():
             return self
-        at = self.at.rows(points)
+        linearisation = self.linearisation.rows(points)
         return replace(
             self,
-            observations=at.observations,
-            at=at,
+            observations=linearisation.observations,
+            linearisation=linearisation,
             distance2=self.distance2[points],
             counts=self.counts[points],
             region=self.region[points],
@@ -121,18 +121,18 @@ class Identification:
         """The same without the first *count* terms, as if they were no unknowns."""
         n = len(self.unknowns.constants)
         later = [place for place, i in enumerate(self.unknowns.terms) if i >= count]
-        kept = [*range(n), *(n + place for place in later)]
+        columns = [*range(n), *(n + place for place in later)]
         return replace(
             self,
             terms=self.terms[count:],
             unknowns=Unknowns(
                 self.unknowns.constants, [self.unknowns.terms[place] - count for place in later]
             ),
-            covariance=self.covariance[np.ix_(kept, kept)],
+            covariance=self.covariance[np.ix_(columns, columns)],
         )
 
 
-def rms_um(residual_mm: F64) -> float:
+def compute_rms_um(residual_mm: F64) -> float:
     """3-D RMS in µm of residuals (n, 3) mm; rows with NaN are left out."""
     squares = np.sum(residual_mm**2, axis=1)
     return float(np.sqrt(np.nanmean(squares))) * 1e3 if np.isfinite(squares).any() else np.nan
@@ -168,20 +168,20 @@ def fit(
     residual_mm = poses.residual(observations, position)
     freedom = observations.freedom
     turned, points = observations.turned, ~observations.turned
-    alike = _alike(residual_mm[points], freedom[points])
+    alike = _make_equal_noise(residual_mm[points], freedom[points])
     weighing = noise or alike
     # A monstrous reading has no voice from the beginning: it would make its neighbours a region.
     squared = np.sum(residual_mm**2, axis=1) / alike.reading_mm**2
     distance2 = np.where(find_monstrous(residual_mm), squared, 0.0)
     region = np.zeros(observations.n, dtype=bool)
-    steps, held = 0, noise is None
+    steps, with_prior = 0, noise is None
     posture = observations.posture
     counts = compute_counts(posture, 1.0)
     for round_ in range(1, rounds + 1):
         begun = linearise(observations, constants, terms, poses, reference_c, basis)
         joints = begun.joints
         weight = counts * compute_redescending_weights(distance2, region)
-        if held:
+        if with_prior:
             typical = weighing.compute_typical_mm(joints[points], freedom[points])
             weighing = ReadingNoise(0.0, typical, weighing.turn_mm or typical)
         weighting = Weighting(weighing, joints, weight, turned)
@@ -189,32 +189,36 @@ def fit(
             observations, constants, terms, unknowns, reference_c, basis, start, weighting
         )
         # A certified length bends the problem: far off it must not weigh more than the readings.
-        floor_mm = weighing.reading_mm * (1.0 if held else 0.01)
-        end = descent.run(x, begun, floor_mm, held)
+        floor_mm = weighing.reading_mm * (1.0 if with_prior else 0.01)
+        end = descent.run(x, begun, floor_mm, with_prior)
         stands = np.array_equal(end.x, x)
-        x, poses, steps = end.x, end.at.poses, steps + end.steps
+        x, poses, steps = end.x, end.linearisation.poses, steps + end.steps
         constants, terms = unknowns.put(x, constants, terms)
-        fitted = end.alone.rank + end.solution.effective_rank
-        joints = end.at.joints
-        left, whiten = end.alone.compute_residual_share(end.solution.root), end.alone.whitening
-        before, weighing = weighing, _estimate(end.at, whiten, left, region, counts)
+        fitted = end.arm_problem.rank + end.solution.effective_rank
+        joints = end.linearisation.joints
+        residual_share = end.arm_problem.compute_residual_share(end.solution.root)
+        whiten, before = end.arm_problem.whitening, weighing
+        weighing = _estimate_noises(end.linearisation, whiten, residual_share, region, counts)
         covariance = weighing.covariance(joints, turned)
         distance2 = to_three_components(
-            compute_mahalanobis2(end.at.residual_mm, covariance), freedom
+            compute_mahalanobis2(end.linearisation.residual_mm, covariance), freedom
         )
-        if not held:  # far off, everything is
+        if not with_prior:  # far off, everything is
             region = region | find_regions(distance2 > DOWNWEIGHT_CHI2, states.q)
         basis = basis_values(terms, states, observations.arm, reference_c, constants)
         if progress:
-            progress(f"round {round_}: {rms_um(end.at.residual_mm):.2f} µm RMS, {steps} steps")
+            left_um = compute_rms_um(end.linearisation.residual_mm)
+            progress(f"round {round_}: {left_um:.2f} µm RMS, {steps} steps")
         robust = compute_redescending_weights(distance2, region)
-        white = np.einsum("nij,nj->ni", make_whitening(covariance, robust), end.at.residual_mm)
+        white = np.einsum(
+            "nij,nj->ni", make_whitening(covariance, robust), end.linearisation.residual_mm
+        )
         counts = compute_counts(posture, estimate_shared_part(white, posture, freedom))
         weight_after = counts * robust
-        settled = _settled(before, weighing, joints, turned) and np.allclose(
+        settled = _has_settled(before, weighing, joints, turned) and np.allclose(
             weight, weight_after, atol=0.05
         )
-        if settled and not held:
+        if settled and not with_prior:
             break
         # Another round from the same point with the same weights would end where this one did.
         repeats = (
@@ -226,40 +230,40 @@ def fit(
             )
             and np.allclose(weight, weight_after, rtol=1e-6)
         )
-        held = held and not settled and not repeats and round_ < rounds // 2
+        with_prior = with_prior and not settled and not repeats and round_ < rounds // 2
     # The last weights are those of the round before: what is left of the difference is a factor.
     equations = float((freedom * weight).sum())
-    spare = max(equations + end.alone.n_certified - fitted, 1.0)
-    free = gauge_of(unknowns, constants, terms, basis, end.solution.scale)
-    factor = end.alone.cost / spare
+    spare = max(equations + end.arm_problem.n_certified - fitted, 1.0)
+    free = compute_fit_gauge(unknowns, constants, terms, basis, end.solution.scale)
+    factor = end.arm_problem.cost / spare
     covariance = end.solution.covariance(free)
-    covariance = (covariance + _shared(end.alone, covariance)) * factor
+    covariance = (covariance + _compute_shared_covariance(end.arm_problem, covariance)) * factor
     deviation = np.sqrt(np.diag(covariance))[len(unknowns.constants) :]
     for i, u in zip(unknowns.terms, deviation, strict=True):
         terms[i] = terms[i].model_copy(update={"standard_uncertainty": float(u)})
     return Identification(
-        observations, reference_c, constants, terms, unknowns, end.solution, end.at,
-        end.alone, weighing, distance2, counts, region, x - start, covariance, factor,
+        observations, reference_c, constants, terms, unknowns, end.solution, end.linearisation,
+        end.arm_problem, weighing, distance2, counts, region, x - start, covariance, factor,
         steps, end.converged,
     )  # fmt: skip
 
 
-def _shared(alone: ArmAlone, covariance: F64) -> F64:
+def _compute_shared_covariance(arm_problem: ArmAlone, covariance: F64) -> F64:
     """(C, C) what *covariance* lacks where sessions share a certificate: its error is one and the
     same in all of them, and their number does not average it away (docs/decisions/0027)."""
-    entry = alone.certified_entries()
-    entries, of = np.unique(entry, axis=0, return_inverse=True)
+    entry = arm_problem.certified_entries()
+    entries, place = np.unique(entry, axis=0, return_inverse=True)
     if len(entries) == len(entry):
         return np.zeros_like(covariance)
-    rows = alone.certified_rows()
+    rows = arm_problem.certified_rows()
     together = np.zeros((len(entries), len(covariance)))
-    np.add.at(together, of.ravel(), rows)
-    one, each = together @ covariance, rows @ covariance
-    lacking: F64 = one.T @ one - each.T @ each
+    np.add.at(together, place.ravel(), rows)
+    together_covariance, rows_covariance = together @ covariance, rows @ covariance
+    lacking: F64 = together_covariance.T @ together_covariance - rows_covariance.T @ rows_covariance
     return lacking
 
 
-def gauge_of(
+def compute_fit_gauge(
     unknowns: Unknowns, constants: F64, terms: Sequence[Term], basis: F64, scale: F64
 ) -> F64:
     """(C, k) directions, in unknowns over *scale* (C,), that move no point wherever the joints
@@ -274,27 +278,40 @@ def gauge_of(
     return compute_gauge(unknowns.columns(columns, values, terms), scale)
 
 
-def _alike(residual_mm: F64, freedom: I64) -> ReadingNoise:
+def _make_equal_noise(residual_mm: F64, freedom: I64) -> ReadingNoise:
     """The noise that makes all readings alike, as large as their median residual."""
     typical = compute_usual_square(np.sum(residual_mm**2, axis=1), freedom)
     return ReadingNoise(0.0, max(np.sqrt(typical), LEAST_MM))
 
 
-def _estimate(at: Linearisation, whiten: F64, left: F64, region: Mask, counts: F64) -> ReadingNoise:
+def _estimate_noises(
+    linearisation: Linearisation, whiten: F64, residual_share: F64, region: Mask, counts: F64
+) -> ReadingNoise:
     """Noise of the readings by what a round left, that of orientations by theirs alone."""
-    turned, points = at.observations.turned, ~at.observations.turned
+    turned, points = linearisation.observations.turned, ~linearisation.observations.turned
     noise = estimate_noise(
-        at.residual_mm[points], at.joints[points], whiten[points], left[points], region[points],
-        counts[points], at.observations.freedom[points],
-    )  # fmt: skip
+        linearisation.residual_mm[points],
+        linearisation.joints[points],
+        whiten[points],
+        residual_share[points],
+        region[points],
+        counts[points],
+        linearisation.observations.freedom[points],
+    )
     if not turned.any():
         return noise
     return estimate_turn_noise(
-        noise, at.residual_mm[turned], at.joints[turned], left[turned], counts[turned]
+        noise,
+        linearisation.residual_mm[turned],
+        linearisation.joints[turned],
+        residual_share[turned],
+        counts[turned],
     )
 
 
-def _settled(before: ReadingNoise, after: ReadingNoise, joint_columns: F64, turned: Mask) -> bool:
+def _has_settled(
+    before: ReadingNoise, after: ReadingNoise, joint_columns: F64, turned: Mask
+) -> bool:
     """Whether the weights would change by less than a few per cent."""
     sizes = [
         np.trace(noise.covariance(joint_columns, turned), axis1=1, axis2=2)

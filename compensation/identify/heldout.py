@@ -21,7 +21,7 @@ from armd.compensation.estimate.noise import make_whitening
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.robust import compute_redescending_weights
 from armd.compensation.identify.arm_alone import ArmAlone
-from armd.compensation.identify.fit import Identification, rms_um
+from armd.compensation.identify.fit import Identification, compute_rms_um
 
 #: Of so many sets something is known of the next one; it stays below in this share of cases.
 LEAST_SETS, ANOTHER = 3, 0.95
@@ -48,13 +48,13 @@ class HeldOut:
     ) -> None:
         weight = fit.counts * compute_redescending_weights(fit.distance2, fit.region)
         turned = fit.observations.turned
-        whiten = make_whitening(fit.noise.covariance(fit.at.joints, turned), weight)
+        whiten = make_whitening(fit.noise.covariance(fit.linearisation.joints, turned), weight)
         self.scale, self.pull = scale, pull
-        base = replace(fit.at, residual_mm=residual)
-        self._whole = whole = ArmAlone(base, whiten, columns)
-        self.folds = [_Fold(whole, weight, out) for out in folds if out.any()]
+        base = replace(fit.linearisation, residual_mm=residual)
+        self._full_problem = full_problem = ArmAlone(base, whiten, columns)
+        self.folds = [_Fold(full_problem, weight, out) for out in folds if out.any()]
         self._points = [~turned[out] for out in folds if out.any()]
-        self._kept = [
+        self._is_full_weight = [
             ~np.isin(np.flatnonzero(out), fit.down_weighted) for out in folds if out.any()
         ]
 
@@ -65,26 +65,36 @@ class HeldOut:
 
     def solve_all(self, chosen: I64) -> Solution:
         """Likewise, fitted to all readings."""
-        return self._whole.solve(self.scale[chosen], self.pull[chosen], chosen=chosen)
+        return self._full_problem.solve(self.scale[chosen], self.pull[chosen], chosen=chosen)
 
     def errors(self, chosen: I64) -> Errors:
         """Of fits of *chosen* without each fold, on the fold."""
         tried = [
-            fold.tried(chosen, self.solve(i, chosen).step) for i, fold in enumerate(self.folds)
+            fold.compute_residual_mm(chosen, self.solve(i, chosen).step)
+            for i, fold in enumerate(self.folds)
         ]
-        return self.of(tried)
+        return self.summarise(tried)
 
-    def of(self, tried: Sequence[F64]) -> Errors:
+    def summarise(self, tried: Sequence[F64]) -> Errors:
         """Of residuals (m, 3) mm, fold by fold."""
         # How an orientation misses is no distance.
-        tried = [own[points] for own, points in zip(tried, self._points, strict=True)]
-        fine_rows = [k[points] for k, points in zip(self._kept, self._points, strict=True)]
-        residual, kept = np.concatenate(tried), np.concatenate(fine_rows)
+        tried = [
+            residual_mm[points] for residual_mm, points in zip(tried, self._points, strict=True)
+        ]
+        fine_rows = [
+            k[points] for k, points in zip(self._is_full_weight, self._points, strict=True)
+        ]
+        residual, is_full_weight = np.concatenate(tried), np.concatenate(fine_rows)
         sets = tuple(
-            rms_um(own[fine] if fine.any() else own)
-            for own, fine in zip(tried, fine_rows, strict=True)
+            compute_rms_um(residual_mm[fine] if fine.any() else residual_mm)
+            for residual_mm, fine in zip(tried, fine_rows, strict=True)
         )
-        return Errors(rms_um(residual), rms_um(residual[kept]), int((~kept).sum()), sets)
+        return Errors(
+            compute_rms_um(residual),
+            compute_rms_um(residual[is_full_weight]),
+            int((~is_full_weight).sum()),
+            sets,
+        )
 
 
 @dataclass(frozen=True)
@@ -112,23 +122,23 @@ class Errors:
 
     def in_words(self) -> str:
         """Both figures where they differ, in one line."""
-        beside = f" ({self.without_far_um:.2f} without the {self.n_far} far off)"
-        return f"{self.rms_um:.2f} µm" + beside * (self.n_far > 0)
+        without = f" ({self.without_far_um:.2f} without the {self.n_far} far off)"
+        return f"{self.rms_um:.2f} µm" + without * (self.n_far > 0)
 
 
-def another_placement_um(
+def compute_another_placement_um(
     observations: Observations, errors: Errors, left_out_by: str
 ) -> float | None:
     """Return what another placement's 3-D RMS stays below in 95 of 100 cases.
 
     None where placements share a set that is left out: of so many the mean is a fair promise.
     """
-    each = len(np.unique(observations.placement)) == len(errors.of_sets_um)
-    another = errors.of_another_um if left_out_by == "placement" and each else np.nan
+    is_each_placement = len(np.unique(observations.placement)) == len(errors.of_sets_um)
+    another = errors.of_another_um if left_out_by == "placement" and is_each_placement else np.nan
     return another if np.isfinite(another) else None
 
 
-def left_out_in_words(observations: Observations, errors: Errors, left_out_by: str) -> str:
+def describe_left_out(observations: Observations, errors: Errors, left_out_by: str) -> str:
     """Return what one set that is left out consists of: `each placement`, `every 8th reading`."""
     if left_out_by == "placement":
         groups = len(np.unique(observations.placement))
@@ -143,59 +153,63 @@ def left_out_in_words(observations: Observations, errors: Errors, left_out_by: s
 class _Fold:
     """One set of readings left out; the *whole* stands at the start."""
 
-    def __init__(self, whole: ArmAlone, weight: F64, out: Mask) -> None:
-        base, columns = whole.at, whole.columns
+    def __init__(self, full_problem: ArmAlone, weight: F64, out: Mask) -> None:
+        base, columns = full_problem.linearisation, full_problem.columns
         self._base, self._columns, self._out = base, columns, out
         self._weight = weight[out]  # a reading gone wrong does not move its placement
         observations = base.observations
         touched = observations.target[~out & ~observations.has_truth]
         free = base.free_targets[np.isin(base.free_targets, touched)]
         # Rows left out weigh nothing: a copy of all others' columns for each fold would be large.
-        whiten = np.where(out[:, None, None], 0.0, whole.whitening)
-        at = replace(base, free_targets=free)
-        self.training = ArmAlone(at, whiten, columns, whole=whole)
+        whiten = np.where(out[:, None, None], 0.0, full_problem.whitening)
+        linearisation = replace(base, free_targets=free)
+        self.training = ArmAlone(linearisation, whiten, columns, full_problem=full_problem)
 
     @cached_property
     def _trial(self) -> ArmAlone | None:
         """What is fitted to the readings left out: poses that no other reading tells, and seats."""
-        own = self._base.rows(self._out)
-        placement, target = own.observations.placement, own.observations.target
-        told = np.isin(placement, self._base.observations.placement[~self._out])
-        if told.all():
+        linearisation = self._base.rows(self._out)
+        placement, target = linearisation.observations.placement, linearisation.observations.target
+        has_pose = np.isin(placement, self._base.observations.placement[~self._out])
+        if has_pose.all():
             return None
-        pose_columns = np.where(told[:, None, None], 0.0, own.pose_columns)
-        seats = np.setdiff1d(own.free_targets, self.training.at.free_targets)
+        pose_columns = np.where(has_pose[:, None, None], 0.0, linearisation.pose_columns)
+        seats = np.setdiff1d(linearisation.free_targets, self.training.linearisation.free_targets)
         shifting = np.isin(target, seats)[:, None, None]
-        alone = replace(
-            own,
+        trial_linearisation = replace(
+            linearisation,
             pose_columns=pose_columns,
-            target_columns=np.where(shifting, own.target_columns, 0.0),
+            target_columns=np.where(shifting, linearisation.target_columns, 0.0),
             free_targets=seats,
         )
         alike = np.sqrt(self._weight)[:, None, None] * np.eye(3)
-        return ArmAlone(alone, alike, self._columns[self._out][:, :, :0], length_floor_mm=np.inf)
+        return ArmAlone(
+            trial_linearisation, alike, self._columns[self._out][:, :, :0], length_floor_mm=np.inf
+        )
 
-    def tried(self, chosen: I64, change: F64) -> F64:
+    def compute_residual_mm(self, chosen: I64, change: F64) -> F64:
         """Residuals (m, 3) mm of the readings left out after a change of the chosen unknowns.
 
         Their poses and seats are those that the other readings tell, where these do: a seat lies
         where it lies in the artefact, whatever stands in the fold.
         """
-        own, step = self._base.rows(self._out), np.zeros(self._columns.shape[2])
+        linearisation, step = self._base.rows(self._out), np.zeros(self._columns.shape[2])
         step[chosen] = change
-        residual = own.residual_mm + self._columns[self._out] @ step
-        residual = _answered(residual, own, *self.training.follow(step))
+        residual = linearisation.residual_mm + self._columns[self._out] @ step
+        residual = _add_answers(residual, linearisation, *self.training.follow(step))
         if self._trial is None:
             return residual
-        at = self._trial.at
-        there = replace(self._trial, at=replace(at, residual_mm=residual))
-        return _answered(residual, at, *there.follow(np.zeros(0)))
+        trial_linearisation = self._trial.linearisation
+        moved_problem = replace(
+            self._trial, linearisation=replace(trial_linearisation, residual_mm=residual)
+        )
+        return _add_answers(residual, trial_linearisation, *moved_problem.follow(np.zeros(0)))
 
 
-def _answered(residual_mm: F64, at: Linearisation, twist: F64, shift: F64) -> F64:
+def _add_answers(residual_mm: F64, linearisation: Linearisation, twist: F64, shift: F64) -> F64:
     """Residuals (n, 3) after twists (p, 6) of the placements and shifts (K, 3) of the targets."""
-    observations = at.observations
-    shifted = np.einsum("nij,nj->ni", at.target_columns, shift[observations.target])
-    turned = np.einsum("nij,nj->ni", at.pose_columns, twist[observations.placement])
+    observations = linearisation.observations
+    shifted = np.einsum("nij,nj->ni", linearisation.target_columns, shift[observations.target])
+    turned = np.einsum("nij,nj->ni", linearisation.pose_columns, twist[observations.placement])
     answered: F64 = residual_mm + shifted + turned
     return answered

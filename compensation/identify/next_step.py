@@ -14,9 +14,9 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.admission.needed import (
     LEAST_PLACEMENTS,
     LEAST_TIMES,
-    readings_for,
+    count_readings_for,
 )
-from armd.compensation.identify.admission.requirements import unknowns_of_artefacts
+from armd.compensation.identify.admission.requirements import count_artefact_unknowns
 from armd.terminal.counted import counted
 
 
@@ -59,8 +59,8 @@ class CalibratedFiles:
 
     def command(self, name: str, *options: str, without: Sequence[str] = ()) -> str:
         """`armd NAME` of all sessions, or of all but the folders *without*."""
-        kept = [folder for folder in map(str, self.sessions) if folder not in without]
-        return shlex.join(["armd", name, *kept, "--arm", self.arm, *options])
+        folders = [folder for folder in map(str, self.sessions) if folder not in without]
+        return shlex.join(["armd", name, *folders, "--arm", self.arm, *options])
 
     @property
     def another(self) -> str:
@@ -70,7 +70,7 @@ class CalibratedFiles:
         return str(self.sessions[-1].parent / free)
 
 
-def next_step(
+def choose_next_step(
     faults: Sequence[Objection],
     observations: Observations,
     files: CalibratedFiles,
@@ -82,7 +82,7 @@ def next_step(
     """
     if not faults:
         return ""
-    fault = min(faults, key=lambda each: each.why.value)
+    fault = min(faults, key=lambda objection: objection.why.value)
     elsewhere = "" if observations.has_truth.all() else " in another place"  # a tracker need not
     again = files.command("calibrate", "-o", "calibration.json")
     match fault.why:
@@ -118,25 +118,25 @@ def next_step(
             return (
                 f"put the length of {' to '.join(fault.targets)} right in session.toml if its"
                 f" certificate says another one, else clean and seat both ends and measure again:"
-                f" {_measure(observations, files, 1, fault.targets)}"
+                f" {_write_measure_command(observations, files, 1, fault.targets)}"
             )
         case Why.PLACEMENTS:
             places = LEAST_PLACEMENTS - len(np.unique(observations.placement))
             return (
                 f"measure the artefact in {counted(places, 'more place')}:"
-                f" {_measure(observations, files, places)}"
+                f" {_write_measure_command(observations, files, places)}"
             )
         case Why.READINGS:
-            least = _missing(observations, 1)
+            n_missing = _count_missing(observations, 1)
             return (
-                f"take at least {counted(least, 'more reading')} in postures of their own"
-                f"{elsewhere}: {_measure(observations, files, 1)}"
+                f"take at least {counted(n_missing, 'more reading')} in postures of their own"
+                f"{elsewhere}: {_write_measure_command(observations, files, 1)}"
             )
         case Why.POSTURES:
-            joint, moved_deg = _least_moved(observations)
+            joint, moved_deg = _find_least_moved(observations)
             return (
                 f"turn joint {joint} farther, which moved least ({moved_deg:.0f}°), and measure"
-                f" again{elsewhere}: {_measure(observations, files, 1)}"
+                f" again{elsewhere}: {_write_measure_command(observations, files, 1)}"
             )
         case Why.UNSETTLED if far_off:  # the fit began there
             return (
@@ -147,7 +147,7 @@ def next_step(
             return f"look for what the model lacks: `{files.command('diagnose')}`"
 
 
-def _measure(
+def _write_measure_command(
     observations: Observations, files: CalibratedFiles, places: int, targets: Sequence[str] = ()
 ) -> str:
     """The command that brings another session, with as many rounds as it still takes."""
@@ -160,38 +160,40 @@ def _measure(
     names = ",".join(f"P{k}" for k in range(first, first + places))
     words = ["armd", "measure", "artefact", "--artefact", "artefact.toml", "-o", files.another]
     words += ["--placements", names]
-    touched = len(targets) or len(_artefact_targets(observations))
+    touched = len(targets) or len(_list_artefact_targets(observations))
     if targets:
         words += ["--targets", ",".join(targets)]
-    elif (missing := _missing(observations, places)) > 0:
+    elif (missing := _count_missing(observations, places)) > 0:
         words += ["--repeats", str(-(-missing // (places * touched)))]
     words += ["--with", *map(str, files.sessions)]
     return f"`{shlex.join(words)}` (artefact.toml: the artefact's table)"
 
 
-def _missing(observations: Observations, places: int) -> int:
+def _count_missing(observations: Observations, places: int) -> int:
     """Postures that a session in so many more places must bring: each has unknowns of its own, and
     so has each seat that is touched anew."""
-    again = int(observations.unknown[_artefact_targets(observations)].sum())
-    free = unknowns_of_artefacts(observations) + 6 * places + 3 * again
-    each = float(observations.freedom.mean())
-    needed = LEAST_TIMES * readings_for(observations.arm.n_joints, free, each)
+    again = int(observations.unknown[_list_artefact_targets(observations)].sum())
+    free = count_artefact_unknowns(observations) + 6 * places + 3 * again
+    equations_per_reading = float(observations.freedom.mean())
+    needed = LEAST_TIMES * count_readings_for(
+        observations.arm.n_joints, free, equations_per_reading
+    )
     return needed - observations.n_postures
 
 
-def _artefact_targets(observations: Observations) -> list[int]:
+def _list_artefact_targets(observations: Observations) -> list[int]:
     """Touched in the last session that has an artefact."""
-    seen = ~observations.has_truth
-    if not seen.any():
+    on_artefact = ~observations.has_truth
+    if not on_artefact.any():
         return []
-    last = observations.session[seen].max()
+    last = observations.session[on_artefact].max()
     touched: list[int] = np.unique(
-        observations.target[seen & (observations.session == last)]
+        observations.target[on_artefact & (observations.session == last)]
     ).tolist()
     return touched
 
 
-def _least_moved(observations: Observations) -> tuple[int, float]:
+def _find_least_moved(observations: Observations) -> tuple[int, float]:
     """The joint (from 1) that moved through the smallest angle, and that angle in degrees."""
     q = observations.states.q
     moved_deg = np.degrees(np.nanmax(q, axis=0) - np.nanmin(q, axis=0))

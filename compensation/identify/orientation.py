@@ -39,27 +39,33 @@ class OrientationGain:
         return f"{words}; uncertainties are {self.uncertainty_ratio:.2f} times those without them"
 
 
-def orientation_gain(found: Identification) -> OrientationGain | None:
+def compute_orientation_gain(identification: Identification) -> OrientationGain | None:
     """Return what the orientations of a fit add; None without any."""
-    observations = found.observations
+    observations = identification.observations
     turned = observations.turned
     if not turned.any():
         return None
-    scale, pull = found.solution.scale, -found.departure
-    whitening = np.where(turned[:, None, None], 0.0, found.alone.whitening)
-    without = replace(found.alone, whitening=whitening, whole=None).solve(scale, pull)
-    names, arm = found.unknowns.words(found.terms), observations.arm
-    open_with = set(describe_unidentifiable(found.solution.null, names, arm))
-    known = without.directions[:, without.is_known]
+    scale, pull = identification.solution.scale, -identification.departure
+    whitening = np.where(turned[:, None, None], 0.0, identification.arm_problem.whitening)
+    without = replace(identification.arm_problem, whitening=whitening, full_problem=None).solve(
+        scale, pull
+    )
+    names, arm = identification.unknowns.words(identification.terms), observations.arm
+    open_with = set(describe_unidentifiable(identification.solution.null, names, arm))
+    known_directions = without.directions[:, without.is_known]
     variances = []
-    for solution in (found.solution, without):
-        scaled = solution.covariance(known[:, :0]) / np.outer(scale, scale)
-        variances.append(np.einsum("ck,ck->k", known, scaled @ known))
-    ratio = np.exp(0.5 * np.mean(np.log(variances[0] / variances[1]))) if known.size else np.nan
+    for solution in (identification.solution, without):
+        scaled = solution.covariance(known_directions[:, :0]) / np.outer(scale, scale)
+        variances.append(np.einsum("ck,ck->k", known_directions, scaled @ known_directions))
+    ratio = (
+        np.exp(0.5 * np.mean(np.log(variances[0] / variances[1])))
+        if known_directions.size
+        else np.nan
+    )
     return OrientationGain(
         readings=int(turned.sum()),
-        standard_deviation_rad=found.noise.turn_mm / TURN_MM,
-        rank=found.solution.rank,
+        standard_deviation_rad=identification.noise.turn_mm / TURN_MM,
+        rank=identification.solution.rank,
         rank_without=without.rank,
         added=tuple(
             w for w in describe_unidentifiable(without.null, names, arm) if w not in open_with

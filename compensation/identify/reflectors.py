@@ -45,12 +45,12 @@ class ReflectorTerms:
         """
         if not self.hides_tip:
             return list(constants)
-        kept = [name for name in constants if name not in TIP_PARAMETERS]
+        names = [name for name in constants if name not in TIP_PARAMETERS]
         if len(self.free) < len(self.terms):
-            return kept
+            return names
         layout = self.observations.arm.layout
         last = layout.names[layout.joint(self.observations.arm.n_joints)]
-        return [name for name in kept if name not in last]
+        return [name for name in names if name not in last]
 
 
 @dataclass(frozen=True)
@@ -73,33 +73,33 @@ class FoundReflector:
         return f"reflector {self.name}: ({offset}) mm in the last frame, ± ({uncertain}) mm"
 
 
-def reflector_terms(observations: Observations, tip_mm: F64) -> ReflectorTerms:
+def make_reflector_terms(observations: Observations, tip_mm: F64) -> ReflectorTerms:
     """Return the observations with the reflectors' terms, *tip_mm* (3,) being the model's tip."""
     if not observations.reflectors:
         return ReflectorTerms(observations, [], [])
     arm, states = observations.arm, observations.states
     names = [INDICATOR + name for name in observations.reflectors]
     sensors = [*arm.temperature_sensor, *(TemperatureSensor(name=name) for name in names)]
-    own = (observations.reflector[:, None] == np.arange(len(names))).astype(float)
+    indicators = (observations.reflector[:, None] == np.arange(len(names))).astype(float)
     terms, free = list[Term](), list[int]()
     for name, offset in zip(names, observations.reflectors.values(), strict=True):
         basis = [Temperature(weights={name: 1.0}, reference_c=0.0)]
         for axis, parameter in enumerate(TIP_PARAMETERS):
-            given = float(offset[axis] - tip_mm[axis])
-            if np.isnan(given):
+            offset_from_tip_mm = float(offset[axis] - tip_mm[axis])
+            if np.isnan(offset_from_tip_mm):
                 free.append(len(terms))
-            coefficient = 0.0 if np.isnan(given) else given
+            coefficient = 0.0 if np.isnan(offset_from_tip_mm) else offset_from_tip_mm
             terms.append(Term(parameter=parameter, basis=basis, coefficient=coefficient))
-    celsius = np.hstack([states.temperature_c, own])
-    known = replace(
+    celsius = np.hstack([states.temperature_c, indicators])
+    with_sensors = replace(
         observations,
         arm=arm.model_copy(update={"temperature_sensor": sensors}),
         states=replace(states, temperature_c=celsius),
     )
-    return ReflectorTerms(known, terms, free)
+    return ReflectorTerms(with_sensors, terms, free)
 
 
-def found_reflectors(
+def locate_reflectors(
     observations: Observations,
     constants: F64,
     terms: Sequence[Term],

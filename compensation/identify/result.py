@@ -7,13 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from armd.compensation.identify.admission.odd_session import Odd
+from armd.compensation.identify.admission.inconsistent_session import InconsistentSession
 from armd.compensation.identify.admission.second_group import SecondGroup
 from armd.compensation.identify.certificate import Certificate
 from armd.compensation.identify.drawing import OffDrawing
 from armd.compensation.identify.evaluation.lengths import Length
 from armd.compensation.identify.fit import Identification
-from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
+from armd.compensation.identify.heldout import (
+    Errors,
+    compute_another_placement_um,
+    describe_left_out,
+)
 from armd.compensation.identify.orientation import OrientationGain
 from armd.compensation.identify.reflectors import FoundReflector
 from armd.compensation.identify.thermal.comparison import Trial
@@ -35,7 +39,7 @@ class Result:
     unidentifiable: list[str]
     certificate: Certificate
     lengths: list[Length]  # certified, beside what the calibrated arm makes of them
-    odd: Odd | None  # the session that does not fit the others
+    inconsistent_session: InconsistentSession | None  # the session that does not fit the others
     off_drawing: list[OffDrawing]  # parameters far off arm.toml's
     notes: list[str] = field(default_factory=list)
     second_group: SecondGroup | None = None  # rows of another tip or place
@@ -51,12 +55,12 @@ class Result:
     def another_placement_um(self) -> float | None:
         """What another placement's 3-D RMS stays below in 95 of 100 cases, where few were
         measured; else None."""
-        return another_placement_um(self.fit.observations, self.heldout, self.heldout_by)
+        return compute_another_placement_um(self.fit.observations, self.heldout, self.heldout_by)
 
     @property
     def left_out_in_words(self) -> str:
         """What one set that is left out consists of, as `every 8th reading`."""
-        return left_out_in_words(self.fit.observations, self.heldout, self.heldout_by)
+        return describe_left_out(self.fit.observations, self.heldout, self.heldout_by)
 
     def as_json(self) -> dict[str, Any]:
         """As `armd calibrate --json` writes it."""
@@ -103,7 +107,7 @@ class Result:
             {
                 "session": observations.session_names[observations.session[i]],
                 "row": int(observations.row[i]) + 1,
-                "error_um": 1e3 * float(np.linalg.norm(self.fit.at.residual_mm[i])),
+                "error_um": 1e3 * float(np.linalg.norm(self.fit.linearisation.residual_mm[i])),
                 "sigma": float(np.sqrt(self.fit.distance2[i])),
             }
             for i in self.fit.outliers

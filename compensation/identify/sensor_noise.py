@@ -18,7 +18,7 @@ LEAST = 10
 SPAN_S = 1800.0
 
 
-def sensor_noise_c(states: States, sensors: Iterable[int]) -> float:
+def estimate_sensor_noise_c(states: States, sensors: Iterable[int]) -> float:
     """Standard deviation of one reading in °C, of the worst of *sensors* (columns); 0 if the
     readings do not show any.
 
@@ -26,10 +26,10 @@ def sensor_noise_c(states: States, sensors: Iterable[int]) -> float:
     off that line is noise, of variance (1 + w² + (1 − w)²) σ² for the weights w and 1 − w of its
     neighbours.
     """
-    return max((_noise_c(states, sensor) for sensor in sensors), default=0.0)
+    return max((_estimate_noise_c(states, sensor) for sensor in sensors), default=0.0)
 
 
-def _noise_c(states: States, sensor: int) -> float:
+def _estimate_noise_c(states: States, sensor: int) -> float:
     squares: list[F64] = []
     for series in np.unique(states.series):
         rows = np.flatnonzero(states.series == series)

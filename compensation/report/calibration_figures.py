@@ -8,7 +8,7 @@ from matplotlib.ticker import LogFormatter
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.result import Result
-from armd.compensation.identify.thermal.temperatures import temperature_groups
+from armd.compensation.identify.thermal.temperatures import group_temperatures
 from armd.compensation.report.arm_picture import draw_arm_picture
 from armd.compensation.report.drawing import make_single_figure
 from armd.compensation.report.page import Page
@@ -36,7 +36,7 @@ def draw_before_and_after(page: Page, result: Result, unit: Unit) -> None:
     """3-D RMS by model and temperature of the arm."""
     fit = result.fit
     observations, arm = fit.observations, fit.observations.arm
-    groups = temperature_groups(observations) or [(np.nan, np.ones(observations.n, dtype=bool))]
+    groups = group_temperatures(observations) or [(np.nan, np.ones(observations.n, dtype=bool))]
     models = {"as drawn": (arm.nominal(), []), "identified": (fit.constants, fit.terms)}
     if fit.terms:
         models["identified, at the reference temperature"] = (fit.constants, [])
@@ -88,7 +88,9 @@ def draw_arm(page: Page, fit: Identification) -> None:
 def draw_residual_vectors(page: Page, fit: Identification, unit: Unit) -> None:
     """Each tip position with its residual, much enlarged."""
     points = ~fit.observations.turned
-    figure, times = draw_vectors(fit.at.position_mm[points], fit.at.residual_mm[points], unit)
+    figure, times = draw_vectors(
+        fit.linearisation.position_mm[points], fit.linearisation.residual_mm[points], unit
+    )
     page.add_heading("Residual vectors")
     page.add_figure(
         figure,
@@ -101,15 +103,18 @@ def draw_signed_residuals(page: Page, fit: Identification, units: Units) -> None
     """Residuals along each joint's motion, and outwards over each sensor."""
     observations = fit.observations
     points = ~observations.turned
-    states, residual_mm = observations.states, fit.at.residual_mm[points]
+    states, residual_mm = observations.states, fit.linearisation.residual_mm[points]
     page.add_heading("Residuals against each joint and each sensor")
     page.add_figure(
-        draw_residuals_by_joint(states.q[points], fit.at.joints[points], residual_mm, units),
+        draw_residuals_by_joint(
+            states.q[points], fit.linearisation.joints[points], residual_mm, units
+        ),
         "Residual (tip minus target) along each joint's motion over its angle,"
         f" {units.angle.name}; orange: its running mean with the 95 % band of that mean",
     )
     by_sensor = draw_residuals_by_sensor(
-        states.temperature_c[points], observations.arm.sensors, fit.at.position_mm[points],
+        states.temperature_c[points], observations.arm.sensors,
+        fit.linearisation.position_mm[points],
         residual_mm, units.length,
     )  # fmt: skip
     if by_sensor is not None:

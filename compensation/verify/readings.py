@@ -12,7 +12,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Distance, Surface
-from armd.compensation.identify.admission.far_off import without_temperature
+from armd.compensation.identify.admission.far_off import list_without_temperature
 from armd.compensation.model.arm import Arm
 from armd.compensation.verify import single
 from armd.compensation.verify.limits import TestUncertainty
@@ -83,7 +83,7 @@ class VerifiedReadings:
 
     def without_position(self) -> list[str]:
         """Which readings do not count, because the model lacks something that they do not have."""
-        return without_temperature(self._session, self._usable)
+        return list_without_temperature(self._session, self._usable)
 
     def far_off(self) -> list[str]:
         """Single readings far from where the others place them, in words."""

@@ -22,7 +22,7 @@ from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.poses import compute_centres
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import fit
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.parameters import ParameterLayout
@@ -43,7 +43,7 @@ def _run(repeats: int) -> dict[str, Any]:
     rng = np.random.default_rng(1)
     arm = synthetic_arm()
     names = ParameterLayout(6).names[:33]
-    lengths = length_terms(arm, [1, 2, 3, 4])
+    lengths = make_length_terms(arm, [1, 2, 3, 4])
     terms = lengths[:24]
     truth = disturbed(arm, rng, 0.5)
     true_terms = [

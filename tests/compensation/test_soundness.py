@@ -13,7 +13,7 @@ from armd.compensation.diagnose.fitting.noise import clip_gross
 from armd.compensation.diagnose.heldout.gain import cap_squares, compute_gain
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.arm import Arm
 from support import synthetic
 
@@ -184,7 +184,7 @@ def test_calibrate_keeps_the_other_sensors_of_an_arm(stuck_at: float) -> None:
         term.model_copy(
             update={"coefficient": 2e-5 * ARM.nominal()[ARM.layout.index(term.parameter)]}
         )
-        for term in length_terms(ARM, [1])
+        for term in make_length_terms(ARM, [1])
     ]
     measured = []
     for i, celsius in enumerate((14.0, 20.0, 26.0)):

@@ -33,7 +33,7 @@ from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration, constants_of
 from armd.compensation.model.kinematics import forward
@@ -78,7 +78,7 @@ class Problem:
 def given() -> Calibration:
     terms = [
         term.model_copy(update={"coefficient": GROWTH[term.basis[0].order]})  # type: ignore[union-attr]
-        for term in length_terms(ARM, [1, 2])
+        for term in make_length_terms(ARM, [1, 2])
     ]
     return Calibration(
         arm=ARM.serial_number,

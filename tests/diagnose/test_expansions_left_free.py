@@ -15,7 +15,7 @@ from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
 from support import synthetic
@@ -44,7 +44,7 @@ def measured(seed: int, celsius: tuple[float, ...], *more: Term) -> tuple[Sessio
                 * truth[ARM.layout.index(term.parameter)]
             }
         )
-        for term in length_terms(ARM, [1])
+        for term in make_length_terms(ARM, [1])
     ]
     sessions = [
         synthetic.session(
@@ -96,12 +96,12 @@ def test_they_are_free_by_what_materials_do_and_beside_no_other_model() -> None:
     linear = linearise(gather_rests(sessions, ARM), baseline.model, ARM)
     columns, variance = make_expansion_columns(linear, baseline, ARM)
     lengths_mm = [
-        baseline.model.constants[ARM.layout.index(t.parameter)] for t in length_terms(ARM, [1])
+        baseline.model.constants[ARM.layout.index(t.parameter)] for t in make_length_terms(ARM, [1])
     ]
     assert columns.shape == (len(linear.residual), len(lengths_mm))
     np.testing.assert_allclose(variance, (EXPANSION_PER_K * np.array(lengths_mm)) ** 2)
     # d₃ is the same for all that stands beyond it: its column tells the temperature.
-    d3 = [t.parameter for t in length_terms(ARM, [1])].index("d_3")
+    d3 = [t.parameter for t in make_length_terms(ARM, [1])].index("d_3")
     plain = linear.jacobian[ARM.layout.index("d_3")][: 3 * linear.rests.n].reshape(-1, 3)
     grown = columns[: 3 * linear.rests.n, d3].reshape(-1, 3)
     rise = (grown * plain).sum(axis=1) / (plain**2).sum(axis=1)

@@ -18,7 +18,7 @@ from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
@@ -93,7 +93,7 @@ def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibrati
     n = len(plain.parameters)
     np.testing.assert_array_equal(opened.root[:n, : plain.root.shape[1]], plain.root)
     assert not opened.root[:n, plain.root.shape[1] :].any()
-    assert len(opened.growth) == len(length_terms(ARM, [1]))
+    assert len(opened.growth) == len(make_length_terms(ARM, [1]))
     for j, number in enumerate(opened.growth):
         term = opened.model.terms[number]
         (factor,) = term.basis
@@ -136,5 +136,5 @@ def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
         opened = with_growth_open(baseline, ARM)
         assert (opened is not baseline) == is_open
         assert bool(report_growth(opened)) == is_open
-    assert len(opened.terms) == len(length_terms(ARM, [1]))
+    assert len(opened.terms) == len(make_length_terms(ARM, [1]))
     assert "missed its own readings by 60 µm" in report_growth(opened)[0]

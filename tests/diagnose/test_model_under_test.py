@@ -9,7 +9,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.thermal.comparison import Comparison
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.terms import make_length_terms
 from support import synthetic
 
 ARM = synthetic.arm()
@@ -20,7 +20,7 @@ def sessions(*celsius: float) -> list[Session]:
     rng = np.random.default_rng(5)
     terms = [
         t.model_copy(update={"coefficient": (5e-3, 3e-4)[t.basis[0].order - 1]})
-        for t in length_terms(ARM, [1, 2])
+        for t in make_length_terms(ARM, [1, 2])
     ]
     truth = synthetic.disturbed(ARM, rng, 0.3)
     return [

@@ -20,7 +20,7 @@ from armd.compensation.estimate import robust
 from armd.compensation.estimate.folds import assign_group_folds, assign_time_folds
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.identify.fit import rms_um
+from armd.compensation.identify.fit import compute_rms_um
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main as armd
 from support.selection import parametrize_default
@@ -175,7 +175,7 @@ def test_a_small_calibration_is_not_made_by_those_in_the_air(measured: Path, see
     found = calibrate(few, arm, Options(compare=False))
     assert len(found.fit.outliers) == 8 and not found.fit.region.any()
     other = evaluate([load_session(measured / "T38", arm)], arm, found.calibration)
-    assert rms_um(other.residual_mm) < 3.5
+    assert compute_rms_um(other.residual_mm) < 3.5
 
 
 @pytest.mark.slow

@@ -62,8 +62,8 @@ def standard(end: End, step: np.ndarray) -> np.ndarray:
 
 def per_freedom(end: End) -> float:
     """χ² of the readings per degree of freedom left."""
-    taken = end.alone.rank + end.solution.effective_rank
-    return end.alone.cost / (3 * end.at.observations.n - taken)
+    taken = end.arm_problem.rank + end.solution.effective_rank
+    return end.arm_problem.cost / (3 * end.linearisation.observations.n - taken)
 
 
 def test_exact_readings_are_met() -> None:
@@ -77,13 +77,13 @@ def test_at_rest_whitened_columns_are_square_to_the_residual() -> None:
     """By dense algebra, placements among the columns; and from elsewhere it is the same place."""
     observations, truth = measured()
     end = descended(observations, ARM.nominal())
-    at = linearise(observations, *UNKNOWNS.put(end.x, truth, []), end.at.poses, 20.0)
+    at = linearise(observations, *UNKNOWNS.put(end.x, truth, []), end.linearisation.poses, 20.0)
     n = observations.n
     poses = np.zeros((n, 3, 6 * len(observations.placement_names)))
     for i, p in enumerate(observations.placement):
         poses[i, :, 6 * p : 6 * p + 6] = at.pose_columns[i]
     own = UNKNOWNS.columns(at.jacobian, at.basis, []) * end.solution.scale
-    whiten = end.alone.whitening
+    whiten = end.arm_problem.whitening
     white = (whiten @ np.concatenate([own, poses], axis=2)).reshape(3 * n, -1)
     residual = np.einsum("nij,nj->ni", whiten, at.residual_mm).ravel()
     slope = white.T @ residual / np.maximum(np.linalg.norm(white, axis=0), 1e-9)
@@ -98,7 +98,7 @@ def test_far_off_and_held_it_comes_near_from_where_it_is_let_go() -> None:
     drawn = forward(observations.states.q, np.tile(ARM.nominal(), (observations.n, 1)))[0]
     before = fit_poses(observations, drawn).residual(observations, drawn)
     end = descended(observations, ARM.nominal(), held=True)
-    assert np.linalg.norm(end.at.residual_mm) < 0.02 * np.linalg.norm(before)
+    assert np.linalg.norm(end.linearisation.residual_mm) < 0.02 * np.linalg.norm(before)
     let_go = descended(observations, UNKNOWNS.put(end.x, truth, [])[0])
     assert let_go.converged
     assert per_freedom(let_go) == pytest.approx(1.0, abs=0.3)
@@ -117,14 +117,14 @@ def test_a_promise_of_nothing_that_is_not_kept_is_not_tried_again(
     best = int(np.flatnonzero(solution.is_known)[0])
     away = solution.scale * solution.directions[:, best] / solution.singular_values[best]
     begin, _ = UNKNOWNS.put(end.x + off * away, ARM.nominal(), [])
-    moved, asked = Descent._moved, []
+    moved, asked = Descent._move, []
 
     def counted(self: Descent, here: Any, step: np.ndarray, *rest: Any) -> Any:
         asked.append(step)
         return moved(self, here, step, *rest)
 
-    monkeypatch.setattr(Descent, "_moved", counted)
-    monkeypatch.setattr(Descent, "_better", lambda *_: False)
+    monkeypatch.setattr(Descent, "_move", counted)
+    monkeypatch.setattr(Descent, "_is_better", lambda *_: False)
     stuck = descended(observations, begin)
     assert stuck.converged is converged
     assert len(asked) == tries

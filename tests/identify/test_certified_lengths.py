@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
+from armd.compensation.identify.evaluation.lengths import Length, measure_certified_lengths
 
 CERTIFIED = np.array([[0.0, 0.0, 0.0], [300.0, 0.0, 0.0], [0.0, 400.0, 0.0], [9.0, 9.0, 9.0]])
 FOUND = np.array([[0.0, 0.0, 0.0], [300.003, 0.0, 0.0], [0.0, 400.0, 0.0], [0.0, 0.0, 0.0]])
@@ -41,7 +41,7 @@ def scatter(n: int, size_mm: float) -> np.ndarray:
 
 
 def lengths_of(of: Any, residual: np.ndarray, **more: Any) -> list[Length]:
-    return certified_lengths(of, SimpleNamespace(target_mm=FOUND), residual, **more)  # type: ignore[arg-type]
+    return measure_certified_lengths(of, SimpleNamespace(target_mm=FOUND), residual, **more)  # type: ignore[arg-type]
 
 
 def test_only_lengths_between_seats_that_were_touched_are_told() -> None:

@@ -13,7 +13,7 @@ from armd.compensation.data import pieces
 from armd.compensation.data.session import Session, load_sessions
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.identify.evaluation import evaluate_files as streamed
-from armd.compensation.identify.evaluation.condensed import moments_by
+from armd.compensation.identify.evaluation.condensed import compute_moments
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.model.arm import Arm
@@ -169,7 +169,9 @@ def test_few_points_stand_for_many() -> None:
     rng = np.random.default_rng(3)
     points = rng.normal(size=(500, 4)) @ rng.normal(size=(4, 4)) + 1000.0
     group = rng.integers(0, 3, 500)
-    halves = [moments_by(group[half], points[half]) for half in (slice(0, 90), slice(90, None))]
+    halves = [
+        compute_moments(group[half], points[half]) for half in (slice(0, 90), slice(90, None))
+    ]
     for key, moments in halves[0].items():
         moments.add(halves[1][key])
         few, all_of_it = moments.points(), points[group == key]

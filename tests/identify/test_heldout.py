@@ -81,11 +81,17 @@ def test_sessions_that_a_fold_leaves_alone_are_as_it_would_find_them_itself() ->
         for i in range(3)
     ]
     result = calibrate([noisy(s, rng, 0) for s in sessions], ARM, Options(thermal_order=0)).fit
-    columns = result.unknowns.columns(result.at.jacobian, result.at.basis, result.terms)
+    columns = result.unknowns.columns(
+        result.linearisation.jacobian, result.linearisation.basis, result.terms
+    )
     scale, pull = result.solution.scale, -result.departure
     out = result.observations.placement == 0
-    fold = HeldOut(result, columns, scale, result.at.residual_mm, pull, [out]).folds[0].training
-    own = replace(fold, whole=None)
+    fold = (
+        HeldOut(result, columns, scale, result.linearisation.residual_mm, pull, [out])
+        .folds[0]
+        .training
+    )
+    own = replace(fold, full_problem=None)
     taken = [fold._placements._is_as_in_full_problem(number) for number in range(3)]
     assert taken == [False, True, True]
     np.testing.assert_array_equal(fold.solve(scale, pull).step, own.solve(scale, pull).step)

@@ -14,7 +14,7 @@ from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
@@ -62,7 +62,7 @@ def test_a_noise_free_fit_returns_the_truth(n_joints: int) -> None:
 def test_thermal_coefficients_return_too() -> None:
     rng = np.random.default_rng(5)
     truth = disturbed(ARM, rng)
-    terms = length_terms(ARM, [1, 2])
+    terms = make_length_terms(ARM, [1, 2])
     lengths = dict(zip(ParameterLayout(6).names, ARM.nominal().tolist(), strict=True))
     true_terms = [
         term.model_copy(

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.identify.admission.needed import certificate_readings
-from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, next_step
+from armd.compensation.identify.admission.needed import count_certificate_readings
+from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, choose_next_step
 from armd.daemon.cli import parsers
 from support import synthetic
 
@@ -47,7 +47,7 @@ BOTH += [(why, tracked) for why in Why if why is not Why.PLACEMENTS]  # a tracke
 @pytest.mark.parametrize(("why", "kind"), BOTH)
 def test_each_reason_has_one_step_whose_command_armd_takes(why, kind):
     observations = kind()
-    step = next_step([fault(why)], observations, FILES)
+    step = choose_next_step([fault(why)], observations, FILES)
     program, name, *words = command_in(step)
     assert program == "armd"
     args = parsers([name])[0].parse_args([name, *words])  # exits where it does not take them
@@ -68,27 +68,27 @@ def test_each_reason_of_a_certificate_is_one_of_these():
 
 
 def test_a_fit_that_began_far_off_begins_again_from_a_better_drawing():
-    step = next_step([fault(Why.UNSETTLED)], artefact(), FILES, ["a_2", "tip_z"])
+    step = choose_next_step([fault(Why.UNSETTLED)], artefact(), FILES, ["a_2", "tip_z"])
     assert step.startswith("put a_2, tip_z right in my arm/arm.toml")
     assert command_in(step)[:2] == ["armd", "calibrate"]
 
 
 def test_of_several_reasons_the_first_cause_is_the_next_step():
     observations = artefact()
-    alone = next_step([fault(Why.READINGS)], observations, FILES)
-    assert next_step([fault(Why.FAR), fault(Why.READINGS)], observations, FILES) == alone
-    assert next_step([], observations, FILES) == ""
+    alone = choose_next_step([fault(Why.READINGS)], observations, FILES)
+    assert choose_next_step([fault(Why.FAR), fault(Why.READINGS)], observations, FILES) == alone
+    assert choose_next_step([], observations, FILES) == ""
 
 
 @pytest.mark.parametrize("placements", [1, 2])
 def test_what_is_measured_as_told_is_enough(placements):
     observations = artefact(placements)
-    step = next_step([fault(Why.PLACEMENTS)], observations, FILES)
+    step = choose_next_step([fault(Why.PLACEMENTS)], observations, FILES)
     args = parsers(["measure"])[0].parse_args(command_in(step)[1:])
     n_targets = len(np.unique(observations.target))
     assert len(args.placements) == 3 - placements
     more = len(args.placements) * n_targets * args.repeats
-    needed = certificate_readings(ARM.n_joints, 3, 0)
+    needed = count_certificate_readings(ARM.n_joints, 3, 0)
     assert 0 <= observations.n + more - needed < len(args.placements) * n_targets
 
 
@@ -96,14 +96,14 @@ def test_the_joint_that_moved_least_is_named():
     observations = artefact()
     q = observations.states.q
     q[:, 3] = np.linspace(0.1, 0.1 + np.radians(12.0), len(q))
-    step = next_step([fault(Why.POSTURES)], observations, FILES)
+    step = choose_next_step([fault(Why.POSTURES)], observations, FILES)
     assert step.startswith("turn joint 4 farther, which moved least (12°)")
 
 
 @pytest.mark.parametrize("why", [Why.READINGS, Why.POSTURES])
 def test_a_tracker_sees_the_arm_everywhere(why):
-    assert " in another place: `armd measure " in next_step([fault(why)], artefact(), FILES)
-    seen = next_step([fault(why)], tracked(), FILES)
+    assert " in another place: `armd measure " in choose_next_step([fault(why)], artefact(), FILES)
+    seen = choose_next_step([fault(why)], tracked(), FILES)
     assert "place" not in seen and ": `armd import " in seen
 
 
@@ -120,7 +120,7 @@ def test_a_tracker_sees_the_arm_everywhere(why):
     ],
 )
 def test_two_tips_or_places_are_parted_by_session_or_by_row(objection, words, kept):
-    step = next_step([objection, fault(Why.FAR)], artefact(), FILES)
+    step = choose_next_step([objection, fault(Why.FAR)], artefact(), FILES)
     assert words in step and objection.rows in step
     args = parsers(["calibrate"])[0].parse_args(command_in(step)[1:])
     assert [str(path) for path in args.session] == [str(path) for path in FILES.sessions][:kept]

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armd.compensation.identify.admission.mistakes import joint_motion
+from armd.compensation.identify.admission.mistakes import measure_joint_motion
 from armd.compensation.identify.calibrate import calibrate
 from armd.daemon.cli import main as armd
 from support import synthetic
@@ -398,5 +398,7 @@ def test_joint_motion_is_a_standard_deviation(spread: float, joints: int, seed: 
     expected = np.sqrt(np.mean(np.var(q, axis=0)))
     turned = np.where(rng.random(joints) < 0.5, q + 2 * np.pi, q)
     with_gap = np.vstack([turned, np.full(joints, np.nan)])
-    assert joint_motion(with_gap) == pytest.approx(expected, rel=0.01)
-    assert joint_motion(rng.uniform(-np.pi, np.pi, (20_000, 1))) == pytest.approx(2**0.5, rel=0.02)
+    assert measure_joint_motion(with_gap) == pytest.approx(expected, rel=0.01)
+    assert measure_joint_motion(rng.uniform(-np.pi, np.pi, (20_000, 1))) == pytest.approx(
+        2**0.5, rel=0.02
+    )

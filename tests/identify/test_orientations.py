@@ -22,7 +22,7 @@ from armd.compensation.estimate.orientations import (
     with_orientations,
 )
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.identify.orientation import orientation_gain
+from armd.compensation.identify.orientation import compute_orientation_gain
 from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
@@ -178,7 +178,7 @@ def test_points_alone_gain_nothing(tmp_path: Path) -> None:
     arm = load_arm(arm_file)
     plain = replace(load_session(session, arm), turn=None)
     found = calibrate([plain], arm, Options())
-    assert found.orientation is None and orientation_gain(found.fit) is None
+    assert found.orientation is None and compute_orientation_gain(found.fit) is None
 
 
 def test_the_command_says_what_orientations_added(

@@ -11,7 +11,7 @@ import pytest
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.admission.row_groups import acquisition_order, clear_rows
+from armd.compensation.identify.admission.row_groups import clear_rows, order_by_acquisition
 from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from support import synthetic
@@ -41,24 +41,29 @@ def found() -> Identification:
 
 
 def test_sessions_stand_by_their_start(found: Identification) -> None:
-    assert acquisition_order(found).tolist() == [*range(N, 2 * N), *range(N)]
+    assert order_by_acquisition(found).tolist() == [*range(N, 2 * N), *range(N)]
 
 
 def test_a_group_gains_what_least_squares_with_its_columns_does(found: Identification) -> None:
     cleared = clear_rows(found, NOBODY)
     assert cleared is not None
-    tip = found.at.make_constant_columns(TIP_PARAMETERS)
+    tip = found.linearisation.make_constant_columns(TIP_PARAMETERS)
     group = np.arange(2 * N) < 25
     gain = cleared.gain(tip, group)
 
     weight = np.empty(2 * N)
     weight[cleared.order] = cleared.weight
     poses = np.zeros((2 * N, 3, 12))
-    poses[:N, :, :6], poses[N:, :, 6:] = found.at.pose_columns[:N], found.at.pose_columns[N:]
-    constants = found.unknowns.columns(found.at.jacobian, found.at.basis, found.terms)
+    poses[:N, :, :6], poses[N:, :, 6:] = (
+        found.linearisation.pose_columns[:N],
+        found.linearisation.pose_columns[N:],
+    )
+    constants = found.unknowns.columns(
+        found.linearisation.jacobian, found.linearisation.basis, found.terms
+    )
     fitted = np.concatenate([constants, poses], axis=2)
     both = np.concatenate([tip * group[:, None, None], fitted], axis=2)
-    residual = (weight[:, None] * found.at.residual_mm).ravel()
+    residual = (weight[:, None] * found.linearisation.residual_mm).ravel()
     left = []
     for columns in (fitted, both):
         whole = (weight[:, None, None] * columns).reshape(6 * N, -1)
@@ -67,17 +72,17 @@ def test_a_group_gains_what_least_squares_with_its_columns_does(found: Identific
     assert cleared.square == pytest.approx(left[0], rel=1e-6)
     assert gain.residual_share == pytest.approx(left[1] / left[0], rel=1e-6)
     np.testing.assert_allclose(gain.step, step[:3], atol=1e-6)
-    assert gain.told == 3
+    assert gain.n_unabsorbed == 3
 
 
 def test_the_best_stretch_is_the_best_of_all(found: Identification) -> None:
     """A step of 40 µm in some rows is found by its own columns, at these rows."""
-    tip = found.at.make_constant_columns(TIP_PARAMETERS)
+    tip = found.linearisation.make_constant_columns(TIP_PARAMETERS)
     group = np.zeros(2 * N, dtype=bool)
     group[N + 13 : N + 46] = True
     moved = (tip @ np.array([0.2, -0.1, 0.15])) * group[:, None]
-    at = replace(found.at, residual_mm=found.at.residual_mm + moved)
-    cleared = clear_rows(replace(found, at=at), NOBODY)
+    at = replace(found.linearisation, residual_mm=found.linearisation.residual_mm + moved)
+    cleared = clear_rows(replace(found, linearisation=at), NOBODY)
     assert cleared is not None
     best = cleared.best_stretch(tip)
     assert best is not None and (best.group != group).sum() <= 2
@@ -87,6 +92,6 @@ def test_the_best_stretch_is_the_best_of_all(found: Identification) -> None:
 def test_what_is_fitted_anyway_gains_nothing(found: Identification) -> None:
     cleared = clear_rows(found, NOBODY)
     assert cleared is not None
-    tip = found.at.make_constant_columns(TIP_PARAMETERS)
+    tip = found.linearisation.make_constant_columns(TIP_PARAMETERS)
     gain = cleared.gain(tip, np.ones(2 * N, dtype=bool))
-    assert gain.told == 0 and gain.residual_share == pytest.approx(1.0)
+    assert gain.n_unabsorbed == 0 and gain.residual_share == pytest.approx(1.0)

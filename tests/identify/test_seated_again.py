@@ -12,7 +12,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.identify.evaluation import seated_again
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
-from armd.compensation.identify.evaluation.seated_again import fit_tip, hint_of_tip, with_tip
+from armd.compensation.identify.evaluation.seated_again import fit_tip, make_tip_hint, with_tip
 from armd.compensation.model.calibration import Calibration
 from support import synthetic
 from support.small_arm import small_arm, thermal_calibration
@@ -38,7 +38,7 @@ def test_the_tip_is_found_and_the_rest_is_noise() -> None:
     after = evaluate([session], *with_tip(ARM, None, tip))
     assert before.rms_um > 300.0
     assert after.rms_um == pytest.approx(1e3 * NOISE_MM * np.sqrt(3.0), rel=0.15)
-    assert hint_of_tip(ARM, None, before) == []  # a drawing misses by more than its tip
+    assert make_tip_hint(ARM, None, before) == []  # a drawing misses by more than its tip
 
 
 def nominal_calibration() -> Calibration:
@@ -57,7 +57,7 @@ def test_one_linear_step_tells_of_the_tip_as_a_whole_fit_does(monkeypatch) -> No
     tip = fit_tip([session], ARM, calibration)
     after = evaluate([session], *with_tip(ARM, calibration, tip))
     monkeypatch.setattr(seated_again, "fit", None)  # a whole fit is not called
-    (hint,) = hint_of_tip(ARM, calibration, before)
+    (hint,) = make_tip_hint(ARM, calibration, before)
     assert "--fit-tip" in hint and f"{before.rms_um:.4g}" in hint
     moved_mm, rms_um = map(float, re.findall(r"(?:by|are) ([0-9.]+)", hint))
     assert moved_mm == pytest.approx(tip.moved_mm, abs=0.02)
@@ -67,7 +67,7 @@ def test_one_linear_step_tells_of_the_tip_as_a_whole_fit_does(monkeypatch) -> No
 def test_no_hint_where_the_tip_is_right() -> None:
     session = seated(np.zeros(3))
     calibration = nominal_calibration()
-    assert hint_of_tip(ARM, calibration, evaluate([session], ARM, calibration)) == []
+    assert make_tip_hint(ARM, calibration, evaluate([session], ARM, calibration)) == []
 
 
 def test_too_few_readings_give_no_tip() -> None:

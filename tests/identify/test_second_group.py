@@ -21,7 +21,7 @@ from armd.compensation.identify.admission.find_second_group import find_second_g
 from armd.compensation.identify.admission.second_group import Differs, SecondGroup
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.fit import Identification, fit
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.terms import Term
 from support import synthetic
 from support.selection import parametrize_default
@@ -93,7 +93,7 @@ def growth() -> list[Term]:
         term.model_copy(
             update={"coefficient": GROWTH_PER_K * drawn[ARM.layout.index(term.parameter)]}
         )
-        for term in length_terms(ARM, [1])
+        for term in make_length_terms(ARM, [1])
     ]
 
 

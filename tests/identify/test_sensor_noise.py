@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.identify.sensor_noise import sensor_noise_c
+from armd.compensation.identify.sensor_noise import estimate_sensor_noise_c
 from armd.compensation.model.state import States
 
 
@@ -22,10 +22,10 @@ def test_scatter_about_a_temperature_that_drifts_irregularly_read(sigma_c):
     time_s = np.cumsum(rng.exponential(6.0, 2000))
     true_c = 20 + 8 * (1 - np.exp(-time_s / 3600))
     celsius = true_c + rng.normal(0, sigma_c, len(time_s))
-    found = sensor_noise_c(states_of(celsius, time_s), [0])
+    found = estimate_sensor_noise_c(states_of(celsius, time_s), [0])
     assert found == pytest.approx(sigma_c, rel=0.06, abs=1e-4)
     shuffled = rng.permutation(len(time_s))
-    again = sensor_noise_c(states_of(celsius[shuffled], time_s[shuffled]), [0])
+    again = estimate_sensor_noise_c(states_of(celsius[shuffled], time_s[shuffled]), [0])
     assert again == pytest.approx(found)
 
 
@@ -33,13 +33,13 @@ def test_the_worst_sensor_counts_and_gaps_do_not():
     rng = np.random.default_rng(2)
     celsius = 20 + rng.normal(0, 1, (500, 3)) * [0.01, 0.03, 1.0]
     celsius[::7, 1] = np.nan
-    found = sensor_noise_c(states_of(celsius, np.arange(500) * 5.0), [0, 1])
+    found = estimate_sensor_noise_c(states_of(celsius, np.arange(500) * 5.0), [0, 1])
     assert found == pytest.approx(0.03, rel=0.15)
 
 
 def test_one_temperature_for_each_placement_shows_no_scatter():
     celsius = np.repeat([20.0, 22.5, 25.0, 28.0], 40)
     states = states_of(celsius, np.arange(160) * 10.0)
-    assert sensor_noise_c(states, [0]) == 0.0
-    assert sensor_noise_c(states_of(celsius[:8], np.arange(8.0)), [0]) == 0.0
-    assert sensor_noise_c(states, []) == 0.0
+    assert estimate_sensor_noise_c(states, [0]) == 0.0
+    assert estimate_sensor_noise_c(states_of(celsius[:8], np.arange(8.0)), [0]) == 0.0
+    assert estimate_sensor_noise_c(states, []) == 0.0

@@ -8,11 +8,11 @@ import pytest
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate, evaluate_model
-from armd.compensation.identify.fit import rms_um
+from armd.compensation.identify.fit import compute_rms_um
 from armd.compensation.identify.result import Result
-from armd.compensation.identify.thermal.per_temperature import regression
-from armd.compensation.identify.thermal.temperatures import left_out_in_turn, temperature_groups
-from armd.compensation.identify.thermal.terms import angle_terms, length_terms
+from armd.compensation.identify.thermal.per_temperature import make_regression
+from armd.compensation.identify.thermal.temperatures import group_temperatures, leave_out_in_turn
+from armd.compensation.identify.thermal.terms import make_angle_terms, make_length_terms
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from support import synthetic
@@ -58,7 +58,7 @@ def test_no_expansion_no_thermal_model() -> None:
 
 
 def test_linear_expansion_is_order_1() -> None:
-    result = calibrated(with_coefficients(length_terms(ARM, [1]), 5e-3))
+    result = calibrated(with_coefficients(make_length_terms(ARM, [1]), 5e-3))
     assert result.thermal_order == 1
     coefficients = [term.coefficient for term in result.calibration.terms]
     uncertainties = [term.standard_uncertainty for term in result.calibration.terms]
@@ -72,7 +72,7 @@ def test_one_temperature_between_two_does_not_hide_the_expansion(placements: int
     """A fit without temperatures is right at the mean of them, which the one between is."""
     rng = np.random.default_rng(placements)
     truth = synthetic.disturbed(ARM, rng, 0.2)
-    terms = with_coefficients(length_terms(ARM, [1]), 3e-3)
+    terms = with_coefficients(make_length_terms(ARM, [1]), 3e-3)
     sessions = [
         synthetic.session(
             ARM, truth, rng, terms=terms, readings=60, placements=placements,
@@ -88,20 +88,22 @@ def test_one_temperature_between_two_does_not_hide_the_expansion(placements: int
 
 @pytest.mark.slow
 def test_expansion_that_bends_is_order_2() -> None:
-    assert calibrated(with_coefficients(length_terms(ARM, [1, 2]), 5e-3, 3e-4)).thermal_order == 2
+    assert (
+        calibrated(with_coefficients(make_length_terms(ARM, [1, 2]), 5e-3, 3e-4)).thermal_order == 2
+    )
 
 
 @pytest.mark.slow
 def test_an_angle_that_moves_with_temperature_is_taken_up() -> None:
-    lengths = with_coefficients(length_terms(ARM, [1]), 5e-3)
-    angles = with_coefficients(angle_terms(ARM, "theta"), 2.0 * ARCSEC)
+    lengths = with_coefficients(make_length_terms(ARM, [1]), 5e-3)
+    angles = with_coefficients(make_angle_terms(ARM, "theta"), 2.0 * ARCSEC)
     result = calibrated([*lengths, *angles])
     assert any(note.startswith("θ with temperature") for note in result.notes)
 
 
 @pytest.mark.slow
 def test_every_way_is_tried_on_the_same_data() -> None:
-    result = calibrated(with_coefficients(length_terms(ARM, [1]), 5e-3))
+    result = calibrated(with_coefficients(make_length_terms(ARM, [1]), 5e-3))
     by_name = {trial.name: trial.heldout_rms_um for trial in result.trials}
     without = by_name.pop("no thermal model")
     assert len(by_name) == 4 + 2 + 8  # orders, zones and components, the paper's way, twice
@@ -111,7 +113,7 @@ def test_every_way_is_tried_on_the_same_data() -> None:
 @pytest.mark.slow
 @parametrize_default("method", ["zones", "components"])
 def test_other_methods_can_be_chosen(method: str) -> None:
-    terms = with_coefficients(length_terms(ARM, [1]), 5e-3)
+    terms = with_coefficients(make_length_terms(ARM, [1]), 5e-3)
     result = calibrated(terms, Options(thermal_method=method))
     bases = [term.basis[0] for term in result.calibration.terms]
     if method == "zones":
@@ -123,7 +125,7 @@ def test_other_methods_can_be_chosen(method: str) -> None:
 @pytest.mark.slow
 @parametrize_default("offset", [False, True])
 def test_the_papers_own_way_can_be_chosen(offset: bool) -> None:
-    terms = with_coefficients(length_terms(ARM, [1]), 5e-3)
+    terms = with_coefficients(make_length_terms(ARM, [1]), 5e-3)
     options = Options(thermal_order=1, thermal_method="per-temperature", offset=offset)
     result = calibrated(terms, options)
     assert result.thermal_order == 1
@@ -152,12 +154,12 @@ def test_c_is_what_makes_the_reference_differ() -> None:
     """Eq. 14: without C the polynomial meets what was identified nearest the reference."""
     temperature_c = np.array([16.0, 20.5, 24.0, 30.0])
     values = np.array([1.0, 3.0, 2.0, 7.0])
-    from_c, linear = regression(temperature_c, 1, False, 20.0)
+    from_c, linear = make_regression(temperature_c, 1, False, 20.0)
     p_ref, slope = linear @ values
     assert (from_c, p_ref) == (20.5, 3.0)
     rise = temperature_c - 20.5
     assert slope == pytest.approx(rise @ (values - 3.0) / (rise @ rise))
-    assert regression(temperature_c, 1, True, 20.0)[1] @ values == pytest.approx(
+    assert make_regression(temperature_c, 1, True, 20.0)[1] @ values == pytest.approx(
         np.polyfit(rise, values, 1)[::-1]
     )
 
@@ -169,7 +171,7 @@ def test_placements_are_grouped_by_their_temperature() -> None:
         synthetic.session(ARM, truth, rng, readings=30, temperature_c=celsius)
         for celsius in (20.0, 26.0, 20.2)
     ]
-    groups = temperature_groups(gather(sessions, ARM))
+    groups = group_temperatures(gather(sessions, ARM))
     assert [int(mask.sum()) for _, mask in groups] == [60, 30]
     assert [mean for mean, _ in groups] == pytest.approx([20.1, 26.0], abs=0.2)
 
@@ -188,7 +190,7 @@ def test_placements_close_to_the_next_are_not_all_of_one_temperature() -> None:
         for c in rng.permutation(np.arange(18.0, 29.1, 0.5))
     ]  # fmt: skip
     observations = gather(sessions, ARM)
-    groups = temperature_groups(observations)
+    groups = group_temperatures(observations)
     assert [mean for mean, _ in groups] == sorted(mean for mean, _ in groups)
     assert (np.sum([mask for _, mask in groups], axis=0) == 1).all()
     spans = [np.ptp(observations.states.temperature_c[mask]) for _, mask in groups]
@@ -209,7 +211,7 @@ def test_close_temperatures_tell_expansion_where_there_is_some(
     truth = synthetic.disturbed(ARM, rng, 0.2)
     terms = [
         t.model_copy(update={"coefficient": per_k * truth[ARM.layout.index(t.parameter)]})
-        for t in length_terms(ARM, [1])
+        for t in make_length_terms(ARM, [1])
     ]
     cold, warm = 20.0, 20.0 + width_k
     *sessions, warmer = [
@@ -222,7 +224,8 @@ def test_close_temperatures_tell_expansion_where_there_is_some(
     chosen, none = calibrate(sessions, ARM), calibrate(sessions, ARM, Options(thermal_order=0))
     assert chosen.thermal_order == order
     missed = [
-        rms_um(evaluate([warmer], ARM, found.calibration).residual_mm) for found in (chosen, none)
+        compute_rms_um(evaluate([warmer], ARM, found.calibration).residual_mm)
+        for found in (chosen, none)
     ]
     assert missed[0] < 0.6 * missed[1] if order else missed[0] == pytest.approx(missed[1], rel=0.01)
 
@@ -238,8 +241,8 @@ def test_every_reading_is_left_out_once_and_each_end_keeps_some(placements: int)
         for c in (15.0, 20.0, 25.0)
     ]
     observations = gather(sessions, ARM)
-    groups = temperature_groups(observations)
-    sets = left_out_in_turn(observations, groups)
+    groups = group_temperatures(observations)
+    sets = leave_out_in_turn(observations, groups)
     assert (np.sum([left.rows for left in sets], axis=0) == 1).all()
     for left in sets:
         own = groups[left.group][1]

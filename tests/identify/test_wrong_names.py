@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from armd.compensation.data.session import load_session
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
-from armd.compensation.identify.admission.wrong_names import wrong_names
+from armd.compensation.identify.admission.wrong_names import find_wrong_names
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main as armd
 from support.selection import parametrize_default
@@ -192,11 +192,11 @@ def readings(good: Path) -> Observations:
 
 
 def as_drawn(observations: Observations) -> AssumedModel:
-    return AssumedModel.under(observations.arm, None)
+    return AssumedModel.from_calibration(observations.arm, None)
 
 
 def test_good_readings_name_their_own(readings: Observations) -> None:
-    assert not len(wrong_names(readings, as_drawn(readings)).reading)
+    assert not len(find_wrong_names(readings, as_drawn(readings)).reading)
 
 
 @pytest.mark.slow
@@ -213,9 +213,9 @@ def test_just_those_that_are_renamed_are_found(readings: Observations, data: st.
     changed = replace(readings, target=wrong)
     if data.draw(st.booleans()):
         changed = replace(changed, position_mm=np.full_like(readings.position_mm, np.nan))
-    found = wrong_names(changed, as_drawn(readings))
+    found = find_wrong_names(changed, as_drawn(readings))
     assert found.reading.tolist() == chosen.tolist()
-    assert found.at.tolist() == readings.target[chosen].tolist()
+    assert found.touched.tolist() == readings.target[chosen].tolist()
     assert (found.own_mm > found.at_mm).all()
 
 
@@ -228,4 +228,4 @@ def test_a_reading_in_the_air_is_of_no_other_target(readings: Observations, seed
     chosen = rng.choice(readings.n, 3, replace=False)
     q[chosen, 1] += rng.choice([-1.0, 1.0], 3) * rng.uniform(0.05, 0.06, 3)
     in_air = replace(readings, states=replace(readings.states, q=q))
-    assert not len(wrong_names(in_air, as_drawn(readings)).reading)
+    assert not len(find_wrong_names(in_air, as_drawn(readings)).reading)

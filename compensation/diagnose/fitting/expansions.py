@@ -9,7 +9,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.problem.linear import Baseline, Linear
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.parameters import LEAST_LENGTH_MM
@@ -27,7 +27,7 @@ def make_expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tupl
     constants stay those of a calibration without a thermal model.
     """
     with_growth = baseline.is_given or goes_with_temperature(baseline.model.terms)
-    terms = [] if with_growth else length_terms(arm, [1])
+    terms = [] if with_growth else make_length_terms(arm, [1])
     if not terms:
         return np.zeros((len(linear.residual), 0)), np.zeros(0)
     states, model = linear.rests.observations.states, linear.model

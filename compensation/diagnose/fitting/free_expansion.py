@@ -22,7 +22,7 @@ from armd.compensation.diagnose.fitting.expansions import compute_growth_mm_per_
 from armd.compensation.diagnose.problem.baseline import compute_root
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.identify.thermal.temperatures import MOST_SPAN_K
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
@@ -118,7 +118,7 @@ def _without_a_term(baseline: Baseline, arm: Arm) -> list[Term]:
     ranges = baseline.calibration.temperature_range_c
     if not arm.used_sensors or not set(arm.used_sensors) <= set(ranges):
         return []
-    return [term for term in length_terms(arm, [1]) if term.parameter not in modelled]
+    return [term for term in make_length_terms(arm, [1]) if term.parameter not in modelled]
 
 
 def _could_not_know(baseline: Baseline, terms: Sequence[Term], may_grow: F64) -> bool:

@@ -22,7 +22,11 @@ from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.largest import largest
 from armd.compensation.estimate.gauge import PLAUSIBLE
-from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length, certified_lengths
+from armd.compensation.identify.evaluation.lengths import (
+    MOST_OFF,
+    Length,
+    measure_certified_lengths,
+)
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
@@ -142,7 +146,7 @@ def _lengths(fit: Fit, arm: Arm) -> list[Length]:
     linear = linearise(fit.linear.rests, _solved(fit), arm)
     n = linear.rests.n
     residual = linear.residual[: 3 * n].reshape(n, 3)
-    return certified_lengths(linear.rests.observations, linear.poses, residual)
+    return measure_certified_lengths(linear.rests.observations, linear.poses, residual)
 
 
 def move_model(fit: Fit) -> ModelState:

@@ -26,7 +26,7 @@ from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear import linear_model
 from armd.compensation.estimate.linear.blocks import Blocks, to_blocks
-from armd.compensation.identify.thermal.terms import growth_terms
+from armd.compensation.identify.thermal.terms import make_growth_terms
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.terms import Term
@@ -93,7 +93,7 @@ def make_mount_term(model: ModelState, arm: Arm) -> Term | None:
     one placement shows it, and no cause is to be found in that.
     """
     silent = not any(term.parameter == "d_1" and term.basis for term in model.terms)
-    grown = growth_terms(arm)
+    grown = make_growth_terms(arm)
     return grown[0].model_copy(update={"coefficient": 1.0}) if silent and grown else None
 
 

@@ -9,7 +9,10 @@ from armd.compensation.diagnose.fitting.free_expansion import with_growth_open
 from armd.compensation.diagnose.problem.baseline import from_calibration, with_size_kept
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.identify.admission.odd_session import Odd, inconsistent_session
+from armd.compensation.identify.admission.inconsistent_session import (
+    InconsistentSession,
+    fit_and_find_inconsistent_session,
+)
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
@@ -18,7 +21,7 @@ from armd.compensation.model.calibration import Calibration
 
 def make_model_under_test(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
-) -> tuple[Baseline, Odd | None]:
+) -> tuple[Baseline, InconsistentSession | None]:
     """Return the calibration given, held; otherwise what `armd calibrate` makes of the sessions;
     and the one of them that does not fit the others.
 
@@ -35,9 +38,11 @@ def make_model_under_test(
             baseline = with_size_kept(baseline, arm)
         if has_reflectors(sessions):  # nobody knows where each reading's tip is
             return baseline, None
-        return baseline, inconsistent_session(sessions, observations)
+        return baseline, fit_and_find_inconsistent_session(sessions, observations)
     result = calibrate(sessions, arm, Options(compare=False))
-    return from_calibration(result.calibration, arm, False, result.reflectors), result.odd
+    return from_calibration(
+        result.calibration, arm, False, result.reflectors
+    ), result.inconsistent_session
 
 
 def has_reflectors(sessions: Sequence[Session]) -> bool:

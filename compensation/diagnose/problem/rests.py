@@ -17,7 +17,7 @@ from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.estimate.folds import assign_group_folds, assign_posture_folds
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.orientations import find_oriented_rows, with_orientations
-from armd.compensation.identify.admission.requirements import unknowns_of_artefacts
+from armd.compensation.identify.admission.requirements import count_artefact_unknowns
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.errors import BadInput
@@ -103,7 +103,7 @@ def count_spare_rows(observations: Observations) -> int:
     used = np.unique(observations.reflector)
     offsets = [o for i, o in enumerate(observations.reflectors.values()) if i in used]
     tips = sum(bool(np.isnan(offset).any()) for offset in offsets)
-    unknowns = unknowns_of_artefacts(observations) + 3 * tips
+    unknowns = count_artefact_unknowns(observations) + 3 * tips
     return int(observations.freedom.sum()) + int(touched.sum()) - unknowns
 
 

@@ -42,35 +42,35 @@ class FarOff:
                 f" ({1e3 * self.usual_mm:.3g} µm)"
             )
         if len(self.reading) > MOST_TOLD:
-            more = counted(len(self.reading) - MOST_TOLD, "reading")
-            lines.append(f"{session.name}: {more} more so far off")
+            remainder = counted(len(self.reading) - MOST_TOLD, "reading")
+            lines.append(f"{session.name}: {remainder} more so far off")
         return lines
 
 
-def far_off(off_mm: F64, times: float = SUSPECT) -> FarOff:
+def find_far_off(off_mm: F64, times: float = SUSPECT) -> FarOff:
     """Which of readings are so many *times* farther off than the middle one; *off_mm* (n,) is NaN
     where it is not known."""
-    known = np.flatnonzero(np.isfinite(off_mm))
-    if not len(known):
-        return FarOff(known, np.empty(0), LEAST_MM)
-    of_mm = off_mm[known]
-    found = known[find_monstrous(of_mm[:, None], times)]
-    farthest = found[np.argsort(-off_mm[found], kind="stable")]
+    rows = np.flatnonzero(np.isfinite(off_mm))
+    if not len(rows):
+        return FarOff(rows, np.empty(0), LEAST_MM)
+    of_mm = off_mm[rows]
+    far_rows = rows[find_monstrous(of_mm[:, None], times)]
+    farthest = far_rows[np.argsort(-off_mm[far_rows], kind="stable")]
     return FarOff(farthest, off_mm[farthest], max(float(np.median(of_mm)), LEAST_MM))
 
 
-def without_temperature(session: Session, usable: Mask) -> list[str]:
+def list_without_temperature(session: Session, usable: Mask) -> list[str]:
     """Which readings take no part because they lack a temperature; *usable* (n,): those that do."""
     rows = np.flatnonzero(~usable)
     if not len(rows):
         return []
     named = ", ".join(session.row_in_words(i) for i in rows[:MOST_TOLD])
-    more = ", …" if len(rows) > MOST_TOLD else ""
+    ellipsis = ", …" if len(rows) > MOST_TOLD else ""
     without = "without a temperature that the calibration needs"
-    return [f"{counted(len(rows), 'reading')} {without}, not counted: {named}{more}"]
+    return [f"{counted(len(rows), 'reading')} {without}, not counted: {named}{ellipsis}"]
 
 
-def distances_mm(observations: Observations, position_mm: F64) -> F64:
+def measure_distances_mm(observations: Observations, position_mm: F64) -> F64:
     """(n,) how far the tip at *position_mm* (n, 3), base frame, lies from each reading's target.
 
     NaN without a position, for a row that stands there a second time, and for the only reading at
@@ -83,8 +83,10 @@ def distances_mm(observations: Observations, position_mm: F64) -> F64:
     again[np.unique(rows, axis=0, return_index=True)[1]] = False
     usable &= ~again
     count = np.bincount(observations.target[usable], minlength=len(observations.unknown))
-    alone = observations.unknown & (count < 2)
-    told = usable & (observations.has_truth | ~alone[observations.target])
-    if told.any():
-        distance[told] = fit_robust_poses(observations.rows(told), position_mm[told])[1]
+    is_single = observations.unknown & (count < 2)
+    is_judged = usable & (observations.has_truth | ~is_single[observations.target])
+    if is_judged.any():
+        distance[is_judged] = fit_robust_poses(
+            observations.rows(is_judged), position_mm[is_judged]
+        )[1]
     return distance

@@ -13,9 +13,13 @@ import numpy as np
 from armd.arrays import F64, Mask
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.admission.row_groups import LEAST_ROWS, GroupGain, acquisition_order
+from armd.compensation.identify.admission.row_groups import (
+    LEAST_ROWS,
+    GroupGain,
+    order_by_acquisition,
+)
 from armd.compensation.identify.admission.second_group import Differs
-from armd.compensation.identify.fit import Identification, fit, rms_um
+from armd.compensation.identify.fit import Identification, compute_rms_um, fit
 from armd.compensation.model.arm import Arm, TemperatureSensor
 from armd.compensation.model.parameters import BASE_PARAMETERS, LEAST_LENGTH_MM, TIP_PARAMETERS
 from armd.compensation.model.slow_factors import Temperature
@@ -35,9 +39,9 @@ class GroupCause:
     differs: Differs
     parameters: Sequence[str]
 
-    def columns(self, found: Identification) -> F64:
+    def columns(self, identification: Identification) -> F64:
         """(n, 3, c) d residual / d parameter."""
-        return found.at.make_constant_columns(self.parameters)
+        return identification.linearisation.make_constant_columns(self.parameters)
 
 
 @dataclass(frozen=True)
@@ -46,32 +50,34 @@ class GroupFit:
 
     cause: GroupCause
     group: Mask  # (n,)
-    found: Identification
+    identification: Identification
 
     @property
     def step(self) -> F64:
         """(c,) by how much the parameters differ."""
-        return np.array([t.coefficient for t in self.found.terms[-len(self.cause.parameters) :]])
+        return np.array(
+            [t.coefficient for t in self.identification.terms[-len(self.cause.parameters) :]]
+        )
 
     @property
     def covariance(self) -> F64:
         """(c, c) of the step."""
         c = len(self.cause.parameters)
-        return self.found.covariance[-c:, -c:]
+        return self.identification.covariance[-c:, -c:]
 
     @property
-    def kept(self) -> Mask:
+    def is_inlier(self) -> Mask:
         """(n,) all rows but outliers."""
-        kept = np.ones(len(self.group), dtype=bool)
-        kept[self.found.outliers] = False
-        return kept
+        is_inlier = np.ones(len(self.group), dtype=bool)
+        is_inlier[self.identification.outliers] = False
+        return is_inlier
 
-    def rms_um(self, kept: Mask) -> float:
-        """RMS of the readings *kept* (n,)."""
-        return rms_um(self.found.at.residual_mm[kept])
+    def rms_um(self, is_inlier: Mask) -> float:
+        """RMS of the readings *is_inlier* (n,)."""
+        return compute_rms_um(self.identification.linearisation.residual_mm[is_inlier])
 
 
-def causes_of(arm: Arm) -> list[GroupCause]:
+def list_causes(arm: Arm) -> list[GroupCause]:
     """What may begin at one moment. The last link's lengths place the same point as the tip; the
     last joint's zero does so, too, and where it explains as much, no tip is named."""
     drawn, layout = arm.nominal(), arm.layout
@@ -87,27 +93,29 @@ def causes_of(arm: Arm) -> list[GroupCause]:
 
 
 def fit_whole(
-    found: Identification, cause: GroupCause, gain: GroupGain, singly: bool = False
+    identification: Identification, cause: GroupCause, gain: GroupGain, singly: bool = False
 ) -> GroupFit | None:
     """Fit all unknowns and the group's own parameters, the group chosen anew after each fit; None
     where no group remains."""
-    group, step, one = gain.group, gain.step, None
+    group, step, group_fit = gain.group, gain.step, None
     for _ in range(MOST_FITS):
-        one = GroupFit(cause, group, _fit_group(found, cause, group, step))
-        chosen = _chosen(one, singly)
+        group_fit = GroupFit(cause, group, _fit_group(identification, cause, group, step))
+        chosen = _choose_rows(group_fit, singly)
         if not LEAST_ROWS <= chosen.sum() <= len(chosen) - LEAST_ROWS:
             return None
         if np.array_equal(chosen, group):
             break
-        group, step = chosen, one.step
-    return one
+        group, step = chosen, group_fit.step
+    return group_fit
 
 
-def _fit_group(found: Identification, cause: GroupCause, group: Mask, step: F64) -> Identification:
-    observations, arm = found.observations, found.observations.arm
+def _fit_group(
+    identification: Identification, cause: GroupCause, group: Mask, step: F64
+) -> Identification:
+    observations, arm = identification.observations, identification.observations.arm
     sensors = [*arm.temperature_sensor, TemperatureSensor(name=INDICATOR)]
     states = observations.states
-    indicator = found.reference_c + group.astype(np.float64)
+    indicator = identification.reference_c + group.astype(np.float64)
     temperature_c = np.column_stack([states.temperature_c, indicator])
     grouped = replace(
         observations,
@@ -115,15 +123,15 @@ def _fit_group(found: Identification, cause: GroupCause, group: Mask, step: F64)
         states=replace(states, temperature_c=temperature_c),
     )
     within = [Temperature(weights={INDICATOR: 1.0})]
-    own = [
+    group_terms = [
         Term(parameter=name, basis=within, coefficient=float(by))
         for name, by in zip(cause.parameters, step, strict=True)
     ]
-    terms = [*found.terms, *own]
-    return fit(grouped, arm.nominal(), terms, unknowns_of(arm, terms), found.reference_c)
+    terms = [*identification.terms, *group_terms]
+    return fit(grouped, arm.nominal(), terms, list_unknowns(arm, terms), identification.reference_c)
 
 
-def unknowns_of(arm: Arm, terms: Sequence[Term]) -> Unknowns:
+def list_unknowns(arm: Arm, terms: Sequence[Term]) -> Unknowns:
     """All constants that a calibration identifies but the last joint's, and all *terms*.
 
     The tip's offset alone places every point that it and the last joint's constants do together. So
@@ -134,18 +142,18 @@ def unknowns_of(arm: Arm, terms: Sequence[Term]) -> Unknowns:
     return Unknowns(constants, range(len(terms)))
 
 
-def _chosen(one: GroupFit, singly: bool) -> Mask:
+def _choose_rows(group_fit: GroupFit, singly: bool) -> Mask:
     """The rows that the group's parameters suit better: each by itself, or in one stretch."""
-    moved = one.cause.columns(one.found) @ one.step
-    residual = one.found.at.residual_mm
-    within = np.where(one.group[:, None], residual, residual + moved)
+    moved = group_fit.cause.columns(group_fit.identification) @ group_fit.step
+    residual = group_fit.identification.linearisation.residual_mm
+    within = np.where(group_fit.group[:, None], residual, residual + moved)
     outside = within - moved
     limit = (moved**2).sum(axis=1)  # no row has more voice than one that is right
     better = np.clip((outside**2).sum(axis=1) - (within**2).sum(axis=1), -limit, limit)
     if singly:
         suited: Mask = better > 0.0
         return suited
-    order = acquisition_order(one.found)
+    order = order_by_acquisition(group_fit.identification)
     total = np.concatenate([[0.0], np.cumsum(better[order])])
     before = np.minimum.accumulate(total)
     end = int(np.argmax(total - before))

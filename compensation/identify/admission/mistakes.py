@@ -16,8 +16,8 @@ from armd.arrays import F64, I64
 from armd.compensation.estimate.fit_poses import fit_poses, fit_robust_poses
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.surface_kinds import POINT
-from armd.compensation.identify.admission.other_ends import other_ends
-from armd.compensation.identify.evaluation.lengths import certified_lengths
+from armd.compensation.identify.admission.other_ends import find_other_ends
+from armd.compensation.identify.evaluation.lengths import measure_certified_lengths
 from armd.compensation.identify.fit import Identification
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
@@ -48,11 +48,11 @@ class AssumedModel:
     reference_c: float
 
     @classmethod
-    def of(cls, found: Identification) -> AssumedModel:
-        return cls(found.constants, found.terms, found.reference_c)
+    def from_identification(cls, identification: Identification) -> AssumedModel:
+        return cls(identification.constants, identification.terms, identification.reference_c)
 
     @classmethod
-    def under(cls, arm: Arm, calibration: Calibration | None) -> AssumedModel:
+    def from_calibration(cls, arm: Arm, calibration: Calibration | None) -> AssumedModel:
         """A calibration, or the drawing."""
         if calibration is None:
             return cls(arm.nominal(), [], arm.reference_temperature_c)
@@ -76,94 +76,94 @@ class Guess:
     observations: Observations
 
 
-def misses_mm(observations: Observations, model: AssumedModel) -> F64:
+def compute_misses_mm(observations: Observations, model: AssumedModel) -> F64:
     """(P,) how far readings miss, at the target of each placement where they miss most.
 
     At a target the median counts: one reading gone wrong says nothing of the session. NaN for a
     placement of fewer than `LEAST_READINGS`.
     """
-    return _largest(observations, model.tip_mm(observations))
+    return _find_largest_misses(observations, model.tip_mm(observations))
 
 
-def miss_mm(observations: Observations, model: AssumedModel) -> float:
+def compute_largest_miss_mm(observations: Observations, model: AssumedModel) -> float:
     """The same in the placement where it is largest; 0 where no placement has enough readings."""
-    return float(np.nanmax(misses_mm(observations, model), initial=0.0))
+    return float(np.nanmax(compute_misses_mm(observations, model), initial=0.0))
 
 
-def best_guess(observations: Observations, model: AssumedModel) -> tuple[Guess, float] | None:
+def find_best_guess(observations: Observations, model: AssumedModel) -> tuple[Guess, float] | None:
     """The guess under which the readings of one session miss least, in mm, if it explains them.
 
     It must explain them for what the joints move too: an arm that hardly moves misses little
     whatever it measures, and so explains nothing.
     """
-    before = miss_mm(observations, model)
-    moves = joint_motion(observations.states.q)
+    before = compute_largest_miss_mm(observations, model)
+    moves = measure_joint_motion(observations.states.q)
     explaining = []
-    for guess in _guesses(observations, model):
-        after = miss_mm(guess.observations, model)
-        moves_then = joint_motion(guess.observations.states.q)
+    for guess in _make_guesses(observations, model):
+        after = compute_largest_miss_mm(guess.observations, model)
+        moves_then = measure_joint_motion(guess.observations.states.q)
         if after < EXPLAINED * before and after * moves < EXPLAINED * before * moves_then:
             explaining.append((guess, after))
-    return min(explaining, key=lambda one: one[1], default=None)
+    return min(explaining, key=lambda pair: pair[1], default=None)
 
 
-def joint_motion(q: F64) -> float:
+def measure_joint_motion(q: F64) -> float:
     """How far the joints move, rad, RMS over joints: near the standard deviation of small motions,
     at most √2 where angles stand all around the circle.
 
     q: (n, joints) rad; a row with an angle missing has no part.
     """
-    whole = q[np.isfinite(q).all(axis=1)]
-    if not len(whole):
+    complete_q = q[np.isfinite(q).all(axis=1)]
+    if not len(complete_q):
         return 0.0
-    resultant = np.abs(np.exp(1j * whole).mean(axis=0))
+    resultant = np.abs(np.exp(1j * complete_q).mean(axis=0))
     return float(np.sqrt(np.mean(2.0 * (1.0 - resultant))))
 
 
-def wrong_length_unit(observations: Observations, model: AssumedModel) -> str:
+def find_wrong_length_unit(observations: Observations, model: AssumedModel) -> str:
     """The unit that all certified distances of a session seem to have instead of mm, if any."""
     position = model.tip_mm(observations)
-    kept = np.isfinite(position[:, 0])
-    if not kept.any() or not len(observations.distances.length_mm):
+    is_finite = np.isfinite(position[:, 0])
+    if not is_finite.any() or not len(observations.distances.length_mm):
         return ""
-    observations, position = observations.rows(kept), position[kept]
+    observations, position = observations.rows(is_finite), position[is_finite]
     poses = fit_poses(observations, position)
-    lengths = certified_lengths(observations, poses, poses.residual(observations, position))
-    ratios = np.array([one.measured_mm / max(one.certified_mm, 1e-9) for one in lengths])
+    lengths = measure_certified_lengths(observations, poses, poses.residual(observations, position))
+    ratios = np.array([length.measured_mm / max(length.certified_mm, 1e-9) for length in lengths])
     for unit, factor in LENGTHS_MM.items():
         if len(ratios) and np.all(np.abs(ratios / factor - 1.0) < 0.1):
             return unit
     return ""
 
 
-def _largest(observations: Observations, position_mm: F64) -> F64:
-    kept = np.isfinite(position_mm[:, 0])
+def _find_largest_misses(observations: Observations, position_mm: F64) -> F64:
+    is_finite = np.isfinite(position_mm[:, 0])
     largest = np.full(len(observations.placement_names), np.nan)
-    if not kept.any():
+    if not is_finite.any():
         return largest
-    observations, position_mm = observations.rows(kept), position_mm[kept]
+    observations, position_mm = observations.rows(is_finite), position_mm[is_finite]
     _, distance = fit_robust_poses(observations, position_mm)
     for placement in np.unique(observations.placement):
-        own = observations.placement == placement
-        if own.sum() < LEAST_READINGS:
+        in_placement = observations.placement == placement
+        if in_placement.sum() < LEAST_READINGS:
             continue
-        target = np.where(observations.has_truth, -1, observations.target)[own]
+        target = np.where(observations.has_truth, -1, observations.target)[in_placement]
         largest[placement] = max(
-            float(np.median(distance[own][target == k])) for k in np.unique(target)
+            float(np.median(distance[in_placement][target == k])) for k in np.unique(target)
         )
     return largest
 
 
-def _guesses(observations: Observations, model: AssumedModel) -> Iterator[Guess]:
-    yield from _other_lengths(observations)
-    yield from _other_angles(observations)
-    yield from _other_temperatures(observations)
-    yield from _other_targets(observations, model)
+def _make_guesses(observations: Observations, model: AssumedModel) -> Iterator[Guess]:
+    yield from _guess_length_units(observations)
+    yield from _guess_angles(observations)
+    yield from _guess_temperature_unit(observations)
+    yield from _guess_targets(observations, model)
 
 
-def _other_lengths(observations: Observations) -> Iterator[Guess]:
-    known = np.isfinite(observations.position_mm).any() or observations.has_truth.any()
-    for unit, factor in LENGTHS_MM.items() if known else ():
+def _guess_length_units(observations: Observations) -> Iterator[Guess]:
+    has_positions = np.isfinite(observations.position_mm).any() or observations.has_truth.any()
+    for unit, factor in LENGTHS_MM.items() if has_positions else ():
         yield Guess(
             f"its positions are taken as {unit}",
             "positions in mm",
@@ -175,51 +175,57 @@ def _other_lengths(observations: Observations) -> Iterator[Guess]:
         )
 
 
-def _other_angles(observations: Observations) -> Iterator[Guess]:
+def _guess_angles(observations: Observations) -> Iterator[Guess]:
     q = observations.states.q
     expected = "angles in the unit that angle_unit of session.toml names"
-    yield _turned(observations, np.degrees(q), "its angles are taken as radians", expected)
-    yield _turned(observations, np.radians(q), "its angles are taken as degrees", expected)
+    yield _guess_with_angles(
+        observations, np.degrees(q), "its angles are taken as radians", expected
+    )
+    yield _guess_with_angles(
+        observations, np.radians(q), "its angles are taken as degrees", expected
+    )
     joints = range(q.shape[1])
     for a, b in combinations(joints, 2):
         order = list(joints)
         order[a], order[b] = b, a
         words = f"its columns q{a + 1} and q{b + 1} are exchanged"
-        yield _turned(observations, q[:, order], words, "each joint in its own column")
+        yield _guess_with_angles(observations, q[:, order], words, "each joint in its own column")
     for joint in joints:
         sign = np.where(np.arange(q.shape[1]) == joint, -1.0, 1.0)
         words = f"its column q{joint + 1} has the other sign"
-        yield _turned(observations, q * sign, words, "each angle with the sign of arm.toml")
+        yield _guess_with_angles(
+            observations, q * sign, words, "each angle with the sign of arm.toml"
+        )
 
 
-def _turned(observations: Observations, q: F64, words: str, expected: str) -> Guess:
+def _guess_with_angles(observations: Observations, q: F64, words: str, expected: str) -> Guess:
     return Guess(words, expected, replace(observations, states=replace(observations.states, q=q)))
 
 
-def _other_temperatures(observations: Observations) -> Iterator[Guess]:
+def _guess_temperature_unit(observations: Observations) -> Iterator[Guess]:
     temperature_c = observations.states.temperature_c
     if not np.isfinite(temperature_c).any() or np.nanmin(temperature_c) < LEAST_FAHRENHEIT:
         return
-    states = replace(observations.states, temperature_c=celsius(temperature_c))
+    states = replace(observations.states, temperature_c=to_celsius(temperature_c))
     yield Guess(
         "its temperatures are taken as °F", "temperatures in °C",
         replace(observations, states=states),
     )  # fmt: skip
 
 
-def celsius(fahrenheit: F64) -> F64:
+def to_celsius(fahrenheit: F64) -> F64:
     return (fahrenheit - 32.0) / 1.8
 
 
-def _other_targets(observations: Observations, model: AssumedModel) -> Iterator[Guess]:
+def _guess_targets(observations: Observations, model: AssumedModel) -> Iterator[Guess]:
     """Targets under each other's names, where that makes a placement's readings fit."""
     position = model.tip_mm(observations)
-    as_it_is = _largest(observations, position)
+    as_it_is = _find_largest_misses(observations, position)
     own_names = np.arange(len(observations.unknown))
     placements = np.unique(observations.placement)
 
     def better(names: I64) -> I64:
-        renamed = _largest(_renamed(observations, names, placements), position)
+        renamed = _find_largest_misses(_rename_targets(observations, names, placements), position)
         return np.flatnonzero(renamed < EXPLAINED * as_it_is)
 
     points = observations.kind == POINT
@@ -231,49 +237,55 @@ def _other_targets(observations: Observations, model: AssumedModel) -> Iterator[
         names = own_names.copy()
         names[[a, b]] = b, a
         # A seat's place is the same in all placements of the session: one by one.
-        where = (
+        sets_of_placements = (
             [placements[k : k + 1] for k in range(len(placements))] if seats else [better(names)]
         )
-        one, other = _own_name(observations, a), _own_name(observations, b)
-        yield from _renamings(
-            observations, names, where, f"its targets {one} and {other} are exchanged"
+        first_name, second_name = _get_own_name(observations, a), _get_own_name(observations, b)
+        yield from _guess_renamed(
+            observations,
+            names,
+            sets_of_placements,
+            f"its targets {first_name} and {second_name} are exchanged",
         )
     session = np.isin(observations.target_session, observations.session)
     certified = np.flatnonzero(session & points & ~observations.unknown)
-    for onto in other_ends(observations.position_mm[certified]):
+    for onto in find_other_ends(observations.position_mm[certified]):
         names = own_names.copy()
         names[certified] = certified[onto]
         first = int(np.flatnonzero(names != own_names)[0])
-        named, at = _own_name(observations, first), _own_name(observations, names[first])
-        words = f"its targets are counted from another end ({named} is {at})"
-        yield from _renamings(observations, names, [better(names)], words)
+        named, onto_name = (
+            _get_own_name(observations, first),
+            _get_own_name(observations, names[first]),
+        )
+        words = f"its targets are counted from another end ({named} is {onto_name})"
+        yield from _guess_renamed(observations, names, [better(names)], words)
 
 
-def _renamings(
-    observations: Observations, names: I64, where: Sequence[I64], words: str
+def _guess_renamed(
+    observations: Observations, names: I64, sets_of_placements: Sequence[I64], words: str
 ) -> Iterator[Guess]:
     """Targets under other *names* (K,) in each of some sets of placements that has any."""
-    for placements in where:
+    for placements in sets_of_placements:
         if len(placements):
             yield Guess(
-                words + _where_in_words(observations, placements),
+                words + _describe_placements(observations, placements),
                 "each target under its own name",
-                _renamed(observations, names, placements),
+                _rename_targets(observations, names, placements),
             )
 
 
-def _renamed(observations: Observations, names: I64, placements: I64) -> Observations:
-    there = np.isin(observations.placement, placements)
+def _rename_targets(observations: Observations, names: I64, placements: I64) -> Observations:
+    is_renamed = np.isin(observations.placement, placements)
     target = observations.target
-    return replace(observations, target=np.where(there, names[target], target))
+    return replace(observations, target=np.where(is_renamed, names[target], target))
 
 
-def _own_name(observations: Observations, target: int) -> str:
+def _get_own_name(observations: Observations, target: int) -> str:
     """In its session."""
     return observations.target_names[target].partition("/")[2]
 
 
-def _where_in_words(observations: Observations, placements: I64) -> str:
+def _describe_placements(observations: Observations, placements: I64) -> str:
     """ " in P1, P2", or nothing for all."""
     if len(placements) == len(np.unique(observations.placement)):
         return ""

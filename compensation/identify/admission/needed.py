@@ -10,19 +10,20 @@ LEAST_PLACEMENTS = 3
 LEAST_TIMES = 3
 
 
-def least_readings(n_joints: int, placements: int, seats: int) -> int:
+def count_least_readings(n_joints: int, placements: int, seats: int) -> int:
     """Readings below which the unknowns have no one answer, whatever their poses.
 
     *seats*: targets whose position nobody has certified.
     """
-    return readings_for(n_joints, 6 * placements + 3 * seats)
+    return count_readings_for(n_joints, 6 * placements + 3 * seats)
 
 
-def readings_for(n_joints: int, free: int, each: float = 3.0) -> int:
-    """The same of an artefact with so many *free* unknowns; a reading gives *each* equations."""
-    return math.ceil((4 * n_joints - 3 + free) / each) + 1
+def count_readings_for(n_joints: int, free: int, equations_per_reading: float = 3.0) -> int:
+    """The same of an artefact with so many *free* unknowns; a reading gives
+    *equations_per_reading*."""
+    return math.ceil((4 * n_joints - 3 + free) / equations_per_reading) + 1
 
 
-def certificate_readings(n_joints: int, placements: int, seats: int) -> int:
+def count_certificate_readings(n_joints: int, placements: int, seats: int) -> int:
     """Readings below which no certificate is granted."""
-    return LEAST_TIMES * least_readings(n_joints, placements, seats)
+    return LEAST_TIMES * count_least_readings(n_joints, placements, seats)

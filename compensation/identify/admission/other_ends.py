@@ -15,7 +15,7 @@ from armd.compensation.estimate.rigid_motions import align_by_kabsch
 NEAR_SHARE = 0.25
 
 
-def other_ends(points_mm: F64) -> list[I64]:
+def find_other_ends(points_mm: F64) -> list[I64]:
     """For each turn that brings *points_mm* (k, 3) near themselves, on which of them each then
     lies (k,); without the turns that exchange two of them, or none."""
     apart_mm = np.linalg.norm(points_mm[:, None] - points_mm, axis=2)
@@ -24,9 +24,9 @@ def other_ends(points_mm: F64) -> list[I64]:
     )
     if len(points_mm) < 3 or near_mm == 0.0:
         return []
-    three = _far_apart(points_mm, apart_mm)
-    found: dict[tuple[int, ...], I64] = {}
-    for images in _as_far_apart(apart_mm, three, 2.0 * near_mm):
+    three = _choose_far_points(points_mm, apart_mm)
+    renumberings: dict[tuple[int, ...], I64] = {}
+    for images in _find_same_triangles(apart_mm, three, 2.0 * near_mm):
         everything, once = np.ones(3), np.zeros(3, dtype=np.int64)
         turn, shift = align_by_kabsch(points_mm[three], points_mm[images], everything, once, 1)
         turned_mm = points_mm @ turn[0].T + shift[0]
@@ -34,11 +34,11 @@ def other_ends(points_mm: F64) -> list[I64]:
         onto = distance_mm.argmin(axis=1)
         moved = int((onto != np.arange(len(onto))).sum())
         if distance_mm.min(axis=1).max() < near_mm and len(set(onto)) == len(onto) and moved > 2:
-            found[tuple(onto)] = onto
-    return list(found.values())
+            renumberings[tuple(onto)] = onto
+    return list(renumberings.values())
 
 
-def _far_apart(points_mm: F64, apart_mm: F64) -> I64:
+def _choose_far_points(points_mm: F64, apart_mm: F64) -> I64:
     """The two points farthest from each other, and the one farthest from the line through them."""
     a, b = np.unravel_index(int(apart_mm.argmax()), apart_mm.shape)
     along = (points_mm[b] - points_mm[a]) / apart_mm[a, b]
@@ -47,7 +47,7 @@ def _far_apart(points_mm: F64, apart_mm: F64) -> I64:
     return np.array([a, b, aside_mm.argmax()])
 
 
-def _as_far_apart(apart_mm: F64, three: I64, within_mm: float) -> I64:
+def _find_same_triangles(apart_mm: F64, three: I64, within_mm: float) -> I64:
     """(m, 3) all ordered threes whose distances are those of *three* to *within_mm*."""
     a, b, c = three
     first = np.argwhere(np.abs(apart_mm - apart_mm[a, b]) < within_mm)

@@ -9,21 +9,21 @@ from threadpoolctl import threadpool_limits
 
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.identify.admission.far_off import distances_mm, far_off
+from armd.compensation.identify.admission.far_off import find_far_off, measure_distances_mm
 from armd.compensation.identify.admission.find_second_group import find_second_group
-from armd.compensation.identify.admission.mistakes import AssumedModel
-from armd.compensation.identify.admission.odd_session import (
+from armd.compensation.identify.admission.inconsistent_session import (
     ABSURD_MM,
     LEAST_SESSIONS,
-    identified,
-    odd_session,
+    find_inconsistent_session,
+    identify_rows,
     raise_all,
     refuse_mistakes,
 )
+from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
-from armd.compensation.identify.fit import rms_um
+from armd.compensation.identify.fit import compute_rms_um
 
 
 def remark(sessions: Sequence[Session], observations: Observations) -> str:
@@ -43,32 +43,40 @@ def _remark(sessions: Sequence[Session], observations: Observations) -> str:
     if observations.reflectors:  # nobody knows where each reading's tip is
         return ""
     refuse_mistakes(sessions, observations)
-    refuse_misnamed(sessions, observations, AssumedModel.under(observations.arm, None))
+    refuse_misnamed(sessions, observations, AssumedModel.from_calibration(observations.arm, None))
     everything = np.ones(observations.n, dtype=bool)
-    found = identified(observations, everything)
-    if found is None:
-        return "\n".join(_far_off(sessions, observations))
+    identification = identify_rows(observations, everything)
+    if identification is None:
+        return "\n".join(_list_far_readings(sessions, observations))
     if len(sessions) < LEAST_SESSIONS:
-        second = find_second_group(sessions, found)
+        second = find_second_group(sessions, identification)
         raise_all(second.faults() if second else [])
         words = [second.in_words()] if second else []
-        return "\n".join([*_far_off(sessions, observations), *words])
-    refuse_misnamed(sessions, observations, AssumedModel.of(found))
-    odd = odd_session(sessions, found, rms_um(drawn.residual_mm))
-    second = None if odd and odd.tip else find_second_group(sessions, found)
+        return "\n".join([*_list_far_readings(sessions, observations), *words])
+    refuse_misnamed(sessions, observations, AssumedModel.from_identification(identification))
+    inconsistent = find_inconsistent_session(
+        sessions, identification, compute_rms_um(drawn.residual_mm)
+    )
+    second = (
+        None if inconsistent and inconsistent.tip else find_second_group(sessions, identification)
+    )
     if second:
         raise_all(second.faults())
         return second.in_words()
-    far = f"far off (in the air?): {found.outlier_words()}" if len(found.outliers) else ""
-    return "\n".join(filter(None, [far, odd.in_words() if odd else ""]))
+    far_words = (
+        f"far off (in the air?): {identification.outlier_words()}"
+        if len(identification.outliers)
+        else ""
+    )
+    return "\n".join(filter(None, [far_words, inconsistent.in_words() if inconsistent else ""]))
 
 
-def _far_off(sessions: Sequence[Session], observations: Observations) -> list[str]:
+def _list_far_readings(sessions: Sequence[Session], observations: Observations) -> list[str]:
     """Single readings far off under the drawing: no fault of a file, and somebody should know."""
-    lines, model = [], AssumedModel.under(observations.arm, None)
+    lines, model = [], AssumedModel.from_calibration(observations.arm, None)
     for k, session in enumerate(sessions):
         part = observations.rows(observations.session == k)
-        found = far_off(distances_mm(part, model.tip_mm(part)))
-        if found.usual_mm < ABSURD_MM:  # where most are, no reading is single
-            lines += [f"far off (in the air?): {line}" for line in found.in_words(session)]
+        far_readings = find_far_off(measure_distances_mm(part, model.tip_mm(part)))
+        if far_readings.usual_mm < ABSURD_MM:  # where most are, no reading is single
+            lines += [f"far off (in the air?): {line}" for line in far_readings.in_words(session)]
     return lines

@@ -33,18 +33,18 @@ class RowsOfSession:
 
     path: Path
     rows: tuple[int, ...]  # of its table, from 0
-    whole: bool  # all readings of the session
+    is_whole: bool  # all readings of the session
 
     def in_words(self) -> str:
         """`session T20`, or its rows counted from 1: `rows 81 to 160 of session T20`."""
         session = f"session {self.path.name}"
-        if self.whole:
+        if self.is_whole:
             return session
-        numbers = _stretches(self.rows)
+        numbers = _find_stretches(self.rows)
         words = [f"{a}" if a == b else f"{a} to {b}" for a, b in numbers[:MOST_STRETCHES]]
         row = "row" if len(self.rows) == 1 else "rows"
-        more = "" if len(numbers) <= MOST_STRETCHES else f", … ({len(self.rows)} of them)"
-        return f"{row} {', '.join(words)}{more} of {session}"
+        remainder = "" if len(numbers) <= MOST_STRETCHES else f", … ({len(self.rows)} of them)"
+        return f"{row} {', '.join(words)}{remainder} of {session}"
 
 
 @dataclass(frozen=True)
@@ -66,56 +66,56 @@ class SecondGroup:
         return float(np.linalg.norm(self.step_mm))
 
     @property
-    def whole(self) -> bool:
+    def is_whole(self) -> bool:
         """Whether the group is whole sessions."""
-        return all(session.whole for session in self.sessions)
+        return all(session.is_whole for session in self.sessions)
 
     @property
     def folders(self) -> tuple[str, ...]:
         """The sessions' folders."""
         return tuple(str(session.path) for session in self.sessions)
 
-    def where(self) -> str:
+    def name_rows(self) -> str:
         """The group's sessions or rows."""
         return " and ".join(session.in_words() for session in self.sessions)
 
     def reason(self) -> str:
         """What differs in which rows, by how much."""
-        far = with_uncertainty(self.length_mm, self.length_uncertainty_mm)
+        distance = with_uncertainty(self.length_mm, self.length_uncertainty_mm)
         rest = counted(self.n_rest, "other reading")
         if self.differs is Differs.PLACE:
             return (
-                f"in {self.where()} the artefact, the tracker or the arm's base stood {far} mm from"
-                f" where it stood in the {rest} of the same placement"
+                f"in {self.name_rows()} the artefact, the tracker or the arm's base stood"
+                f" {distance} mm from where it stood in the {rest} of the same placement"
             )
         steps = zip(self.step_mm.tolist(), self.uncertainty_mm.tolist(), strict=True)
         return (
-            f"{self.where()}: measured with another tip than the {rest} (reflector, ball or stylus"
-            f" exchanged or seated otherwise), {far} mm from it:"
+            f"{self.name_rows()}: measured with another tip than the {rest} (reflector, ball"
+            f" or stylus exchanged or seated otherwise), {distance} mm from it:"
             f" ({', '.join(with_uncertainty(mm, u) for mm, u in steps)}) mm in the last frame"
         )
 
     def in_words(self) -> str:
         """The reason, and how much it explains."""
-        own = "two tips" if self.differs is Differs.TIP else "a placement of their own"
+        cause = "two tips" if self.differs is Differs.TIP else "a placement of their own"
         return (
-            f"{self.reason()}; with {own} the readings miss by {self.after_um:.4g} instead of"
-            f" {self.before_um:.4g} µm RMS"
+            f"{self.reason()}; with {cause} the readings miss by {self.after_um:.4g} instead"
+            f" of {self.before_um:.4g} µm RMS"
         )
 
     def faults(self) -> list[BadInput]:
         """One for each session that holds both groups: it cannot be right as it is."""
-        return [self._fault(session) for session in self.sessions if not session.whole]
+        return [self._fault(session) for session in self.sessions if not session.is_whole]
 
     def refusal(self) -> BadInput:
         """The same where nothing can be identified from all sessions together."""
-        partly = [session for session in self.sessions if not session.whole]
+        partly = [session for session in self.sessions if not session.is_whole]
         return self._fault((partly or list(self.sessions))[0])
 
     def _fault(self, session: RowsOfSession) -> BadInput:
         if self.differs is Differs.PLACE:
             expected = "another name in column placement from where the artefact or base moved"
-        elif session.whole:
+        elif session.is_whole:
             expected = "one tip in all sessions: calibrate each tip's sessions alone"
         else:
             expected = "one tip in a session: delete these rows, or make a session of them"
@@ -126,8 +126,8 @@ class SecondGroup:
         return {
             "differs": self.differs.value,
             "sessions": [
-                {"session": str(one.path), "rows": [row + 1 for row in one.rows]}
-                for one in self.sessions
+                {"session": str(session.path), "rows": [row + 1 for row in session.rows]}
+                for session in self.sessions
             ],
             "step_mm": self.step_mm.tolist(),
             "standard_uncertainty_mm": self.uncertainty_mm.tolist(),
@@ -142,7 +142,7 @@ def with_uncertainty(value_mm: float, uncertainty_mm: float) -> str:
     return f"{value_mm:.{digits}f} ± {max(uncertainty_mm, 10.0**-digits):.{digits}f}"
 
 
-def _stretches(rows: tuple[int, ...]) -> list[tuple[int, int]]:
+def _find_stretches(rows: tuple[int, ...]) -> list[tuple[int, int]]:
     """First and last row, counted from 1, of each run of rows without a gap."""
 
     def runs() -> Iterator[list[int]]:

@@ -43,51 +43,51 @@ def require_surfaces(
     for p in np.unique(of_placement):
         rows = every[of_placement == p]
         kind = int(observations.kind[observations.target[rows[0]]])
-        if fault := _fault(observations, rows, kind, position_mm[rows], normal[rows]):
-            raise _refusal(sessions, observations, rows, *fault)
+        if fault := _find_fault(observations, rows, kind, position_mm[rows], normal[rows]):
+            raise _make_refusal(sessions, observations, rows, *fault)
     for k in np.unique(observations.target[every]):
         rows = every[observations.target[every] == k]
         if _needs_side(observations, int(k)) and (
-            fault := _no_side(observations, rows, normal[rows])
+            fault := _find_missing_side(observations, rows, normal[rows])
         ):
-            raise _refusal(sessions, observations, rows, *fault)
+            raise _make_refusal(sessions, observations, rows, *fault)
 
 
-def _fault(
+def _find_fault(
     observations: Observations, rows: I64, kind: int, position: F64, normal: F64
 ) -> tuple[str, str] | None:
     """What was found and expected, if the readings *rows* (m,) do not place their surface."""
     target = observations.target[rows]
     parts = [target == k for k in np.unique(target)]
-    least = FREEDOM[kind] + int(kind == CYLINDER) + len(parts) - 1
-    least += int(kind != PLANE and observations.unknown[target[0]])
-    if len(rows) < least:
-        return counted(len(rows), "reading"), f"at least {least} on this surface"
+    n_needed = FREEDOM[kind] + int(kind == CYLINDER) + len(parts) - 1
+    n_needed += int(kind != PLANE and observations.unknown[target[0]])
+    if len(rows) < n_needed:
+        return counted(len(rows), "reading"), f"at least {n_needed} on this surface"
     if kind == PLANE:
-        off = np.concatenate([position[own] - position[own].mean(axis=0) for own in parts])
-        wide, narrow, thin = _spread(off)
+        off = np.concatenate([position[part] - position[part].mean(axis=0) for part in parts])
+        wide, narrow, thin = _compute_spread(off)
         if narrow < LEAST_SPREAD_MM or (narrow < SPOT_MM and thin > 0.5 * narrow):
-            where = "at one spot" if wide < SPOT_MM else "along one line"
-            found = f"a plane touched {where} ({wide:.2g} mm × {narrow:.2g} mm RMS)"
-            return found, f"places that spread by {LEAST_SPREAD_MM:g} mm RMS in both directions"
+            place = "at one spot" if wide < SPOT_MM else "along one line"
+            problem = f"a plane touched {place} ({wide:.2g} mm × {narrow:.2g} mm RMS)"
+            return problem, f"places that spread by {LEAST_SPREAD_MM:g} mm RMS in both directions"
         return None
-    turned = _spread(normal - normal.mean(axis=0))
+    turned = _compute_spread(normal - normal.mean(axis=0))
     if kind == CYLINDER:
         axis = np.linalg.svd(normal)[2][2]
         off = position - position.mean(axis=0)
-        thin, across = float(_spread(off)[2]), np.linalg.svd(off)[2][2]
+        thin, across = float(_compute_spread(off)[2]), np.linalg.svd(off)[2][2]
         # A circle lies on a cylinder that leans either way, too.
         along = thin if abs(axis @ across) > np.sqrt(0.5) else float(np.std(position @ axis))
         if along < LEAST_SPREAD_MM:
-            found = f"a cylinder touched around one circle ({along:.2g} mm RMS along it)"
-            return found, f"places that spread by {LEAST_SPREAD_MM:g} mm RMS along it"
+            problem = f"a cylinder touched around one circle ({along:.2g} mm RMS along it)"
+            return problem, f"places that spread by {LEAST_SPREAD_MM:g} mm RMS along it"
         if turned[0] < LEAST_TURN:
             return "a cylinder touched along one line", "places around it"
         return None
     if turned[1] < LEAST_TURN:
         widest = np.degrees(np.arccos(np.clip(normal @ normal.T, -1.0, 1.0))).max()
-        found = f"a sphere touched on one cap or arc (normals within {widest:.0f}°)"
-        return found, "places all over the half that is within reach"
+        problem = f"a sphere touched on one cap or arc (normals within {widest:.0f}°)"
+        return problem, "places all over the half that is within reach"
     return None
 
 
@@ -97,7 +97,9 @@ def _needs_side(observations: Observations, target: int) -> bool:
     return tied or (observations.kind[target] != PLANE and not observations.unknown[target])
 
 
-def _no_side(observations: Observations, rows: I64, normal: F64) -> tuple[str, str] | None:
+def _find_missing_side(
+    observations: Observations, rows: I64, normal: F64
+) -> tuple[str, str] | None:
     approach, shaft = compute_mean_cosines(observations, rows, normal)
     if abs(approach) >= LEAST_COSINE or abs(shaft) >= LEAST_SHAFT:
         return None
@@ -107,18 +109,20 @@ def _no_side(observations: Observations, rows: I64, normal: F64) -> tuple[str, s
     )
 
 
-def _spread(points: F64) -> F64:
+def _compute_spread(points: F64) -> F64:
     """RMS (3,) of centred points (n, 3) along their principal directions, the largest first."""
     spread: F64 = np.linalg.svd(points, compute_uv=False) / np.sqrt(len(points))
     return np.append(spread, np.zeros(3))[:3]
 
 
-def _refusal(
-    sessions: Sequence[Session], observations: Observations, rows: I64, found: str, expected: str
+def _make_refusal(
+    sessions: Sequence[Session], observations: Observations, rows: I64, problem: str, expected: str
 ) -> BadInput:
     i = int(rows[0])
     placement = observations.placement_names[observations.placement[i]].rpartition("/")[2]
     names = [observations.target_names[k] for k in np.unique(observations.target[rows])]
-    own = " and ".join(name.rpartition("/")[2] for name in names)
+    surface_names = " and ".join(name.rpartition("/")[2] for name in names)
     session = sessions[int(observations.session[i])]
-    return BadInput(session.path, f"surface {own}, placement {placement}", found, expected)
+    return BadInput(
+        session.path, f"surface {surface_names}, placement {placement}", problem, expected
+    )

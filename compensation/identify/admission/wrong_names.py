@@ -21,6 +21,7 @@ from armd.compensation.data.session_files import readings_path
 from armd.compensation.estimate.fit_poses import fit_robust_poses
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.surface_kinds import POINT
+from armd.compensation.identify.admission.inconsistent_session import raise_all
 from armd.compensation.identify.admission.mistakes import (
     LEAST_MM,
     LEAST_READINGS,
@@ -41,12 +42,12 @@ class WrongNames:
     """m readings, by their place among the observations, and the targets they lie at."""
 
     reading: I64  # (m,)
-    at: I64  # (m,) targets
+    touched: I64  # (m,) targets
     own_mm: F64  # (m,) from the target that the reading names
     at_mm: F64  # (m,) from the one it lies at
 
 
-def wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
+def find_wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
     """The readings of one session that, under *model*, lie at another target than they name.
 
     Readings whose own truth counts, those on surfaces, and those without a temperature that *model*
@@ -54,31 +55,35 @@ def wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
     """
     position = model.tip_mm(observations)
     pointed = ~observations.has_truth & ~observations.on_surface
-    told = np.flatnonzero(np.isfinite(position[:, 0]) & pointed)
-    if not len(told):
-        return WrongNames(told, told, np.empty(0), np.empty(0))
-    observations, position = observations.rows(told), position[told]
+    judged_rows = np.flatnonzero(np.isfinite(position[:, 0]) & pointed)
+    if not len(judged_rows):
+        return WrongNames(judged_rows, judged_rows, np.empty(0), np.empty(0))
+    observations, position = observations.rows(judged_rows), position[judged_rows]
     poses, own_mm = fit_robust_poses(observations, position, roughly=True)
     level = max(float(np.median(own_mm)), LEAST_MM)
     # Where hardly any reading lies at its target, nothing says where the artefact is.
-    near = np.bincount(
+    n_near = np.bincount(
         observations.placement[own_mm < NEAR * level], minlength=len(observations.placement_names)
     )
-    far = np.flatnonzero((own_mm > FAR * level) & (near[observations.placement] >= LEAST_READINGS))
+    far_rows = np.flatnonzero(
+        (own_mm > FAR * level) & (n_near[observations.placement] >= LEAST_READINGS)
+    )
     touched = np.isin(np.arange(len(observations.unknown)), observations.target)
     session = np.isin(observations.target_session, observations.session)
-    known = touched | ~observations.unknown
-    others = np.flatnonzero(session & known & (observations.kind == POINT))
-    there = poses.place_at(observations.rows(far), others)
-    distance = np.linalg.norm(position[far, None] - there, axis=2)
+    is_placed = touched | ~observations.unknown
+    candidates = np.flatnonzero(session & is_placed & (observations.kind == POINT))
+    positions_mm = poses.place_at(observations.rows(far_rows), candidates)
+    distance = np.linalg.norm(position[far_rows, None] - positions_mm, axis=2)
     nearest = distance.argmin(axis=1)
-    at_mm = distance[np.arange(len(far)), nearest]
-    elsewhere = (others[nearest] != observations.target[far]) & (at_mm < NEAR * level)
-    far = far[elsewhere]
-    return WrongNames(told[far], others[nearest][elsewhere], own_mm[far], at_mm[elsewhere])
+    at_mm = distance[np.arange(len(far_rows)), nearest]
+    elsewhere = (candidates[nearest] != observations.target[far_rows]) & (at_mm < NEAR * level)
+    far_rows = far_rows[elsewhere]
+    return WrongNames(
+        judged_rows[far_rows], candidates[nearest][elsewhere], own_mm[far_rows], at_mm[elsewhere]
+    )
 
 
-def misnamed(
+def list_misnamed(
     sessions: Sequence[Session], observations: Observations, model: AssumedModel
 ) -> list[BadInput]:
     """Of each of *sessions*, what is wrong with readings that lie at another target than they name.
@@ -86,18 +91,18 @@ def misnamed(
     *observations* are of *sessions*, some rows of them left out or none.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
-        return _misnamed(sessions, observations, model)
+        return _list_misnamed(sessions, observations, model)
 
 
-def _misnamed(
+def _list_misnamed(
     sessions: Sequence[Session], observations: Observations, model: AssumedModel
 ) -> list[BadInput]:
     faults = []
     for k, session in enumerate(sessions):
         part = observations.rows(observations.session == k)
-        found = wrong_names(part, model)
-        if len(found.reading):
-            faults.append(_fault(session, part, found))
+        misnamed_readings = find_wrong_names(part, model)
+        if len(misnamed_readings.reading):
+            faults.append(_make_fault(session, part, misnamed_readings))
     return faults
 
 
@@ -105,37 +110,39 @@ def refuse_misnamed(
     sessions: Sequence[Session], observations: Observations, model: AssumedModel
 ) -> None:
     """Raise `BadInput` for readings of *sessions* that lie at another target than they name."""
-    if faults := misnamed(sessions, observations, model):
-        faults[0].more = tuple(faults[1:])
-        raise faults[0]
+    raise_all(list_misnamed(sessions, observations, model))
 
 
-def told_of_misnamed(
+def report_misnamed(
     sessions: Sequence[Session], observations: Observations, model: AssumedModel
 ) -> list[str]:
     """The same in words, where such readings are outliers among many that are right."""
     return [
         f"{Path(fault.file).parent.name}: {fault.found}"
-        for fault in misnamed(sessions, observations, model)
+        for fault in list_misnamed(sessions, observations, model)
     ]
 
 
-def _fault(session: Session, part: Observations, found: WrongNames) -> BadInput:
+def _make_fault(session: Session, part: Observations, misnamed_readings: WrongNames) -> BadInput:
     names = [name.partition("/")[2] for name in part.target_names]
     path = readings_path(session.path)
     words = []
-    for i, at, own_mm, at_mm in zip(
-        found.reading, found.at, found.own_mm, found.at_mm, strict=True
+    for i, target, own_mm, at_mm in zip(
+        misnamed_readings.reading,
+        misnamed_readings.touched,
+        misnamed_readings.own_mm,
+        misnamed_readings.at_mm,
+        strict=True,
     ):
-        where = row_in_words(path, int(part.row[i]))
+        row_words = row_in_words(path, int(part.row[i]))
         words.append(
-            f"{where} names {names[part.target[i]]}, {own_mm:.3g} mm off, and lies at"
-            f" {names[at]}, {at_mm:.2g} mm off"
+            f"{row_words} names {names[part.target[i]]}, {own_mm:.3g} mm off, and lies at"
+            f" {names[target]}, {at_mm:.2g} mm off"
         )
-    more = f"; and {len(words) - MOST_TOLD} more" if len(words) > MOST_TOLD else ""
+    rest = f"; and {len(words) - MOST_TOLD} more" if len(words) > MOST_TOLD else ""
     return BadInput(
         path,
         "column target",
-        f"{counted(len(words), 'reading')} of another target: {'; '.join(words[:MOST_TOLD])}{more}",
+        f"{counted(len(words), 'reading')} of another target: {'; '.join(words[:MOST_TOLD])}{rest}",
         "each reading under the name of the target it touched",
     )

@@ -22,14 +22,14 @@ class PointMoments:
     mean: F64
     scatter: F64
 
-    def add(self, other: PointMoments) -> None:
+    def add(self, moments: PointMoments) -> None:
         """Chan, Golub and LeVeque (1979): nothing large is subtracted from anything large."""
-        n = self.n + other.n
-        apart = other.mean - self.mean
+        n = self.n + moments.n
+        offset = moments.mean - self.mean
         self.scatter = (
-            self.scatter + other.scatter + np.outer(apart, apart) * (self.n * other.n / n)
+            self.scatter + moments.scatter + np.outer(offset, offset) * (self.n * moments.n / n)
         )
-        self.mean = self.mean + apart * (other.n / n)
+        self.mean = self.mean + offset * (moments.n / n)
         self.n = n
 
     def points(self) -> F64:
@@ -43,16 +43,16 @@ class PointMoments:
         return points
 
 
-def moments_by(group: I64, points: F64) -> dict[int, PointMoments]:
+def compute_moments(group: I64, points: F64) -> dict[int, PointMoments]:
     """The moments of points (n, d) that share a group number."""
-    groups, of, n = np.unique(group, return_inverse=True, return_counts=True)
+    groups, place, n = np.unique(group, return_inverse=True, return_counts=True)
     d, size = points.shape[1], len(groups)
-    total = [np.bincount(of, points[:, i], size) for i in range(d)]
+    total = [np.bincount(place, points[:, i], size) for i in range(d)]
     mean = np.stack(total, axis=1) / n[:, None]
-    apart = points - mean[of]
+    offsets = points - mean[place]
     scatter = np.empty((size, d, d))
     for i in range(d):
         for j in range(i + 1):
-            scatter[:, i, j] = np.bincount(of, apart[:, i] * apart[:, j], size)
+            scatter[:, i, j] = np.bincount(place, offsets[:, i] * offsets[:, j], size)
             scatter[:, j, i] = scatter[:, i, j]
     return {int(groups[g]): PointMoments(float(n[g]), mean[g], scatter[g]) for g in range(size)}

@@ -18,13 +18,13 @@ from armd.compensation.estimate.poses import Poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.evaluation import tally
-from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
+from armd.compensation.identify.evaluation.lengths import Length, measure_certified_lengths
 from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.reflectors import (
     FoundReflector,
     ReflectorTerms,
-    found_reflectors,
-    reflector_terms,
+    locate_reflectors,
+    make_reflector_terms,
 )
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
@@ -65,20 +65,20 @@ class Evaluation:
         distance, observations = self.distance_um, self.observations
         names = observations.session_names
         return {
-            **_statistics(distance),
+            **_compute_statistics(distance),
             "n_unused": self.n_unused,
             "by_session": {
-                name: _statistics(distance[observations.session == i])
+                name: _compute_statistics(distance[observations.session == i])
                 for i, name in enumerate(names)
             },
             "distances": [length.as_json() for length in self.lengths],
-            "reflectors": {one.name: one.as_json() for one in self.reflectors},
+            "reflectors": {reflector.name: reflector.as_json() for reflector in self.reflectors},
         }
 
     @property
     def lengths(self) -> list[Length]:
         """Certified lengths beside those between the fitted seats."""
-        return certified_lengths(self.observations, self.poses, self.residual_mm)
+        return measure_certified_lengths(self.observations, self.poses, self.residual_mm)
 
 
 def evaluate(
@@ -102,7 +102,7 @@ def _evaluate(
     constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
     terms = calibration.terms if calibration else []
     reference_c = (calibration or arm).reference_temperature_c
-    tips = reflector_terms(observations, constants[arm.layout.tip])
+    tips = make_reflector_terms(observations, constants[arm.layout.tip])
     reflectors: list[FoundReflector] = []
     if tips.terms:
         observations = tips.observations
@@ -110,10 +110,10 @@ def _evaluate(
         if tips.free:
             fitted = _fit_reflectors(tips, constants, terms, reference_c)
             terms, names, covariance = fitted.terms, fitted.unknowns.names, fitted.covariance
-        reflectors = found_reflectors(observations, constants, terms, names, covariance)
-    found = evaluate_model(observations, constants, terms, reference_c, progress)
-    require_surfaces(sessions, found.observations, found.poses, found.position_mm)
-    return replace(found, reflectors=reflectors)
+        reflectors = locate_reflectors(observations, constants, terms, names, covariance)
+    evaluation = evaluate_model(observations, constants, terms, reference_c, progress)
+    require_surfaces(sessions, evaluation.observations, evaluation.poses, evaluation.position_mm)
+    return replace(evaluation, reflectors=reflectors)
 
 
 def _fit_reflectors(
@@ -151,7 +151,7 @@ def evaluate_model(
     usable = np.isfinite(position[:, 0])
     if not usable.any():
         missing = np.isnan(states.temperature_c).sum(axis=0)
-        raise without_temperatures(observations, terms, observations.n, missing)
+        raise make_temperature_fault(observations, terms, observations.n, missing)
     if not usable.all():
         observations, position = observations.rows(usable), position[usable]
     poses = fit_poses(observations, position)
@@ -177,7 +177,7 @@ def refuse_overflows(observations: Observations, position: F64, basis: F64) -> N
         refuse_overflow(name, observations.row[rows], overflow[rows])
 
 
-def without_temperatures(
+def make_temperature_fault(
     observations: Observations, terms: Sequence[Term], n: int, missing: I64
 ) -> BadInput:
     """Names the sensor that most of *n* readings lack; *missing* (S,) of them lack each."""
@@ -193,7 +193,7 @@ def without_temperatures(
     )
 
 
-def _statistics(distance_um: F64) -> dict[str, Any]:
+def _compute_statistics(distance_um: F64) -> dict[str, Any]:
     if not len(distance_um):
         return dict(tally.NONE)
     return {

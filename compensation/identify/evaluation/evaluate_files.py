@@ -24,14 +24,14 @@ from armd.compensation.data.turns import AngleRange, report_open_turns
 from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses
-from armd.compensation.identify.evaluation.condensed import PointMoments, moments_by
+from armd.compensation.identify.evaluation.condensed import PointMoments, compute_moments
 from armd.compensation.identify.evaluation.evaluate import (
+    make_temperature_fault,
     refuse_overflows,
     tips,
-    without_temperatures,
 )
 from armd.compensation.identify.evaluation.evaluate_sessions import evaluate_sessions
-from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
+from armd.compensation.identify.evaluation.lengths import Length, measure_certified_lengths
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
 from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.model.arm import Arm
@@ -75,8 +75,8 @@ def _evaluate_files(
         return _Passes(paths, arm, calibration, progress).evaluation()
     except _BackInTime:
         progress("the readings are not in the order of time: reading all at once …")
-    figures, found = evaluate_sessions(load_sessions(paths, arm), arm, calibration, progress)
-    return figures, found.lengths
+    figures, evaluation = evaluate_sessions(load_sessions(paths, arm), arm, calibration, progress)
+    return figures, evaluation.lengths
 
 
 def is_long(paths: Sequence[str | Path]) -> bool:
@@ -113,33 +113,33 @@ class _Passes:
 
     def evaluation(self) -> tuple[dict[str, Any], list[Length]]:
         moments: dict[_Key, PointMoments] = {}
-        for some in in_order(self._moments, self._pieces("summing")):
-            for key, new in some.items():
+        for piece_moments in in_order(self._moments, self._pieces("summing")):
+            for key, new in piece_moments.items():
                 if key in moments:
                     moments[key].add(new)
                 else:
                     moments[key] = new
         bare = [session.rows(np.zeros(0, np.int64)) for session in self._last.values()]
-        whole = gather(bare, self._arm, self._artefact, every_length=True)
+        observations = gather(bare, self._arm, self._artefact, every_length=True)
         if not moments:
-            raise without_temperatures(whole, self._terms, self._n, self._missing)
-        few, weight, position = _condensed(whole, moments)
+            raise make_temperature_fault(observations, self._terms, self._n, self._missing)
+        few, weight, position = _condense(observations, moments)
         poses = fit_poses(few, position, weight)
         residual = poses.residual(few, position)
-        lengths = certified_lengths(few, poses, residual, weight)
+        lengths = measure_certified_lengths(few, poses, residual, weight)
 
         by_session = [ErrorTally() for _ in self._paths]
-        own = [_of_session(poses, whole, i) for i in range(len(bare))]
+        poses_by_session = [_select_session(poses, observations, i) for i in range(len(bare))]
 
         def distances_um(piece: _Piece) -> tuple[int, F64]:
             usable, tip = self._tips(piece)
-            apart = own[piece.session].residual(usable, tip)
-            return piece.session, 1e3 * np.linalg.norm(apart, axis=1)
+            residual_mm = poses_by_session[piece.session].residual(usable, tip)
+            return piece.session, 1e3 * np.linalg.norm(residual_mm, axis=1)
 
         for session, distance in in_order(distances_um, self._pieces("comparing")):
             by_session[session].add(distance)
-        together = ErrorTally.of(by_session)
-        names = whole.session_names
+        together = ErrorTally.merge(by_session)
+        names = observations.session_names
         result = {
             **together.as_json(),
             "n_unused": self._n - together.n,
@@ -189,15 +189,15 @@ class _Passes:
         """By session, placement, target and kind: of (stretch, tip), or of (truth, tip)."""
         readings, tip = self._tips(piece)
         n_targets = len(readings.target_names)
-        found = {}
+        moments_by_key = {}
         for true in (False, True):
             rows = readings.has_truth == true
             first = readings.truth_mm if true else readings.stretch[:, None]
             points = np.hstack([first[rows], tip[rows]])
             pair = readings.placement[rows] * n_targets + readings.target[rows]
-            for code, moments in moments_by(pair, points).items():
-                found[piece.session, *divmod(code, n_targets), true] = moments
-        return found
+            for code, moments in compute_moments(pair, points).items():
+                moments_by_key[piece.session, *divmod(code, n_targets), true] = moments
+        return moments_by_key
 
 
 #: session, placement of it, target of it, whether the readings have truths of their own
@@ -217,26 +217,26 @@ class _Lags:
         return followed(time_s, value[:, None], lag_s, memory)[:, 0]
 
 
-def _of_session(poses: Poses, whole: Observations, session: int) -> Poses:
-    placements = whole.placement_session == session
+def _select_session(poses: Poses, observations: Observations, session: int) -> Poses:
+    placements = observations.placement_session == session
     return Poses(
         poses.rotation[placements],
         poses.translation_mm[placements],
-        poses.target_mm[whole.target_session == session],
+        poses.target_mm[observations.target_session == session],
     )
 
 
-def _condensed(
-    whole: Observations, moments: dict[_Key, PointMoments]
+def _condense(
+    observations: Observations, moments: dict[_Key, PointMoments]
 ) -> tuple[Observations, F64, F64]:
     """Few readings that stand for all, how many each stands for, and their tips (m, 3)."""
-    sessions = np.arange(len(whole.session_names))
-    first_placement = np.searchsorted(whole.placement_session, sessions)
-    first_target = np.searchsorted(whole.target_session, sessions)
+    sessions = np.arange(len(observations.session_names))
+    first_placement = np.searchsorted(observations.placement_session, sessions)
+    first_target = np.searchsorted(observations.target_session, sessions)
     session, placement, target = list[int](), list[int](), list[int]()
     stretch, truth, tip, weight = list[float](), list[F64](), list[F64](), list[float]()
-    for (i, p, k, true), some in moments.items():
-        points = some.points()
+    for (i, p, k, true), group_moments in moments.items():
+        points = group_moments.points()
         for point in points:
             session.append(i)
             placement.append(first_placement[i] + p)
@@ -244,10 +244,10 @@ def _condensed(
             stretch.append(1.0 if true else point[0])
             truth.append(point[:3] if true else np.full(3, np.nan))
             tip.append(point[-3:])
-            weight.append(some.n / len(points))
+            weight.append(group_moments.n / len(points))
     few = replace(
-        whole,
-        states=replace(whole.states, q=np.zeros((len(session), whole.arm.n_joints))),
+        observations,
+        states=replace(observations.states, q=np.zeros((len(session), observations.arm.n_joints))),
         session=np.array(session),
         row=np.zeros(len(session), np.int64),
         placement=np.array(placement),

@@ -11,7 +11,7 @@ from armd.compensation.data.points_only import require_points
 from armd.compensation.data.session import Session
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
-from armd.compensation.identify.evaluation.seated_again import fit_tip, hint_of_tip, with_tip
+from armd.compensation.identify.evaluation.seated_again import fit_tip, make_tip_hint, with_tip
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.progress import TellStep
@@ -51,7 +51,7 @@ def _evaluate_sessions(
         extra["tip"] = tip.as_json()
         remarks.append(f"tip fitted anew: {tip.in_words()}")
         arm, calibration = with_tip(arm, calibration, tip)
-    found = evaluate(sessions, arm, calibration, progress)
-    if not refit_tip and not found.reflectors:
-        remarks += hint_of_tip(arm, calibration, found)
-    return {**found.as_json(), **extra, "remarks": remarks}, found
+    evaluation = evaluate(sessions, arm, calibration, progress)
+    if not refit_tip and not evaluation.reflectors:
+        remarks += make_tip_hint(arm, calibration, evaluation)
+    return {**evaluation.as_json(), **extra, "remarks": remarks}, evaluation

@@ -54,7 +54,7 @@ class Length:
         )
 
 
-def certified_lengths(
+def measure_certified_lengths(
     observations: Observations, poses: Poses, residual_mm: F64, weight: F64 | None = None
 ) -> list[Length]:
     """Certified lengths between points that were touched.
@@ -64,23 +64,23 @@ def certified_lengths(
     """
     weight = np.ones(observations.n) if weight is None else weight
     certified = observations.distances
-    known = np.isin(np.arange(len(poses.target_mm)), observations.target) | ~observations.unknown
+    is_known = np.isin(np.arange(len(poses.target_mm)), observations.target) | ~observations.unknown
     return [
         Length(
             between=(observations.target_names[a], observations.target_names[b]),
             certified_mm=float(length),
             standard_uncertainty_mm=float(u),
             measured_mm=float(np.linalg.norm(poses.target_mm[a] - poses.target_mm[b])),
-            measured_uncertainty_mm=_scatter_mm(observations, residual_mm, weight, (a, b)),
+            measured_uncertainty_mm=_compute_scatter_mm(observations, residual_mm, weight, (a, b)),
         )
         for (a, b), length, u in zip(
             certified.between, certified.length_mm, certified.standard_uncertainty_mm, strict=True
         )
-        if known[a] and known[b]
+        if is_known[a] and is_known[b]
     ]
 
 
-def _scatter_mm(
+def _compute_scatter_mm(
     observations: Observations, residual_mm: F64, weight: F64, ends: Sequence[int]
 ) -> float:
     """Standard uncertainty of the distance between two seats, from how their readings scatter.
@@ -92,16 +92,16 @@ def _scatter_mm(
     count = np.zeros((2, len(observations.placement_names)))
     for i, end in enumerate(ends):
         rows = (observations.target == end) & ~observations.has_truth
-        at, readings = observations.placement[rows], weight[rows]
-        count[i] = np.bincount(at, readings, count.shape[1])
+        placement, readings = observations.placement[rows], weight[rows]
+        count[i] = np.bincount(placement, readings, count.shape[1])
         freedom = max(readings.sum() - int((count[i] > 0).sum()), 1.0)
         if observations.unknown[end]:
             axes = int(observations.freedom[rows].min(initial=3))
             variance[i] = np.sum(readings[:, None] * residual_mm[rows] ** 2) / (axes * freedom)
     with np.errstate(divide="ignore", invalid="ignore"):
-        each = np.where(variance[:, None] > 0, variance[:, None] / count, 0.0).sum(axis=0)
+        variances = np.where(variance[:, None] > 0, variance[:, None] / count, 0.0).sum(axis=0)
     if not variance.any():
         return 0.0
-    if np.isfinite(each).any():
-        return math.sqrt(1.0 / float(np.sum(1.0 / each[np.isfinite(each)])))
+    if np.isfinite(variances).any():
+        return math.sqrt(1.0 / float(np.sum(1.0 / variances[np.isfinite(variances)])))
     return math.sqrt(float(variance @ (1.0 / np.maximum(count.sum(axis=1), 1))))

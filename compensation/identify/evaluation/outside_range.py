@@ -26,19 +26,20 @@ class OutsideRange:
         ]
         self._n: dict[int, int] = {}  # readings, by session
         self._names: dict[int, str] = {}
-        self._seen: dict[tuple[int, int], tuple[int, float, float]] = {}  # outside, lowest, highest
+        #: outside, lowest, highest
+        self._outside: dict[tuple[int, int], tuple[int, float, float]] = {}
 
     def add(self, session: int, name: str, celsius: F64) -> None:
         """The next readings (n, S) °C of a session, NaN missing."""
         self._names[session] = name
         self._n[session] = self._n.get(session, 0) + len(celsius)
         for s, _, low, high in self._columns:
-            known = celsius[np.isfinite(celsius[:, s]), s]
-            outside = known[(known < low - LEAST_K) | (known > high + LEAST_K)]
+            values_c = celsius[np.isfinite(celsius[:, s]), s]
+            outside = values_c[(values_c < low - LEAST_K) | (values_c > high + LEAST_K)]
             if len(outside):
-                n, least, most = self._seen.get((session, s), (0, np.inf, -np.inf))
-                self._seen[session, s] = (
-                    n + len(outside), min(least, outside.min()), max(most, outside.max())
+                n, least_c, most_c = self._outside.get((session, s), (0, np.inf, -np.inf))
+                self._outside[session, s] = (
+                    n + len(outside), min(least_c, outside.min()), max(most_c, outside.max())
                 )  # fmt: skip
 
     def in_words(self) -> list[str]:
@@ -46,10 +47,11 @@ class OutsideRange:
         sentences = []
         for session, name in self._names.items():
             words = [
-                f"{sensor} {least:.1f} to {most:.1f} °C in {n} (calibrated {low:.1f} to {high:.1f})"
+                f"{sensor} {least_c:.1f} to {most_c:.1f} °C in {n}"
+                f" (calibrated {low:.1f} to {high:.1f})"
                 for s, sensor, low, high in self._columns
-                if (session, s) in self._seen
-                for n, least, most in [self._seen[session, s]]
+                if (session, s) in self._outside
+                for n, least_c, most_c in [self._outside[session, s]]
             ]
             if words:
                 readings = counted(self._n[session], "reading")

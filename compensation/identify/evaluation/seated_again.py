@@ -75,52 +75,53 @@ def fit_tip(sessions: Sequence[Session], arm: Arm, calibration: Calibration | No
         expected = f"{LEAST_READINGS} at least, to fit the tip"
         raise BadInput(sessions[0].path, "readings", f"{observations.n}", expected)
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
-        found = fit(observations, constants, terms, unknowns, reference_c)
-    at = arm.layout.tip
-    scale = np.sqrt(np.maximum(np.diag(found.covariance)[:3], 0.0))
-    return FittedTip(found.constants[at], scale, constants[at])
+        identification = fit(observations, constants, terms, unknowns, reference_c)
+    tip_slice = arm.layout.tip
+    scale = np.sqrt(np.maximum(np.diag(identification.covariance)[:3], 0.0))
+    return FittedTip(identification.constants[tip_slice], scale, constants[tip_slice])
 
 
-def hint_of_tip(arm: Arm, calibration: Calibration | None, found: Evaluation) -> list[str]:
+def make_tip_hint(arm: Arm, calibration: Calibration | None, evaluation: Evaluation) -> list[str]:
     """Return a sentence where another tip would explain most of what the readings miss by.
 
     One linear step, without a fit: a hint costs no more than the evaluation itself. Without a
     calibration the drawing misses by more than its tip, and nothing is said.
     """
-    if calibration is None or not LEAST_READINGS <= found.observations.n <= MOST_READINGS:
+    if calibration is None or not LEAST_READINGS <= evaluation.observations.n <= MOST_READINGS:
         return []
-    if found.rms_um < 1e3 * LEAST_MOVED_MM:
+    if evaluation.rms_um < 1e3 * LEAST_MOVED_MM:
         return []
     with threadpool_limits(limits=1, user_api="blas"):
-        step_mm, rms_um = _step_of_tip(calibration.vector(arm.n_joints), found)
+        step_mm, rms_um = _compute_tip_step(calibration.vector(arm.n_joints), evaluation)
     moved_mm = float(np.linalg.norm(step_mm))
-    if moved_mm < LEAST_MOVED_MM or rms_um > EXPLAINS * found.rms_um:
+    if moved_mm < LEAST_MOVED_MM or rms_um > EXPLAINS * evaluation.rms_um:
         return []
     return [
         f"with the tip moved by {moved_mm:.3f} mm the residuals are {rms_um:.4g} instead of"
-        f" {found.rms_um:.4g} µm RMS. Was the ball or reflector changed or seated again?"
+        f" {evaluation.rms_um:.4g} µm RMS. Was the ball or reflector changed or seated again?"
         " --fit-tip fits it and evaluates so."
     ]
 
 
-def _step_of_tip(constants: F64, found: Evaluation) -> tuple[F64, float]:
+def _compute_tip_step(constants: F64, evaluation: Evaluation) -> tuple[F64, float]:
     """Return how the tip (3,) mm moves to lower the residuals most, and their RMS (µm) there.
 
     Placements and unknown seats follow each trial move (variable projection). The last frame is
     turned as the *constants* (P,) alone have it: what terms turn it by is below a milliradian.
     """
-    observations = found.observations
+    observations = evaluation.observations
     last_frame = forward(observations.states.q, constants)[1]
 
     def residual(step_mm: F64) -> F64:
-        position: F64 = found.position_mm + last_frame @ step_mm
+        position: F64 = evaluation.position_mm + last_frame @ step_mm
         return fit_poses(observations, position).residual(observations, position)
 
     columns = [
-        (residual(TRIAL_MM * axis) - found.residual_mm).ravel() / TRIAL_MM for axis in np.eye(3)
+        (residual(TRIAL_MM * axis) - evaluation.residual_mm).ravel() / TRIAL_MM
+        for axis in np.eye(3)
     ]
     stacked = np.stack(columns, axis=1)
-    solved = np.linalg.lstsq(stacked, -found.residual_mm.ravel(), rcond=LEAST_SINGULAR)
+    solved = np.linalg.lstsq(stacked, -evaluation.residual_mm.ravel(), rcond=LEAST_SINGULAR)
     step_mm = np.asarray(solved[0], dtype=np.float64)
     squares = (residual(step_mm) ** 2).sum(axis=1)
     return step_mm, 1e3 * float(np.sqrt(squares.mean()))
@@ -132,7 +133,7 @@ def with_tip(
     """The same model with the fitted tip."""
     offset = [float(mm) for mm in tip.offset_mm]
     if calibration is None:
-        own = arm.tip.model_copy(update={"offset_mm": offset})
-        return arm.model_copy(update={"tip": own}), None
+        fitted_tip = arm.tip.model_copy(update={"offset_mm": offset})
+        return arm.model_copy(update={"tip": fitted_tip}), None
     constants = {**calibration.constants, **dict(zip(TIP_PARAMETERS, offset, strict=True))}
     return arm, calibration.model_copy(update={"constants": constants})

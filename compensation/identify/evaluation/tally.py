@@ -24,7 +24,7 @@ class ErrorTally:
 
     def __init__(self) -> None:
         self.n = 0
-        self._sum, self._squares, self._most = 0.0, 0.0, 0.0
+        self._sum, self._squares, self._largest_um = 0.0, 0.0, 0.0
         self._bins: I64 = np.zeros(0, np.int64)  # of the binary logarithm; as many as were needed
 
     def add(self, distance_um: F64) -> None:
@@ -33,23 +33,23 @@ class ErrorTally:
         self.n += len(distance_um)
         self._sum += float(distance_um.sum())
         self._squares += float((distance_um**2).sum())
-        self._most = max(self._most, float(distance_um.max()))
+        self._largest_um = max(self._largest_um, float(distance_um.max()))
         octave = np.log2(np.clip(distance_um / LEAST_UM, 1.0, 2.0**OCTAVES))
         bins, counts = np.unique((octave * BINS).astype(np.int64), return_counts=True)
         self._reach(int(bins[-1]) + 1)
         self._bins[bins] += counts  # not all of them: they are more than the distances
 
     @classmethod
-    def of(cls, parts: Sequence[ErrorTally]) -> ErrorTally:
-        whole = cls()
+    def merge(cls, parts: Sequence[ErrorTally]) -> ErrorTally:
+        total = cls()
         for part in parts:
-            whole.n += part.n
-            whole._sum += part._sum
-            whole._squares += part._squares
-            whole._most = max(whole._most, part._most)
-            whole._reach(len(part._bins))
-            whole._bins[: len(part._bins)] += part._bins
-        return whole
+            total.n += part.n
+            total._sum += part._sum
+            total._squares += part._squares
+            total._largest_um = max(total._largest_um, part._largest_um)
+            total._reach(len(part._bins))
+            total._bins[: len(part._bins)] += part._bins
+        return total
 
     def as_json(self) -> dict[str, Any]:
         """As `evaluate` has it of distances in memory."""
@@ -57,7 +57,7 @@ class ErrorTally:
             return dict(NONE)
         return {
             "rms_um": math.sqrt(self._squares / self.n),
-            "max_um": self._most,
+            "max_um": self._largest_um,
             "mean_um": self._sum / self.n,
             "median_um": self._median_um(),
             "n": self.n,
@@ -71,11 +71,14 @@ class ErrorTally:
     def _median_um(self) -> float:
         """Between the two in the middle, each where it stands if those of its bin stand evenly."""
         upto = np.cumsum(self._bins)
-        middle = [self._at(upto, (self.n - 1) // 2), self._at(upto, self.n // 2)]
+        middle = [
+            self._find_rank_um(upto, (self.n - 1) // 2),
+            self._find_rank_um(upto, self.n // 2),
+        ]
         return sum(middle) / 2
 
-    def _at(self, upto: I64, rank: int) -> float:
+    def _find_rank_um(self, upto: I64, rank: int) -> float:
         bin_ = int(np.searchsorted(upto, rank, side="right"))
         within = (rank - (upto[bin_] - self._bins[bin_]) + 0.5) / self._bins[bin_]
         octaves = float((bin_ + within) / BINS)
-        return min(LEAST_UM * math.exp2(octaves), self._most)
+        return min(LEAST_UM * math.exp2(octaves), self._largest_um)

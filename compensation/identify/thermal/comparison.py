@@ -21,15 +21,15 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, HeldOut
-from armd.compensation.identify.thermal.per_temperature import regressed, regression
-from armd.compensation.identify.thermal.temperatures import left_out_in_turn
+from armd.compensation.identify.thermal.per_temperature import make_regression, regress
+from armd.compensation.identify.thermal.temperatures import leave_out_in_turn
 from armd.compensation.identify.thermal.terms import (
     GROWTH_KNOWN,
-    angle_terms,
-    component_terms,
-    growth_terms,
-    length_terms,
-    zone_terms,
+    make_angle_terms,
+    make_component_terms,
+    make_growth_terms,
+    make_length_terms,
+    make_zone_terms,
 )
 from armd.compensation.model import parameters
 from armd.compensation.model.basis import basis_values
@@ -68,33 +68,33 @@ class Comparison:
         inner = len(groups) // 2
         edges = [groups[0][0] - 5.0, groups[inner][0], groups[-1][0] + 5.0]
         self._without_growth = {
-            f"all at once, order {m}": length_terms(arm, orders[:m]) for m in orders
+            f"all at once, order {m}": make_length_terms(arm, orders[:m]) for m in orders
         }
         if len(groups) > 2:
-            self._without_growth["two zones"] = zone_terms(arm, edges)
-        self._without_growth["principal components"] = component_terms(arm, observations)
-        best = length_terms(arm, orders)
+            self._without_growth["two zones"] = make_zone_terms(arm, edges)
+        self._without_growth["principal components"] = make_component_terms(arm, observations)
+        best = make_length_terms(arm, orders)
         self.extensions = {
-            "θ with temperature": angle_terms(arm, "theta"),
-            "α with temperature": angle_terms(arm, "alpha"),
+            "θ with temperature": make_angle_terms(arm, "theta"),
+            "α with temperature": make_angle_terms(arm, "alpha"),
         }
         everything = [*best, *self._without_growth.get("two zones", [])]
         everything += self._without_growth["principal components"]
         everything += [term for terms in self.extensions.values() for term in terms]
-        everything += growth_terms(arm)
+        everything += make_growth_terms(arm)
         self._place = {term.model_dump_json(): i for i, term in enumerate(everything)}
         self._n_constants = len(fit.unknowns.constants)
         basis = basis_values(everything, observations.states, arm, fit.reference_c, fit.constants)
         columns = np.concatenate(
             [
-                fit.at.make_constant_columns(fit.unknowns.constants),
-                fit.at.make_term_columns(everything, basis),
+                fit.linearisation.make_constant_columns(fit.unknowns.constants),
+                fit.linearisation.make_term_columns(everything, basis),
             ],
             axis=2,
         )
-        fitted = fit.at.make_term_columns(fit.terms, fit.at.basis)
+        fitted = fit.linearisation.make_term_columns(fit.terms, fit.linearisation.basis)
         coefficients = np.array([term.coefficient for term in fit.terms])
-        self._residual = fit.at.residual_mm - fitted @ coefficients
+        self._residual = fit.linearisation.residual_mm - fitted @ coefficients
         self._columns = columns
         self._pull = np.zeros(columns.shape[2])
         self._pull[: self._n_constants] = -fit.departure[: self._n_constants]
@@ -103,14 +103,14 @@ class Comparison:
         scale = np.concatenate(
             [fit.solution.scale[: self._n_constants], sizes / np.maximum(typical, 1e-12)]
         )
-        self._out = left_out_in_turn(observations, groups)
-        folds = [left.rows for left in self._out]
+        self._out = leave_out_in_turn(observations, groups)
+        folds = [left_out.rows for left_out in self._out]
         self._heldout = HeldOut(fit, columns, scale, self._residual, self._pull, folds)
 
     @cached_property
     def growth(self) -> list[Term]:
         """The first link's growth, where a ramp shows it: in every model."""
-        return growth_terms(self.fit.observations.arm) if self._shows_growth() else []
+        return make_growth_terms(self.fit.observations.arm) if self._shows_growth() else []
 
     @cached_property
     def models(self) -> dict[str, list[Term]]:
@@ -126,7 +126,7 @@ class Comparison:
         rows = [Trial("no thermal model", [], self.errors([]))]
         rows += [Trial(n, terms, self.errors(terms)) for n, terms in self.models.items()]
         rows += [
-            Trial(_regression_name(m, offset), [], self._regression_errors(m, offset))
+            Trial(_name_regression(m, offset), [], self._regression_errors(m, offset))
             for offset in (False, True)
             for m in self._regression_orders
         ]
@@ -145,67 +145,70 @@ class Comparison:
     def tells_expansion(self) -> bool:
         """Whether the linear model clearly beats that without temperature."""
         arm = self.fit.observations.arm
-        plain, grown = (self.errors(length_terms(arm, orders)) for orders in ([], [1]))
-        return grown.without_far_um < WORTH * plain.without_far_um
+        base_errors, grown_errors = (
+            self.errors(make_length_terms(arm, orders)) for orders in ([], [1])
+        )
+        return grown_errors.without_far_um < WORTH * base_errors.without_far_um
 
     def _shows_growth(self) -> bool:
         """Whether the readings tell the first link's growth beside a linear thermal model, and
         those left out do not speak against it. It is one physical term, which every ramp has: it
         need not lower the whole error by a hundredth."""
         arm = self.fit.observations.arm
-        linear, growth = length_terms(arm, [1]), growth_terms(arm)
+        linear, growth = make_length_terms(arm, [1]), make_growth_terms(arm)
         if not growth:
             return False
         solution = self._heldout.solve_all(self._chosen([*linear, *growth]))
         sigma = float(np.linalg.norm(solution.root[-1]))
         if abs(float(solution.step[-1])) < GROWTH_KNOWN * sigma:
             return False
-        grown, plain = self.errors([*linear, *growth]), self.errors(linear)
-        return grown.without_far_um <= plain.without_far_um
+        grown_errors, base_errors = self.errors([*linear, *growth]), self.errors(linear)
+        return grown_errors.without_far_um <= base_errors.without_far_um
 
     def extended(self, terms: Sequence[Term]) -> list[Trial]:
         """Angles that move with temperature, added where they lower the held-out error."""
         chosen, best = list(terms), self.errors(terms).without_far_um
         accepted = []
-        for name, more in self.extensions.items():
-            errors = self.errors([*chosen, *more])
+        for name, extension in self.extensions.items():
+            errors = self.errors([*chosen, *extension])
             if errors.without_far_um < WORTH * best:
-                chosen, best = [*chosen, *more], errors.without_far_um
+                chosen, best = [*chosen, *extension], errors.without_far_um
                 accepted.append(Trial(name, chosen, errors))
         return accepted
 
     def regressed(
-        self, trials: Sequence[Trial], wanted: int | None, offset: bool
+        self, trials: Sequence[Trial], thermal_order: int | None, offset: bool
     ) -> tuple[int, Identification, Errors]:
         """The paper's way: order, fit, and its errors on readings left out.
 
         Raises `ArmdError` where the temperatures are too few for the order.
         """
         errors = {trial.name: trial.errors for trial in trials}
-        orders = [wanted] if wanted else self._regression_orders
+        orders = [thermal_order] if thermal_order else self._regression_orders
         if not orders or max(orders) not in self._regression_orders:
-            needed = (wanted or 1) + 2
+            needed = (thermal_order or 1) + 2
             raise ArmdError(
                 f"per temperature: found {counted(len(self.groups), 'temperature')},"
-                f" expected at least {needed} for order {wanted or 1}, one of them left out in turn"
+                f" expected at least {needed} for order {thermal_order or 1}, one of them left out"
+                " in turn"
             )
         order = orders[0]
         for m in orders[1:]:
             if (
-                errors[_regression_name(m, offset)].without_far_um
-                < WORTH * errors[_regression_name(order, offset)].without_far_um
+                errors[_name_regression(m, offset)].without_far_um
+                < WORTH * errors[_name_regression(order, offset)].without_far_um
             ):
                 order = m
         arm = self.fit.observations.arm
         names = arm.used_sensors
         weights = {name: 1.0 / len(names) for name in names}
-        found = regressed(
+        identification = regress(
             self.fit, self._identified_alone, self._temperature_c, weights, order, offset
         )
-        return order, found, errors[_regression_name(order, offset)]
+        return order, identification, errors[_name_regression(order, offset)]
 
     def _chosen(self, terms: Sequence[Term]) -> I64:
-        places = [self._n_constants + self._place[_plain(term)] for term in terms]
+        places = [self._n_constants + self._place[_make_key(term)] for term in terms]
         return np.array([*range(self._n_constants), *places], dtype=np.int64)
 
     @property
@@ -217,21 +220,21 @@ class Comparison:
         constants = np.arange(self._n_constants)
         identified = np.array([solution.known_step for solution in self._identified_alone])
         rows = []
-        for fold, left, part in zip(
+        for fold, left_out, part in zip(
             self._heldout.folds, self._out, self._identified_in_part, strict=True
         ):
-            told = identified.copy()
-            kept = np.ones(len(told), dtype=bool)
-            kept[left.group] = part is not None
+            steps = identified.copy()
+            is_used = np.ones(len(steps), dtype=bool)
+            is_used[left_out.group] = part is not None
             if part is not None:
-                told[left.group] = part.known_step
-            from_c, linear = regression(
-                self._temperature_c[kept], order, offset, self.fit.reference_c
+                steps[left_out.group] = part.known_step
+            from_c, linear = make_regression(
+                self._temperature_c[is_used], order, offset, self.fit.reference_c
             )
-            temperature_c = self._temperature_c[left.group]
+            temperature_c = self._temperature_c[left_out.group]
             powers = np.vander([temperature_c - from_c], order + 1, increasing=True)[0]
-            rows.append(fold.tried(constants, powers @ linear @ told[kept]))
-        return self._heldout.of(rows)
+            rows.append(fold.compute_residual_mm(constants, powers @ linear @ steps[is_used]))
+        return self._heldout.summarise(rows)
 
     @property
     def _temperature_c(self) -> F64:
@@ -247,22 +250,22 @@ class Comparison:
         """Likewise from what stays of a temperature whose other readings are left out, one for
         each set left out; None where nothing stays."""
         parts = iter(self._identified_from([o.stays for o in self._out if o.stays.any()]))
-        return [next(parts) if left.stays.any() else None for left in self._out]
+        return [next(parts) if left_out.stays.any() else None for left_out in self._out]
 
     def _identified_from(self, sets: Sequence[Mask]) -> list[Solution]:
         constants = np.arange(self._n_constants)
-        alone = HeldOut(
+        by_set = HeldOut(
             self.fit, self._columns[:, :, constants], self._heldout.scale[constants],
             self._residual, self._pull[constants], [~rows for rows in sets],
         )  # fmt: skip
-        return [alone.solve(i, constants) for i in range(len(sets))]
+        return [by_set.solve(i, constants) for i in range(len(sets))]
 
 
-def _regression_name(order: int, offset: bool) -> str:
+def _name_regression(order: int, offset: bool) -> str:
     return f"per temperature, order {order}" + " and offset" * offset
 
 
-def _plain(term: Term) -> str:
+def _make_key(term: Term) -> str:
     return term.model_copy(
         update={"coefficient": 0.0, "standard_uncertainty": None}
     ).model_dump_json()

@@ -28,7 +28,7 @@ from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 
 
-def regression(
+def make_regression(
     temperature_c: F64, order: int, offset: bool, reference_c: float
 ) -> tuple[float, F64]:
     """The temperature ΔT counts from, and the linear map (order + 1, G) from a constant's values
@@ -42,7 +42,7 @@ def regression(
     return float(temperature_c[nearest]), np.vstack([through, slopes])
 
 
-def regressed(
+def regress(
     around: Identification,
     identified: Sequence[Solution],
     temperature_c: F64,
@@ -55,13 +55,13 @@ def regressed(
     *identified*: changes of the constants of *around*, one solution per temperature (G,), which
     is the mean over the sensors that *weights* names.
     """
-    from_c, linear = regression(temperature_c, order, offset, around.reference_c)
+    from_c, linear = make_regression(temperature_c, order, offset, around.reference_c)
     polynomial = linear @ np.array([solution.known_step for solution in identified])
     names = list(around.unknowns.constants)
     # θ₁ and d₁ move every placement alike: no reading tells them.
     moving = [i for i, name in enumerate(names) if name not in ("theta_1", "d_1")]
-    each = np.array([solution.compute_known_covariance() for solution in identified])
-    covariance = np.einsum("rg,sg,gij->risj", linear, linear, each)
+    covariances = np.array([solution.compute_known_covariance() for solution in identified])
+    covariance = np.einsum("rg,sg,gij->risj", linear, linear, covariances)
     places = [(m, i) for m in range(1, order + 1) for i in moving]
     chosen = [*range(len(names)), *(len(names) * m + i for m, i in places)]
     covariance = covariance.reshape(2 * [len(names) * (order + 1)])[np.ix_(chosen, chosen)]
@@ -78,42 +78,50 @@ def regressed(
         )
         for (m, i), u in zip(places, deviation, strict=True)
     ]
-    alone = Unknowns(names)
-    x = alone.values(around.constants, []) + polynomial[0]
-    constants, _ = alone.put(x, around.constants, [])
-    return _standing(replace(around, covariance=covariance), constants, terms)
+    constant_unknowns = Unknowns(names)
+    x = constant_unknowns.values(around.constants, []) + polynomial[0]
+    constants, _ = constant_unknowns.put(x, around.constants, [])
+    return _refit_poses(replace(around, covariance=covariance), constants, terms)
 
 
-def _standing(around: Identification, constants: F64, terms: list[Term]) -> Identification:
+def _refit_poses(around: Identification, constants: F64, terms: list[Term]) -> Identification:
     """A fit whose constants (P,) and terms stand where they are; only poses are fitted."""
     observations, reference_c = around.observations, around.reference_c
     poses = evaluate_model(observations, constants, terms, reference_c).poses
-    at = linearise(observations, constants, terms, poses, reference_c)
-    joints = at.joints
-    left = around.alone.compute_residual_share(around.solution.root)
+    linearisation = linearise(observations, constants, terms, poses, reference_c)
+    joints = linearisation.joints
+    residual_share = around.arm_problem.compute_residual_share(around.solution.root)
     noise = estimate_noise(
-        at.residual_mm,
+        linearisation.residual_mm,
         joints,
-        around.alone.whitening,
-        left,
+        around.arm_problem.whitening,
+        residual_share,
         around.region,
         around.counts,
         observations.freedom,
     )
     covariance = noise.covariance(joints)
     distance2 = to_three_components(
-        compute_mahalanobis2(at.residual_mm, covariance), observations.freedom
+        compute_mahalanobis2(linearisation.residual_mm, covariance), observations.freedom
     )
     unknowns = Unknowns(around.unknowns.constants, range(len(terms)))
-    scale = unknowns.get_plausible(terms, at.basis)
-    alone = ArmAlone(
-        at,
+    scale = unknowns.get_plausible(terms, linearisation.basis)
+    arm_problem = ArmAlone(
+        linearisation,
         make_whitening(
             covariance, around.counts * compute_redescending_weights(distance2, around.region)
         ),
-        unknowns.columns(at.jacobian, at.basis, terms),
+        unknowns.columns(linearisation.jacobian, linearisation.basis, terms),
     )
+    solution = arm_problem.solve(scale, np.zeros(len(scale)))
     return replace(
-        around, constants=constants, terms=terms, unknowns=unknowns, at=at, noise=noise,
-        alone=alone, distance2=distance2, solution=alone.solve(scale, np.zeros(len(scale))),
-    )  # fmt: skip
+        around,
+        constants=constants,
+        terms=terms,
+        unknowns=unknowns,
+        linearisation=linearisation,
+        noise=noise,
+        arm_problem=arm_problem,
+        distance2=distance2,
+        solution=solution,
+    )

@@ -29,7 +29,7 @@ class LeftOut:
     stays: Mask  # (n,) readings at the same temperature that stay
 
 
-def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
+def group_temperatures(observations: Observations) -> list[tuple[float, Mask]]:
     """Temperatures measured at, ascending: mean in °C, and its readings (n,)."""
     used = observations.arm.used_sensors
     if not used:
@@ -45,39 +45,41 @@ def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
             chains[-1].append(int(p))
         else:
             chains.append([int(p)])
-    groups = [group for chain in chains for group in _evenly(np.array(chain), mean)]
+    groups = [group for chain in chains for group in _split_evenly(np.array(chain), mean)]
     if len(groups) == 1:
-        groups = _halves(groups[0], mean)
+        groups = _split_in_halves(groups[0], mean)
     masks = [np.isin(observations.placement, group) for group in groups]
     return [(float(row_c[mask].mean()), mask) for mask in masks]
 
 
-def _evenly(chain: I64, mean_c: F64) -> list[I64]:
+def _split_evenly(chain: I64, mean_c: F64) -> list[I64]:
     """Placements, by ascending temperature, in as few equal spans as are short enough."""
-    own = mean_c[chain] - mean_c[chain[0]]
-    if not own[-1] > MOST_SPAN_K:  # nor where it is unknown
+    rise_k = mean_c[chain] - mean_c[chain[0]]
+    if not rise_k[-1] > MOST_SPAN_K:  # nor where it is unknown
         return [chain]
-    spans = int(np.ceil(own[-1] / MOST_SPAN_K))
-    of = np.minimum((own / own[-1] * spans).astype(np.int64), spans - 1)
-    return [chain[of == k] for k in range(spans)]
+    spans = int(np.ceil(rise_k[-1] / MOST_SPAN_K))
+    span = np.minimum((rise_k / rise_k[-1] * spans).astype(np.int64), spans - 1)
+    return [chain[span == k] for k in range(spans)]
 
 
-def far_apart(groups: list[tuple[float, Mask]]) -> bool:
+def are_far_apart(groups: list[tuple[float, Mask]]) -> bool:
     """Whether temperatures are surely as far apart as telling expansion takes."""
     return groups[-1][0] - groups[0][0] > MOST_SPAN_K
 
 
-def _halves(chain: I64, mean_c: F64) -> list[I64]:
+def _split_in_halves(chain: I64, mean_c: F64) -> list[I64]:
     """The only temperature as two, where it spans more than one may: there are no others that could
     tell whether lengths grow with it."""
-    own = mean_c[chain] - mean_c[chain[0]]
-    if not own[-1] > SAME_TEMPERATURE_K:
+    rise_k = mean_c[chain] - mean_c[chain[0]]
+    if not rise_k[-1] > SAME_TEMPERATURE_K:
         return [chain]
-    warm = own > own[-1] / 2
+    warm = rise_k > rise_k[-1] / 2
     return [chain[~warm], chain[warm]]
 
 
-def left_out_in_turn(observations: Observations, groups: list[tuple[float, Mask]]) -> list[LeftOut]:
+def leave_out_in_turn(
+    observations: Observations, groups: list[tuple[float, Mask]]
+) -> list[LeftOut]:
     """Every temperature between the lowest and the highest as a whole, these two in parts.
 
     The daemon flags what lies beyond the temperatures measured at, so extrapolation is not what
@@ -85,7 +87,7 @@ def left_out_in_turn(observations: Observations, groups: list[tuple[float, Mask]
     all the same. What expands evenly is as long at the mean temperature as a fit without any
     thermal model says: an only temperature between the two hardly tells whether there is one.
     """
-    found = [
+    sets = [
         LeftOut(g, rows, np.zeros(observations.n, dtype=bool))
         for g, (_, rows) in enumerate(groups[1:-1], 1)
     ]
@@ -94,5 +96,5 @@ def left_out_in_turn(observations: Observations, groups: list[tuple[float, Mask]
         for part in make_placement_folds(observations.rows(rows), SETS_AT_AN_END)[0]:
             out = np.zeros(observations.n, dtype=bool)
             out[np.flatnonzero(rows)[part]] = True
-            found.append(LeftOut(g, out, rows & ~out))
-    return found
+            sets.append(LeftOut(g, out, rows & ~out))
+    return sets

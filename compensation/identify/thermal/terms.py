@@ -24,16 +24,16 @@ EXPLAINED = 0.995
 GROWTH_KNOWN = 5.0
 
 
-def length_terms(arm: Arm, orders: Sequence[int]) -> list[Term]:
+def make_length_terms(arm: Arm, orders: Sequence[int]) -> list[Term]:
     """Terms ΔT^m on every length that matters, by its joint's own temperature."""
     return [
         Term(parameter=name, basis=[Temperature(weights=weights, order=m)])
-        for name, weights in _lengths(arm)
+        for name, weights in _list_lengths(arm)
         for m in orders
     ]
 
 
-def angle_terms(arm: Arm, stem: str) -> list[Term]:
+def make_angle_terms(arm: Arm, stem: str) -> list[Term]:
     """Terms ΔT on θ ("theta") or α ("alpha") of every joint with a temperature."""
     return [
         Term(parameter=f"{stem}_{k}", basis=[Temperature(weights=joint.weights)])
@@ -42,7 +42,7 @@ def angle_terms(arm: Arm, stem: str) -> list[Term]:
     ]
 
 
-def growth_terms(arm: Arm) -> list[Term]:
+def make_growth_terms(arm: Arm) -> list[Term]:
     """The one term by which the first link, and what it stands on, grows; none without a sensor.
 
     Between placements that is the placement's own. A ramp within one shows it, and what is not in
@@ -52,16 +52,16 @@ def growth_terms(arm: Arm) -> list[Term]:
     return [Term(parameter="d_1", basis=[Temperature(weights=weights)])] if weights else []
 
 
-def zone_terms(arm: Arm, edges_c: Sequence[float]) -> list[Term]:
+def make_zone_terms(arm: Arm, edges_c: Sequence[float]) -> list[Term]:
     """The paper's temperature zones: a broken line, one slope per zone of *edges_c*."""
     return [
         Term(parameter=name, basis=[Temperature(weights=weights, zone_c=(low, high))])
-        for name, weights in _lengths(arm)
+        for name, weights in _list_lengths(arm)
         for low, high in itertools.pairwise(edges_c)
     ]
 
 
-def component_terms(arm: Arm, observations: Observations) -> list[Term]:
+def make_component_terms(arm: Arm, observations: Observations) -> list[Term]:
     """Principal components of the sensors in place of each joint's own temperature.
 
     The mean temperature is the first direction of sensors that move together; as many components
@@ -74,7 +74,7 @@ def component_terms(arm: Arm, observations: Observations) -> list[Term]:
     share = np.cumsum(s**2) / max(float(np.sum(s**2)), 1e-300)
     count = int(np.searchsorted(share, EXPLAINED)) + 1
     terms = []
-    for name, _ in _lengths(arm):
+    for name, _ in _list_lengths(arm):
         for direction in vt[:count]:
             weights = dict(zip(names, (direction / np.abs(direction).sum()).tolist(), strict=True))
             reference = arm.reference_temperature_c * sum(weights.values())
@@ -83,7 +83,7 @@ def component_terms(arm: Arm, observations: Observations) -> list[Term]:
     return terms
 
 
-def last_lever_mm(arm: Arm) -> F64:
+def get_last_lever_mm(arm: Arm) -> F64:
     """(3,) from the last joint to the tip in the last frame: link and stylus, which grow as one."""
     last = arm.joint[-1]
     link = Rotation.from_euler("XY", [last.alpha_deg, last.beta_deg], degrees=True)
@@ -91,18 +91,18 @@ def last_lever_mm(arm: Arm) -> F64:
     return lever
 
 
-def _lengths(arm: Arm) -> list[tuple[str, dict[str, float]]]:
+def _list_lengths(arm: Arm) -> list[tuple[str, dict[str, float]]]:
     """Lengths that matter, with the weights of their temperature.
 
-    Not d of joint 1, which moves every placement alike (`growth_terms`). What the last link adds
-    to the tip's offset grows with it, all by the last joint's temperature.
+    Not d of joint 1, which moves every placement alike (`make_growth_terms`). What the last link
+    adds to the tip's offset grows with it, all by the last joint's temperature.
     """
     lengths = [
         (f"{stem}_{k}", joint.weights, length)
         for k, joint in enumerate(arm.joint[:-1], 1)
         for stem, length in (("d", joint.d_mm), ("a", joint.a_mm))
     ]
-    last, lever = arm.joint[-1], last_lever_mm(arm)
+    last, lever = arm.joint[-1], get_last_lever_mm(arm)
     lengths += [
         (name, last.weights, float(length))
         for name, length in zip(parameters.TIP_PARAMETERS, lever, strict=True)

@@ -15,9 +15,16 @@ from armd.compensation.data.points_only import require_points
 from armd.compensation.data.session import Session
 from armd.compensation.data.soundness import still_and_far
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.identify.admission.far_off import distances_mm, without_temperature
+from armd.compensation.identify.admission.far_off import (
+    list_without_temperature,
+    measure_distances_mm,
+)
+from armd.compensation.identify.admission.inconsistent_session import (
+    ABSURD_MM,
+    find_mistake,
+    refuse_mistakes,
+)
 from armd.compensation.identify.admission.mistakes import LEAST_FAHRENHEIT, AssumedModel
-from armd.compensation.identify.admission.odd_session import ABSURD_MM, mistake, refuse_mistakes
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
@@ -31,7 +38,7 @@ def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration
     Returns what a person should know of those that are.
     """
     require_points(sessions, "`armd interim`")
-    model = AssumedModel.under(arm, calibration)
+    model = AssumedModel.from_calibration(arm, calibration)
     remarks: list[str] = []
     for session in sessions:
         observations = gather([session], arm, calibration.artefact)
@@ -39,9 +46,9 @@ def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration
         refuse_mistakes([session], observations, model)
         refuse_misnamed([session], observations, model)
         position = model.tip_mm(observations)
-        _refuse_absurd(session, distances_mm(observations, position))
+        _refuse_absurd(session, measure_distances_mm(observations, position))
         remarks += session.remarks
-        remarks += without_temperature(session, np.isfinite(position[:, 0]))
+        remarks += list_without_temperature(session, np.isfinite(position[:, 0]))
     return remarks
 
 
@@ -49,7 +56,7 @@ def _refuse_temperatures(session: Session, observations: Observations, model: As
     celsius = observations.states.temperature_c
     if np.nanmin(celsius, initial=np.inf) > LEAST_FAHRENHEIT:
         # Hot servos are: only where °F explain what the readings miss by.
-        fault = mistake(session, observations, model, "under the calibration given")
+        fault = find_mistake(session, observations, model, "under the calibration given")
         if fault is not None:
             raise fault
     if still := still_and_far(session, observations.arm):

@@ -13,7 +13,7 @@ from armd.compensation.diagnose.fitting.expansions import (
     goes_with_temperature,
 )
 from armd.compensation.identify.thermal.temperatures import MOST_SPAN_K
-from armd.compensation.identify.thermal.terms import growth_terms, length_terms
+from armd.compensation.identify.thermal.terms import make_growth_terms, make_length_terms
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import Calibration
@@ -49,7 +49,7 @@ def list_open_growth(arm: Arm, calibration: Calibration) -> tuple[OpenGrowth, ..
     if max(high - low for low, high in ranges.values()) > MOST_SPAN_K:
         return ()
     terms = [t.model_copy(update={"coefficient": 0.0})
-             for t in (*growth_terms(arm), *length_terms(arm, [1]))]  # fmt: skip
+             for t in (*make_growth_terms(arm), *make_length_terms(arm, [1]))]  # fmt: skip
     places = arm.layout.indices(term.parameter for term in terms)
     sizes = compute_growth_mm_per_k(calibration.vector(arm.n_joints), places)
     return tuple(

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from armd.arrays import F64
-from armd.compensation.identify.thermal.terms import last_lever_mm
+from armd.compensation.identify.thermal.terms import get_last_lever_mm
 from armd.compensation.interim.changes.change import Change, list_change_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check
@@ -127,7 +127,7 @@ def _sum_by_link(
     """Of each link the mean of its lengths' growth, per mm, weighted by their squares; the last
     link and the stylus are one."""
     lengths: dict[int, list[int]] = {}
-    lever = dict(zip(("tip_x", "tip_y", "tip_z"), map(float, last_lever_mm(arm)), strict=True))
+    lever = dict(zip(("tip_x", "tip_y", "tip_z"), map(float, get_last_lever_mm(arm)), strict=True))
     length_mm: dict[str, float] = {**calibration.constants, **lever}
     for i, expansion in enumerate(growth):
         stem, _, number = expansion.term.parameter.partition("_")

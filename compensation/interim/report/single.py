@@ -8,7 +8,7 @@ from pathlib import Path
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.robust import MONSTROUS, SUSPECT
-from armd.compensation.identify.admission.far_off import FarOff, distances_mm, far_off
+from armd.compensation.identify.admission.far_off import FarOff, find_far_off, measure_distances_mm
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.interim.checks import history
 from armd.compensation.interim.checks.history import Check
@@ -40,5 +40,5 @@ def list_single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
 def _find_far_off(session: Session, check: Check, times: float) -> FarOff:
     calibration = check.calibration.content
     observations = gather([session], check.arm, calibration.artefact)
-    model = AssumedModel.under(check.arm, calibration)
-    return far_off(distances_mm(observations, model.tip_mm(observations)), times)
+    model = AssumedModel.from_calibration(check.arm, calibration)
+    return find_far_off(measure_distances_mm(observations, model.tip_mm(observations)), times)

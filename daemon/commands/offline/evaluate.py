@@ -12,7 +12,7 @@ from armd.compensation.data.session import load_sessions
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.requirements import ABSURD_RMS_MM
-from armd.compensation.identify.admission.wrong_names import told_of_misnamed
+from armd.compensation.identify.admission.wrong_names import report_misnamed
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.daemon.commands.offline.given import add_arm, load_given
@@ -83,7 +83,9 @@ def _why(
     if result["n"] <= MOST_HELD:
         sessions = load_sessions(args.session, arm)
         observations = gather(sessions, arm, calibration.artefact if calibration else None)
-        reasons = told_of_misnamed(sessions, observations, AssumedModel.under(arm, calibration))
+        reasons = report_misnamed(
+            sessions, observations, AssumedModel.from_calibration(arm, calibration)
+        )
         if reasons:
             return "\n".join(reasons)
     return (

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from armd.compensation.data.points_only import refuse_surfaces
 from armd.compensation.data.session_format import Artefact
-from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, certificate_readings
+from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, count_certificate_readings
 from armd.compensation.model.arm import Arm
 from armd.daemon.measure.plan.poses import Pose, make_stations, read_poses
 from armd.daemon.measure.plan.proposed import load_proposed_check
@@ -117,7 +117,7 @@ def _plan_artefact(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     placements = wishes.placements or [f"P{i + 1}" for i in range(count)]
     positions = {target.name: target.position_mm for target in artefact.targets}
     seats = sum(positions.get(name) is None for name in targets)
-    needed = certificate_readings(arm.n_joints, len(placements), seats)
+    needed = count_certificate_readings(arm.n_joints, len(placements), seats)
     enough = max(ARTEFACT_ROUNDS, -(-needed // max(len(placements) * len(targets), 1)))
     touches = wishes.repeats or CALIBRATION_TOUCHES
     return artefact, [

@@ -23,17 +23,17 @@ from armd.compensation.identify.admission.mistakes import (
     LEAST_MM,
     LEAST_READINGS,
     AssumedModel,
-    best_guess,
-    celsius,
-    miss_mm,
-    misses_mm,
-    wrong_length_unit,
+    compute_largest_miss_mm,
+    compute_misses_mm,
+    find_best_guess,
+    find_wrong_length_unit,
+    to_celsius,
 )
-from armd.compensation.identify.admission.requirements import readings_needed
+from armd.compensation.identify.admission.requirements import count_needed_readings
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
-from armd.compensation.identify.fit import Identification, fit, rms_um
-from armd.compensation.identify.thermal.temperatures import temperature_groups
-from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.identify.fit import Identification, compute_rms_um, fit
+from armd.compensation.identify.thermal.temperatures import group_temperatures
+from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.errors import BadInput
 
@@ -52,7 +52,7 @@ REACH_K, MOST_GROWN_PER_K = 3.0, 30e-6
 
 
 @dataclass(frozen=True)
-class Odd:
+class InconsistentSession:
     """A session that does not fit, and nothing simple that would make it."""
 
     path: Path
@@ -65,8 +65,8 @@ class Odd:
     def in_words(self) -> str:
         words = (
             f"session {self.path.name} does not fit the others: its readings miss by up to "
-            f"{_length(self.miss_mm)} under what the others identify, and theirs by up to "
-            f"{_length(self.others_mm)}; "
+            f"{_to_text(self.miss_mm)} under what the others identify, and theirs by up to "
+            f"{_to_text(self.others_mm)}; "
         )
         if self.tip is None:
             return words + (
@@ -76,110 +76,125 @@ class Odd:
         moved_mm, after_mm = self.tip
         x, y, z = (f"{mm:.3g}" for mm in moved_mm)
         return words + (
-            f"with the tip moved by ({x}, {y}, {z}) mm in the last frame, by {_length(after_mm)}. "
+            f"with the tip moved by ({x}, {y}, {z}) mm in the last frame, by {_to_text(after_mm)}. "
             "Was it measured with another stylus, or one screwed in otherwise? One calibration "
             "holds one tip: leave the session out, or measure it again."
         )
 
 
 def refuse_mistakes(
-    sessions: Sequence[Session], observations: Observations, given: AssumedModel | None = None
+    sessions: Sequence[Session], observations: Observations, calibrated: AssumedModel | None = None
 ) -> None:
     """Raise `BadInput` for sessions whose unit, names or columns are plainly others than they say.
 
-    Held against *given*, a calibration, or the drawing, any such mistake stands out. *observations*
+    Held against *calibrated*, or the drawing, any such mistake stands out. *observations*
     are of *sessions*, some rows of them left out or none.
     """
-    model = given or AssumedModel.under(observations.arm, None)
+    model = calibrated or AssumedModel.from_calibration(observations.arm, None)
     parts = [observations.rows(observations.session == k) for k in range(len(sessions))]
-    misses = np.array([miss_mm(part, model) for part in parts])
-    told = misses > 0  # others have no placement with enough readings
+    misses = np.array([compute_largest_miss_mm(part, model) for part in parts])
+    is_judged = misses > 0  # others have no placement with enough readings
     faults = []
     for session, part in zip(sessions, parts, strict=True):
-        if unit := wrong_length_unit(part, model):
-            found = f"certified distances that fit the arm if they are taken as {unit}"
-            faults.append(BadInput(session.path, "the session", found, "distances in mm"))
+        if unit := find_wrong_length_unit(part, model):
+            problem = f"certified distances that fit the arm if they are taken as {unit}"
+            faults.append(BadInput(session.path, "the session", problem, "distances in mm"))
     raise_all(faults)
-    if not told.any():
+    if not is_judged.any():
         return
-    suspects = told & (misses > min(ABSURD_MM, APART * max(misses[told].min(), LEAST_MM)))
+    suspects = is_judged & (misses > min(ABSURD_MM, APART * max(misses[is_judged].min(), LEAST_MM)))
     if not suspects.any():
         return
-    by = "under the calibration given" if given else "under the drawing"
-    others = ~suspects & told
-    if not given and (better := identified(observations, others[observations.session])):
-        model = AssumedModel.of(better)
-        by = f"under what the other {int(others.sum())} identify"
+    by = "under the calibration given" if calibrated else "under the drawing"
+    is_reference = ~suspects & is_judged
+    if not calibrated and (
+        better := identify_rows(observations, is_reference[observations.session])
+    ):
+        model = AssumedModel.from_identification(better)
+        by = f"under what the other {int(is_reference.sum())} identify"
     raise_all(
         [
             fault
             for k in map(int, np.flatnonzero(suspects))
-            if (fault := mistake(sessions[k], parts[k], model, by))
+            if (fault := find_mistake(sessions[k], parts[k], model, by))
         ]
     )
 
 
-def inconsistent_session(sessions: Sequence[Session], observations: Observations) -> Odd | None:
+def fit_and_find_inconsistent_session(
+    sessions: Sequence[Session], observations: Observations
+) -> InconsistentSession | None:
     """Return the session without which the others fit, whatever the calibration of the arm.
 
     Raises `BadInput` where it is plain what is wrong with it.
     """
     if len(sessions) < LEAST_SESSIONS:
         return None
-    found = identified(observations, np.ones(observations.n, dtype=bool))
-    if found is None:
+    identification = identify_rows(observations, np.ones(observations.n, dtype=bool))
+    if identification is None:
         return None
     arm = observations.arm
     drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
-    return odd_session(sessions, found, rms_um(drawn.residual_mm))
+    return find_inconsistent_session(sessions, identification, compute_rms_um(drawn.residual_mm))
 
 
-def odd_session(
-    sessions: Sequence[Session], found: Identification, drawn_rms_um: float
-) -> Odd | None:
+def find_inconsistent_session(
+    sessions: Sequence[Session], identification: Identification, drawn_rms_um: float
+) -> InconsistentSession | None:
     """The session without which the others fit, asked where the fit to all of them is poor.
 
     Raises `BadInput` where it is plain what is wrong with it.
     """
-    observations = found.observations
-    model = AssumedModel.of(found)
-    misses = _by_session(observations, model, len(sessions))
+    observations = identification.observations
+    model = AssumedModel.from_identification(identification)
+    misses = _find_largest_by_session(observations, model, len(sessions))
     if len(sessions) < LEAST_SESSIONS or not np.isfinite(misses).all():
         return None
-    apart = misses.max() > APART * misses.min()
+    is_apart = misses.max() > APART * misses.min()
     hot = (observations.states.temperature_c > LEAST_FAHRENHEIT).any()
-    if not apart and not hot and found.rms_um < SUSPICIOUS_SHARE * drawn_rms_um:
+    if not is_apart and not hot and identification.rms_um < SUSPICIOUS_SHARE * drawn_rms_um:
         return None
     best: tuple[float, int, AssumedModel] | None = None
     for k in map(int, np.argsort(-misses)[:MOST_LEFT_OUT]):
         rest = observations.session != k
-        without = identified(observations, rest)
+        without = identify_rows(observations, rest)
         if without is None:
             continue
-        model = AssumedModel.of(without)
-        level = float(np.nanmax(_by_session(observations.rows(rest), model, len(sessions))))
+        model = AssumedModel.from_identification(without)
+        level = float(
+            np.nanmax(_find_largest_by_session(observations.rows(rest), model, len(sessions)))
+        )
         if best is None or level < best[0]:
             best = (level, k, model)
     if best is None:
         return None
     level, k, model = best
     part = observations.rows(observations.session == k)
-    miss = miss_mm(part, model)
-    if miss < APART * level + _grown_mm(part, observations) or level > misses.max() / APART:
+    miss = compute_largest_miss_mm(part, model)
+    if (
+        miss < APART * level + _estimate_growth_mm(part, observations)
+        or level > misses.max() / APART
+    ):
         return None
     by = f"under what the other {len(sessions) - 1} identify"
-    if fault := mistake(sessions[k], part, model, by):
+    if fault := find_mistake(sessions[k], part, model, by):
         raise fault
-    return Odd(sessions[k].path, miss, level, _other_tip(part, model, miss))
+    return InconsistentSession(sessions[k].path, miss, level, _fit_other_tip(part, model, miss))
 
 
-def _other_tip(part: Observations, model: AssumedModel, miss: float) -> tuple[F64, float] | None:
+def _fit_other_tip(
+    part: Observations, model: AssumedModel, miss: float
+) -> tuple[F64, float] | None:
     """How far the tip of a session would have to be from the *model*'s to explain that its
     readings *miss* it (mm), and by how much they then miss; None where it does not."""
-    found = fit(part, model.constants, model.terms, Unknowns(TIP_PARAMETERS), model.reference_c)
-    after = miss_mm(part, AssumedModel.of(found))
-    at = part.arm.layout.tip
-    return (found.constants[at] - model.constants[at], after) if after < EXPLAINED * miss else None
+    fitted = fit(part, model.constants, model.terms, Unknowns(TIP_PARAMETERS), model.reference_c)
+    after = compute_largest_miss_mm(part, AssumedModel.from_identification(fitted))
+    tip_slice = part.arm.layout.tip
+    return (
+        (fitted.constants[tip_slice] - model.constants[tip_slice], after)
+        if after < EXPLAINED * miss
+        else None
+    )
 
 
 def raise_all(faults: list[BadInput]) -> None:
@@ -188,35 +203,37 @@ def raise_all(faults: list[BadInput]) -> None:
         raise faults[0]
 
 
-def mistake(session: Session, part: Observations, model: AssumedModel, by: str) -> BadInput | None:
+def find_mistake(
+    session: Session, part: Observations, model: AssumedModel, by: str
+) -> BadInput | None:
     """What is plainly wrong with a session of the observations *part*, if anything; *by*: under
     what its readings miss."""
-    guess = best_guess(part, model)
+    guess = find_best_guess(part, model)
     if guess is None or guess[1] > ABSURD_MM:
         return None
-    before, after = miss_mm(part, model), guess[1]
-    found = (
-        f"readings that miss by up to {_length(before)} {by}, and by {_length(after)} "
+    before, after = compute_largest_miss_mm(part, model), guess[1]
+    problem = (
+        f"readings that miss by up to {_to_text(before)} {by}, and by {_to_text(after)} "
         f"if {guess[0].words}"
     )
-    return BadInput(session.path, "the session", found, guess[0].expected)
+    return BadInput(session.path, "the session", problem, guess[0].expected)
 
 
-def identified(observations: Observations, rows: Mask) -> Identification | None:
+def identify_rows(observations: Observations, rows: Mask) -> Identification | None:
     """Constants, and lengths that grow with temperature where these rows' temperatures tell."""
     chosen = observations.rows(rows)
-    if not rows.any() or chosen.n < readings_needed(chosen):
+    if not rows.any() or chosen.n < count_needed_readings(chosen):
         return None
     arm = observations.arm
     finite = np.isfinite(chosen.states.temperature_c).all()
-    terms = length_terms(arm, [1]) if finite and len(temperature_groups(chosen)) > 1 else []
+    terms = make_length_terms(arm, [1]) if finite and len(group_temperatures(chosen)) > 1 else []
     unknowns = Unknowns(list_free_constants(arm), range(len(terms)))
     return fit(chosen, arm.nominal(), terms, unknowns, arm.reference_temperature_c)
 
 
-def _by_session(observations: Observations, model: AssumedModel, sessions: int) -> F64:
+def _find_largest_by_session(observations: Observations, model: AssumedModel, sessions: int) -> F64:
     """(S,) the largest miss of each session's placements; NaN where none is told."""
-    misses = misses_mm(observations, model)
+    misses = compute_misses_mm(observations, model)
     counts = np.bincount(observations.placement, minlength=len(misses))
     largest = np.full(sessions, np.nan)
     for p in np.flatnonzero((counts >= LEAST_READINGS) & np.isfinite(misses)):
@@ -225,23 +242,24 @@ def _by_session(observations: Observations, model: AssumedModel, sessions: int) 
     return largest
 
 
-def _grown_mm(part: Observations, observations: Observations) -> float:
+def _estimate_growth_mm(part: Observations, observations: Observations) -> float:
     """What a session of the readings *part* may miss by for being colder or warmer than all others;
     0 within their reach."""
     rest = observations.rows(~np.isin(observations.session, part.session))
-    own, others = part.states.temperature_c, rest.states.temperature_c
-    if not (np.isfinite(own).all() and np.isfinite(others).all()) or not own.size:
+    own_c, others_c = part.states.temperature_c, rest.states.temperature_c
+    if not (np.isfinite(own_c).all() and np.isfinite(others_c).all()) or not own_c.size:
         return 0.0
-    low, high = others.min(axis=0) - REACH_K, others.max(axis=0) + REACH_K
-    mean = own.mean(axis=0)
+    low, high = others_c.min(axis=0) - REACH_K, others_c.max(axis=0) + REACH_K
+    mean = own_c.mean(axis=0)
     beyond_k = min(
-        float(np.maximum(np.maximum(low - c, c - high), 0.0).max()) for c in (mean, celsius(mean))
+        float(np.maximum(np.maximum(low - c, c - high), 0.0).max())
+        for c in (mean, to_celsius(mean))
     )
     arm = observations.arm
     length_mm = float(np.abs(arm.nominal()[arm.layout.are_lengths]).sum())
     return MOST_GROWN_PER_K * length_mm * (beyond_k + REACH_K) if beyond_k else 0.0
 
 
-def _length(mm: float) -> str:
+def _to_text(mm: float) -> str:
     """As a person writes it."""
     return f"{mm:.3g} mm" if mm >= 0.1 else f"{1e3 * mm:.2g} µm"
