@@ -38,7 +38,7 @@ class EliminatedSession:
     shift_projected: F64  # (3 K, c)
     rank: int  # degrees of freedom that poses and targets took
     gram: F64  # (c, c) products of what is left of the others
-    square: F64  # (c,) squared lengths of the others before
+    squared_norm: F64  # (c,) squared lengths of the others before
 
     @property
     def following(self) -> F64:
@@ -159,9 +159,9 @@ def _sum_by_target(columns: F64, of_target: F64, part: I64, slot: I64) -> tuple[
     return sums, part[starts], slot[starts]
 
 
-def _compute_unit(square: F64) -> F64:
+def _compute_unit(squared_norm: F64) -> F64:
     """(s,) the largest squared length of columns (s, m); a column that is zero counts as 1."""
-    lengths = np.where(square > 0.0, square, 1.0)
+    lengths = np.where(squared_norm > 0.0, squared_norm, 1.0)
     return lengths.max(axis=1, initial=0.0) if lengths.shape[1] else np.ones(len(lengths))
 
 

@@ -57,12 +57,14 @@ class Placements:
     def reduced_model(self) -> LinearModel:
         """The problem of the others."""
         c = self._n_others
-        gram, square = np.zeros((c, c)), np.zeros(c)
+        gram, squared_norm = np.zeros((c, c)), np.zeros(c)
         for session in self._sessions.values():
             gram += session.gram
-            square += session.square
+            squared_norm += session.squared_norm
         layout = Layout(((OTHERS, c),))
-        return LinearModel.from_products(layout, gram, np.full(c, np.inf), square=square)
+        return LinearModel.from_products(
+            layout, gram, np.full(c, np.inf), squared_norm=squared_norm
+        )
 
     @property
     def rank(self) -> int:

@@ -45,7 +45,7 @@ class ArmAlone:
         *pull* away and is good to *scale*, as `LinearModel.solve_with_prior` has it."""
         numbers = np.arange(self.columns.shape[2])[chosen]
         model = self._placements.reduced_model
-        arm = replace(model.only(numbers), drawing=scale**2)
+        arm = replace(model.only(numbers), nominal_variance=scale**2)
         return arm.solve_with_prior(-model.gram[numbers, -1], pull, damping, along_all)
 
     @property

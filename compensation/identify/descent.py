@@ -137,20 +137,23 @@ class Descent:
         have followed it, but for less than it promises; otherwise by χ² where it stands."""
         leans = solution.off_drawing(trial.x - self.start)
         leans -= solution.off_drawing(place.x - self.start)
-        clear, is_near = place.arm_problem.clear_cost, solution.gain < NEAR * place.arm_problem.cost
+        start_cost, is_near = (
+            place.arm_problem.clear_cost,
+            solution.gain < NEAR * place.arm_problem.cost,
+        )
         if self._refits_poses(with_prior):
             trial_cost = (
                 self._compute_fixed_cost(place, trial)
                 if is_near
                 else trial.place.arm_problem.clear_cost
             )
-            return trial_cost + leans <= clear
+            return trial_cost + leans <= start_cost
         cost = trial.place.arm_problem.cost
         limit = place.arm_problem.cost + (solution.gain if is_near else 0.0)
         if cost + leans <= limit:
             return True
         followed = cost - trial.place.arm_problem.clear_cost <= solution.gain
-        return is_near and followed and self._compute_fixed_cost(place, trial) + leans <= clear
+        return is_near and followed and self._compute_fixed_cost(place, trial) + leans <= start_cost
 
     def _compute_fixed_cost(self, place: _Place, trial: _Trial) -> float:
         """What a trial costs with the weights and adjusted angles held of where it came from."""

@@ -101,7 +101,7 @@ def find_off_drawing(identification: Identification) -> list[OffDrawing]:
     """
     arm, count = identification.observations.arm, len(identification.unknowns.constants)
     names, scale = list(identification.unknowns.constants), identification.solution.scale[:count]
-    drawing = arm.nominal()[arm.layout.indices(names)]
+    nominal_values = arm.nominal()[arm.layout.indices(names)]
     undecided = identification.solution.null[:count]
     ease = np.array([1.0 / TIP_EASE if name in TIP_PARAMETERS else 1.0 for name in names])
     departure, weight = _find_sparsest(identification.departure[:count] / scale, undecided, ease)
@@ -117,7 +117,9 @@ def find_off_drawing(identification: Identification) -> list[OffDrawing]:
     variance = np.diag(chosen @ identification.covariance[:count, :count] @ chosen.T)
     uncertainty = np.sqrt(np.maximum(variance, 0.0))
     entries = []
-    for name, nominal, off, u in zip(names, drawing, departure * scale, uncertainty, strict=True):
+    for name, nominal, off, u in zip(
+        names, nominal_values, departure * scale, uncertainty, strict=True
+    ):
         unit, factor = (
             ("mm", 1.0) if parameters.unit(name) == "mm" else ("°", float(np.degrees(1.0)))
         )

@@ -112,7 +112,9 @@ def test_what_nothing_is_known_of_stays_zero_and_with_a_drawing_near_it() -> Non
     open_ = LinearModel.from_products(layout, rows.T @ rows, np.full(2, np.inf))
     np.testing.assert_allclose(open_.solve(rows[0] * 4.0)[0], [2.0, 2.0])
     drawn = np.array([1e6, 3e6])
-    held = LinearModel.from_products(layout, rows.T @ rows, np.full(2, np.inf), drawing=drawn)
+    held = LinearModel.from_products(
+        layout, rows.T @ rows, np.full(2, np.inf), nominal_variance=drawn
+    )
     solution, covariance = held.solve(rows[0] * 4.0)
     np.testing.assert_allclose(solution, [1.0, 3.0], rtol=1e-4)
     assert covariance[0, 0] == pytest.approx(0.75e6, rel=1e-4)  # 1/(1/1e6 + 1/3e6), as they share

@@ -18,7 +18,7 @@ def leaned(
 ) -> Solution:
     """What to change of the unknowns so that *residual* (n,) becomes least."""
     free, layout = np.full(4, np.inf), Layout((("unknowns", 4),))
-    model = LinearModel.from_products(layout, columns.T @ columns, free, drawing=SCALE**2)
+    model = LinearModel.from_products(layout, columns.T @ columns, free, nominal_variance=SCALE**2)
     drawn = np.zeros(4) if drawn is None else drawn
     return model.solve_with_prior(-columns.T @ residual, drawn, damping, held)
 

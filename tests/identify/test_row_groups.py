@@ -69,7 +69,7 @@ def test_a_group_gains_what_least_squares_with_its_columns_does(found: Identific
         whole = (weight[:, None, None] * columns).reshape(6 * N, -1)
         step = np.linalg.lstsq(whole, -residual, rcond=1e-9)[0]
         left.append(float(((residual + whole @ step) ** 2).sum()))
-    assert cleared.square == pytest.approx(left[0], rel=1e-6)
+    assert cleared.squared_sum == pytest.approx(left[0], rel=1e-6)
     assert gain.residual_share == pytest.approx(left[1] / left[0], rel=1e-6)
     np.testing.assert_allclose(gain.step, step[:3], atol=1e-6)
     assert gain.n_unabsorbed == 3

@@ -190,8 +190,8 @@ def find_determined_columns(problem: LinearModel) -> I64:
     The pose of a placement that is left out is none of them. Without it, no eigenvalues are needed
     to tell what is known, which takes many times as long.
     """
-    finite = np.isfinite(np.minimum(problem.variance, problem.drawing))
-    return np.flatnonzero(finite | (problem.square > 0.0))
+    finite = np.isfinite(np.minimum(problem.variance, problem.nominal_variance))
+    return np.flatnonzero(finite | (problem.squared_norm > 0.0))
 
 
 def _solve(
@@ -209,6 +209,6 @@ def make_normal_equations(
     b = layout.blocks.n
     products = blocks.products(noise.whitener, noise.distance_mm, residual)
     problem = LinearModel.from_products(
-        layout.blocks, products[:b, :b], nuisance.variance, drawing=layout.nominal_variance
+        layout.blocks, products[:b, :b], nuisance.variance, nominal_variance=layout.nominal_variance
     )
     return problem, products[:b, -1]

@@ -142,8 +142,8 @@ def _shared_equations(
                 shared.layout.blocks,
                 products[:-1, :-1],
                 shared.nuisance.variance,
-                drawing=shared.layout.nominal_variance,
-                square=squared_norms,
+                nominal_variance=shared.layout.nominal_variance,
+                squared_norm=squared_norms,
             ),
             products[:-1, -1],
         )

@@ -62,8 +62,8 @@ class ResidualCurve:
         """3-D RMS in µm of what the curve explains of the tip's residuals, beyond what noise makes:
         of curves that are wholly outside, the one that the error goes by has the largest."""
         sigma = (self.high - self.low) / (2.0 * HALF_WIDTH)
-        square = float((self.weight * (self.mean**2 - sigma**2)).sum())
-        return 1e3 * float(np.sqrt(max(square, 0.0) / self.rests))
+        beyond_noise = float((self.weight * (self.mean**2 - sigma**2)).sum())
+        return 1e3 * float(np.sqrt(max(beyond_noise, 0.0) / self.rests))
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _compute_noise_scale(last: Refitted) -> F64:
 def _make_curves(model: Refitted, variables: list[Bins], scale: F64) -> list[ResidualCurve]:
     """Bins by bins, component by component, whose noise is so many times that found."""
     named, moves = make_components(model.fit.linear)  # (n, 3, K)
-    square = (moves**2).sum(axis=1)
+    squared_norm = (moves**2).sum(axis=1)
     count = moves.shape[2]
     drawn = [Moments(bins.order, bins.starts, len(moves), count) for bins in variables]
     for residual_mm in model.draw_replicates():
@@ -160,7 +160,7 @@ def _make_curves(model: Refitted, variables: list[Bins], scale: F64) -> list[Res
     for bins, moments, strong in zip(
         variables, drawn, _compute_strengths(model, variables, named, moves), strict=True
     ):
-        levers = np.maximum(bins.sum_over_bins(square), LEAST_SQUARE)  # (B, K)
+        levers = np.maximum(bins.sum_over_bins(squared_norm), LEAST_SQUARE)  # (B, K)
         sums = moments.sum_over_bins(measured)
         curves += [
             _make_curve(bins, levers[:, k], sums[:, k], moments, k, normal, strong[k])

@@ -24,7 +24,7 @@ class Score:
     """Of one component, at each rest."""
 
     product: F64  # (n,) with the residual
-    square: F64  # (n,) of the component's motion
+    squared_norm: F64  # (n,) of the component's motion
     absorbed: F64  # (n, r) what absorbs takes of it, along apart directions
 
     def sum_over(self, features: F64, order: I64, starts: I64) -> tuple[F64, Scatter]:
@@ -32,8 +32,8 @@ class Score:
         where there is noise alone; of too many bins, each by itself and no feature."""
         together = features.shape[1] + len(starts) <= MOST_TOGETHER
         columns = features if together else features[:, :0]
-        square = self.square[order]
-        weighed = columns * square[:, None]
+        squared_norm = self.squared_norm[order]
+        weighed = columns * squared_norm[:, None]
 
         def compute_sums(values: F64) -> F64:
             parts = [columns.T @ values]
@@ -44,7 +44,7 @@ class Score:
         absorbed = compute_sums(self.absorbed[order])
         count = columns.shape[1]
         if not together:
-            free = compute_sums(square)
+            free = compute_sums(squared_norm)
             return compute_sums(self.product[order]), Scatter(
                 free - (absorbed**2).sum(axis=1), free
             )
@@ -53,14 +53,14 @@ class Score:
         information[:count, count:] = information[count:, :count].T
         if len(starts):
             diagonal = count + np.arange(len(starts))
-            information[diagonal, diagonal] = np.add.reduceat(square, starts)
+            information[diagonal, diagonal] = np.add.reduceat(squared_norm, starts)
         free = np.diag(information).copy()
         return compute_sums(self.product[order]), Scatter(information - absorbed @ absorbed.T, free)
 
     def sum_along(self, shapes: F64) -> tuple[F64, Scatter]:
         """Of each shape (s, n, m) the sums (s, m), and how they scatter."""
         turned = shapes.transpose(0, 2, 1)
-        information = turned @ (shapes * self.square[:, None])
+        information = turned @ (shapes * self.squared_norm[:, None])
         free = np.diagonal(information, axis1=1, axis2=2).copy()
         absorbed = turned @ self.absorbed
         remaining = information - absorbed @ absorbed.transpose(0, 2, 1)
@@ -87,13 +87,13 @@ def compute_scores(model: Refitted, moves: F64) -> Iterator[Score]:
 def compute_misfit(model: Refitted) -> Misfit:
     """What a model leaves in all, of its rests and of certified lengths."""
     fit, noise = model.fit, model.fit.noise
-    square = float(
+    chi_squared = float(
         (noise.whiten(fit.residual) ** 2).sum() - (_absorbed_coordinates(model) ** 2).sum()
     )
     counts = np.broadcast_to(noise.counts, noise.freedom.shape)
     free = int(np.isinf(fit.nuisance.variance).sum())
     rows = float(counts @ noise.freedom) + len(noise.distance_mm) - free
-    return Misfit(max(square, 0.0), max(rows, 1.0))
+    return Misfit(max(chi_squared, 0.0), max(rows, 1.0))
 
 
 def _absorbed_coordinates(model: Refitted) -> F64:

@@ -30,18 +30,20 @@ from armd.compensation.diagnose.predictive.bins import Bins
 class Misfit:
     """What a model leaves in all."""
 
-    square: float  # χ² by the noise that was found
+    chi_squared: float  # χ² by the noise that was found
     freedom: float  # what it would be of noise alone
 
     def compute_gain(self, explained: F64 | float) -> F64:
         """Twice the log likelihood that a curve gains which explains so much of χ², by the noise
         found or, where more is left, by what is left."""
-        gain: F64 = self._compute_cost(self.square) - self._compute_cost(self.square - explained)
+        gain: F64 = self._compute_cost(self.chi_squared) - self._compute_cost(
+            self.chi_squared - explained
+        )
         return gain
 
-    def _compute_cost(self, square: F64 | float) -> F64:
-        over = np.maximum(square / self.freedom, 1.0)
-        cost: F64 = self.freedom * np.log(over) + square / over
+    def _compute_cost(self, chi_squared: F64 | float) -> F64:
+        over = np.maximum(chi_squared / self.freedom, 1.0)
+        cost: F64 = self.freedom * np.log(over) + chi_squared / over
         return cost
 
     def compute_price(self, unknowns: I64 | int, searched: int = 1) -> F64:
@@ -142,8 +144,8 @@ def _compute_strength_of_many(values: F64, scatter: Scatter, misfit: Misfit) -> 
     is_clear = scatter.covariance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
     total = max(float(scatter.covariance.sum()), LEAST_POSITIVE)
     flat = float(misfit.compute_gain(float(values.sum()) ** 2 / total) - misfit.compute_price(1))
-    square = float((values[is_clear] ** 2 / scatter.covariance[is_clear]).sum())
-    every = float(misfit.compute_gain(square) - misfit.compute_price(int(is_clear.sum())))
+    explained = float((values[is_clear] ** 2 / scatter.covariance[is_clear]).sum())
+    every = float(misfit.compute_gain(explained) - misfit.compute_price(int(is_clear.sum())))
     return Strength(max(every, flat), flat)
 
 
@@ -206,8 +208,8 @@ def _score_largest_bin(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
     """Of the one bin that stands out most by itself: a target that was loosened."""
     variance = np.diag(scatter.covariance)
     is_clear = variance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
-    square = np.where(is_clear, sums**2 / np.maximum(variance, LEAST_POSITIVE), 0.0)
-    return float(misfit.compute_gain(float(square.max())) - misfit.compute_price(1, len(sums)))
+    explained = np.where(is_clear, sums**2 / np.maximum(variance, LEAST_POSITIVE), 0.0)
+    return float(misfit.compute_gain(float(explained.max())) - misfit.compute_price(1, len(sums)))
 
 
 def _scale_to_unit(values: F64) -> F64:

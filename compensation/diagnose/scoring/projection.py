@@ -307,7 +307,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
         np.where(local, -1, np.cumsum(~local) - 1),
         tuple(
             LinearModel.from_products(
-                layout, part_products[:, :-1], variance[~local], square=length
+                layout, part_products[:, :-1], variance[~local], squared_norm=length
             )
             for part_products, length in zip(products, squared_lengths, strict=True)
         ),

@@ -9,7 +9,8 @@ the rows do not hold:
 - `project`: what the blocks leave of other columns. A direction of which nothing is known (a
   gauge) takes nothing: it is held softly, so that rounding is not mistaken for knowledge.
 - `solve`: the amplitudes, and their covariance. Along what the rows do not hold, each stays at
-  its `drawing`, good to a stated departure; where none is stated, it stays 0 (pseudo-inverse).
+  its `nominal_variance`, good to a stated departure; where none is stated, it stays 0
+  (pseudo-inverse).
 - `solve_with_prior`: the same where the drawing has a say along *directions* that the rows hardly
   tell, and in no other: what is known does not move for it.
 - `compute_information`: what rows and priors tell of some blocks, all others being fitted along.
@@ -95,8 +96,10 @@ class LinearModel:
     layout: Layout
     gram: F64  # (b, b) products of the columns
     variance: F64  # (b,) of the amplitudes a priori; inf: free
-    square: F64  # (b,) squared lengths of the columns before anything was projected out
-    drawing: F64  # (b,) variance with which to choose where the rows leave it open; inf: none
+    squared_norm: F64  # (b,) squared lengths of the columns before anything was projected out
+    nominal_variance: (
+        F64  # (b,) variance with which to choose where the rows leave it open; inf: none
+    )
 
     @classmethod
     def from_products(
@@ -105,13 +108,21 @@ class LinearModel:
         gram: F64,
         variance: F64,
         *,
-        drawing: F64 | None = None,
-        square: F64 | None = None,
+        nominal_variance: F64 | None = None,
+        squared_norm: F64 | None = None,
     ) -> LinearModel:
-        """By the columns' products (b, b); *square* (b,) where something was projected out of
+        """By the columns' products (b, b); *squared_norm* (b,) where something was projected out of
         them before."""
-        drawing = np.full(len(gram), np.inf) if drawing is None else drawing
-        return cls(layout, gram, variance, np.diag(gram) if square is None else square, drawing)
+        nominal_variance = (
+            np.full(len(gram), np.inf) if nominal_variance is None else nominal_variance
+        )
+        return cls(
+            layout,
+            gram,
+            variance,
+            np.diag(gram) if squared_norm is None else squared_norm,
+            nominal_variance,
+        )
 
     @classmethod
     def from_rows(cls, blocks: Sequence[tuple[str, F64, F64]]) -> LinearModel:
@@ -128,8 +139,8 @@ class LinearModel:
             self.layout.only(columns),
             self.gram[np.ix_(columns, columns)],
             self.variance[columns],
-            self.square[columns],
-            self.drawing[columns],
+            self.squared_norm[columns],
+            self.nominal_variance[columns],
         )
 
     def without(self, *names: str) -> LinearModel:
@@ -144,33 +155,41 @@ class LinearModel:
         """With more whitened rows (…, b)."""
         flat = rows.reshape(-1, rows.shape[-1])
         added = flat.T @ flat
-        return replace(self, gram=self.gram + added, square=self.square + np.diag(added))
+        return replace(
+            self, gram=self.gram + added, squared_norm=self.squared_norm + np.diag(added)
+        )
 
     def without_rows(self) -> LinearModel:
         """The same unknowns with their priors, and nothing measured."""
-        return replace(self, gram=np.zeros_like(self.gram), square=np.zeros_like(self.square))
+        return replace(
+            self, gram=np.zeros_like(self.gram), squared_norm=np.zeros_like(self.squared_norm)
+        )
 
     def joined(
-        self, name: str, products: F64, across: F64, variance: F64, square: F64 | None = None
+        self, name: str, products: F64, across: F64, variance: F64, squared_norm: F64 | None = None
     ) -> LinearModel:
         """With one block more: products of its columns (m, m), with those there (b, m), and the
-        variances (m,) of its amplitudes; *square* (m,) as in `from_products`."""
+        variances (m,) of its amplitudes; *squared_norm* (m,) as in `from_products`."""
         return LinearModel(
             Layout((*self.layout.sizes, (name, len(products)))),
             np.block([[self.gram, across], [across.T, products]]),
             np.concatenate([self.variance, variance]),
-            np.concatenate([self.square, np.diag(products) if square is None else square]),
-            np.concatenate([self.drawing, np.full(len(products), np.inf)]),
+            np.concatenate(
+                [self.squared_norm, np.diag(products) if squared_norm is None else squared_norm]
+            ),
+            np.concatenate([self.nominal_variance, np.full(len(products), np.inf)]),
         )
 
     def __add__(self, model: LinearModel) -> LinearModel:
         """The problem of both's rows."""
-        return replace(self, gram=self.gram + model.gram, square=self.square + model.square)
+        return replace(
+            self, gram=self.gram + model.gram, squared_norm=self.squared_norm + model.squared_norm
+        )
 
     @cached_property
     def length(self) -> F64:
         """(b,) lengths of the columns; 1 for one that is zero."""
-        return np.where(self.square > 0.0, np.sqrt(self.square), 1.0)
+        return np.where(self.squared_norm > 0.0, np.sqrt(self.squared_norm), 1.0)
 
     @cached_property
     def factor(self) -> F64:
@@ -223,7 +242,7 @@ class LinearModel:
     @cached_property
     def _root(self) -> Root:
         """(b, r), times its transpose the covariance."""
-        prior_weight = 1.0 / np.minimum(self.variance, self.drawing)
+        prior_weight = 1.0 / np.minimum(self.variance, self.nominal_variance)
         return compute_pseudo_inverse_root(self.gram, added_diagonal=prior_weight)
 
     def solve_with_prior(
@@ -233,10 +252,12 @@ class LinearModel:
 
         Along directions known worse than a tenth of a departure (docs/decisions/0026) the drawing,
         where the amplitudes are *drawn* (b,), counts as one more row, good to one; *along_all*:
-        along all. A departure is the root of `drawing`, which has to be finite. *damping* is
-        relative to the best known direction.
+        along all. A departure is the root of `nominal_variance`, which has to be finite. *damping*
+        is relative to the best known direction.
         """
-        return solve_with_prior(self.gram, side, np.sqrt(self.drawing), drawn, damping, along_all)
+        return solve_with_prior(
+            self.gram, side, np.sqrt(self.nominal_variance), drawn, damping, along_all
+        )
 
     def eliminate(self, *names: str) -> tuple[LinearModel, FittedAlong]:
         """The problem of all other blocks, these, of columns in one unit, being fitted along.

@@ -117,7 +117,7 @@ def _find_group(identification: Identification, grown_mm: float) -> GroupFit | N
     nobody = np.zeros(0, dtype=np.int64)
     for without in [nobody, identification.outliers] if len(identification.outliers) else [nobody]:
         cleared = clear_rows(identification, without)
-        if cleared is None or cleared.square == 0.0:
+        if cleared is None or cleared.squared_sum == 0.0:
             return None
         gains = [
             (cause, gain)
@@ -252,11 +252,11 @@ def _describe_group(
         (~group).sum() == group.sum() and place[group].mean() < place[~group].mean()
     ):
         group, sign = ~group, -1.0
-    rest = ~group
+    others_mask = ~group
     to_mm = np.eye(3)
     if group_fit.cause.differs is Differs.PLACE:
         shared = _find_shared_rows(observations, group)
-        group, rest = group & shared, rest & shared
+        group, others_mask = group & shared, others_mask & shared
         to_mm = group_fit.cause.columns(group_fit.identification)[group].mean(axis=0)
     step = sign * to_mm @ group_fit.step
     covariance = to_mm @ group_fit.covariance @ to_mm.T + grown_mm**2 * np.eye(3)
@@ -264,7 +264,7 @@ def _describe_group(
     return SecondGroup(
         group_fit.cause.differs,
         tuple(_list_rows(sessions, observations, group)),
-        int(rest.sum()),
+        int(others_mask.sum()),
         step,
         np.sqrt(np.maximum(np.diag(covariance), 0.0)),
         float(np.sqrt(max(float(along @ covariance @ along), 0.0))),

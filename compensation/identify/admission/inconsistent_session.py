@@ -156,13 +156,13 @@ def find_inconsistent_session(
         return None
     best: tuple[float, int, AssumedModel] | None = None
     for k in map(int, np.argsort(-misses)[:MOST_LEFT_OUT]):
-        rest = observations.session != k
-        without = identify_rows(observations, rest)
+        is_other = observations.session != k
+        without = identify_rows(observations, is_other)
         if without is None:
             continue
         model = AssumedModel.from_identification(without)
         level = float(
-            np.nanmax(_find_largest_by_session(observations.rows(rest), model, len(sessions)))
+            np.nanmax(_find_largest_by_session(observations.rows(is_other), model, len(sessions)))
         )
         if best is None or level < best[0]:
             best = (level, k, model)
@@ -245,8 +245,8 @@ def _find_largest_by_session(observations: Observations, model: AssumedModel, se
 def _estimate_growth_mm(part: Observations, observations: Observations) -> float:
     """What a session of the readings *part* may miss by for being colder or warmer than all others;
     0 within their reach."""
-    rest = observations.rows(~np.isin(observations.session, part.session))
-    own_c, others_c = part.states.temperature_c, rest.states.temperature_c
+    other_sessions = observations.rows(~np.isin(observations.session, part.session))
+    own_c, others_c = part.states.temperature_c, other_sessions.states.temperature_c
     if not (np.isfinite(own_c).all() and np.isfinite(others_c).all()) or not own_c.size:
         return 0.0
     low, high = others_c.min(axis=0) - REACH_K, others_c.max(axis=0) + REACH_K

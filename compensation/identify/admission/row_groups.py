@@ -51,7 +51,7 @@ class ClearedRows:
     edges: I64  # grid, 0 and n among them
 
     @property
-    def square(self) -> float:
+    def squared_sum(self) -> float:
         """Sum of the squared residuals."""
         return float((self.residual**2).sum())
 
@@ -75,7 +75,7 @@ class ClearedRows:
         gram = np.einsum("nic,nid->cd", ordered, ordered)
         slope = np.einsum("nic,ni->c", ordered, self.residual)
         step, gained, n_unabsorbed = _solve(gram[None], shared[None], slope[None])
-        share = 1.0 - float(gained[0]) / max(self.square, 1e-300)
+        share = 1.0 - float(gained[0]) / max(self.squared_sum, 1e-300)
         return GroupGain(group, step[0], share, int(n_unabsorbed[0]))
 
     def _ordered(self, columns: F64) -> F64:
@@ -189,8 +189,10 @@ def _solve(gram: F64, shared: F64, slope: F64) -> tuple[F64, F64, I64]:
     """Steps (k, c), what they gain (k,), and how many columns tell (k,), of k groups."""
     size = np.sqrt(np.einsum("kcc->kc", gram))
     size = np.where(size > 0.0, size, 1.0)
-    clear = (gram - shared.transpose(0, 2, 1) @ shared) / (size[:, :, None] * size[:, None, :])
-    value, vector = np.linalg.eigh(clear)
+    reduced_gram = (gram - shared.transpose(0, 2, 1) @ shared) / (
+        size[:, :, None] * size[:, None, :]
+    )
+    value, vector = np.linalg.eigh(reduced_gram)
     is_unabsorbed = value > ABSORBED_GROUP
     inverse = np.where(is_unabsorbed, 1.0 / np.where(is_unabsorbed, value, 1.0), 0.0)
     along = np.einsum("kcd,kc->kd", vector, slope / size)

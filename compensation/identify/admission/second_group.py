@@ -82,15 +82,15 @@ class SecondGroup:
     def reason(self) -> str:
         """What differs in which rows, by how much."""
         distance = with_uncertainty(self.length_mm, self.length_uncertainty_mm)
-        rest = counted(self.n_rest, "other reading")
+        remainder = counted(self.n_rest, "other reading")
         if self.differs is Differs.PLACE:
             return (
                 f"in {self.name_rows()} the artefact, the tracker or the arm's base stood"
-                f" {distance} mm from where it stood in the {rest} of the same placement"
+                f" {distance} mm from where it stood in the {remainder} of the same placement"
             )
         steps = zip(self.step_mm.tolist(), self.uncertainty_mm.tolist(), strict=True)
         return (
-            f"{self.name_rows()}: measured with another tip than the {rest} (reflector, ball"
+            f"{self.name_rows()}: measured with another tip than the {remainder} (reflector, ball"
             f" or stylus exchanged or seated otherwise), {distance} mm from it:"
             f" ({', '.join(with_uncertainty(mm, u) for mm, u in steps)}) mm in the last frame"
         )

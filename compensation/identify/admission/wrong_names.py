@@ -139,10 +139,10 @@ def _make_fault(session: Session, part: Observations, misnamed_readings: WrongNa
             f"{row_words} names {names[part.target[i]]}, {own_mm:.3g} mm off, and lies at"
             f" {names[target]}, {at_mm:.2g} mm off"
         )
-    rest = f"; and {len(words) - MOST_TOLD} more" if len(words) > MOST_TOLD else ""
+    tail = f"; and {len(words) - MOST_TOLD} more" if len(words) > MOST_TOLD else ""
     return BadInput(
         path,
         "column target",
-        f"{counted(len(words), 'reading')} of another target: {'; '.join(words[:MOST_TOLD])}{rest}",
+        f"{counted(len(words), 'reading')} of another target: {'; '.join(words[:MOST_TOLD])}{tail}",
         "each reading under the name of the target it touched",
     )
