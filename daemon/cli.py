@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         package = (error.name or "").partition(".")[0]
         if package in POSIX:
             problem = f"a system without Python's module {package}"
-            print(f"armd: {_command(argv)}: found {problem}, expected Linux", file=sys.stderr)
+            print(f"armd: {_get_command(argv)}: found {problem}, expected Linux", file=sys.stderr)
             return 2
         if package not in OFFLINE:
             return report_own_fault(error)
@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return report_own_fault(error)
 
 
-def _command(argv: Sequence[str] | None) -> str:
+def _get_command(argv: Sequence[str] | None) -> str:
     """As it was called, for a message."""
     words = sys.argv[1:] if argv is None else argv
     return next((word for word in words if word in COMMANDS), "the command")
@@ -114,7 +114,7 @@ def _run(arguments: list[str]) -> int:
         guess = did_you_mean(chosen, [*COMMANDS, *added]) or " (armd --help lists them)"
         raise BadInput("command line", "COMMAND", repr(chosen), f"a command of armd{guess}")
     with seldom_collected() if FOLDERS.get(str(chosen)) == "offline" else nullcontext():
-        return _chosen(chosen, arguments, added)
+        return _run_chosen(chosen, arguments, added)
 
 
 def _added(chosen: str | None, arguments: Collection[str]) -> Mapping[str, AddedCommand]:
@@ -132,9 +132,9 @@ def _added(chosen: str | None, arguments: Collection[str]) -> Mapping[str, Added
     return {} if command is None else {chosen: command}
 
 
-def _chosen(chosen: str | None, arguments: list[str], added: Mapping[str, AddedCommand]) -> int:
+def _run_chosen(chosen: str | None, arguments: list[str], added: Mapping[str, AddedCommand]) -> int:
     # Only the chosen command's module is imported: `armd check` should not pay for Zenoh.
-    with _interrupts_end_the_process():
+    with _let_interrupts_end():
         parser, commands = parsers([chosen] if chosen else [], added)
     if chosen is None and not {*arguments} & {"-h", "--help", "-V", "--version"}:
         if arguments:
@@ -146,11 +146,11 @@ def _chosen(chosen: str | None, arguments: list[str], added: Mapping[str, AddedC
     if unknown:
         commands[chosen].refuse(unknown)
     with show_log(namespace):
-        return _work(chosen, namespace, added)
+        return _run_command(chosen, namespace, added)
 
 
 @contextmanager
-def _interrupts_end_the_process() -> Iterator[None]:
+def _let_interrupts_end() -> Iterator[None]:
     """While packages are imported, Ctrl-C ends the process unless it is ignored: nothing is
     written yet, and a package that catches every exception would swallow a KeyboardInterrupt."""
     is_main = threading.current_thread() is threading.main_thread()
@@ -164,7 +164,9 @@ def _interrupts_end_the_process() -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _work(chosen: str, namespace: argparse.Namespace, added: Mapping[str, AddedCommand]) -> int:
+def _run_command(
+    chosen: str, namespace: argparse.Namespace, added: Mapping[str, AddedCommand]
+) -> int:
     if not namespace.quiet and sys.stderr is not None and sys.stderr.isatty():
         from armd.terminal.aside import tell_of_compiling  # rich takes long to load
 

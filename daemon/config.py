@@ -163,7 +163,7 @@ class Config:
 def load_config(path: str | Path) -> Config:
     """Read armd.toml and its arm.toml; raises `BadInput` naming file, key, found and expected."""
     data = decode_toml(path, read_input(path, MOST_TOML_BYTES))
-    model = _model_of(path, data)
+    model = _choose_model(path, data)
     try:
         file = validate(path, data, model)
     except Exception as error:
@@ -201,7 +201,7 @@ def load_config(path: str | Path) -> Config:
     return Config(config_path, file, arm)
 
 
-def _model_of(path: str | Path, data: dict[str, Any]) -> type[DaemonFile]:
+def _choose_model(path: str | Path, data: dict[str, Any]) -> type[DaemonFile]:
     """The model of armd.toml; for a `kind` of another package, with that package's keys."""
     driver = data.get("driver")
     kind = driver.get("kind") if isinstance(driver, dict) else None

@@ -56,7 +56,7 @@ class EventGroups:
             if waited_ns < flood.window_ns:
                 continue
             if flood.last is not None:
-                events.append(_summary(flood.last, flood.count, waited_ns))
+                events.append(_summarise(flood.last, flood.count, waited_ns))
             if flood.count <= CALM:
                 del self._floods[kind]
                 self._allowed[kind] = BURST, now_ns
@@ -65,7 +65,7 @@ class EventGroups:
         return events
 
 
-def _summary(last: Event, count: int, waited_ns: int) -> Event:
+def _summarise(last: Event, count: int, waited_ns: int) -> Event:
     seconds = waited_ns * 1e-9
     text = f"{count} more {last.kind} events in {seconds:.0f} s, the last: {last.text}"
     detail = {"grouped": count, "seconds": round(seconds, 1), "last": last.detail}

@@ -62,8 +62,8 @@ class Tally:
         if not self._passed:
             return
         batches, self._passed = self._passed, []
-        points = _joined([batch for batch, _, _ in batches])
-        samples = _joined([batch for _, batch, _ in batches])
+        points = _join([batch for batch, _, _ in batches])
+        samples = _join([batch for _, batch, _ in batches])
         _count(points, samples, self._by_bit, self._joints)
         last = np.cumsum([len(batch) for batch, _, _ in batches]) - 1
         latched_ns = points["monotonic_ns"][last].tolist()
@@ -91,8 +91,8 @@ class Tally:
             invalid=flagged.get("INVALID", 0),
             flags=sum(1 << bit for bit, count in enumerate(by_bit) if count),
             flagged=flagged,
-            invalid_joints=_numbers(int(self._joints[0])),
-            warning_joints=_numbers(int(self._joints[1])),
+            invalid_joints=_number_joints(int(self._joints[0])),
+            warning_joints=_number_joints(int(self._joints[1])),
             latency_ms={
                 "p50": round(float(p50), 3),
                 "p99": round(float(p99), 3),
@@ -105,7 +105,7 @@ class Tally:
         return second
 
 
-def _joined(batches: list[npt.NDArray[np.void]]) -> npt.NDArray[np.void]:
+def _join(batches: list[npt.NDArray[np.void]]) -> npt.NDArray[np.void]:
     """One array of many; numpy's own way takes 8 µs for each array of records."""
     return np.frombuffer(b"".join([batch.tobytes() for batch in batches]), batches[0].dtype)
 
@@ -119,6 +119,6 @@ def _count(points: Any, samples: Any, by_bit: Any, joints: Any) -> None:
         joints[1] |= samples[i].joint_warning
 
 
-def _numbers(bits: int) -> tuple[int, ...]:
+def _number_joints(bits: int) -> tuple[int, ...]:
     """Of the joints whose bit stands."""
     return tuple(k for k in range(1, 17) if bits >> (k - 1) & 1)

@@ -39,14 +39,14 @@ def describe(
             "key": keys.key(config.arm.serial_number, keys.POINT),
             "encoding": POINT_ENCODING,
             "size": POINT.itemsize,
-            "layout": _layout(POINT),
+            "layout": _describe_layout(POINT),
             "flags": {str(flag.bit): flag.name for flag in Flag},
         },
         "joints": {
             "key": keys.key(config.arm.serial_number, keys.JOINTS),
             "encoding": JOINTS_ENCODING,
             "size": joints.itemsize,
-            "layout": _layout(joints),
+            "layout": _describe_layout(joints),
         },
         "driver": config.file.driver.kind,
         "configuration": configuration.model_dump(mode="json", by_alias=True),
@@ -73,7 +73,7 @@ def describe_calibration(calibration: LoadedCalibration) -> dict[str, Any]:
     }
 
 
-def _layout(message: np.dtype[np.void]) -> list[dict[str, Any]]:
+def _describe_layout(message: np.dtype[np.void]) -> list[dict[str, Any]]:
     """Its fields, in order."""
     fields = []
     for name, (dtype, offset, *_) in (message.fields or {}).items():

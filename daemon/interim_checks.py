@@ -59,7 +59,7 @@ class WatchedChain:
     def fault(self, checks: int) -> str:
         """What is wrong with the history, of which a result tells *checks*; "" if nothing. Raises
         `BadInput` where it is broken."""
-        stamps = [_stamp(self._folder / name) for name in (HISTORY, HEAD)]
+        stamps = [_get_stamp(self._folder / name) for name in (HISTORY, HEAD)]
         if stamps != self._stamps:
             self._now = read_chain(self._folder)
             self._stamps = stamps
@@ -75,7 +75,7 @@ class WatchedChain:
         return ""
 
 
-def _stamp(path: Path) -> tuple[int, int, int] | None:
+def _get_stamp(path: Path) -> tuple[int, int, int] | None:
     """What tells a file from another state of it; None where there is none."""
     try:
         status = path.stat()
@@ -115,7 +115,7 @@ class InterimChecks:
         """Read the result and the history, where they are others than before."""
         path = self.folder / REPORT
         try:
-            if (stamp := _stamp(path)) is None:
+            if (stamp := _get_stamp(path)) is None:
                 self._stamp, self.last = None, LastCheck(fault=f"{path} is not there")
                 return
             if stamp != self._stamp:

@@ -16,7 +16,7 @@ def how_to_install(packages: Collection[str], package: str) -> str:
     versions = {re.split(r"[^\w.-]", text)[0]: text.split(";")[0].strip() for text in _required()}
     # What no version is known of comes with another: llvmlite with numba.
     requirements = [versions[name] for name in missing if name in versions] or missing
-    return f"{sys.executable} -m pip install {' '.join(map(_quoted, requirements))}"
+    return f"{sys.executable} -m pip install {' '.join(map(_quote, requirements))}"
 
 
 def _required() -> list[str]:
@@ -26,5 +26,5 @@ def _required() -> list[str]:
         return []
 
 
-def _quoted(requirement: str) -> str:
+def _quote(requirement: str) -> str:
     return f"'{requirement}'" if re.search("[<>~!*]", requirement) else requirement

@@ -205,12 +205,12 @@ class Supervisor:
             late_s=0.0 if self._replays else second.latency_ms.get("p50", 0.0) * 1e-3,
             changed=self._changed,
             interim_due=self._interim_due,
-            held_period=_period(self._arm.pipeline.outside_period),
+            held_period=_format_period(self._arm.pipeline.outside_period),
             drift=temperature.unsteady(self._config.file.health.steady_k_per_h),
         )
 
 
-def _period(unix_s: tuple[float, float] | None) -> str:
+def _format_period(unix_s: tuple[float, float] | None) -> str:
     """`from 2026-03-01 09:00 to 2026-03-01 17:30 UTC`; "" for none."""
     if unix_s is None:
         return ""

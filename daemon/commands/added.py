@@ -45,15 +45,15 @@ class AddedCommand:
 
 def added_command(name: str, built_in: Collection[str]) -> AddedCommand | None:
     """The command *name* of a package; None without one that works."""
-    return load_named(GROUP, name, built_in, _checked)
+    return load_named(GROUP, name, built_in, _check_command)
 
 
 def added_commands(built_in: Collection[str]) -> dict[str, AddedCommand]:
     """All commands of other packages, by name."""
-    return load_all(GROUP, built_in, _checked)
+    return load_all(GROUP, built_in, _check_command)
 
 
-def _checked(plugin: Plugin, loaded: Any) -> AddedCommand:
+def _check_command(plugin: Plugin, loaded: Any) -> AddedCommand:
     expected = "a module with HELP (one line), add_arguments(parser) and run(args)"
     if not isinstance(getattr(loaded, "HELP", None), str):
         raise plugin.fault(f"no HELP in {loaded!r}", expected)

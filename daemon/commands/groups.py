@@ -68,9 +68,11 @@ def grouped_help(added: Mapping[str, str]) -> str:
     groups = {title: {name: COMMANDS[name] for name in names} for title, names in GROUPS.items()}
     if added:
         groups["of other packages"] = dict(added)
-    return "\n\n".join(f"{title}:\n" + "\n".join(_rows(group)) for title, group in groups.items())
+    return "\n\n".join(
+        f"{title}:\n" + "\n".join(_make_rows(group)) for title, group in groups.items()
+    )
 
 
-def _rows(group: Mapping[str, str]) -> Iterator[str]:
+def _make_rows(group: Mapping[str, str]) -> Iterator[str]:
     for name, line in group.items():
         yield textwrap.fill(line, 79, initial_indent=f"  {name:<11} ", subsequent_indent=" " * 14)

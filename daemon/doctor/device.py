@@ -28,19 +28,23 @@ def may_be_a_port(port: Path, patient: Patient) -> bool:
     try:
         mode = port.stat().st_mode
     except FileNotFoundError:
-        patient.find("no_port", *_not_there(port))
+        patient.find("no_port", *_describe_missing(port))
         return False
     except OSError as error:  # a folder that is closed to us, a loop of links
         patient.find("no_port", f"{port} cannot be looked at: {error.strerror}", f"namei -l {port}")
         return False
-    kind = _character(port) if stat.S_ISCHR(mode) else KINDS.get(stat.S_IFMT(mode), "no device")
+    kind = (
+        _describe_character(port)
+        if stat.S_ISCHR(mode)
+        else KINDS.get(stat.S_IFMT(mode), "no device")
+    )
     if kind:
         text = f"{port} is {kind}, no serial port"
         patient.find("no_serial_port", text, f"give the arm's own port: {LISTED}")
     return not kind
 
 
-def _not_there(port: Path) -> tuple[str, str]:
+def _describe_missing(port: Path) -> tuple[str, str]:
     """What to say of it, and what to do."""
     if not port.is_symlink():
         return f"{port} is not there", f"plug the arm in; {LISTED}"
@@ -51,7 +55,7 @@ def _not_there(port: Path) -> tuple[str, str]:
     return text, f"plug the arm in, or give its present port; {LISTED}"
 
 
-def _character(device: Path) -> str:
+def _describe_character(device: Path) -> str:
     """What a character device is that is no serial port; "" for one that may be."""
     try:
         fd = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)

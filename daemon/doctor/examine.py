@@ -41,16 +41,16 @@ def examine_port(port: str, machine: ThisMachine) -> Patient:
             if not (
                 _examine_own_wire(line, patient)
                 or find_servos(line, patient)
-                or _scribe(line, patient)
+                or _examine_scribe(line, patient)
             ):
-                _nobody(line, patient)
+                _report_nobody(line, patient)
     except (OSError, termios.error) as error:
         text = f"{port} went away while it was asked: {error}"
         patient.find("gone", text, "check the plug, the cable and the supply; then ask again")
     return patient
 
 
-def _nobody(line: Line, patient: Patient) -> None:
+def _report_nobody(line: Line, patient: Patient) -> None:
     port, remarks = patient.name, ""
     mend = "switch the arm's supply on, check the cable and that the adapter is a bus adapter"
     if line.is_pseudo:
@@ -77,7 +77,7 @@ def _examine_own_wire(line: Line, patient: Patient) -> bool:
         line.send(serial_wire.encode_identify())
         while heard := line.hear(deadline - time.monotonic()):
             for packet in splitter.push(heard):
-                hello = _hello(packet)
+                hello = _decode_hello(packet)
                 if hello is not None:
                     patient.protocol, patient.baud = "serial", baud
                     patient.say(
@@ -90,7 +90,7 @@ def _examine_own_wire(line: Line, patient: Patient) -> bool:
     return False
 
 
-def _hello(packet: bytes) -> serial_wire.Hello | None:
+def _decode_hello(packet: bytes) -> serial_wire.Hello | None:
     try:
         data = serial_wire.unpack(packet)
     except cobs.DecodeError:
@@ -100,7 +100,7 @@ def _hello(packet: bytes) -> serial_wire.Hello | None:
     return serial_wire.decode_hello(data)
 
 
-def _scribe(line: Line, patient: Patient) -> bool:
+def _examine_scribe(line: Line, patient: Patient) -> bool:
     for baud in microscribe.BAUDS:
         if line.set_baud(baud) and _greets(line):
             patient.protocol, patient.baud = "microscribe", baud

@@ -43,9 +43,9 @@ class ThisMachine:
         )
         if self.uid == 0 or owner_bits & 6 == 6:
             return True
-        user, group = _user(self.uid), _group(status.st_gid)
+        user, group = _name_user(self.uid), _name_group(status.st_gid)
         mend = f"sudo usermod -aG {group} {user}, then log out and in again"
-        if user in _members(status.st_gid):
+        if user in _list_members(status.st_gid):
             mend = f"log out and in again: {user} is in {group}, this session is not yet"
         text = f"{user} may not read and write {device}, which belongs to group {group}"
         patient.find("permission", text, mend)
@@ -114,21 +114,21 @@ def can_buses(sys: Path = Path("/sys")) -> list[Patient]:
     return patients
 
 
-def _user(uid: int) -> str:
+def _name_user(uid: int) -> str:
     try:
         return pwd.getpwuid(uid).pw_name
     except KeyError:
         return str(uid)
 
 
-def _group(gid: int) -> str:
+def _name_group(gid: int) -> str:
     try:
         return grp.getgrgid(gid).gr_name
     except KeyError:
         return str(gid)
 
 
-def _members(gid: int) -> list[str]:
+def _list_members(gid: int) -> list[str]:
     try:
         return grp.getgrgid(gid).gr_mem
     except KeyError:

@@ -87,14 +87,14 @@ def _examine(line: Line, family: Family, ids: Sequence[int], patient: Patient) -
             f"homing offset {servo.homing_offset}, return delay {servo.return_delay_us} µs, "
             f"torque {'on' if servo.torque else 'off'}"
         )
-    _missing(line, family, ids, patient)
+    _report_missing(line, family, ids, patient)
     for i in ids:
         if i not in servos:
             text = f"servo {i} answers a ping, but not what it is"
             patient.find("unreadable", text, "check its cable, and that no id is there twice")
     _judge(servos, family, patient)
     readable = {i for i, servo in servos.items() if not family.refusal(servo)}
-    _rate(line, family, ids, readable, patient)
+    _measure_rate(line, family, ids, readable, patient)
 
 
 def read(line: Line, family: Family, servo: int, address: int, length: int) -> bytes | None:
@@ -110,7 +110,7 @@ def read(line: Line, family: Family, servo: int, address: int, length: int) -> b
     return None
 
 
-def _missing(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
+def _report_missing(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
     """Gaps in the row of ids: perhaps such a servo speaks at another rate."""
     baud = line.baud
     first = min(ids) if min(ids) > 10 else 1  # some makers begin at 11
@@ -172,7 +172,7 @@ def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
         patient.find("return_delay", text, mend)
 
 
-def _rate(
+def _measure_rate(
     line: Line, family: Family, ids: Sequence[int], readable: set[int], patient: Patient
 ) -> None:
     """Cycles a second, of position and temperature, as the driver reads them when it is quick.

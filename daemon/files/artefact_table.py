@@ -43,19 +43,19 @@ def artefact_of_table(path: Path) -> tuple[Artefact, list[str]]:
             columns.setdefault(word, column)
         elif WORDS.get(word) == "target" and word not in (*FROM, *TO):
             columns.setdefault("name", column)
-        elif _uncertainty(header) is not None:
+        elif _find_uncertainty_factor(header) is not None:
             columns.setdefault("uncertainty", column)
     if columns.keys() >= {"name", *AXES}:
-        content["target"] = [_target(table, i, columns) for i in range(len(table.rows))]
+        content["target"] = [_read_target(table, i, columns) for i in range(len(table.rows))]
     elif columns.keys() >= {"from", "to", "length"}:
-        content["distance"] = [_distance(table, i, columns) for i in range(len(table.rows))]
+        content["distance"] = [_read_distance(table, i, columns) for i in range(len(table.rows))]
     else:
         expected = "columns name, x, y, z, or from, to, length"
         raise BadInput(path, "the header", few(table.header), expected)
     for name, column in columns.items():
         remarks.append(f"{name} of the artefact is the column {table.header[column]!r}")
     if "uncertainty" in columns:
-        share = _uncertainty(table.header[columns["uncertainty"]])
+        share = _find_uncertainty_factor(table.header[columns["uncertainty"]])
         how = "standard uncertainties" if share == 1.0 else "expanded uncertainties, halved (k = 2)"
         remarks.append(f"the certificate's uncertainties are read as {how}")
     unused = [h for column, h in enumerate(table.header) if h and column not in columns.values()]
@@ -65,7 +65,7 @@ def artefact_of_table(path: Path) -> tuple[Artefact, list[str]]:
     return validate(path, content, Artefact), remarks
 
 
-def _uncertainty(header: str) -> float | None:
+def _find_uncertainty_factor(header: str) -> float | None:
     """What a standard uncertainty is of a column's numbers, or None for another column."""
     word, _ = word_and_unit(header)
     if word == "u":  # a capital U is the expanded one (GUM 6.2)
@@ -73,7 +73,7 @@ def _uncertainty(header: str) -> float | None:
     return UNCERTAINTY.get(word)
 
 
-def _mm(table: ForeignTable, row: int, column: int) -> float:
+def _read_mm(table: ForeignTable, row: int, column: int) -> float:
     unit = word_and_unit(table.header[column])[1] or "mm"
     if unit not in LENGTHS:
         location = f"column {table.header[column]}"
@@ -84,7 +84,7 @@ def _mm(table: ForeignTable, row: int, column: int) -> float:
     return round(value, 12)
 
 
-def _name(table: ForeignTable, row: int, column: int) -> str:
+def _read_name(table: ForeignTable, row: int, column: int) -> str:
     name = table.rows[row][column]
     if not name:
         raise table.fault(row, column, "the name of a target")
@@ -97,20 +97,20 @@ def _with_uncertainty(
     column = columns.get("uncertainty")
     if column is None or not table.rows[row][column]:
         return content
-    share = _uncertainty(table.header[column]) or 1.0
-    return content | {"standard_uncertainty_mm": share * _mm(table, row, column)}
+    share = _find_uncertainty_factor(table.header[column]) or 1.0
+    return content | {"standard_uncertainty_mm": share * _read_mm(table, row, column)}
 
 
-def _target(table: ForeignTable, row: int, columns: dict[str, int]) -> dict[str, Any]:
+def _read_target(table: ForeignTable, row: int, columns: dict[str, int]) -> dict[str, Any]:
     cells = [table.rows[row][columns[axis]] for axis in AXES]
-    target: dict[str, Any] = {"name": _name(table, row, columns["name"])}
+    target: dict[str, Any] = {"name": _read_name(table, row, columns["name"])}
     if not any(cells):
         return target  # an unknown fixed point
-    target["position_mm"] = [_mm(table, row, columns[axis]) for axis in AXES]
+    target["position_mm"] = [_read_mm(table, row, columns[axis]) for axis in AXES]
     return _with_uncertainty(table, row, columns, target)
 
 
-def _distance(table: ForeignTable, row: int, columns: dict[str, int]) -> dict[str, Any]:
-    between = [_name(table, row, columns[end]) for end in ("from", "to")]
-    length = {"between": between, "length_mm": _mm(table, row, columns["length"])}
+def _read_distance(table: ForeignTable, row: int, columns: dict[str, int]) -> dict[str, Any]:
+    between = [_read_name(table, row, columns[end]) for end in ("from", "to")]
+    length = {"between": between, "length_mm": _read_mm(table, row, columns["length"])}
     return _with_uncertainty(table, row, columns, length)

@@ -75,13 +75,13 @@ def asked_tip(name: str, offset_mm: str, radius_mm: str) -> tuple[str, Tip]:
     if not (0 < len(name) <= LONGEST_NAME and name.isprintable() and name != "-"):
         problem, expected = repr(name)[:100], f"a name of {LONGEST_NAME} letters at most, not -"
         raise BadInput(source, "name", problem, expected)
-    content: dict[str, Any] = {"offset_mm": [_number(word) for word in offset_mm.split(",")]}
+    content: dict[str, Any] = {"offset_mm": [_parse_number(word) for word in offset_mm.split(",")]}
     if radius_mm:
-        content["radius_mm"] = _number(radius_mm)
+        content["radius_mm"] = _parse_number(radius_mm)
     return name, validate(source, content, Tip)
 
 
-def _number(word: str) -> float | str:
+def _parse_number(word: str) -> float | str:
     try:
         return float(word)
     except ValueError:

@@ -41,7 +41,7 @@ class Lake:
     def __init__(self, folder: Path, serial: str, n_joints: int, sensors: list[str]) -> None:
         """Raises `BadInput` where nothing can be written, or another recorder writes this arm."""
         self.folder = folder / f"serial={quote(serial, safe=' ')}"
-        self._schema = _schema(n_joints, sensors)
+        self._schema = _make_schema(n_joints, sensors)
         self._sensors = sensors
         self._joints_dtype = joints_dtype(n_joints)
         self._points: list[bytes] = []
@@ -114,9 +114,9 @@ class Lake:
         n = len(self._points)
         if not n:
             return 0
-        newest_ns = _stamp_ns(self._points[-1])
+        newest_ns = _read_stamp_ns(self._points[-1])
         while n and self._points[n - 1][:KEY_BYTES] not in self._joints:
-            if _stamp_ns(self._points[n - 1]) < newest_ns - JOINTS_NS:
+            if _read_stamp_ns(self._points[n - 1]) < newest_ns - JOINTS_NS:
                 break
             n -= 1
         return n
@@ -163,11 +163,11 @@ class Lake:
         self.files += 1
 
 
-def _stamp_ns(point: bytes) -> int:
+def _read_stamp_ns(point: bytes) -> int:
     return int.from_bytes(point[8:KEY_BYTES], "little", signed=True)
 
 
-def _schema(n_joints: int, sensors: list[str]) -> pa.Schema:
+def _make_schema(n_joints: int, sensors: list[str]) -> pa.Schema:
     joints = range(1, n_joints + 1)
     before = [("seq", pa.uint64()), (STAMP, pa.int64())]
     before += [(f"q{k}", pa.float64()) for k in joints] + [(f"w{k}", pa.float32()) for k in joints]

@@ -102,11 +102,11 @@ class MeasurementLog:
         self._folder.mkdir(parents=True, exist_ok=True, mode=0o750)
         lines = list(self._waiting)
         data = "".join(f"{line}\n" for line in lines).encode()
-        handle = os.open(_current(self._folder), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        handle = os.open(_choose_file(self._folder), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
         try:
             size = os.lseek(handle, 0, os.SEEK_END)
             try:
-                write_all(handle, _after_torn(handle, size) + data)
+                write_all(handle, _read_torn_end(handle, size) + data)
                 os.fsync(handle)
             except OSError:
                 os.ftruncate(handle, size)  # a disk that fills half-way: whole or not at all
@@ -137,7 +137,7 @@ def log_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.glob(f"*{SUFFIX}") if path.stem.isdecimal())
 
 
-def _current(folder: Path) -> Path:
+def _choose_file(folder: Path) -> Path:
     """The file to append to: the last one, or a new one when that is long enough."""
     files = log_files(folder)
     if files and files[-1].stat().st_size < MOST_BYTES:
@@ -147,6 +147,6 @@ def _current(folder: Path) -> Path:
     return folder / f"{number:06d}{SUFFIX}"
 
 
-def _after_torn(handle: int, size: int) -> bytes:
+def _read_torn_end(handle: int, size: int) -> bytes:
     """The end of a line that a kill or a power cut tore: what is torn stands alone."""
     return b"\n" if size > 0 and os.pread(handle, 1, size - 1) != b"\n" else b""

@@ -136,16 +136,16 @@ def as_json(points: npt.NDArray[np.void]) -> list[bytes]:
     axes = {"position_mm": "xyz", "orientation": "xyzw", "correction_mm": "xyz"}
     for name, letters in axes.items():
         columns[name] = [
-            dict(zip(letters, map(_number, row), strict=True)) for row in columns[name]
+            dict(zip(letters, map(_to_number, row), strict=True)) for row in columns[name]
         ]
-    columns["covariance_mm2"] = [list(map(_number, row)) for row in columns["covariance_mm2"]]
+    columns["covariance_mm2"] = [list(map(_to_number, row)) for row in columns["covariance_mm2"]]
     return [
         json.dumps(dict(zip(columns, row, strict=True))).encode()
         for row in zip(*columns.values(), strict=True)
     ]
 
 
-def _number(value: float) -> float | None:
+def _to_number(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 

@@ -88,7 +88,7 @@ def reading_row(
         "target": target,
         **{f"q{k}": value for k, value in zip(joints, measurement["angles_rad"], strict=True)},
         **{f"w{k}": value for k, value in zip(joints, rates or unknown, strict=True)},
-        **{name: _number(celsius[name]) for name in arm.sensors},
+        **{name: _to_number(celsius[name]) for name in arm.sensors},
         **dict(zip(APPROACH, approach or [math.nan] * 3, strict=True)),
     }
 
@@ -130,5 +130,5 @@ def unfit(measurement: Mapping[str, Any]) -> tuple[str, str] | None:
     return None
 
 
-def _number(value: float | None) -> float:
+def _to_number(value: float | None) -> float:
     return math.nan if value is None else value

@@ -41,7 +41,7 @@ class Journal:
         clock_s: Callable[[], float] = time.monotonic,
         journal: str = JOURNAL,
     ) -> None:
-        self._lines = _Lines(_descriptor(stream))
+        self._lines = _Lines(_get_descriptor(stream))
         self._clock_s = clock_s
         self._journal = _connect(journal) if _is_journal(stream) else None
         self._windows: dict[str, tuple[float, int]] = {}  # kind → start, lines since
@@ -160,7 +160,7 @@ def say(line: str) -> None:
         os.close(null)
 
 
-def _descriptor(stream: TextIO | None) -> int | None:
+def _get_descriptor(stream: TextIO | None) -> int | None:
     if stream is None:
         return None
     with suppress(OSError, ValueError):  # closed
@@ -170,7 +170,7 @@ def _descriptor(stream: TextIO | None) -> int | None:
 
 def _is_journal(stream: TextIO | None) -> bool:
     """systemd tells which file its journal reads; whoever redirects it away keeps the variable."""
-    descriptor = _descriptor(stream)
+    descriptor = _get_descriptor(stream)
     if descriptor is None:
         return False
     with suppress(OSError):

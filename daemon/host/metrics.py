@@ -106,45 +106,45 @@ class MetricsServer:
 
 def render(healths: Sequence[HealthRecord]) -> str:
     """OpenMetrics text of the health messages of one arm or many."""
-    return "\n".join([*_lines(healths), "# EOF", ""])
+    return "\n".join([*_write_lines(healths), "# EOF", ""])
 
 
-def _lines(healths: Sequence[HealthRecord]) -> Iterator[str]:
+def _write_lines(healths: Sequence[HealthRecord]) -> Iterator[str]:
     """All samples of a family stand together, as the format wants it. What a message lacks has
     none: an arm's of another version must not end the figures of all."""
     yield "# TYPE armd_state stateset"
-    for serial, health in _by_label(healths):
+    for serial, health in _label_healths(healths):
         for state in State:
             yield f'armd_state{{{serial},armd_state="{state}"}} {int(health["state"] == state)}'
     yield "# TYPE armd_points counter"
-    for serial, health in _by_label(healths):
+    for serial, health in _label_healths(healths):
         if "points" in health:
             yield f"armd_points_total{{{serial}}} {health['points']['published']}"
     yield "# TYPE armd_flagged_points counter"
-    for serial, health in _by_label(healths):
+    for serial, health in _label_healths(healths):
         for flag, count in health.get("points", {}).get("flagged", {}).items():
-            yield f'armd_flagged_points_total{{{serial},flag="{_escaped(flag)}"}} {count}'
+            yield f'armd_flagged_points_total{{{serial},flag="{_escape(flag)}"}} {count}'
     yield "# TYPE armd_wire counter"
-    for serial, health in _by_label(healths):
+    for serial, health in _label_healths(healths):
         for counter, count in health["drops"].items():
-            yield f'armd_wire_total{{{serial},what="{_escaped(counter)}"}} {count}'
+            yield f'armd_wire_total{{{serial},what="{_escape(counter)}"}} {count}'
     yield "# TYPE armd_latency_seconds gauge"
     yield "# UNIT armd_latency_seconds seconds"
-    for serial, health in _by_label(healths):
+    for serial, health in _label_healths(healths):
         for name, value_ms in health.get("latency", {}).items():
-            yield f'armd_latency_seconds{{{serial},of="{_escaped(name)}"}} {value_ms / 1000:g}'
+            yield f'armd_latency_seconds{{{serial},of="{_escape(name)}"}} {value_ms / 1000:g}'
     yield "# TYPE armd_temperature_celsius gauge"
     yield "# UNIT armd_temperature_celsius celsius"
-    for serial, health in _by_label(healths):
+    for serial, health in _label_healths(healths):
         for sensor, value_c in health["temperatures"].items():
             if value_c is not None:
-                yield f'armd_temperature_celsius{{{serial},sensor="{_escaped(sensor)}"}} {value_c}'
+                yield f'armd_temperature_celsius{{{serial},sensor="{_escape(sensor)}"}} {value_c}'
 
 
-def _by_label(healths: Sequence[HealthRecord]) -> Iterator[tuple[str, HealthRecord]]:
-    return ((f'serial="{_escaped(health["serial"])}"', health) for health in healths)
+def _label_healths(healths: Sequence[HealthRecord]) -> Iterator[tuple[str, HealthRecord]]:
+    return ((f'serial="{_escape(health["serial"])}"', health) for health in healths)
 
 
-def _escaped(label: str) -> str:
+def _escape(label: str) -> str:
     """A label's value, as OpenMetrics wants it between quotation marks."""
     return label.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")

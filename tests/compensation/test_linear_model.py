@@ -169,7 +169,7 @@ def test_problems_of_different_rows_add_and_a_block_joins_what_is_there() -> Non
     ):
         assert found.layout == whole.layout
         np.testing.assert_allclose(found.gram, whole.gram)
-        np.testing.assert_allclose(found.square, whole.square)
+        np.testing.assert_allclose(found.squared_norm, whole.squared_norm)
         np.testing.assert_allclose(found.variance, whole.variance)
 
 

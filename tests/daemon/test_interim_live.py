@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from armd.daemon.commands.live.status import _lines as status_lines
+from armd.daemon.commands.live.status import _write_lines as status_lines
 from armd.daemon.interim_checks import InterimChecks, complaint
 from support.interim_history import write_history
 from support.running_daemon import Heard, running_daemon

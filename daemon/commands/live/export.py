@@ -103,7 +103,7 @@ def _to_foxglove(args: argparse.Namespace) -> int:
 
 def _find(args: argparse.Namespace) -> Measurements:
     if args.log:
-        return source.from_path(_own_log(args.source))
+        return source.from_path(_find_own_log(args.source))
     path = Path(args.source or "")
     if args.source and (path.exists() or path.suffix in (".jsonl", source.RECORDING)):
         return source.from_path(path)
@@ -111,7 +111,7 @@ def _find(args: argparse.Namespace) -> Measurements:
         return source.from_arm(arm)
 
 
-def _own_log(serial: str | None) -> Path:
+def _find_own_log(serial: str | None) -> Path:
     if serial:
         return log_folder(serial)
     folders = logs_folder()
@@ -129,22 +129,22 @@ def instant_ns(text: str) -> int:
     try:
         ns = round(float(text) * 1e9)
     except (ValueError, OverflowError):
-        ns = _calendar_ns(text)
+        ns = _parse_calendar_ns(text)
     if abs(ns) < 1 << 63:
         return ns
-    raise _no_instant(text)
+    raise _make_instant_fault(text)
 
 
-def _calendar_ns(text: str) -> int:
+def _parse_calendar_ns(text: str) -> int:
     try:
         instant = datetime.datetime.fromisoformat(text)
         if instant.tzinfo is None:
             instant = instant.replace(tzinfo=datetime.UTC)
         return round(instant.timestamp() * 1e9)
     except (ValueError, OverflowError) as error:
-        raise _no_instant(text) from error
+        raise _make_instant_fault(text) from error
 
 
-def _no_instant(text: str) -> BadInput:
+def _make_instant_fault(text: str) -> BadInput:
     expected = "a time as 2026-03-01T09:00:00Z, or Unix seconds"
     return BadInput("the command line", "--since", repr(text[:40]), expected)

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--alias",
-        type=_alias,
+        type=_parse_alias,
         action="append",
         default=[],
         metavar="NAME=TIP",
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _alias(text: str) -> tuple[str, str]:
+def _parse_alias(text: str) -> tuple[str, str]:
     name, equals, tip = text.rpartition("=")
     if not (equals and name and tip):
         raise argparse.ArgumentTypeError(f"found {text!r}, expected NAME=TIP")

@@ -57,9 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--artefact", metavar="FILE", type=Path, help="TOML with the table [artefact] of a session"
     )
-    group.add_argument("--targets", metavar="NAME,…", type=_names, help="in this order (all)")
+    group.add_argument("--targets", metavar="NAME,…", type=_parse_names, help="in this order (all)")
     group.add_argument(
-        "--placements", metavar="NAME,…", type=_names, help="of the artefact (artefact: P1,P2,P3)"
+        "--placements",
+        metavar="NAME,…",
+        type=_parse_names,
+        help="of the artefact (artefact: P1,P2,P3)",
     )
     group.add_argument(
         "--repeats",
@@ -80,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of interim: the check that --history proposes, where a cause is in doubt",
     )
     group.add_argument(
-        "--tests", metavar="NAME,…", type=_names, help=f"of verify: {', '.join(TESTS)} (all)"
+        "--tests", metavar="NAME,…", type=_parse_names, help=f"of verify: {', '.join(TESTS)} (all)"
     )
     group.add_argument("--sphere-mm", metavar="D", type=positive, help="certified diameter, of tip")
     group.add_argument(
@@ -96,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     end.add_argument(
         "--then",
         metavar="COMMAND,…",
-        type=_names,
+        type=_parse_names,
         help=f"{', '.join(get_args(Then))} (seats, poses: diagnose; artefact: calibrate, diagnose;"
         " without a calibration in force calibrate alone; the others: their own)",
     )
@@ -114,7 +117,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """The last command's code; 1 if it was interrupted before its end."""
-    options = _options(args)
+    options = _read_options(args)
     check_output_folder(args.output)
     artefact = None if args.artefact is None else load_toml(args.artefact, ArtefactFile).artefact
     wishes = Wishes(
@@ -135,10 +138,12 @@ def run(args: argparse.Namespace) -> int:
             list_commands(measuring.folder, measuring.plan, measuring.in_use, options)
             if args.artefact_c is not None:
                 measuring.set_artefact_c(args.artefact_c)
-            return _lead(args, arm, measuring, options)
+            return _lead_measurement(args, arm, measuring, options)
 
 
-def _lead(args: argparse.Namespace, arm: Arm, measuring: Measuring, options: EndOptions) -> int:
+def _lead_measurement(
+    args: argparse.Namespace, arm: Arm, measuring: Measuring, options: EndOptions
+) -> int:
     trigger = arm.info()["configuration"]["measurement"]["trigger"]
     face = Terminal(arm, measuring, trigger, args.json)
     signal.signal(signal.SIGINT, lambda *_: face.stop())
@@ -157,7 +162,7 @@ def _lead(args: argparse.Namespace, arm: Arm, measuring: Measuring, options: End
     return code
 
 
-def _options(args: argparse.Namespace) -> EndOptions:
+def _read_options(args: argparse.Namespace) -> EndOptions:
     for name in args.then or ():
         if name not in get_args(Then):
             expected = f"one of {', '.join(get_args(Then))}"
@@ -178,7 +183,7 @@ def _options(args: argparse.Namespace) -> EndOptions:
     return EndOptions(args.then, args.others, args.mpe, args.history, args.name, apply_at)
 
 
-def _names(text: str) -> list[str]:
+def _parse_names(text: str) -> list[str]:
     names = [name.strip() for name in text.split(",")]
     if not all(names):
         raise argparse.ArgumentTypeError(f"found {text!r}, expected names with commas between")

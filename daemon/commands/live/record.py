@@ -142,7 +142,7 @@ def _record_lake(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool
         lake = opened.enter_context(closing(Lake(args.lake, arm.serial, n_joints, sensors)))
         health = opened.enter_context(arm.stream(keys.HEALTH))
         joints = opened.enter_context(arm.stream(keys.JOINTS, WAITING_POINTS))
-        first = _first(joints, FIRST_JOINTS_S)
+        first = _receive_first(joints, FIRST_JOINTS_S)
         # Points only now: the joints of each of them come.
         points = opened.enter_context(arm.stream(keys.POINT, WAITING_POINTS))
 
@@ -186,7 +186,7 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
             if topic_key != keys.POINT
         }
         # Once frames arrive none is missed; the preamble tells what came before them.
-        waiting = _first(raw, FIRST_S)
+        waiting = _receive_first(raw, FIRST_S)
         following, preamble = arm.preamble()
         recorder.begin(following, preamble)
         recorder.take_frames(waiting)
@@ -215,7 +215,7 @@ def _warn_unless_ready(arm: Arm) -> None:
         print(printable(text), file=sys.stderr, flush=True)
 
 
-def _first(stream: Stream, seconds: float) -> list[bytes]:
+def _receive_first(stream: Stream, seconds: float) -> list[bytes]:
     """The first payloads that arrive; none from an arm that is silent."""
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:

@@ -41,17 +41,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     if not 0 <= args.domain <= MOST_DOMAINS:
-        raise _option_fault("--domain", str(args.domain), f"a number from 0 to {MOST_DOMAINS}")
+        raise _make_option_fault("--domain", str(args.domain), f"a number from 0 to {MOST_DOMAINS}")
     if not 0 < args.rate < float("inf"):
-        raise _option_fault("--rate", f"{args.rate:g}", "a number of points per second")
+        raise _make_option_fault("--rate", f"{args.rate:g}", "a number of points per second")
     if args.namespace is not None and not NAME.fullmatch(args.namespace.strip("/")):
-        raise _option_fault(
+        raise _make_option_fault(
             "--namespace", repr(args.namespace), "letters, digits and _, no digit first"
         )
     if args.urdf is not None:
         check_outputs({"--urdf": (args.urdf, URDF)}, [], args.force)
         with armd.connect(args.serial, args.endpoint) as arm:
-            settings = _settings(args, arm.serial)
+            settings = _read_settings(args, arm.serial)
             calibration = arm.calibration_file()
             text = urdf.write(arm.info(), calibration, settings.namespace, settings.frame)
         write_whole(args.urdf, text)
@@ -59,15 +59,17 @@ def run(args: argparse.Namespace) -> int:
             print(f"armd: {args.urdf}: {printable(sentence)}", file=sys.stderr)
         return 0
     if args.router is None:
-        raise _option_fault("--router", "nothing", "the endpoint of ROS's router, or --urdf FILE")
-    return process.serve(args, lambda arm: Bridge(arm, _settings(args, arm.serial)).serve())
+        raise _make_option_fault(
+            "--router", "nothing", "the endpoint of ROS's router, or --urdf FILE"
+        )
+    return process.serve(args, lambda arm: Bridge(arm, _read_settings(args, arm.serial)).serve())
 
 
-def _settings(args: argparse.Namespace, serial: str) -> Settings:
+def _read_settings(args: argparse.Namespace, serial: str) -> Settings:
     namespace = (args.namespace or legal(serial)).strip("/")
     frame = args.frame or f"{namespace.replace('/', '_')}_base"
     return Settings(args.router or "", args.domain, namespace, frame, args.rate)
 
 
-def _option_fault(option: str, problem: str, expected: str) -> BadInput:
+def _make_option_fault(option: str, problem: str, expected: str) -> BadInput:
     return BadInput("the command line", option, problem, expected)

@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(health))
     else:
         try:
-            lines = _lines(health)
+            lines = _write_lines(health)
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             problem = f"a message without {error!s}"
             raise BadInput(arm.serial, "health", problem, "one of armd's daemon") from error
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     return 0 if health.get("state") in GOOD else 1
 
 
-def _lines(health: dict[str, Any]) -> list[str]:
+def _write_lines(health: dict[str, Any]) -> list[str]:
     drops = {name: n for name, n in health["drops"].items() if n and name != "samples"}
     lines = [
         f"{health['serial']}  {health['state']}: {health['reason']}",

@@ -86,11 +86,11 @@ def run(args: argparse.Namespace) -> int:
             "the command line", f"armd tip {verb}", " ".join(words) or "nothing", expected
         )
     deeds = {
-        "list": _list,
-        "use": _use,
+        "list": _list_tips,
+        "use": _use_tip,
         "calibrate": _calibrate,
         "apply": _apply,
-        "history": _history,
+        "history": _print_history,
     }
     return deeds[verb](args, words)
 
@@ -104,7 +104,7 @@ _WORDS = {
 }
 
 
-def _use(args: argparse.Namespace, words: list[str]) -> int:
+def _use_tip(args: argparse.Namespace, words: list[str]) -> int:
     name, serial = words[0], words[1] if len(words) > 1 else None
     with armd.connect(serial, args.endpoint) as arm:
         done = arm.command("tip", name="" if name == OWN else name)
@@ -120,14 +120,16 @@ def _apply(args: argparse.Namespace, words: list[str]) -> int:
     return 0
 
 
-def _list(args: argparse.Namespace, words: list[str]) -> int:
+def _list_tips(args: argparse.Namespace, words: list[str]) -> int:
     from armd.daemon.files.tip_history import history
     from armd.daemon.measure.in_use import ask_in_use
 
     with armd.connect(words[0] if words else None, args.endpoint) as arm:
         info, in_use = arm.info(), ask_in_use(arm)
         last = {entry["name"]: entry for entry in history(arm.serial)}
-    table = Table("", "tip", "offset, mm", "radius, mm", _when_column(), "U (k = 2), mm", "verdict")
+    table = Table(
+        "", "tip", "offset, mm", "radius, mm", _make_when_column(), "U (k = 2), mm", "verdict"
+    )
     tips: dict[str, dict[str, Any]] = {OWN: {"offset_mm": None}, **info["configuration"]["tips"]}
     for name, tip in tips.items():
         used = (info["tip"] or OWN) == name
@@ -141,19 +143,19 @@ def _list(args: argparse.Namespace, words: list[str]) -> int:
             printable("the calibration's own (-)" if name == OWN else name),
             "" if offset is None else " ".join(f"{value:.3f}" for value in offset),
             f"{radius:.3f}",
-            *(("never", "", "") if calibration is None else _calibration_cells(calibration)),
+            *(("never", "", "") if calibration is None else _format_calibration(calibration)),
         )
     Console().print(table)
     return 0
 
 
-def _calibration_cells(entry: dict[str, Any]) -> tuple[str, str, str]:
+def _format_calibration(entry: dict[str, Any]) -> tuple[str, str, str]:
     expanded = 2 * max(entry["standard_uncertainty_mm"])
     # Its reasons stand where it was calibrated, and in the file.
     return _format_minute(entry), f"{expanded:.4f}", printable(entry["verdict"].partition(":")[0])
 
 
-def _when_column() -> Column:
+def _make_when_column() -> Column:
     return Column("calibrated, UTC", no_wrap=True, min_width=16)
 
 
@@ -162,7 +164,7 @@ def _format_minute(entry: dict[str, Any]) -> str:
     return str(entry["measured"])[:16].replace("T", " ")
 
 
-def _history(args: argparse.Namespace, words: list[str]) -> int:
+def _print_history(args: argparse.Namespace, words: list[str]) -> int:
     from armd.daemon.files.tip_history import history, history_file
 
     serial = words[0] if words else None
@@ -171,7 +173,13 @@ def _history(args: argparse.Namespace, words: list[str]) -> int:
             serial = arm.serial
     entries = history(serial, args.name)
     table = Table(
-        _when_column(), "tip", "offset, mm", "U (k = 2), mm", "form, mm", "radius, mm", "verdict"
+        _make_when_column(),
+        "tip",
+        "offset, mm",
+        "U (k = 2), mm",
+        "form, mm",
+        "radius, mm",
+        "verdict",
     )
     for entry in entries:
         radius = entry["radius_mm"]
@@ -179,10 +187,10 @@ def _history(args: argparse.Namespace, words: list[str]) -> int:
             _format_minute(entry),
             printable(entry["name"]),
             " ".join(f"{value:.3f}" for value in entry["offset_mm"]),
-            _calibration_cells(entry)[1],
+            _format_calibration(entry)[1],
             f"{entry['form_error_mm']:.4f}",
             "" if radius is None else f"{radius:.4f}",
-            _calibration_cells(entry)[2],
+            _format_calibration(entry)[2],
         )
     console = Console()
     console.print(table)

@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     """Raises `BadInput` for a listener on the network without certificate, token and name."""
     if not is_loopback(args.listen[0]):
         _check_network(args)
-    tls = _tls(args)
+    tls = _load_tls(args)
     token = None if args.token is None else read_token(args.token)
     access = Access([*args.name, args.listen[0]], token, secure=tls is not None)
     sessions = args.sessions if args.allow_commands else None
@@ -68,7 +68,7 @@ def _check_network(args: argparse.Namespace) -> None:
             raise BadInput("the command line", "--listen", problem, expected)
 
 
-def _tls(args: argparse.Namespace) -> ssl.SSLContext | None:
+def _load_tls(args: argparse.Namespace) -> ssl.SSLContext | None:
     if args.certificate is None and args.key is None:
         return None
     if args.certificate is None or args.key is None:

@@ -67,29 +67,29 @@ def run(args: argparse.Namespace) -> int:
     unit, started_unix_s = session_settings(table, args.angle_unit, args.started)
     corrector = Corrector(arm, calibration, unit, started_unix_s)
     readings = load_readings(table, corrector.columns, [])
-    repeated = [name for name in _columns(arm) if readings.has(name)]
+    repeated = [name for name in _name_columns(arm) if readings.has(name)]
     if repeated:
         problem = f"{repeated[0]} already"
         raise BadInput(table, "the header", problem, "a table without columns of commands")
-    lines = _lines(readings)
+    lines = _split_lines(readings)
     angles(readings, arm, unit)  # none may be missing
     batch = corrector.take(readings)
     corrector.ended(table)
-    moving = _approach_follows_rates(readings, batch.states)
+    moving = _follows_rates(readings, batch.states)
     with aside(args).status("compensating …"):
         found_angles = compensate(arm, calibration, batch.states, truths(readings), moving)
-    write_whole(args.output, _text(lines, found_angles, arm, unit))
+    write_whole(args.output, _join_text(lines, found_angles, arm, unit))
     flags = corrector.correct(batch)[1]
     _print(args, found_angles, corrector.remarks, flags)
     return 0 if found_angles.is_ok.all() else 1
 
 
-def _columns(arm: Arm) -> list[str]:
+def _name_columns(arm: Arm) -> list[str]:
     commands = [f"q{k}_command" for k in range(1, arm.n_joints + 1)]
     return [*commands, "change_mm", "residual_mm", "status"]
 
 
-def _approach_follows_rates(readings: Readings, states: States) -> Mask:
+def _follows_rates(readings: Readings, states: States) -> Mask:
     """(n,) whether the approach is not the table's own but the way that the rates move the tip."""
     given_approach = np.column_stack([readings.optional(name) for name in APPROACH])
     is_known = np.logical_and.reduce(np.isfinite(states.approach), axis=1)
@@ -97,7 +97,7 @@ def _approach_follows_rates(readings: Readings, states: States) -> Mask:
     return follows
 
 
-def _lines(readings: Readings) -> list[bytes]:
+def _split_lines(readings: Readings) -> list[bytes]:
     """The table's own lines, the header first; raises `BadInput` where a row is not one line."""
     content = read_input(readings.path)
     lines = [line.rstrip(b"\r\n") for line in io.BytesIO(content) if line.strip()]
@@ -106,10 +106,10 @@ def _lines(readings: Readings) -> list[bytes]:
     return lines
 
 
-def _text(lines: list[bytes], commanded: CommandedAngles, arm: Arm, unit: AngleUnit) -> bytes:
+def _join_text(lines: list[bytes], commanded: CommandedAngles, arm: Arm, unit: AngleUnit) -> bytes:
     """The table with its own text letter by letter, and the new columns behind it."""
-    scale = np.array([_radians(arm, k, unit) for k in range(arm.n_joints)])
-    out = [lines[0] + b"," + ",".join(_columns(arm)).encode()]
+    scale = np.array([_get_radians(arm, k, unit) for k in range(arm.n_joints)])
+    out = [lines[0] + b"," + ",".join(_name_columns(arm)).encode()]
     lengths = np.round(np.column_stack([commanded.change_mm, commanded.residual_mm]), DECIMALS)
     rows = zip(lines[1:], commanded.q / scale, lengths.tolist(), commanded.status, strict=True)
     for line, command, length, status in rows:
@@ -118,7 +118,7 @@ def _text(lines: list[bytes], commanded: CommandedAngles, arm: Arm, unit: AngleU
     return b"\n".join([*out, b""])
 
 
-def _radians(arm: Arm, k: int, unit: AngleUnit) -> float:
+def _get_radians(arm: Arm, k: int, unit: AngleUnit) -> float:
     """What one of the unit is, of joint *k* from 0; as `angles` has it."""
     if unit == "count":
         joint = arm.joint[k]

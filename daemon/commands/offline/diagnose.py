@@ -96,7 +96,7 @@ def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
         console.print(table)
         for number, finding in enumerate(findings, 1):
             rivals = ", ".join(
-                f"{a['cause']} {a['location']} ({_share(a['probability'])})"
+                f"{a['cause']} {a['location']} ({_format_share(a['probability'])})"
                 for a in finding["alternatives"]
             )
             also = f"; could also be {rivals}" if rivals else ""
@@ -108,6 +108,6 @@ def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
     console.print(f"next: {result['next_experiment']}")
 
 
-def _share(probability: float) -> str:
+def _format_share(probability: float) -> str:
     """A probability as a person reads it: what is small is not nothing."""
     return f"{probability:.2f}" if probability >= 0.01 else "under 0.01"

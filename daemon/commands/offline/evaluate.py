@@ -69,14 +69,14 @@ def run(args: argparse.Namespace) -> int:
         console.print(remark)
     if result["rms_um"] > 1e3 * ABSURD_RMS_MM:
         calibration = model_under_test.content if model_under_test else None
-        console.print(_why(args, model.content, calibration, result))
+        console.print(_describe_why(args, model.content, calibration, result))
     if result["n_unused"]:
         unused = counted(result["n_unused"], "reading")
         console.print(f"{unused} without a temperature that the calibration needs")
     return 0
 
 
-def _why(
+def _describe_why(
     args: argparse.Namespace, arm: Arm, calibration: Calibration | None, result: dict[str, Any]
 ) -> str:
     """What may be wrong where residuals are no arm's."""

@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         if getattr(args, option) is not None:
             expected = f"it with {REPEATABILITY}"
             raise BadInput("the command line", f"--{option}", f"it with {kind}", expected)
-    operands = [_operand(kind, text) for text in args.operand]
+    operands = [_parse_operand(kind, text) for text in args.operand]
     n_operands = 2 if kind in RELATIONS else 1
     if len(operands) != n_operands:
         problem = f"{len(operands)} operands"
@@ -89,16 +89,16 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput("the command line", "--tip-radius-mm", f"it with {kind}", expected)
     inputs = [path for _, path, _ in operands]
     check_outputs({"--json": (args.json, RESULT)}, inputs, args.force)
-    features = [_fitted(*operand) for operand in operands]
+    features = [_fit_feature(*operand) for operand in operands]
     result: dict[str, Any] = {"schema": "armd.feature/1", "kind": kind}
     result["features"] = [feature.as_json() for feature in features]
-    lines = [line for feature in features for line in _words(feature)]
+    lines = [line for feature in features for line in _describe_feature(feature)]
     if kind in RELATIONS:
-        words, figures = _related(kind, *features)
+        words, figures = _relate_features(kind, *features)
         result |= figures
         lines.append(words)
     elif args.tip_radius_mm is not None:
-        words, figures = _surface(features[0], args.tip_radius_mm, args.inside)
+        words, figures = _offset_surface(features[0], args.tip_radius_mm, args.inside)
         result |= figures
         lines.append(words)
     if args.json:
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
 Operand = tuple[Shape, Path, str]
 
 
-def _operand(kind: str, text: str) -> Operand:
+def _parse_operand(kind: str, text: str) -> Operand:
     """A shape, a file, and rows ("" for all)."""
     shape, operand = kind, text
     if kind in RELATIONS:
@@ -127,9 +127,9 @@ def _operand(kind: str, text: str) -> Operand:
     return shape_name, Path(file), rows
 
 
-def _fitted(shape: Shape, path: Path, rows: str) -> Feature:
+def _fit_feature(shape: Shape, path: Path, rows: str) -> Feature:
     measured = from_path(path).measurements
-    chosen = [measured[i] for i in _numbers(path, rows, len(measured))]
+    chosen = [measured[i] for i in _parse_numbers(path, rows, len(measured))]
     for number, measurement in enumerate(chosen, 1):
         if measurement.position_mm is None:
             location = f"measurement {number} of those chosen"
@@ -138,12 +138,12 @@ def _fitted(shape: Shape, path: Path, rows: str) -> Feature:
         -1, 3
     )
     try:
-        return fit(shape, points, _covariances(chosen))
+        return fit(shape, points, _stack_covariances(chosen))
     except ArithmeticError as error:
         raise BadInput(path, shape, str(error), "points that determine it") from error
 
 
-def _numbers(path: Path, rows: str, n: int) -> list[int]:
+def _parse_numbers(path: Path, rows: str, n: int) -> list[int]:
     """Indices from 0, each once, in the order given."""
     if not rows:
         return list(range(n))
@@ -157,7 +157,7 @@ def _numbers(path: Path, rows: str, n: int) -> list[int]:
     return list(dict.fromkeys(row_indices))
 
 
-def _covariances(chosen: list[MeasurementLine]) -> F64 | None:
+def _stack_covariances(chosen: list[MeasurementLine]) -> F64 | None:
     """(n, 3, 3) mm²; None unless every point has one."""
     matrices = []
     for measurement in chosen:
@@ -168,18 +168,18 @@ def _covariances(chosen: list[MeasurementLine]) -> F64 | None:
     return np.array(matrices, dtype=float)
 
 
-def _words(feature: Feature) -> list[str]:
+def _describe_feature(feature: Feature) -> list[str]:
     content = feature.as_json()
     source = "points" if not feature.from_scatter else "residuals' scatter"
     lines = [f"{feature.shape}, {content['n']} points; U = 2 u (k = 2) from the {source}"]
     lines.append(
-        f"  point      {_three(content['point_mm'], 4)} mm"
-        + _expanded(content["point_standard_uncertainty_mm"], 4, " mm")
+        f"  point      {_format_three(content['point_mm'], 4)} mm"
+        + _format_expanded(content["point_standard_uncertainty_mm"], 4, " mm")
     )
     if content["direction"] is not None:
         lines.append(
-            f"  direction  {_three(content['direction'], 6)}"
-            + _expanded(content["direction_standard_uncertainty"], 6, "")
+            f"  direction  {_format_three(content['direction'], 6)}"
+            + _format_expanded(content["direction_standard_uncertainty"], 6, "")
         )
     if content["radius_mm"] is not None:
         uncertain = content["radius_standard_uncertainty_mm"]
@@ -192,17 +192,17 @@ def _words(feature: Feature) -> list[str]:
     return lines
 
 
-def _three(values: list[float], digits: int) -> str:
+def _format_three(values: list[float], digits: int) -> str:
     return "[" + ", ".join(f"{value:.{digits}f}" for value in values) + "]"
 
 
-def _expanded(uncertainties: list[float] | None, digits: int, unit: str) -> str:
+def _format_expanded(uncertainties: list[float] | None, digits: int, unit: str) -> str:
     if uncertainties is None:
         return ", U not known"
-    return f", U {_three([2 * value for value in uncertainties], digits)}{unit}"
+    return f", U {_format_three([2 * value for value in uncertainties], digits)}{unit}"
 
 
-def _related(kind: str, first: Feature, second: Feature) -> tuple[str, dict[str, Any]]:
+def _relate_features(kind: str, first: Feature, second: Feature) -> tuple[str, dict[str, Any]]:
     try:
         relation = distance(first, second) if kind == "distance" else angle(first, second)
     except ArithmeticError as error:
@@ -217,7 +217,7 @@ def _related(kind: str, first: Feature, second: Feature) -> tuple[str, dict[str,
     return printable(f"{kind} {relation.value:.4f} {unit}, U (k = 2) {words}"), figures
 
 
-def _surface(feature: Feature, tip_mm: float, inside: bool) -> tuple[str, dict[str, Any]]:
+def _offset_surface(feature: Feature, tip_mm: float, inside: bool) -> tuple[str, dict[str, Any]]:
     """The radius of the surface: the ball's centre ran beside it."""
     assert feature.radius_mm is not None  # circles, spheres and cylinders have one
     radius = feature.radius_mm + (tip_mm if inside else -tip_mm)

@@ -16,7 +16,7 @@ from armd.terminal.plain import make_plain_console
 
 
 def choose(args: argparse.Namespace) -> FirstDesignResult:
-    bounds = Bounds(_reach(args.reach), args.lowest)
+    bounds = Bounds(_read_reach(args.reach), args.lowest)
     arm, calibration = load_given(args)
     loaded = resolve_calibration(calibration, arm)
     with aside(args).status("choosing poses …"):
@@ -39,7 +39,7 @@ def show(chosen: FirstDesignResult) -> None:
     console.print(table)
 
 
-def _reach(limits_mm: list[float] | None) -> tuple[float, float] | None:
+def _read_reach(limits_mm: list[float] | None) -> tuple[float, float] | None:
     if limits_mm is None:
         return None
     lowest_mm, highest_mm = limits_mm

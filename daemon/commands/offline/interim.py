@@ -84,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    return _add(args) if args.action == "add" else _report(args)
+    return _add(args) if args.action == "add" else _report_history(args)
 
 
 def _add(args: argparse.Namespace) -> int:
@@ -122,17 +122,17 @@ def _add(args: argparse.Namespace) -> int:
         keeping.check_new(folder, lines, dated)
         keeping.keep(folder, lines, new, Path(args.arm), calibration)
         try:
-            judgement, result, _ = _judged(folder, before)
+            judgement, result, _ = _judge_history(folder, before)
         except BadInput as error:  # no room for the report, it may be
             advice = f"{error.expected} (the checks are kept: armd interim report judges them)"
             raise BadInput(error.file, error.where, error.found, advice) from error
     for remark in filter(None, [*remarks, keeping.report_early_dates(lines, dated)]):
         console.print(f"armd: {remark}", soft_wrap=True, markup=False, highlight=False)
-    _say(folder, judgement, result, "-" if args.json else None)
+    _print_result(folder, judgement, result, "-" if args.json else None)
     return 1 if judgement.changed else 0
 
 
-def _report(args: argparse.Namespace) -> int:
+def _report_history(args: argparse.Namespace) -> int:
     to_file = args.json if args.json != "-" else None
     check_outputs(
         {
@@ -148,24 +148,24 @@ def _report(args: argparse.Namespace) -> int:
     if chain.is_of_points(folder):
         return interim_points.report(args, to_file, about)
     with aside(args).status("judging the history …"):
-        judgement, result, after = _judged(folder)
+        judgement, result, after = _judge_history(folder)
     if args.poses:
-        write_whole(args.poses, _poses(after))
-    write_pages(args, lambda: _page(folder, judgement, result, about))
+        write_whole(args.poses, _write_poses(after))
+    write_pages(args, lambda: _render_page(folder, judgement, result, about))
     if to_file:
         write_whole(to_file, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    _say(folder, judgement, result, args.json)
+    _print_result(folder, judgement, result, args.json)
     return 1 if judgement.changed else 0
 
 
-def _page(folder: Path, judgement: Judgement, result: dict[str, Any], about: About) -> str:
+def _render_page(folder: Path, judgement: Judgement, result: dict[str, Any], about: About) -> str:
     from armd.compensation.interim.report.page import render_interim_page  # draws: slow to load
 
     sessions = [history.load_measured(folder, check) for check in judgement.checks]
     return render_interim_page(judgement, result, sessions, about)
 
 
-def _judged(
+def _judge_history(
     folder: Path, before: Sequence[history.Check] = ()
 ) -> tuple[Judgement, dict[str, Any], NextCheck]:
     """Judge a history, some of which was loaded *before*; its changes' calibrations and the result
@@ -191,7 +191,7 @@ def _judged(
     return judgement, result, after
 
 
-def _poses(after: NextCheck) -> str:
+def _write_poses(after: NextCheck) -> str:
     """The next check's poses, as a table that `armd measure poses` takes."""
     if after.advised is None:
         raise BadInput("--poses", "the next check", "no poses of its own", "a cause in doubt")
@@ -208,7 +208,9 @@ def _poses(after: NextCheck) -> str:
     return text.getvalue()
 
 
-def _say(folder: Path, judgement: Judgement, result: dict[str, Any], to: str | None) -> None:
+def _print_result(
+    folder: Path, judgement: Judgement, result: dict[str, Any], to: str | None
+) -> None:
     if to == "-":
         print(json.dumps(result, indent=1, allow_nan=False))
         return

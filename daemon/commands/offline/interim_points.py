@@ -91,11 +91,11 @@ def add(args: argparse.Namespace) -> int:
         if lines:
             load_checks(folder)  # a damaged history takes no more
         keep_tables(folder, len(lines), new, args.artefact, radius_mm)
-        epochs, result = _judged(folder)
+        epochs, result = _judge_history(folder)
     remarks = [] if args.quiet else [sentence for table in new for sentence in table.remarks]
     for remark in filter(None, [*remarks, keeping.report_early_dates(lines, dated)]):
         aside(args).print(f"armd: {printable(remark)}", soft_wrap=True, markup=False)
-    return _say(epochs, result, print_json=args.json)
+    return _print_result(epochs, result, print_json=args.json)
 
 
 def _started(text: str | None) -> float | None:
@@ -108,27 +108,29 @@ def report(args: argparse.Namespace, to_file: str | None, about: About) -> int:
         raise BadInput("--poses", "the history", "one of points", "one of sessions, with joints")
     folder = Path(args.history)
     with aside(args).status("judging the history …"):
-        epochs, result = _judged(folder)
-    write_pages(args, lambda: _page(folder, epochs, result, about))
+        epochs, result = _judge_history(folder)
+    write_pages(args, lambda: _render_page(folder, epochs, result, about))
     if to_file:
         write_whole(to_file, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    return _say(epochs, result, print_json=args.json == "-")
+    return _print_result(epochs, result, print_json=args.json == "-")
 
 
-def _page(folder: Path, epochs: Sequence[PointEpoch], result: dict[str, Any], about: About) -> str:
+def _render_page(
+    folder: Path, epochs: Sequence[PointEpoch], result: dict[str, Any], about: About
+) -> str:
     from armd.compensation.interim.points.page import render_points_page  # draws: slow to load
 
     return render_points_page(folder, epochs, result, about)
 
 
-def _judged(folder: Path) -> tuple[list[PointEpoch], dict[str, Any]]:
+def _judge_history(folder: Path) -> tuple[list[PointEpoch], dict[str, Any]]:
     epochs = judge_points(load_checks(folder))
     result = points_as_json(epochs)
     write_changed(folder / chain.REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
     return epochs, result
 
 
-def _say(epochs: Sequence[PointEpoch], result: dict[str, Any], *, print_json: bool) -> int:
+def _print_result(epochs: Sequence[PointEpoch], result: dict[str, Any], *, print_json: bool) -> int:
     if print_json:
         print(json.dumps(result, indent=1, allow_nan=False))
     else:

@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _urdf(
+def _write_urdf(
     args: argparse.Namespace, arm: Arm, loaded: LoadedCalibration | None, geometry: Geometry
 ) -> tuple[bytes | str, list[str]]:
     if args.like is None:
@@ -116,7 +116,7 @@ def _urdf(
     ]
 
 
-def _yaml(
+def _write_yaml(
     args: argparse.Namespace, arm: Arm, loaded: LoadedCalibration | None, geometry: Geometry
 ) -> tuple[bytes | str, list[str]]:
     identity = loaded.sha256[:16] if loaded else "nominal"
@@ -126,10 +126,10 @@ def _yaml(
     return text, [remark] if remark else []
 
 
-def _json(
+def _write_json(
     args: argparse.Namespace, arm: Arm, loaded: LoadedCalibration | None, geometry: Geometry
 ) -> tuple[bytes | str, list[str]]:
-    rows = [asdict(row) for row in _rows(arm, loaded, geometry)]
+    rows = [asdict(row) for row in _list_corrections(arm, loaded, geometry)]
     by_temperature = geometry.by_temperature
     content = {
         "schema": "armd.model/1",
@@ -151,24 +151,31 @@ def _json(
     return json.dumps(content, indent=1, allow_nan=False) + "\n", []
 
 
-def _csv(
+def _write_csv(
     args: argparse.Namespace, arm: Arm, loaded: LoadedCalibration | None, geometry: Geometry
 ) -> tuple[bytes | str, list[str]]:
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(asdict(row) for row in _rows(arm, loaded, geometry))
+    writer.writerows(asdict(row) for row in _list_corrections(arm, loaded, geometry))
     return text.getvalue(), []
 
 
-def _rows(arm: Arm, loaded: LoadedCalibration | None, geometry: Geometry) -> list[Correction]:
+def _list_corrections(
+    arm: Arm, loaded: LoadedCalibration | None, geometry: Geometry
+) -> list[Correction]:
     return list_corrections(arm, loaded.content if loaded else None, geometry)
 
 
 Writer = Callable[
     [argparse.Namespace, Arm, LoadedCalibration | None, Geometry], tuple[bytes | str, list[str]]
 ]
-WRITERS: dict[str, Writer] = {".urdf": _urdf, ".yaml": _yaml, ".json": _json, ".csv": _csv}
+WRITERS: dict[str, Writer] = {
+    ".urdf": _write_urdf,
+    ".yaml": _write_yaml,
+    ".json": _write_json,
+    ".csv": _write_csv,
+}
 
 
 def _effects(geometry: Geometry) -> list[str]:

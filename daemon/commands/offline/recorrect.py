@@ -94,15 +94,15 @@ def run(args: argparse.Namespace) -> int:
     with aside(args).status("reading the measurements …"):
         collections = [source.from_path(path) for path in args.measurements]
     nameless = sum(
-        _nameless(path, collection, arm, args.arm)
+        _count_nameless(path, collection, arm, args.arm)
         for path, collection in zip(args.measurements, collections, strict=True)
     )
-    chosen = _chosen(collections, since_ns)
+    chosen = _choose_measurements(collections, since_ns)
     without = [m for m in chosen if m.angles_rad is None]
     chosen = [m for m in chosen if m.angles_rad is not None]
     location = ", ".join(map(str, args.measurements))
     with aside(args).status(f"correcting {counted(len(chosen), 'measurement')} again …"):
-        new = _recorrected(chosen, arm, calibration, _tips(args.config), location)
+        new = _recorrect_measurements(chosen, arm, calibration, _load_tips(args.config), location)
     old = np.array([m.position_mm or (np.nan,) * 3 for m in chosen]).reshape(-1, 3)
     distance = np.linalg.norm(new.position_mm - old, axis=1)
     change = Impact(
@@ -122,10 +122,11 @@ def run(args: argparse.Namespace) -> int:
     if nameless:
         remark = f"{counted(nameless, 'measurement')} without the serial number of an arm (of an"
         left_out.append(f"{remark} older armd) taken for {arm.serial_number}'s")
-    write_whole(args.output, _table(chosen, old, new, change, calibration))
+    write_whole(args.output, _write_table(chosen, old, new, change, calibration))
     celsius = [c for m in chosen for c in m.temperatures_c.values() if c is not None]
     write_pages(
-        args, lambda: render_quality_page(change, _inputs(args), left_out, args.operator, celsius)
+        args,
+        lambda: render_quality_page(change, _hash_inputs(args), left_out, args.operator, celsius),
     )
     print(f"armd: {args.output}: {change.in_words()}")
     for sentence in left_out:
@@ -133,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _nameless(path: Path, collection: Measurements, arm: Arm, arm_file: str) -> int:
+def _count_nameless(path: Path, collection: Measurements, arm: Arm, arm_file: str) -> int:
     """How many measurements say nothing of whose they are; raises `BadInput` for another arm's."""
     expected = f"{arm.serial_number}, as {arm_file} has"
     if collection.serial not in ("", arm.serial_number):
@@ -144,7 +145,7 @@ def _nameless(path: Path, collection: Measurements, arm: Arm, arm_file: str) -> 
     return 0 if collection.serial else sum(m.serial is None for m in collection.measurements)
 
 
-def _inputs(args: argparse.Namespace) -> dict[str, str]:
+def _hash_inputs(args: argparse.Namespace) -> dict[str, str]:
     """Every file read, and its SHA-256."""
     paths = [
         *args.measurements,
@@ -158,7 +159,9 @@ def _inputs(args: argparse.Namespace) -> dict[str, str]:
     return hashes
 
 
-def _chosen(collections: Sequence[Measurements], since_ns: int | None) -> list[MeasurementLine]:
+def _choose_measurements(
+    collections: Sequence[Measurements], since_ns: int | None
+) -> list[MeasurementLine]:
     """Of all sources, by time, each once."""
     by_time = {
         (m.stamp_ns, m.seq): m for collection in collections for m in collection.measurements
@@ -166,11 +169,11 @@ def _chosen(collections: Sequence[Measurements], since_ns: int | None) -> list[M
     return [by_time[key] for key in sorted(by_time) if since_ns is None or key[0] >= since_ns]
 
 
-def _tips(config: str | None) -> dict[str, Any]:
+def _load_tips(config: str | None) -> dict[str, Any]:
     return {} if config is None else dict(load_config(config).file.tips)
 
 
-def _recorrected(
+def _recorrect_measurements(
     chosen: Sequence[MeasurementLine],
     arm: Arm,
     calibration: LoadedCalibration,
@@ -178,10 +181,10 @@ def _recorrected(
     location: str,
 ) -> Recorrected:
     """Each with the tip it was measured with: as *tips* have it, else as it was known then."""
-    states = _states(chosen, arm, location)
+    states = _make_states(chosen, arm, location)
     position, uncertainty = np.full((2, len(chosen), 3), np.nan)
     flags = np.zeros(len(chosen), np.uint32)
-    offsets = [_offset_mm(m, tips, location) for m in chosen]
+    offsets = [_find_offset_mm(m, tips, location) for m in chosen]
     for offset in dict.fromkeys(offsets):
         with_tip: tuple[Arm, LoadedCalibration | None] = (arm, calibration)
         if offset is not None:
@@ -199,7 +202,7 @@ def _recorrected(
     return Recorrected(position, uncertainty, flags)
 
 
-def _offset_mm(m: MeasurementLine, tips: dict[str, Any], location: str) -> Vector3 | None:
+def _find_offset_mm(m: MeasurementLine, tips: dict[str, Any], location: str) -> Vector3 | None:
     """Of its tip; None: the calibration's own."""
     if m.tip is None:
         return None
@@ -212,7 +215,7 @@ def _offset_mm(m: MeasurementLine, tips: dict[str, Any], location: str) -> Vecto
     return m.tip_offset_mm
 
 
-def _states(chosen: Sequence[MeasurementLine], arm: Arm, location: str) -> States:
+def _make_states(chosen: Sequence[MeasurementLine], arm: Arm, location: str) -> States:
     n, joints = len(chosen), arm.n_joints
     unknown = [np.nan] * joints
     for m in chosen:
@@ -244,7 +247,7 @@ def _states(chosen: Sequence[MeasurementLine], arm: Arm, location: str) -> State
     )
 
 
-def _table(
+def _write_table(
     chosen: Sequence[MeasurementLine],
     old: F64,
     new: Recorrected,

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     outputs = {"--json": (args.json, RESULT), **list_page_outputs(args)}
     check_outputs(outputs, [path, args.arm, args.calibration], args.force)
     of_table = path.suffix.lower() in TABLES and not path.is_dir()
-    visits = _of_table(args, path) if of_table else _of_session(args, path)
+    visits = _load_table(args, path) if of_table else _load_session(args, path)
     try:
         repeatability = fit_repeatability(visits.position_mm, visits.time_h, visits.temperature_c)
     except ArithmeticError as error:
@@ -58,14 +58,14 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         result = repeatability.as_json() | {"sensors": list(visits.sensors)}
         write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    write_pages(args, lambda: _page(args, repeatability, words, visits, path))
+    write_pages(args, lambda: _render_page(args, repeatability, words, visits, path))
     console = make_plain_console()
     for line in words:
         console.print(line, soft_wrap=True)
     return 0
 
 
-def _of_table(args: argparse.Namespace, path: Path) -> Visits:
+def _load_table(args: argparse.Namespace, path: Path) -> Visits:
     for option in ("arm", "calibration"):
         if getattr(args, option) is not None:
             expected = "it with a session: a table has points, and no joint angles"
@@ -77,7 +77,7 @@ def _of_table(args: argparse.Namespace, path: Path) -> Visits:
     return Visits(points.position_mm, np.array(points.time_s) / 3600, unknown, (), remarks)
 
 
-def _of_session(args: argparse.Namespace, path: Path) -> Visits:
+def _load_session(args: argparse.Namespace, path: Path) -> Visits:
     if args.arm is None:
         raise BadInput("the command line", "--arm", "nothing", "the arm.toml measured with")
     arm, calibration = load_given(args)
@@ -99,11 +99,13 @@ def _of_session(args: argparse.Namespace, path: Path) -> Visits:
     if not usable.all():
         remarks.append(f"remark: {int((~usable).sum())} visits without a temperature do not count")
     time_h = (session.states.time_s - session.started_unix_s) / 3600
-    temperature, sensors = _temperature(session, arm.content.sensors, usable)
+    temperature, sensors = _average_temperature(session, arm.content.sensors, usable)
     return Visits(position[usable], time_h[usable], temperature[usable], sensors, remarks)
 
 
-def _temperature(session: Session, names: Sequence[str], usable: Mask) -> tuple[F64, list[str]]:
+def _average_temperature(
+    session: Session, names: Sequence[str], usable: Mask
+) -> tuple[F64, list[str]]:
     """Mean of the sensors that every visit has; else the artefact's temperature."""
     every = session.states.temperature_c
     complete = [i for i in range(every.shape[1]) if np.isfinite(every[usable, i]).all()]
@@ -120,7 +122,7 @@ def _require_one(path: Path, places: Sequence[tuple[str, str]]) -> None:
         raise BadInput(path, "target", problem, "one seat in one placement, visited many times")
 
 
-def _page(
+def _render_page(
     args: argparse.Namespace,
     repeatability: Repeatability,
     words: Sequence[str],

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     about = read_about(args)
     limits = resolve_limits(args.mpe, args.decision)
     if Path(args.session).suffix.lower() in TABLES and not Path(args.session).is_dir():
-        return _of_points(args, limits, about)
+        return _verify_points(args, limits, about)
     for option, value in (("--artefact", args.artefact), ("--tip-radius-mm", args.tip_radius_mm)):
         if value is not None:
             raise BadInput("the command line", option, "it with a session", "it with a table")
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     return _finish(args, result.details, limits, lambda: result.page(about))
 
 
-def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None, about: About) -> int:
+def _verify_points(args: argparse.Namespace, limits: PermissibleErrors | None, about: About) -> int:
     """Of a table of points, to which an arm.toml adds the radius of its tip."""
     if args.calibration is not None:
         expected = "it with a session: a table has points, and no joint angles"
@@ -89,7 +89,7 @@ def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None, about
         print(f"armd: {printable(sentence)}")
     verdict = judge(verification.verification, limits)
     require_judged(verdict, args.session)
-    return _finish(args, verdict, limits, lambda: _page(args, verdict, verification, about))
+    return _finish(args, verdict, limits, lambda: _render_page(args, verdict, verification, about))
 
 
 def _finish(
@@ -105,7 +105,7 @@ def _finish(
     return 0 if limits is None or verdict.passed else 1
 
 
-def _page(
+def _render_page(
     args: argparse.Namespace, verdict: Verdict, verification: PointsVerification, about: About
 ) -> str:
     from armd.compensation.report.sessions import InputFile

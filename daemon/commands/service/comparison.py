@@ -42,11 +42,11 @@ def compare(points: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> PointE
     _, ours, theirs = np.intersect1d(points["seq"], truth["seq"], return_indices=True)
     after, correction = points["position_mm"][ours], points["correction_mm"][ours]
     true = truth["position_mm"][theirs]
-    rotation, translation = _placement(after, true)
+    rotation, translation = _fit_placement(after, true)
     return PointErrors(
         n=len(ours),
-        before_um=_rms_um((after - correction) @ rotation.T + translation - true),
-        after_um=_rms_um(after @ rotation.T + translation - true),
+        before_um=_compute_rms_um((after - correction) @ rotation.T + translation - true),
+        after_um=_compute_rms_um(after @ rotation.T + translation - true),
         correction_um=float(np.linalg.norm(correction, axis=1).max()) * 1000,
     )
 
@@ -97,7 +97,7 @@ def at_their_instants(
     return matches
 
 
-def _placement(points: F64, true: F64) -> tuple[F64, F64]:
+def _fit_placement(points: F64, true: F64) -> tuple[F64, F64]:
     """Rotation (3, 3) and translation (3,) that bring points (n, 3) nearest to true (n, 3)."""
     middle, true_middle = points.mean(axis=0), true.mean(axis=0)
     u, _, vt = np.linalg.svd((points - middle).T @ (true - true_middle))
@@ -106,5 +106,5 @@ def _placement(points: F64, true: F64) -> tuple[F64, F64]:
     return rotation, true_middle - rotation @ middle
 
 
-def _rms_um(residuals: F64) -> float:
+def _compute_rms_um(residuals: F64) -> float:
     return float(np.sqrt((residuals**2).sum(axis=1).mean())) * 1000

@@ -67,18 +67,18 @@ def run(args: argparse.Namespace) -> int:
     check_outputs({"-o": (args.output, POINTS)}, [args.file, args.calibration], args.force)
     recording = Recording(args.file)
     with tempfile.TemporaryDirectory() as folder:
-        config = _config(recording, args, Path(folder))
+        config = _make_config(recording, args, Path(folder))
         if not args.check and args.output is None:
             return serve(config)
         with aside(args).status("playing the recording …"):
-            points = np.concatenate([np.zeros(0, armd.POINT), *_points(config)])
+            points = np.concatenate([np.zeros(0, armd.POINT), *_iterate_points(config)])
         if args.output is not None:
             _write(args.output, points)
             print(f"armd: {args.output}: {counted(len(points), 'point')}")
         return _compare(recording, points) if args.check else 0
 
 
-def _config(recording: Recording, args: argparse.Namespace, folder: Path) -> Config:
+def _make_config(recording: Recording, args: argparse.Namespace, folder: Path) -> Config:
     """The recorded daemon's configuration, with the recording in the arm's place."""
     calibration = args.calibration and args.calibration.absolute()
     recorded = recording.attachments.get(CALIBRATION_ATTACHMENT)
@@ -102,7 +102,7 @@ def _config(recording: Recording, args: argparse.Namespace, folder: Path) -> Con
     return Config(folder / "armd.toml", file, arm)
 
 
-def _points(config: Config) -> Iterator[Points]:
+def _iterate_points(config: Config) -> Iterator[Points]:
     """What the daemon would publish."""
     pipeline = ArmInUse(config).pipeline
     with closing(open_driver(config.driver, config.expectation)) as driver:

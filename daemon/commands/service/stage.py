@@ -99,7 +99,7 @@ class Stage(Closing):
         with ExitStack() as stack:
             self.folder = Path(stack.enter_context(TemporaryDirectory(prefix="armd-demo-")))
             self.truth = self.folder / "truth.bin"
-            self.endpoint = f"tcp/127.0.0.1:{_free_port()}"
+            self.endpoint = f"tcp/127.0.0.1:{_find_free_port()}"
             stack.enter_context(self._processes)
             self._stack = stack.pop_all()
         return self
@@ -110,10 +110,12 @@ class Stage(Closing):
     def calibrate(self) -> None:
         """Measure the simulated arm at five temperatures, and identify it from that."""
         sessions = self.folder / "sessions"
-        _do([*SIMULATOR, "--session", "demo", "--seed", self._seed, "-o", str(sessions)])
+        _run_command([*SIMULATOR, "--session", "demo", "--seed", self._seed, "-o", str(sessions)])
         measured = sorted(str(path.parent) for path in sessions.glob("*/session.toml"))
         arm, calibration = str(sessions / "arm.toml"), str(self.folder / "calibration.json")
-        _do([*ARMD, "calibrate", *measured, "--arm", arm, "-o", calibration, "--thermal", "1"])
+        _run_command(
+            [*ARMD, "calibrate", *measured, "--arm", arm, "-o", calibration, "--thermal", "1"]
+        )
 
     def start(self) -> None:
         """The arm on its wire, then the daemon, until it is ready."""
@@ -145,11 +147,11 @@ class Stage(Closing):
         assert process.stdout is not None
         line = process.stdout.readline().strip()
         if not line:
-            raise ArmdError(f"{command[2]} did not start: {_last_line(log)}")
+            raise ArmdError(f"{command[2]} did not start: {_read_last_line(log)}")
         return line
 
 
-def _do(command: list[str]) -> None:
+def _run_command(command: list[str]) -> None:
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode != 0:
         raise ArmdError(f"{' '.join(command[1:4])} failed: {done.stderr.strip()}")
@@ -166,12 +168,12 @@ def _stop(process: subprocess.Popen[str]) -> None:
         process.stdout.close()
 
 
-def _last_line(log: IO[str]) -> str:
+def _read_last_line(log: IO[str]) -> str:
     log.seek(0)
     return (log.read().strip().splitlines() or ["it said nothing"])[-1]
 
 
-def _free_port() -> int:
+def _find_free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

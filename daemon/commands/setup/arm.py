@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
         for sentence in () if args.quiet else takeover.remarks:
             print(f"armd: {printable(sentence)}", file=sys.stderr)
     elif args.name == "microscribe":
-        return _microscribe(args)
+        return _set_up_microscribe(args)
     else:
         text, bus = read_arm_text(args.name), KNOWN[find_spelling(args.name)]
     if args.serial_number is not None:
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _microscribe(args: argparse.Namespace) -> int:
+def _set_up_microscribe(args: argparse.Namespace) -> int:
     if args.serial_number is not None:
         raise BadInput("armd arm", "--serial-number", args.serial_number, "nothing: it has its own")
     ports = [args.port] if args.port else [str(port) for port in serial_ports()]
@@ -128,7 +128,7 @@ def _microscribe(args: argparse.Namespace) -> int:
     path = args.output.parent / "armd.toml"
     if path.exists():
         print(f"{path}: left as it is; its [driver] for this arm:", end="\n  ")
-        print(*_driver_of(daemon_file), sep="\n  ")
+        print(*_read_driver(daemon_file), sep="\n  ")
         return 0
     write_whole(path, daemon_file)
     print(f"{path}: for `armd run {path}`, on {ports[0]}")
@@ -139,23 +139,27 @@ def _write_daemon_file(output: Path, bus: Bus, port: str | None) -> None:
     """armd.toml beside arm.toml: never over one that is there, never with a guessed port."""
     path = output.parent / "armd.toml"
     if path.exists():
-        print(f"{path}: left as it is; its [driver] for this arm:", *_driver(bus, port), sep="\n  ")
+        print(
+            f"{path}: left as it is; its [driver] for this arm:",
+            *_write_driver(bus, port),
+            sep="\n  ",
+        )
         return
     ports = serial_ports() if port is None else [Path(port)]
     if len(ports) != 1:
         reason = "no serial port is plugged in" if not ports else f"{len(ports)} ports are there"
         print(f"{path}: not written, {reason}; with --port PORT it is. Its [driver]:", end="\n  ")
-        print(*_driver(bus, port), sep="\n  ")
+        print(*_write_driver(bus, port), sep="\n  ")
         return
     write_whole(path, write_daemon_text(output.name, bus, str(ports[0])))
     print(f"{path}: for `armd run {path}`, on {ports[0]}")
 
 
-def _driver(bus: Bus, port: str | None) -> list[str]:
-    return _driver_of(write_daemon_text("arm.toml", bus, port or "/dev/serial/by-id/…"))
+def _write_driver(bus: Bus, port: str | None) -> list[str]:
+    return _read_driver(write_daemon_text("arm.toml", bus, port or "/dev/serial/by-id/…"))
 
 
-def _driver_of(text: str) -> list[str]:
+def _read_driver(text: str) -> list[str]:
     """The lines of `[driver]` in an armd.toml that is made here."""
     lines = text.splitlines()
     return lines[lines.index("[driver]") + 1 :]
@@ -167,12 +171,12 @@ def _print_list() -> None:
         text = read_arm_text(name)
         wire = "-" if bus is None else f"{bus.kind}, {bus.baud} baud"
         table.add_row(
-            name, read_title(text), str(load_known_arm(name).n_joints), wire, _source(text)
+            name, read_title(text), str(load_known_arm(name).n_joints), wire, _name_source(text)
         )
     table.add_row("microscribe", MICROSCRIBE, "5", "microscribe", "the arm's own memory")
     Console(width=None if sys.stdout.isatty() else 250).print(table)
 
 
-def _source(text: str) -> str:
+def _name_source(text: str) -> str:
     comment = " ".join(line.removeprefix("# ") for line in text.splitlines() if line[:1] == "#")
     return comment.partition("Source: ")[2].partition("; ")[0].partition(". Licence")[0]

@@ -36,12 +36,12 @@ def run(args: argparse.Namespace) -> int:
     for path in args.file:
         if not path.exists():
             raise BadInput(path, "the file", "nothing", f"an existing file{suggest_path(path)}")
-    arms = _arms(args.file)
+    arms = _find_arms(args.file)
     wrong = False
-    session_faults, doubts = _sessions_beside_each_other(args.file, arms, aside(args))
+    session_faults, doubts = _compare_sessions(args.file, arms, aside(args))
     for path in args.file:
-        faults, remark = _check(path, arms)
-        faults = [*faults, *session_faults.get(_folder(path), [])]
+        faults, remark = _check_file(path, arms)
+        faults = [*faults, *session_faults.get(_get_folder(path), [])]
         for fault in faults:
             print(f"armd: {printable(fault)}", file=sys.stderr)
         if not faults:
@@ -52,12 +52,14 @@ def run(args: argparse.Namespace) -> int:
     return 1 if wrong else 0
 
 
-def _sessions_beside_each_other(
+def _compare_sessions(
     paths: Sequence[Path], arms: Arms, console: Console
 ) -> tuple[dict[Path, list[BadInput]], list[str]]:
     """Faults of sessions that only others of the same arm, or its drawing, show; and doubts."""
     folders = [
-        _folder(path) for path in paths if path.is_dir() or path.name in (*READINGS, "session.toml")
+        _get_folder(path)
+        for path in paths
+        if path.is_dir() or path.name in (*READINGS, "session.toml")
     ]
     if not folders:
         return {}, []
@@ -84,11 +86,13 @@ def _sessions_beside_each_other(
                 doubts.append(remark(sessions, gather(sessions, arms[serial])))
             except BadInput as fault:
                 for session_fault in (fault, *fault.more):
-                    faults.setdefault(_folder(Path(session_fault.file)), []).append(session_fault)
+                    faults.setdefault(_get_folder(Path(session_fault.file)), []).append(
+                        session_fault
+                    )
     return faults, list(filter(None, doubts))
 
 
-def _folder(path: Path) -> Path:
+def _get_folder(path: Path) -> Path:
     """A session's folder, of itself or of a file in it."""
     return path if path.is_dir() else path.parent
 
@@ -97,30 +101,30 @@ def _folder(path: Path) -> Path:
 Arms = dict[str, Arm]
 
 
-def _check(path: Path, arms: Arms) -> tuple[Sequence[BadInput | str], str]:
+def _check_file(path: Path, arms: Arms) -> tuple[Sequence[BadInput | str], str]:
     """The faults of one file, and a remark if there are none."""
     try:
-        return [], _checker(path)(path, arms)
+        return [], _choose_checker(path)(path, arms)
     except BadInput as fault:
         return [fault, *fault.more], ""
     except _ScenarioFaults as faults:
         return faults.lines, ""
 
 
-def _checker(path: Path) -> Checker:
+def _choose_checker(path: Path) -> Checker:
     if path.is_dir() or (path.name in READINGS and (path.parent / "session.toml").exists()):
-        return _session
+        return _check_session
     if path.suffix.lower() in (".csv", ".parquet", ".xlsx"):
         expected = "session.toml beside it: armd import makes a session of a table"
         raise BadInput(path, "the session", "a table alone", expected)
-    schema = _schema(path)
+    schema = _read_schema(path)
     if schema not in CHECKERS:
         problem = repr(schema) if schema else "nothing"
         raise BadInput(path, "schema", problem, f"one of {', '.join(CHECKERS)}")
     return CHECKERS[schema]
 
 
-def _schema(path: Path) -> str:
+def _read_schema(path: Path) -> str:
     """What a TOML or JSON file says it is; empty if it does not say."""
     content = read_input(path)
     data = json_data(path, content) if path.suffix == ".json" else decode_toml(path, content)
@@ -131,7 +135,7 @@ def _schema(path: Path) -> str:
     return str(data.get("schema", ""))
 
 
-def _arms(paths: Sequence[Path]) -> Arms:
+def _find_arms(paths: Sequence[Path]) -> Arms:
     """Arms among the files, and those in or above their folders."""
     arms: Arms = {}
     arm_files = [
@@ -147,12 +151,12 @@ def _arms(paths: Sequence[Path]) -> Arms:
     return arms
 
 
-def _arm(path: Path, _: Arms) -> str:
+def _check_arm(path: Path, _: Arms) -> str:
     load_arm(path)
     return ""
 
 
-def _calibration(path: Path, arms: Arms) -> str:
+def _check_calibration(path: Path, arms: Arms) -> str:
     serial = load_calibration(path).content.arm
     if serial not in arms:
         suggestion = did_you_mean(serial, arms)
@@ -161,7 +165,7 @@ def _calibration(path: Path, arms: Arms) -> str:
     return ""
 
 
-def _daemon(path: Path, _: Arms) -> str:
+def _check_daemon(path: Path, _: Arms) -> str:
     from armd.daemon.config import load_config
     from armd.drivers.config import ReplayConfig
 
@@ -174,13 +178,13 @@ def _daemon(path: Path, _: Arms) -> str:
     return ""
 
 
-def _session(path: Path, arms: Arms) -> str:
+def _check_session(path: Path, arms: Arms) -> str:
     """*path*: the folder or a file in it."""
     from armd.compensation.data.session import load_session
     from armd.compensation.data.session_files import check_is_session
     from armd.compensation.data.session_format import SessionFile
 
-    folder = _folder(path)
+    folder = _get_folder(path)
     check_is_session(folder)
     serial = load_toml(folder / "session.toml", SessionFile).arm
     if serial not in arms:
@@ -193,7 +197,7 @@ def _session(path: Path, arms: Arms) -> str:
     return f" (columns not used: {', '.join(unused)})" if unused else ""
 
 
-def _artefact(path: Path, _: Arms) -> str:
+def _check_artefact(path: Path, _: Arms) -> str:
     from armd.compensation.data.session_format import ArtefactFile
 
     artefact = load_toml(path, ArtefactFile).artefact
@@ -204,21 +208,21 @@ def _artefact(path: Path, _: Arms) -> str:
     return f" ({targets}{surfaces}; {lengths})"
 
 
-def _mpe(path: Path, _: Arms) -> str:
+def _check_mpe(path: Path, _: Arms) -> str:
     from armd.compensation.verify.limits import load_limits
 
     load_limits(path)
     return ""
 
 
-def _about(path: Path, _: Arms) -> str:
+def _check_about(path: Path, _: Arms) -> str:
     from armd.compensation.report.about import load_about
 
     load_about(path)
     return ""
 
 
-def _scenario(path: Path, _: Arms) -> str:
+def _check_scenario(path: Path, _: Arms) -> str:
     """The simulator knows its own files, and is a program of its own."""
     command = [sys.executable, "-P", "-m", "armd.simulator", "--check", str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -236,14 +240,14 @@ Checker = Callable[[Path, Arms], str]
 
 #: schema → what loads such a file, raises `BadInput`, and otherwise may return a remark
 CHECKERS: dict[str, Checker] = {
-    "armd.arm/1": _arm,
-    "armd.calibration/1": _calibration,
-    "armd.daemon/1": _daemon,
-    "armd.session/1": _session,
-    "armd.artefact/1": _artefact,
-    "armd.scenario/1": _scenario,
-    "armd.operator/1": _scenario,
-    "armd.mpe/1": _mpe,
-    "armd.about/1": _about,
+    "armd.arm/1": _check_arm,
+    "armd.calibration/1": _check_calibration,
+    "armd.daemon/1": _check_daemon,
+    "armd.session/1": _check_session,
+    "armd.artefact/1": _check_artefact,
+    "armd.scenario/1": _check_scenario,
+    "armd.operator/1": _check_scenario,
+    "armd.mpe/1": _check_mpe,
+    "armd.about/1": _check_about,
 }
 READINGS = ("readings.csv", "readings.parquet")

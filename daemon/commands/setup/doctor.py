@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     machine = ThisMachine()
-    driver = _servos_of(args.config) if args.config else None
+    driver = _read_servos(args.config) if args.config else None
     port = args.port if driver is None else driver.port
     ports = [port] if port else [str(port) for port in serial_ports()]
     patients = []
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if troubled else 0
 
 
-def _servos_of(file: Path) -> ServoConfig:
+def _read_servos(file: Path) -> ServoConfig:
     driver = load_config(file).driver
     if not isinstance(driver, ServoConfig):
         expected = f"one of {', '.join(FAMILIES)}: other arms are examined by --port"

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     table = parser.add_argument_group("a table")
     table.add_argument("--arm", type=Path, metavar="ARM.toml", help="what was measured with")
     table.add_argument(
-        "--column", action="append", default=[], type=_column, metavar="NAME=HEADER",
+        "--column", action="append", default=[], type=_parse_column, metavar="NAME=HEADER",
         help="which column is which, where its name does not say so: q1='Joint one'",
     )  # fmt: skip
     table.add_argument("--sheet", metavar="NAME", help="of a workbook (the first)")
@@ -77,7 +77,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " become counts of the servos",
     )  # fmt: skip
     table.add_argument("--length-unit", choices=list(LENGTHS), help="of x, y, z (by the header)")
-    table.add_argument("--started", type=_instant, metavar="TIME", help="2026-03-01T09:00 (UTC)")
+    table.add_argument(
+        "--started", type=_parse_instant, metavar="TIME", help="2026-03-01T09:00 (UTC)"
+    )
     table.add_argument(
         "--artefact",
         type=Path,
@@ -116,14 +118,14 @@ def _read(args: argparse.Namespace) -> ForeignTable:
     return table if args.prefix is None else table.of_prefix(args.prefix)
 
 
-def _column(text: str) -> tuple[str, str]:
+def _parse_column(text: str) -> tuple[str, str]:
     name, equals, header = text.partition("=")
     if not (equals and name and header):
         raise argparse.ArgumentTypeError(f"found {text!r}, expected NAME=HEADER")
     return name, header
 
 
-def _instant(text: str) -> datetime.datetime:
+def _parse_instant(text: str) -> datetime.datetime:
     try:
         instant = datetime.datetime.fromisoformat(text)
     except ValueError as error:
@@ -134,14 +136,14 @@ def _instant(text: str) -> datetime.datetime:
 
 def run(args: argparse.Namespace) -> int:
     if args.table.suffix.lower() in ROBOTS:
-        return _urdf(args)
+        return _import_urdf(args)
     if args.arm is None:
         raise BadInput("the command line", "--arm", "nothing", "the arm.toml measured with")
     for option in ("join", "within"):
         if args.points is None and getattr(args, option) is not None:
             raise BadInput("the command line", f"--{option}", "no --points", "both tables")
     arm = load_arm(args.arm)
-    artefact = None if args.artefact is None else _artefact(args)
+    artefact = None if args.artefact is None else _load_artefact(args)
     with aside(args).status("reading the table …"):
         table = _read(args)
         if args.points is not None:
@@ -161,7 +163,7 @@ def run(args: argparse.Namespace) -> int:
     if args.servo_zeros:
         remarks.append(_from_servo_zeros(args.servo_zeros, arm, args.arm, import_columns))
     n = len(table.rows)
-    content = _content(args, arm, import_columns, artefact, remarks)
+    content = _make_content(args, arm, import_columns, artefact, remarks)
     reflector = [REFLECTOR] if REFLECTOR in import_columns.texts else []
     names = ["time_s", "placement", "target", *reflector, *arm_columns(import_columns.numbers)]
     columns = {name: (import_columns.numbers | import_columns.texts)[name] for name in names}
@@ -179,7 +181,7 @@ def arm_columns(numbers: dict[str, list[float]]) -> list[str]:
     return [name for name in numbers if name != "time_s"]
 
 
-def _content(
+def _make_content(
     args: argparse.Namespace,
     arm: Arm,
     columns: FoundColumns,
@@ -208,7 +210,7 @@ def _content(
     } | ({"operator": args.operator} if args.operator else {})
 
 
-def _artefact(args: argparse.Namespace) -> dict[str, Any]:
+def _load_artefact(args: argparse.Namespace) -> dict[str, Any]:
     """The `[artefact]` of a TOML file, or of a certificate's table."""
     from armd.daemon.files.artefact_table import artefact_of_table
     from armd.daemon.files.session_folder import load_artefact
@@ -273,7 +275,7 @@ def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns:
     write_session(args.output, content, columns)
 
 
-def _urdf(args: argparse.Namespace) -> int:
+def _import_urdf(args: argparse.Namespace) -> int:
     from armd.daemon.catalogue.urdf import write_arm_toml
 
     text, remarks = write_arm_toml(args.table, args.tip_link)

@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     for name in QUESTIONS:
         if getattr(args, name) is None:
             setattr(args, name, _ask_user(name))
-    text, bus = _arm(args)
+    text, bus = _choose_arm(args)
     validate(f"--from {args.start_from}", tomllib.loads(text), Arm)
     daemon = DAEMON.format(port=args.port)
     if bus is not None:
@@ -120,7 +120,7 @@ def _ask_user(name: str) -> str:
     return default
 
 
-def _arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
+def _choose_arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
     """arm.toml's text, and the bus of an arm that is known."""
     source = Path(args.start_from)
     bus = None

@@ -24,13 +24,13 @@ def page() -> str:
     parser, commands = parsers(names)
     parts = [
         f'.TH ARMD 1 "" "armd {__version__}" "User commands"',
-        f".SH NAME\narmd \\- {_text(str(parser.description))}",
+        f".SH NAME\narmd \\- {_escape_text(str(parser.description))}",
         ".SH SYNOPSIS\n.B armd\n.I COMMAND\n[options]",
-        f".SH DESCRIPTION\n{_text(str(parser.epilog))}",
+        f".SH DESCRIPTION\n{_escape_text(str(parser.epilog))}",
         ".SH COMMANDS",
     ]
     for name, command in commands.items():
-        parts.append(f".SS armd {name}\n{_text(str(command.description))}")
+        parts.append(f".SS armd {name}\n{_escape_text(str(command.description))}")
         if name == "simulate":  # a program of its own
             parts.append("See armd simulate \\-\\-help.")
             continue
@@ -41,11 +41,11 @@ def page() -> str:
             continue
         # The description stands above already; usage, options and examples follow as they are.
         command.description = None
-        parts.append(f".PP\n.nf\n{_text(command.format_help())}\n.fi")
+        parts.append(f".PP\n.nf\n{_escape_text(command.format_help())}\n.fi")
     return "\n".join(parts)
 
 
-def _text(text: str) -> str:
+def _escape_text(text: str) -> str:
     """Text that roff shows as it is."""
     lines = text.strip().replace("\\", "\\e").replace("-", "\\-").splitlines()
     return "\n".join("\\&" + line if line[:1] in (".", "'") else line for line in lines)

@@ -308,7 +308,7 @@ def test_a_replay_obeys_no_command_that_the_recorded_daemon_would(tmp_path):
     asked = ["--speed", "1", "--listen", "tcp/127.0.0.1:0"]
     parser = argparse.ArgumentParser()
     replay.add_arguments(parser)
-    config = replay._config(recording, parser.parse_args(["r.mcap", *asked]), tmp_path)
+    config = replay._make_config(recording, parser.parse_args(["r.mcap", *asked]), tmp_path)
     assert config.file.driver.kind == "replay" and not config.file.commands.enabled
 
 
