@@ -23,7 +23,7 @@ class ArmAlone:
     and free targets fitted along.
 
     *whitening* (n, 3, 3): W with WᵀW the inverse covariance of a reading, per mm². A certified
-    length without uncertainty counts as good to *length_floor_mm*. *whole*: the same problem where
+    length without uncertainty counts as good to *length_floor_mm*. *full_problem*: the same where
     other readings weigh something, too; what it found of the sessions that weigh alike holds here.
     """
 

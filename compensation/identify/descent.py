@@ -168,7 +168,7 @@ class Descent:
     def linearise(
         self, x: F64, poses: Poses, floor_mm: float, with_prior: bool
     ) -> tuple[Linearisation, ArmAlone]:
-        """At the unknowns (C,), with poses as they are, or fitted anew *with_prior*."""
+        """At the unknowns (C,), with poses as they are, or fitted anew in a round *with_prior*."""
         constants, terms = self.unknowns.put(x, self.constants, self.terms)
         if self._refits_poses(with_prior):
             # Far off, poses are not linear: about a beam's own axis they turn by any angle.

@@ -151,7 +151,7 @@ def describe_left_out(observations: Observations, errors: Errors, left_out_by: s
 
 
 class _Fold:
-    """One set of readings left out; the *whole* stands at the start."""
+    """One set of readings left out; the *full_problem* stands at the start."""
 
     def __init__(self, full_problem: ArmAlone, weight: F64, out: Mask) -> None:
         base, columns = full_problem.linearisation, full_problem.columns

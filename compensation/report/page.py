@@ -180,7 +180,7 @@ def make_report_number(serial: str, *sha256: str) -> str:
 
 
 def shorten(text: str, limit: int = MOST_LETTERS) -> str:
-    """The text, or its beginning where it is longer than *most* letters."""
+    """The text, or its beginning where it is longer than *limit* letters."""
     return text if len(text) <= limit else f"{text[: limit - 1].rstrip()}…"
 
 

@@ -54,7 +54,8 @@ figcaption { color: var(--neutral); }
 
 
 def make_footer_style(left_text: str) -> str:
-    """On each printed page: *left* (the arm's serial number), the page and the number of pages."""
+    """On each printed page: *left_text* (the arm's serial number), the page and the number of
+    pages."""
     return (
         "@page { size: A4; margin: 16mm 15mm 18mm;"
         f" @bottom-left {{ content: {_escape_css(left_text)}; font: 8pt sans-serif; }}"

@@ -49,7 +49,7 @@ def evaluate_figures(
 ) -> Verification:
     """All figures of corrected points (n, 3) mm, one per reading; NaN for one that failed.
 
-    Unless *whole*, single-point articulation counts for the seats that were measured, and remarks
+    Unless *complete*, single-point articulation counts for the seats that were measured, and remarks
     name those that were not.
     """
     readings = VerifiedReadings(session, arm, position, test, complete)

@@ -194,7 +194,7 @@ class Blocks:
         return rows
 
     def replace_columns(self, place: slice, columns: Sequence[F64]) -> Blocks:
-        """With other *columns* (N, …) in the place of those at *place*."""
+        """Put other *columns* (N, …) in the place of those at *place*."""
         return _join([self.only(slice(place.start)), *columns, self.only(slice(place.stop, None))])
 
     @cached_property

@@ -2,7 +2,7 @@
 
 Which they are is told, by row; what becomes of them is for whoever asks. They are told at poses
 that they hardly move themselves, so several are told beside each other. A reading at another
-target is one of them, too; `wrong_names` tells of which.
+target is one of them, too; `find_wrong_names` tells of which.
 """
 
 from __future__ import annotations
