@@ -60,7 +60,7 @@ def _add_verdict(page: Page, result: Result, units: Units) -> None:
     record, heldout_mm = result.certificate, result.heldout.rms_um / 1e3
     good = (True if record.scale_known else None) if record.granted else False
     why = page.abbreviate("Verdict", f"{record.kind}: {record.why_and_next()}")
-    missed = units.length.scale_to(heldout_mm).three_digits(heldout_mm)
+    missed = units.length.scale_to(heldout_mm).to_text(heldout_mm)
     key = f"Readings that took no part in the fit are missed by {missed} (3-D RMS)."
     page.add_verdict(record.word.upper(), why, good, key)
 
@@ -70,14 +70,14 @@ def _add_summary(page: Page, result: Result, units: Units) -> None:
     page.add_table(
         ["", "value", "unit"],
         [
-            ["residual, 3-D RMS", length.text(result.rms_um / 1e3), length.name],
+            ["residual, 3-D RMS", length.format_value(result.rms_um / 1e3), length.name],
             [f"{result.left_out_in_words} left out in turn, 3-D RMS",
-             length.text(result.heldout.rms_um / 1e3), length.name],
+             length.format_value(result.heldout.rms_um / 1e3), length.name],
             ["readings", fit.observations.n, ""],
             ["placements", len(np.unique(fit.observations.placement)), ""],
             ["rank", f"{fit.solution.rank} of {len(fit.unknowns.names)} unknowns", ""],
-            ["noise of an encoder", units.angle.text(noise.encoder_rad), units.angle.name],
-            ["noise of a reading, per axis", length.text(noise.reading_mm), length.name],
+            ["noise of an encoder", units.angle.format_value(noise.encoder_rad), units.angle.name],
+            ["noise of a reading, per axis", length.format_value(noise.reading_mm), length.name],
             ["thermal order", result.thermal_order, ""],
         ],
     )  # fmt: skip

@@ -36,7 +36,7 @@ def add_lengths(page: Page, result: Result, unit: Unit) -> None:
             [
                 " to ".join(length.between), f"{length.certified_mm:.4f}",
                 f"{length.standard_uncertainty_mm:.4f}", f"{length.measured_mm:.4f}",
-                f"{length.measured_uncertainty_mm:.4f}", unit.text(length.error_mm, "+"),
+                f"{length.measured_uncertainty_mm:.4f}", unit.format_value(length.error_mm, "+"),
                 f"{length.off:+.2f}",
             ]
             for length in result.lengths
@@ -75,7 +75,8 @@ def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
             [
                 name, f"{nominal[name] * factor:.5f} {kind}",
                 f"{identified[name] * factor:.5f} {kind}",
-                f"{small.text(difference, '+')} {small.name}", f"{small.text(sigma)} {small.name}",
+                f"{small.format_value(difference, '+')} {small.name}",
+                f"{small.format_value(sigma)} {small.name}",
                 "only in combination" if faint[-1] else _format_ratio(difference, sigma),
             ]
         )  # fmt: skip
@@ -156,8 +157,8 @@ def add_thermal_trials(page: Page, result: Result, unit: Unit) -> None:
         [
             [
                 trial.name,
-                unit.text(trial.errors.rms_um / 1e3),
-                unit.text(trial.errors.without_far_um / 1e3),
+                unit.format_value(trial.errors.rms_um / 1e3),
+                unit.format_value(trial.errors.without_far_um / 1e3),
             ]
             for trial in result.trials
         ],
@@ -179,7 +180,12 @@ def add_outliers(page: Page, result: Result, unit: Unit) -> None:
         page.add_table(
             ["session", "row", f"residual, {unit.name}", "standard deviations"],
             [
-                [o["session"], o["row"], unit.text(o["error_um"] / 1e3), f"{o['sigma']:.1f}"]
+                [
+                    o["session"],
+                    o["row"],
+                    unit.format_value(o["error_um"] / 1e3),
+                    f"{o['sigma']:.1f}",
+                ]
                 for o in listed[:MOST_LISTED]
             ],
         )

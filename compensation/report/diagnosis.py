@@ -81,7 +81,10 @@ def make_diagnosis_report(
         page.add_heading("Readings that belong to no effect")
         page.add_table(
             ["session", "row", f"error, {units.length.name}"],
-            [[o.session, o.row, units.length.text(o.error_um / 1e3)] for o in diagnosis.outliers],
+            [
+                [o.session, o.row, units.length.format_value(o.error_um / 1e3)]
+                for o in diagnosis.outliers
+            ],
         )
     _add_remaining(page, diagnosis, result, units)
     _add_undetectable(page, result)
@@ -135,10 +138,10 @@ def _write_key_sentence(diagnosis: Diagnosis, result: dict[str, Any], unit: Unit
     if diagnosis.written:
         before_um, after_um = diagnosis.written_clear_um or diagnosis.written_rms_um
     unit = unit.scale_to(before_um / 1e3)
-    before = f"Held-out readings are missed by {unit.three_digits(before_um / 1e3)} (3-D RMS)"
+    before = f"Held-out readings are missed by {unit.to_text(before_um / 1e3)} (3-D RMS)"
     if after_um is None:
         return f"{before}."
-    return f"{before}, with the extended model by {unit.three_digits(after_um / 1e3)}."
+    return f"{before}, with the extended model by {unit.to_text(after_um / 1e3)}."
 
 
 def _name_finding_briefly(finding: dict[str, Any]) -> str:
@@ -158,8 +161,8 @@ def _add_overview_table(page: Page, result: dict[str, Any], unit: Unit) -> None:
                     str(number),
                     _name_finding_briefly(finding),
                     f"{finding['probability']:.3f}",
-                    unit.text(finding["gain"]["heldout_rms_um_before"] / 1e3),
-                    unit.text(finding["gain"]["heldout_rms_um_after"] / 1e3),
+                    unit.format_value(finding["gain"]["heldout_rms_um_before"] / 1e3),
+                    unit.format_value(finding["gain"]["heldout_rms_um_after"] / 1e3),
                     "yes" if finding["gain"]["shown"] else "no",
                 ]
                 for number, finding in enumerate(findings[:MOST_FINDINGS], 1)
@@ -249,9 +252,9 @@ def _add_measured_against_simulated(
 def _add_remaining(page: Page, diagnosis: Diagnosis, result: dict[str, Any], units: Units) -> None:
     page.add_heading("What stays unexplained")
     unexplained, length = result["unexplained"], units.length
-    floor = length.three_digits(diagnosis.noise_floor_um / 1e3)
+    floor = length.to_text(diagnosis.noise_floor_um / 1e3)
     page.add_text(
-        f"{length.three_digits(diagnosis.remaining_rms_um / 1e3)} 3-D RMS stay in the readings"
+        f"{length.to_text(diagnosis.remaining_rms_um / 1e3)} 3-D RMS stay in the readings"
         f" used; the noise alone would leave {floor}. "
         + (
             f"What is left is significant and depends on {', '.join(unexplained['depends_on'])}."
@@ -264,11 +267,11 @@ def _add_remaining(page: Page, diagnosis: Diagnosis, result: dict[str, Any], uni
     page.add_table(
         ["noise found in these readings", "standard deviation"],
         [
-            ["encoders, each", units.angle.three_digits(noise.encoder_rad)],
-            ["repeat of a point, each axis", length.three_digits(noise.repeat_mm)],
+            ["encoders, each", units.angle.to_text(noise.encoder_rad)],
+            ["repeat of a point, each axis", length.to_text(noise.repeat_mm)],
             [
                 "slow drift of the base, each axis, in some minutes",
-                length.three_digits(noise.drift_mm),
+                length.to_text(noise.drift_mm),
             ],
         ],
     )
@@ -287,8 +290,8 @@ def _add_remaining(page: Page, diagnosis: Diagnosis, result: dict[str, Any], uni
                     target["placement"],
                     target["target"],
                     target["rests"],
-                    length.text(target["rms_um"] / 1e3),
-                    length.text(target["step_um"] / 1e3) if target["after"] else "",
+                    length.format_value(target["rms_um"] / 1e3),
+                    length.format_value(target["step_um"] / 1e3) if target["after"] else "",
                     target["after"] or "",
                 ]
                 for target in unexplained["by_target"]

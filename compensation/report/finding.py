@@ -27,7 +27,7 @@ def add_finding(
     gain, length = finding["gain"], choose_units(diagnosis.arm).length
 
     def format_um(value_um: float) -> str:
-        return length.three_digits(value_um / 1e3)
+        return length.to_text(value_um / 1e3)
 
     low, high = gain["interval_um"]
     page.add_text(

@@ -21,7 +21,7 @@ class Unit:
     per_base: float  # how many of it one mm, or one radian, is
     decimals: int
 
-    def text(self, value: float, sign: str = "") -> str:
+    def format_value(self, value: float, sign: str = "") -> str:
         """A value in mm or rad as a number of this unit; a dash where none is known."""
         if not math.isfinite(value):
             return NOT_KNOWN
@@ -32,7 +32,7 @@ class Unit:
         large = self.name == "µm" and max(map(abs, values)) >= 1.0
         return Unit("mm", 1.0, 3) if large else self
 
-    def three_digits(self, value: float, sign: str = "") -> str:
+    def to_text(self, value: float, sign: str = "") -> str:
         """The same with three significant digits and the unit, for a sentence."""
         if not math.isfinite(value):
             return "an unknown amount"

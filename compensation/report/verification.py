@@ -117,7 +117,7 @@ def _write_key_sentence(verdict: Verdict, unit: Unit) -> str:
     worst = max(failed or decided, key=lambda item: abs(item.deciding.value_mm) / _get_limit(item))
     value_mm, limit_mm = worst.deciding.value_mm, _get_limit(worst)
     unit = unit.scale_to(value_mm, limit_mm)
-    sentence = f"{unit.three_digits(value_mm, '+')} of {unit.three_digits(limit_mm)} permitted"
+    sentence = f"{unit.to_text(value_mm, '+')} of {unit.to_text(limit_mm)} permitted"
     if failed:
         return f"{worst.figure.name} {_describe_outcome(worst)}: {sentence}."
     if missing := len(verdict.not_tested):
@@ -145,7 +145,11 @@ def _add_explanation(page: Page, verdict: Verdict, unit: Unit) -> None:
     page.add_table(
         ["figure", f"largest, {unit.name}", "at"],
         [
-            [item.figure.name, unit.text(item.figure.worst.value_mm, "+"), item.figure.worst.label]
+            [
+                item.figure.name,
+                unit.format_value(item.figure.worst.value_mm, "+"),
+                item.figure.worst.label,
+            ]
             for item in verdict.judged
         ],
     )
@@ -164,8 +168,8 @@ def _list_results(item: Judged, unit: Unit) -> list[list[str]]:
         [
             deviation.label,
             f"{deviation.length_mm:.3f}" if deviation.length_mm else NO_LENGTH,
-            unit.text(deviation.value_mm, "+"),
-            unit.text(COVERAGE_FACTOR * deviation.standard_uncertainty_mm)
+            unit.format_value(deviation.value_mm, "+"),
+            unit.format_value(COVERAGE_FACTOR * deviation.standard_uncertainty_mm)
             if deviation.standard_uncertainty_mm
             else NOT_STATED,
         ]
@@ -178,9 +182,9 @@ def _make_row(item: Judged, unit: Unit) -> list[str]:
     return [
         item.figure.name,
         item.figure.standard,
-        unit.text(item.deciding.value_mm, "+"),
+        unit.format_value(item.deciding.value_mm, "+"),
         item.deciding.label,
-        "" if item.limit_mm is None else unit.text(item.limit_mm),
-        unit.text(item.expanded_uncertainty_mm) if has_uncertainty else NOT_STATED,
+        "" if item.limit_mm is None else unit.format_value(item.limit_mm),
+        unit.format_value(item.expanded_uncertainty_mm) if has_uncertainty else NOT_STATED,
         item.outcome,
     ]

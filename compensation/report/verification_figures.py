@@ -99,7 +99,7 @@ def draw_sphere_form(item: Judged, unit: Unit) -> Figure | None:
             place[:, 0], place[:, 1], 40.0, radial * unit.per_base, cmap="coolwarm", vmin=-largest,
             vmax=largest, edgecolors="black", linewidths=0.4,
         )  # fmt: skip
-        panel.set_title(f"{deviation.label}: {unit.text(deviation.value_mm)} {unit.name}")
+        panel.set_title(f"{deviation.label}: {unit.format_value(deviation.value_mm)} {unit.name}")
         panel.set_aspect("equal", adjustable="datalim")
         panel.set(xlabel="from the pole, °", ylabel="from the pole, °")
     if points is not None:

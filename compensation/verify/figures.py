@@ -49,8 +49,8 @@ def evaluate_figures(
 ) -> Verification:
     """All figures of corrected points (n, 3) mm, one per reading; NaN for one that failed.
 
-    Unless *complete*, single-point articulation counts for the seats that were measured, and remarks
-    name those that were not.
+    Unless *complete*, single-point articulation counts for the seats that were measured, and
+    remarks name those that were not.
     """
     readings = VerifiedReadings(session, arm, position, test, complete)
     figures: list[Figure] = []
@@ -62,25 +62,29 @@ def evaluate_figures(
                 figures += evaluate(readings)
             except (NotSupported, ArithmeticError) as reason:
                 left_out |= dict.fromkeys(keys, str(reason))
-    remarks = [*session.remarks, *readings.without_position(), *dict.fromkeys(readings.remarks)]
+    remarks = [
+        *session.remarks,
+        *readings.list_without_position(),
+        *dict.fromkeys(readings.remarks),
+    ]
     remarks += [
         f"{name}: {celsius:g} °C in every row, far from all other temperatures: does it show any?"
         for name, celsius in still_and_far(session, arm)
     ]
     if session.artefact.expansion_per_k and not np.isfinite(session.artefact_c).any():
         remarks.append("no artefact_c: the artefact is taken to be at its reference temperature")
-    return Verification(tuple(figures), left_out, tuple(remarks), tuple(readings.far_off()))
+    return Verification(tuple(figures), left_out, tuple(remarks), tuple(readings.list_far_off()))
 
 
 def _evaluate_sphere_size(readings: VerifiedReadings) -> Iterator[Figure]:
     """P_Size: 25 points on the sphere, in two positions."""
-    if touched := readings.spheres():
-        yield Figure("p_size", "P_Size", ISO, tuple(map(readings.size_of, touched)))
+    if touched := readings.list_spheres():
+        yield Figure("p_size", "P_Size", ISO, tuple(map(readings.compute_size_error, touched)))
         return
-    diameter, uncertainty = readings.length(readings.certified(SPHERE))
+    diameter, uncertainty = readings.compute_length(readings.get_certified(SPHERE))
     size = []
     for position in POSITIONS:
-        _, radius = fit_sphere(readings.one_each(f"{position}.", 25))
+        _, radius = fit_sphere(readings.get_one_per_target(f"{position}.", 25))
         error = 2 * (radius - readings.tip_radius_mm) - diameter
         size.append(Deviation(position, error, uncertainty))
     yield Figure("p_size", "P_Size", ISO, tuple(size))
@@ -89,8 +93,8 @@ def _evaluate_sphere_size(readings: VerifiedReadings) -> Iterator[Figure]:
 def _evaluate_sphere_form(readings: VerifiedReadings) -> Iterator[Figure]:
     """P_Form: of the same points; no certified diameter is needed."""
     form = []
-    touched = [(sphere.label, sphere.points_mm) for sphere in readings.spheres()]
-    named = ((label, readings.one_each(f"{label}.", 25)) for label in POSITIONS)
+    touched = [(sphere.label, sphere.points_mm) for sphere in readings.list_spheres()]
+    named = ((label, readings.get_one_per_target(f"{label}.", 25)) for label in POSITIONS)
     for label, points in touched or named:
         offsets = points - fit_sphere(points)[0]
         distance = np.linalg.norm(offsets, axis=1)
@@ -101,7 +105,9 @@ def _evaluate_sphere_form(readings: VerifiedReadings) -> Iterator[Figure]:
 
 def _evaluate_location(readings: VerifiedReadings) -> Iterator[Figure]:
     """L_Dia.5×5: the sphere's centre from five points in each of five orientations."""
-    centres = np.array([fit_sphere(readings.one_each(f"LDIA.{k}.", 5))[0] for k in range(1, 6)])
+    centres = np.array(
+        [fit_sphere(readings.get_one_per_target(f"LDIA.{k}.", 5))[0] for k in range(1, 6)]
+    )
     diameter = 2 * find_smallest_sphere(centres)[1]
     # A point displaced by the sphere's form moves the centre of five by about as much.
     deviation = Deviation("5 orientations", diameter, readings.test.sphere_form_mm)
@@ -110,18 +116,18 @@ def _evaluate_location(readings: VerifiedReadings) -> Iterator[Figure]:
 
 def _evaluate_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
     """E_Uni: five lengths in seven placements, three repeats."""
-    placements = readings.placements("L0")
+    placements = readings.list_placements("L0")
     if len(placements) < 7:
         raise NotSupported(f"{len(placements)} of 7 placements of the length bar L0 … L5")
     deviations = []
     for placement in placements:
-        start = readings.repeats("L0", placement, 3)
+        start = readings.get_repeats("L0", placement, 3)
         for i in range(1, 6):
-            distance = readings.certified(("L0", f"L{i}"))
-            end = readings.repeats(f"L{i}", placement, 3)
+            distance = readings.get_certified(("L0", f"L{i}"))
+            end = readings.get_repeats(f"L{i}", placement, 3)
             if min(len(start), len(end)) < 3:
                 raise NotSupported(f"{min(len(start), len(end))} of 3 repeats in {placement}")
-            length, uncertainty = readings.length(distance, placement)
+            length, uncertainty = readings.compute_length(distance, placement)
             for repeat in range(3):
                 measured = float(np.linalg.norm(end[repeat] - start[repeat]))
                 label = f"{placement} L{i} repeat {repeat + 1}"
@@ -132,7 +138,7 @@ def _evaluate_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
 
 def _evaluate_block_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
     """Gauge blocks: how far apart two parallel planes are, in each placement."""
-    errors = tuple(readings.block_errors())
+    errors = tuple(readings.iterate_block_errors())
     if not errors:
         raise NotSupported("no two planes with a certified length between them were touched")
     yield Figure(BLOCK, "Block length", CERTIFICATE, errors)
@@ -140,10 +146,10 @@ def _evaluate_block_lengths(readings: VerifiedReadings) -> Iterator[Figure]:
 
 def _evaluate_effective_diameter(readings: VerifiedReadings) -> Iterator[Figure]:
     """Nine points on the sphere, three repeats."""
-    diameter, uncertainty = readings.length(readings.certified(SPHERE))
+    diameter, uncertainty = readings.compute_length(readings.get_certified(SPHERE))
     deviations = []
     for repeat in (1, 2, 3):
-        _, radius = fit_sphere(readings.one_each(f"EFFDIA.{repeat}.", 9))
+        _, radius = fit_sphere(readings.get_one_per_target(f"EFFDIA.{repeat}.", 9))
         error = 2 * (radius - readings.tip_radius_mm) - diameter
         deviations.append(Deviation(f"repeat {repeat}", error, uncertainty))
     yield Figure("effective_diameter", "Effective diameter", ASME, tuple(deviations))
@@ -154,7 +160,7 @@ def _evaluate_articulation(readings: VerifiedReadings) -> Iterator[Figure]:
     largest, spread = [], []
     missing = []
     for seat in ("SPAT1", "SPAT2", "SPAT3"):
-        points = readings.points(seat)
+        points = readings.get_points(seat)
         if len(points) < 10:
             missing.append(f"{len(points)} of 10 articulations in {seat}")
             if readings.complete:
@@ -180,12 +186,12 @@ def _evaluate_volumetric(readings: VerifiedReadings) -> Iterator[Figure]:
     """Twenty placements of two bars."""
     deviations = []
     for bar in ("BARS", "BARL"):
-        for placement in readings.placements(f"{bar}.a"):
-            distance = readings.certified((f"{bar}.a", f"{bar}.b"))
-            ends = [readings.points(f"{bar}.{end}", placement) for end in "ab"]
+        for placement in readings.list_placements(f"{bar}.a"):
+            distance = readings.get_certified((f"{bar}.a", f"{bar}.b"))
+            ends = [readings.get_points(f"{bar}.{end}", placement) for end in "ab"]
             if not all(len(end) for end in ends):
                 continue
-            length, uncertainty = readings.length(distance, placement)
+            length, uncertainty = readings.compute_length(distance, placement)
             measured = float(np.linalg.norm(ends[1].mean(axis=0) - ends[0].mean(axis=0)))
             error = measured - length
             deviations.append(Deviation(placement, error, uncertainty, length, placement))

@@ -52,14 +52,14 @@ class VerifiedReadings:
         self._names = session.artefact.target_names
         self._usable = np.isfinite(position[:, 0])
 
-    def points(self, target: str, placement: str | None = None) -> F64:
+    def get_points(self, target: str, placement: str | None = None) -> F64:
         """Usable points (n, 3) at a target in the order of measuring."""
-        return self._position[self._rows(target, placement)]
+        return self._position[self._find_rows(target, placement)]
 
-    def one_each(self, prefix: str, count: int) -> F64:
+    def get_one_per_target(self, prefix: str, count: int) -> F64:
         """Points (count, 3), one at each target whose name starts so."""
         names = [name for name in self._names if name.startswith(prefix)]
-        points = [self.points(name) for name in names]
+        points = [self.get_points(name) for name in names]
         n_measured = sum(len(target_points) > 0 for target_points in points)
         if n_measured < count:
             raise NotSupported(f"{n_measured} of {count} points on {prefix}*")
@@ -72,26 +72,28 @@ class VerifiedReadings:
             [target_points.mean(axis=0) for target_points in points if len(target_points)]
         )
 
-    def repeats(self, target: str, placement: str, count: int) -> F64:
+    def get_repeats(self, target: str, placement: str, count: int) -> F64:
         """The first *count* points, or fewer, at a target in a placement."""
-        points = self.points(target, placement)
+        points = self.get_points(target, placement)
         if len(points) > count:
             self.remarks.append(
                 f"{target} in {placement}: {len(points)} readings, the first {count} count"
             )
         return points[:count]
 
-    def without_position(self) -> list[str]:
+    def list_without_position(self) -> list[str]:
         """Which readings do not count, because the model lacks something that they do not have."""
         return list_without_temperature(self._session, self._usable)
 
-    def far_off(self) -> list[str]:
+    def list_far_off(self) -> list[str]:
         """Single readings far from where the others place them, in words."""
         session, position = self._session, self._position
         checks = [
             single.check_repeats(session, position),
             single.check_lengths(
-                session, position, lambda distance, placement: self.length(distance, placement)[0]
+                session,
+                position,
+                lambda distance, placement: self.compute_length(distance, placement)[0],
             ),
         ]
         radii_mm = {
@@ -101,50 +103,54 @@ class VerifiedReadings:
         }
         checks.append(single.check_surfaces(session, position, radii_mm))
         with suppress(NotSupported):
-            radius_mm = self.length(self.certified(SPHERE))[0] / 2 + self.tip_radius_mm
+            radius_mm = self.compute_length(self.get_certified(SPHERE))[0] / 2 + self.tip_radius_mm
             checks.append(single.check_spheres(session, position, radius_mm))
         return [line for check in checks for line in check.in_words(session)]
 
-    def placements(self, target: str) -> list[str]:
+    def list_placements(self, target: str) -> list[str]:
         """Names of the placements in which a target was measured, in order of appearance."""
         if target not in self._names:
             return []
-        placements = self._session.placement[self._rows(target, None)]
+        placements = self._session.placement[self._find_rows(target, None)]
         return [self._session.placement_names[i] for i in dict.fromkeys(placements.tolist())]
 
-    def certified(self, between: tuple[str, str]) -> Distance:
+    def get_certified(self, between: tuple[str, str]) -> Distance:
         for distance in self._session.artefact.distances:
             if set(distance.between) == set(between):
                 return distance
         raise NotSupported(f"no certified length between {between[0]} and {between[1]}")
 
-    def length(self, distance: Distance, placement: str | None = None) -> tuple[float, float]:
+    def compute_length(
+        self, distance: Distance, placement: str | None = None
+    ) -> tuple[float, float]:
         """A certified length at the temperature of its placement, and its standard uncertainty."""
         names = () if placement is None else distance.between
-        return self._warm(distance.length_mm, distance.standard_uncertainty_mm, names, placement)
+        return self._correct_for_temperature(
+            distance.length_mm, distance.standard_uncertainty_mm, names, placement
+        )
 
-    def _warm(
+    def _correct_for_temperature(
         self, length_mm: float, uncertainty_mm: float, names: tuple[str, ...], placement: str | None
     ) -> tuple[float, float]:
         """The same of any length, by the readings at *names*; all of them without names."""
         artefact = self._session.artefact
         rows = np.concatenate(
-            [self._rows(name, placement) for name in names] or [np.flatnonzero(self._usable)]
+            [self._find_rows(name, placement) for name in names] or [np.flatnonzero(self._usable)]
         )
         over_k = float(self._session.artefact_rise_k[rows].mean()) if len(rows) else 0.0
         length = length_mm * (1 + artefact.expansion_per_k * over_k)
         thermal = artefact.expansion_per_k * length_mm * self.test.artefact_temperature_c
         return length, math.hypot(uncertainty_mm, thermal)
 
-    def spheres(self) -> list[TouchedSphere]:
+    def list_spheres(self) -> list[TouchedSphere]:
         """Each sphere of the artefact's surfaces in each placement; none without such a surface.
 
         Raises `NotSupported` where one has too few points, or, for a whole test, one position.
         """
         spheres = []
         for surface in self._session.artefact.surfaces:
-            for placement in self.placements(surface.name) if surface.kind == "sphere" else ():
-                points = self.points(surface.name, placement)
+            for placement in self.list_placements(surface.name) if surface.kind == "sphere" else ():
+                points = self.get_points(surface.name, placement)
                 label = f"{placement} {surface.name}"
                 if len(points) < SPHERE_POINTS:
                     raise NotSupported(f"{len(points)} of {SPHERE_POINTS} points on {label}")
@@ -158,19 +164,19 @@ class VerifiedReadings:
             self.remarks.append(f"{spheres[0].label}: one position; ISO 10360-12 wants two")
         return spheres
 
-    def size_of(self, touched: TouchedSphere) -> Deviation:
+    def compute_size_error(self, touched: TouchedSphere) -> Deviation:
         """The error of a sphere's diameter; raises `NotSupported` without a certified radius."""
         surface = touched.surface
         if surface.radius_mm is None:
             raise NotSupported(f"no certified radius_mm of {surface.name}")
-        size, uncertainty = self._warm(
+        size, uncertainty = self._correct_for_temperature(
             2 * surface.radius_mm, 2 * surface.standard_uncertainty_mm, (surface.name,),
             touched.placement,
         )  # fmt: skip
         measured = 2 * (fit_sphere(touched.points_mm)[1] - self.tip_radius_mm)
         return Deviation(touched.label, measured - size, uncertainty, placement=touched.placement)
 
-    def block_errors(self) -> Iterator[Deviation]:
+    def iterate_block_errors(self) -> Iterator[Deviation]:
         """Error of each certified length between two planes, in each placement that has both;
         raises `NotSupported` where the places do not tell a plane."""
         kinds = self._session.artefact.surface_kinds
@@ -178,17 +184,17 @@ class VerifiedReadings:
             first, second = distance.between
             if kinds.get(first) != "plane" or kinds.get(second) != "plane":
                 continue
-            for placement in self.placements(first):
-                faces = [self.points(name, placement) for name in distance.between]
+            for placement in self.list_placements(first):
+                faces = [self.get_points(name, placement) for name in distance.between]
                 label = f"{placement} {first}, {second}"
                 planes = fit_parallel_planes(faces)
                 if planes is None:
                     raise NotSupported(f"{label}: touched at too few places, or too near together")
-                length, uncertainty = self.length(distance, placement)
+                length, uncertainty = self.compute_length(distance, placement)
                 error = planes.apart_mm - 2 * self.tip_radius_mm - length
                 yield Deviation(label, error, uncertainty, length, placement)
 
-    def _rows(self, target: str, placement: str | None) -> I64:
+    def _find_rows(self, target: str, placement: str | None) -> I64:
         if target not in self._names:
             return np.zeros(0, np.int64)
         session = self._session

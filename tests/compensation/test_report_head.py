@@ -126,9 +126,12 @@ def test_units_are_those_that_the_arm_resolves() -> None:
     fine, coarse = choose_units(an_arm(1 << 24)), choose_units(an_arm(4096))
     assert (fine.length.name, fine.angle.name) == ("µm", "″")
     assert (coarse.length.name, coarse.angle.name) == ("mm", "°")
-    assert fine.length.text(0.01234, "+") == "+12.34" and coarse.length.text(0.5) == "0.50"
-    assert fine.length.text(float("nan")) == "–"
-    assert fine.length.three_digits(0.01234) == "12.3\N{NO-BREAK SPACE}µm"
+    assert (
+        fine.length.format_value(0.01234, "+") == "+12.34"
+        and coarse.length.format_value(0.5) == "0.50"
+    )
+    assert fine.length.format_value(float("nan")) == "–"
+    assert fine.length.to_text(0.01234) == "12.3\N{NO-BREAK SPACE}µm"
     assert (
         fine.length.scale_to(0.5, 1.2) == Unit("mm", 1.0, 3)
         and fine.length.scale_to(0.5) == fine.length

@@ -93,7 +93,7 @@ def render_interim_page(
                 check["name"],
                 check["started"],
                 check["readings"],
-                unit.text(check["rms_um"] / 1e3),
+                unit.format_value(check["rms_um"] / 1e3),
                 f"{check['statistic']:.2f}",
                 f"{check['limit']:.2f}",
                 LOOK[check["verdict"]][0],
@@ -132,8 +132,8 @@ def _write_key_sentence(checks: Sequence[dict[str, Any]], unit: Unit) -> str:
     last_mm, first_mm = (counts[i]["rms_um"] / 1e3 for i in (-1, 0))
     unit = unit.scale_to(last_mm, first_mm)
     return (
-        f"The last check misses the calibration by {unit.three_digits(last_mm)} RMS, the first by"
-        f" {unit.three_digits(first_mm)}."
+        f"The last check misses the calibration by {unit.to_text(last_mm)} RMS, the first by"
+        f" {unit.to_text(first_mm)}."
     )
 
 
