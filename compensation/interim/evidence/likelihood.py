@@ -125,15 +125,9 @@ def _compute_log_ratios(
         yield members, log_sum(logs, axis=2)
 
 
-def log_marginals(sums: RunningSums, n: int) -> F64:
-    """(scales,) log of Student's density of the first *n* checks' readings without a change, by
-    how large the standing errors are; everything known integrated out."""
-    return _compute_log_marginals(
-        sums.stack.eliminate_errors(sums.sum_first(n)), int(sums.numbers[n])
-    )
-
-
 def _compute_log_marginals(eliminated: EliminatedErrors, numbers: int) -> F64:
+    """(scales,) log of Student's density of the checks' readings without a change, by how large
+    the standing errors are; everything known integrated out."""
     pairs = zip(eliminated.spread, eliminated.square, strict=True)
     return np.array([log_student(float(numbers), float(a), float(b)) for a, b in pairs])
 
