@@ -40,7 +40,7 @@ class HiddenEffect:
     rms_um: float  # of that, over the sessions to diagnose (3-D, before anything is fitted)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class HiddenCase:
     """Paths of what was written, and the truth."""
 

@@ -14,7 +14,7 @@ import pytest
 from scipy.special import fdtri
 
 from armd.compensation.data.session import load_session
-from armd.compensation.diagnose.fitting.outliers import find_outliers
+from armd.compensation.diagnose.diagnose import find_outliers
 from armd.compensation.estimate import robust
 from armd.compensation.estimate.folds import assign_group_folds, assign_time_folds
 from armd.compensation.identify.calibrate import Options, calibrate

@@ -118,4 +118,4 @@ def fitted(problem: Problem, findings: list[Candidate], turns: bool = True) -> F
     about = problem.rests, ARM, problem.baseline, problem.baseline.model
     if not turns:
         return fit(*about, findings, start)
-    return fit_by_turns(problem.facts, *about, findings, start, (), None)
+    return fit_by_turns(problem.facts, *about, findings, start)
