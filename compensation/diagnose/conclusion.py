@@ -112,31 +112,33 @@ def conclude(
     if len(written.numbers) == len(result.findings) and not written.gains and repeated:
         written = replace(written, after=squares[-1])  # of a search repeated, where there is one
     return Diagnosis(
-        arm,
-        tuple(sessions),
-        tuple(holdout),
-        baseline,
-        result,
-        _compute_rms_um(evaluate(sessions, arm, baseline.calibration)),
-        1e3 * float(np.sqrt(squares[0].mean())),
-        last.noise_floor_um,
-        _compute_rms_um(evaluate(sessions, arm, extension)),
-        tuple(measured),
-        outliers,
-        heldout.outlier_p,
-        compute_gain(squares[-1], squares[-1], groups, is_used) if outliers else None,
-        written.numbers,
-        _compute_rms_um_pair(written, np.ones_like(is_used)),
-        None if is_used.all() else _compute_rms_um_pair(written, is_used),
-        written.contradicted_later,
-        written.by,
-        extension,
-        tuple(remarks),
-        touched,
-        _compute_parting_gain(searched.original_sessions, sessions, arm, baseline.calibration)
+        arm=arm,
+        sessions=tuple(sessions),
+        holdout=tuple(holdout),
+        baseline=baseline,
+        search=result,
+        rms_um=_compute_rms_um(evaluate(sessions, arm, baseline.calibration)),
+        heldout_rms_um=1e3 * float(np.sqrt(squares[0].mean())),
+        noise_floor_um=last.noise_floor_um,
+        remaining_rms_um=_compute_rms_um(evaluate(sessions, arm, extension)),
+        gains=tuple(measured),
+        outliers=outliers,
+        outlier_p=heldout.outlier_p,
+        outlier_gain=compute_gain(squares[-1], squares[-1], groups, is_used) if outliers else None,
+        written=written.numbers,
+        written_rms_um=_compute_rms_um_pair(written, np.ones_like(is_used)),
+        written_clear_um=None if is_used.all() else _compute_rms_um_pair(written, is_used),
+        contradicted_later=written.contradicted_later,
+        written_by=written.by,
+        extended=extension,
+        remarks=tuple(remarks),
+        touched=touched,
+        touched_gain=_compute_parting_gain(
+            searched.original_sessions, sessions, arm, baseline.calibration
+        )
         if touched
         else None,
-        tuple(work.skipped),
+        skipped=tuple(work.skipped),
     )
 
 

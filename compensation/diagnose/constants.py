@@ -250,7 +250,6 @@ SHAPES_BY_KIND: dict[str, tuple[int, ...]] = {
 # --- What keeps the arithmetic defined, and how it is laid out ------------------------------------
 
 AXES = 3  # directions of space: the equations of a point
-BLOCKS_BEFORE, BLOCKS_AFTER = 2, 4  # blocks always there before those of the findings, and after
 PAIRS_CHUNK = 256  # pairs of basis functions at once
 PAIRS_PIECE = 1024  # rests at once: what stays in the processor's cache
 SIGNATURES_PIECE = 512  # rests at once

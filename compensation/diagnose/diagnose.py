@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from armd.arrays import I64
 from armd.compensation.data.session import Session
 from armd.compensation.data.soundness import make_sound
 from armd.compensation.diagnose.conclusion import HeldoutJudgement, conclude, describe_readings
@@ -26,7 +27,6 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis, MovedArtefact
 from armd.compensation.diagnose.fitting.absorbed_error import allow_absorbed_error
-from armd.compensation.diagnose.fitting.outliers import find_outliers
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.heldout.cross_validation import cross_validate
 from armd.compensation.diagnose.heldout.gain import compute_gains, group_readings
@@ -42,6 +42,7 @@ from armd.compensation.diagnose.heldout.validation import (
     validate_by_placement,
     validate_by_session,
 )
+from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
 from armd.compensation.diagnose.search.moved_artefact import (
@@ -62,6 +63,8 @@ from armd.compensation.diagnose.search_outcome import (
     without_sessions,
 )
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.regions import find_regions
+from armd.compensation.estimate.robust import DOWNWEIGHT_CHI2, find_far_off, select_outliers
 from armd.compensation.freed import give_back_freed
 from armd.compensation.identify.admission.inconsistent_session import InconsistentSession
 from armd.compensation.identify.evaluation.evaluate import evaluate
@@ -285,3 +288,11 @@ def _search(
             )
         touched.append(moved)
         sessions = moved.sessions
+
+
+def find_outliers(current: Fit) -> tuple[I64, float]:
+    """Rests gone wrong, by the rule of `armd calibrate`, and the smallest family-wise p."""
+    rests = current.linear.rests
+    squares = current.noise.squares(current.rest_residual_mm)
+    region = find_regions(find_far_off(squares, DOWNWEIGHT_CHI2), rests.observations.states.q)
+    return select_outliers(squares, region)

@@ -78,7 +78,7 @@ class RefusedCandidate:
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SearchResult:
     """What the search ends with."""
 
@@ -132,7 +132,7 @@ class ValidatedFindings:
     doubts: Mapping[int, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class MovedArtefact:
     """A placement that became two."""
 
@@ -158,7 +158,7 @@ class Outlier:
     error_um: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """Everything `armd diagnose` tells."""
 

@@ -30,7 +30,7 @@ from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.terms import Term
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Linearisation:
     """Residuals (n, 3) mm in the base frame, tip minus target, and how they move.
 

@@ -37,7 +37,7 @@ class Distances:
     certificate: I64  # (D,) alike where it is the same entry of the same artefact's certificate
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Observations:
     """n readings, P placements, K targets. Row i says: the tip stood at target[i] in
     placement[i], or at truth_mm[i] in that placement's frame where truth is given.

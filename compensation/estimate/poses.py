@@ -127,11 +127,6 @@ def compute_centres(observations: Observations, position_mm: F64) -> F64:
     return total / np.maximum(np.bincount(placement, minlength=p), 1)[:, None]
 
 
-def count_by_placement(observations: Observations) -> I64:
-    """Readings of each placement (P,)."""
-    return np.bincount(observations.placement, minlength=len(observations.placement_names))
-
-
 def make_pose_columns(observations: Observations, placed_mm: F64, centre_mm: F64) -> F64:
     """d residual / d twist (n, 3, 6): how the residual moves with its placement's pose.
 

@@ -56,7 +56,7 @@ MOST_ROUNDS = 10
 GAUGE_POSTURES = 200
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Identification:
     """What a fit found."""
 
@@ -242,9 +242,11 @@ def fit(
     for i, u in zip(unknowns.terms, deviation, strict=True):
         terms[i] = terms[i].model_copy(update={"standard_uncertainty": float(u)})
     return Identification(
-        observations, reference_c, constants, terms, unknowns, end.solution, end.linearisation,
-        end.arm_problem, weighing, distance2, counts, region, x - start, covariance, factor,
-        steps, end.converged,
+        observations=observations, reference_c=reference_c, constants=constants, terms=terms,
+        unknowns=unknowns, solution=end.solution, linearisation=end.linearisation,
+        arm_problem=end.arm_problem, noise=weighing, distance2=distance2, counts=counts,
+        region=region, departure=x - start, covariance=covariance, variance_factor=factor,
+        steps=steps, converged=end.converged,
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from armd.compensation.identify.thermal.comparison import Trial
 from armd.compensation.model.calibration import Calibration
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Result:
     """A calibration, and what a report tells of how it came about."""
 

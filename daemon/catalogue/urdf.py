@@ -81,14 +81,9 @@ def write_arm_toml(path: Path, tip_link: str | None = None) -> tuple[str, list[s
     return text, remarks
 
 
-def compute_rows_and_tip(path: Path, tip_link: str) -> tuple[F64, F64]:
-    """Rows (N, 5) of θ°, d mm, a mm, α°, β°, and the tip (3,) mm in the last frame."""
-    rows, tip, _ = compute_denavit_hartenberg(read_chain(path, tip_link))
-    return rows, tip
-
-
 def compute_denavit_hartenberg(chain: Chain) -> tuple[F64, F64, F64]:
-    """Rows (N, 5), the tip (3,) in the last frame, and the first frame's rotation (3, 3)."""
+    """Rows (N, 5) of θ°, d mm, a mm, α°, β°, the tip (3,) mm in the last frame, and the first
+    frame's rotation (3, 3)."""
     z = chain.axes[0]
     x = choose_across(z)
     rows, tip = axes_to_rows(chain.origins, chain.axes, chain.tip, x)

@@ -2,6 +2,21 @@
 
 One loop within `read`: ask, wait for the answers or for as long as they may take, ask again. The
 next request is on the line before anybody looks at what the last one brought.
+
+An open line is in one of these states. `_turn` waits in each; only what is named leads out of it:
+
+- idle: no exchange, or a complete one. `_ask_if_due` sends what is due → asked. In this order: the
+  rest of a cycle that is read one by one; a write, after which nothing is sent until `_hold_ns`; a
+  question of the acquaintance; one besides the cycles, `_side`; a cycle, from `_due_ns` on.
+- asked: a request is out, `_heard_ns` is 0. `_think_ahead` chooses `_next` with its packet,
+  `_ahead`, or `_side`. Bytes → answering; none until `_end_ns` → ended.
+- answering: bytes gather in `_undecoded`. When all answers are here, by `_brought`, `_ahead` goes
+  out before they are decoded: the new exchange is asked while the old one ends. When all that are
+  expected are here and nothing is ahead, they are decoded → idle. After a pause, by `_end_ns`, →
+  ended.
+- ended: what came is decoded, the decoder is told that it is over, `_next` is dropped → idle.
+
+An error of the port leads from any of them to a closed line, which `_wait_for_port` opens again.
 """
 
 from __future__ import annotations

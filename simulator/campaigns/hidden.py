@@ -19,7 +19,7 @@ NOISE = Noise(encoder_arcsec=1.0, seating_um=0.7, sensor_c=0.01)
 BALL_UNCERTAINTY_MM = 0.002
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Design:
     """How a case is measured: sessions of twenty balls with several articulations each."""
 

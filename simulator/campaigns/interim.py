@@ -153,18 +153,21 @@ def find_first_day(happening: Happening, used: F64) -> float:
     return happening.day if not len(after) else max(happening.day, float(after[0] - 1))
 
 
-def draw_arm_at(
-    seed: int, happenings: Sequence[Happening], day: float, used: F64, drawn: int | None = None
-) -> TrueArm:
-    """The arm of *seed* as it is on a day, with all that has happened to it; *drawn*: the seed of
-    what is drawn of the happenings, if another."""
-    today = plan_interim(seed, Noise())
-    plan = SessionPlan("", 0.0, Climate(), (Visit("P1"),))
+def plant_happenings(
+    begun: Campaign,
+    happenings: Sequence[Happening],
+    day: float,
+    used: F64,
+    drawn: int,
+    plan: SessionPlan,
+) -> Campaign:
+    """What was *begun* as it is on a day, with all that has happened; *drawn*: the seed of what is
+    drawn of the happenings."""
+    today = begun
     for number, happening in enumerate(happenings):
         size = compute_share(happening, day, used)
-        draws = [seed if drawn is None else drawn, 0x9147, number]
-        today = _planted(today, happening.plant, size, draws, plan)
-    return today.rig.arm
+        today = _planted(today, happening.plant, size, [drawn, 0x9147, number], plan)
+    return today
 
 
 def carry_out(
@@ -192,11 +195,7 @@ def carry_out(
         power = SELF_HEATING_W * rng.uniform(0.7, 1.3, len(SELF_HEATING_W))
         climate = Climate(20.0 + float(rng.normal(0.0, 1.5)), power_w=power)
         plan = SessionPlan(f"day-{day:02}", start_h, climate, (visit,), interval_s=6.0)
-        today = begun
-        for number, happening in enumerate(history.happenings):
-            size = compute_share(happening, float(day), used)
-            today = _planted(today, happening.plant, size, [luck, 0x9147, number], plan)
-        rig = today.rig
+        rig = plant_happenings(begun, history.happenings, float(day), used, luck, plan).rig
         for kind, its_day in history.bad:
             if its_day == day:
                 rig = _spoilt(rig, kind, np.random.default_rng([luck, 0xBAD, day]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 import numpy as np
 
@@ -59,6 +59,7 @@ class Artefact:
     standard_uncertainty_mm: float
     expansion_per_k: float  # as certified
     true_expansion_per_k: float
+    _: KW_ONLY
     lengths: list[Length] = field(default_factory=list)
     reference_c: float = 20.0
     inward: F64 = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3) from a surface, or NaN

@@ -4,7 +4,7 @@ and the plan of each session."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class Rig:
     artefact: Artefact
     noise: Noise
     limits_rad: tuple[F64, F64] = field(default_factory=nominal.get_limits_rad)
+    _: KW_ONLY
     core_lag_s: F64 | None = None  # (N,)
     read_sensors: Callable[[F64], F64] = lambda celsius: celsius  # (n, S) felt → (n, S) told
     spoil: Callable[[np.random.Generator, int], F64] | None = None  # tip displacement (n, 3) mm

@@ -27,7 +27,7 @@ from armd.simulator.truth.heat import HeatField
 from armd.simulator.truth.rotations import random_unit
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Measured:
     """A session's readings, and the truth behind them (n rows each)."""
 

@@ -9,7 +9,7 @@ from armd.drivers.poll.protocol.feetech import ERRORS as FEETECH_ERRORS
 SIGN = 0x8000
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Registers:
     """Where a family of servos keeps what, and how."""
 
@@ -24,9 +24,18 @@ class Registers:
     lock: int | None  # 1 there: the EEPROM keeps nothing that is written (Feetech)
 
 
-FEETECH = Registers(128, 56, 63, 40, 7, 31, 1, 40, 55)
-DYNAMIXEL = Registers(1024, 132, 146, 64, 9, 20, 6, 64, None)
-DYNAMIXEL1 = Registers(128, 36, 43, 24, 5, 20, 2, 24, None)
+FEETECH = Registers(
+    size=128, position=56, temperature=63, torque=40, return_delay=7, homing=31, firmware=1,
+    eeprom_end=40, lock=55,
+)  # fmt: skip
+DYNAMIXEL = Registers(
+    size=1024, position=132, temperature=146, torque=64, return_delay=9, homing=20, firmware=6,
+    eeprom_end=64, lock=None,
+)  # fmt: skip
+DYNAMIXEL1 = Registers(
+    size=128, position=36, temperature=43, torque=24, return_delay=5, homing=20, firmware=2,
+    eeprom_end=24, lock=None,
+)  # fmt: skip
 REGISTERS = {"feetech": FEETECH, "dynamixel": DYNAMIXEL, "dynamixel1": DYNAMIXEL1}
 AX_12, MX_28 = 12, 29  # models of protocol 1.0
 ONE_TURN, MANY_TURNS = (0, 4095), (4095, 4095)  # limits of an MX-28

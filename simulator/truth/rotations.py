@@ -46,11 +46,3 @@ def random_unit(rng: np.random.Generator, n: int) -> F64:
     vectors = rng.normal(size=(n, 3))
     unit: F64 = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     return unit
-
-
-def random_rotation(rng: np.random.Generator) -> F64:
-    """A rotation (3, 3) uniform over all."""
-    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    rotation: F64 = q if np.linalg.det(q) > 0 else -q
-    return rotation

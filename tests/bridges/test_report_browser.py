@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from armd import __version__
 from armd.daemon.cli import COMMANDS, parsers
 from armd.daemon.cli import main as armd
 from support.browser import find_browser
+from support.simulated_sessions import list_sessions, simulate_sessions
 
 pytestmark = pytest.mark.timeout(600)
 
@@ -61,9 +60,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reports")
 
     def simulate(kind: str, *more: str) -> list[str]:
-        command = [sys.executable, "-m", "armd.simulator", "--session", kind, "-o"]
-        subprocess.run([*command, str(folder / kind), *more], check=True, capture_output=True)
-        return sorted(str(file.parent) for file in (folder / kind).glob("*/session.toml"))
+        return list_sessions(simulate_sessions(folder / kind, kind, *more))
 
     about = "".join(f'{name} = "{text}"\n' for name, text in ABOUT.items())
     (folder / "about.toml").write_text(about)

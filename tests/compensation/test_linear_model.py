@@ -1,7 +1,5 @@
 """`LinearModel` against dense algebra: stacked rows, each prior one row more."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,9 +10,6 @@ from armd.compensation.estimate.linear.bordered import compute_pseudo_inverse_fa
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 
 N = 60
-#: Upper triangle, row by row, of what 20 targets measured alike came to in one calibration: 54
-#: singular values agree to 1e-7, and one of LAPACK's ways (gesdd) gave up on it.
-CLUSTERED = Path(__file__).parent / "data" / "clustered_triangle.npy"
 
 
 def blocks(seed: int, gauge: bool = False):
@@ -171,53 +166,3 @@ def test_problems_of_different_rows_add_and_a_block_joins_what_is_there() -> Non
         np.testing.assert_allclose(found.gram, whole.gram)
         np.testing.assert_allclose(found.squared_norm, whole.squared_norm)
         np.testing.assert_allclose(found.variance, whole.variance)
-
-
-@pytest.mark.parametrize("gauge", [False, True])
-def test_blocks_fitted_along_follow_as_stacked_least_squares_says(gauge) -> None:
-    rng = np.random.default_rng(3)
-    along = rng.normal(size=(N, 5)) * [1.0, 2.0, 0.5, 1.0, 3.0]
-    if gauge:
-        along[:, 4] = 2.0 * along[:, 0] - along[:, 1]
-    others, variance = rng.normal(size=(N, 3)), np.array([np.inf, np.inf, 0.3, np.inf, np.inf])
-    model = LinearModel.from_rows([("along", along, variance), ("o", others, np.full(3, np.inf))])
-    rest, fitted = model.eliminate("along")
-    prior = np.diag(1.0 / np.sqrt(variance))
-    stacked_rows = np.vstack([along, prior])
-    wanted = np.linalg.lstsq(stacked_rows, -np.vstack([others, np.zeros((5, 3))]), rcond=1e-9)[0]
-    np.testing.assert_allclose(fitted.following, wanted, atol=1e-9)  # of minimum norm
-    clear = others + along @ wanted
-    held = prior @ wanted
-    np.testing.assert_allclose(rest.gram, clear.T @ clear + held.T @ held, atol=1e-9)
-    assert fitted.rank == 5 - gauge
-    covariance = np.linalg.pinv(stacked_rows.T @ stacked_rows, rcond=1e-9)
-    np.testing.assert_allclose(fitted.factor @ fitted.factor.T, covariance, atol=1e-9)
-    assert rest.layout.n == 3
-
-
-def test_what_a_block_fitted_along_explains_of_another_is_rounding_there() -> None:
-    """A seat that its only placement explains: nothing of it is left, and nothing takes part."""
-    rng = np.random.default_rng(4)
-    pose, other = 1e6 * rng.normal(size=(N, 6)), rng.normal(size=(N, 1))
-    seat = pose @ rng.normal(size=(6, 3))
-    free = [np.full(n, np.inf) for n in (6, 3, 1)]
-    model = LinearModel.from_rows(
-        [("pose", pose, free[0]), ("seat", seat, free[1]), ("other", other, free[2])]
-    )
-    left, _ = model.eliminate("pose")
-    rest, shifts = left.eliminate("seat")
-    assert shifts.rank == 0
-    np.testing.assert_array_equal(shifts.following, np.zeros((3, 1)))
-    u = np.linalg.qr(pose)[0]
-    np.testing.assert_allclose(rest.gram, np.sum((other - u @ (u.T @ other)) ** 2))
-
-
-def test_alike_measured_targets_are_fitted_along() -> None:
-    triangle = np.zeros((60, 60))
-    triangle[np.triu_indices(60)] = np.load(CLUSTERED)
-    rows = np.random.default_rng(1).normal(size=(60, 1))
-    of = [("targets", triangle, np.full(60, np.inf)), ("residual", rows, np.full(1, np.inf))]
-    rest, shifts = LinearModel.from_rows(of).eliminate("targets")
-    assert shifts.rank == 60
-    np.testing.assert_allclose(triangle @ shifts.following, -rows, atol=1e-12)
-    np.testing.assert_allclose(rest.gram, 0.0, atol=1e-12)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +21,7 @@ from armd.compensation.verify.spheres import measure_distances_from_sphere
 from armd.compensation.verify.verdict import judge
 from support.plain_kinematics import tip_pose
 from support.selection import parametrize_default
+from support.simulated_sessions import simulate_sessions
 
 Rows = list[list[str]]
 PLACEMENT, TARGET, Q2 = 1, 2, 4
@@ -43,10 +42,7 @@ def figures(session: Session, arm: Arm) -> Verification:
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("measured")
-    command = [sys.executable, "-m", "armd.simulator", "--session", "verify", "--seed", "3"]
-    subprocess.run([*command, "-o", str(folder)], check=True, capture_output=True)
-    return folder
+    return simulate_sessions(tmp_path_factory.mktemp("measured"), "verify", "--seed", "3")
 
 
 def verified(good: Path, tmp_path: Path, edit: Callable[[Rows], None]) -> Verification:

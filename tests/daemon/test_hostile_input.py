@@ -17,7 +17,6 @@ from rich.console import Console
 from armd import POINT, keys
 from armd.daemon.bridges import lines
 from armd.daemon.bridges.export.source import MeasurementLine
-from armd.daemon.bridges.fleet import Fleet
 from armd.daemon.bridges.ros2 import urdf
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.cli import main
@@ -30,17 +29,10 @@ from armd.errors import ArmdError
 from armd.files.toml_text import toml_text
 from armd.received import is_sound
 from armd.simulator.__main__ import main as simulate
-from support.careless_network import HEALTH
+from support.careless_network import HEALTH, fleet_of
 from support.small_arm_toml import ARM
 
 TIPLESS = {"arm": {"tip": {"offset_mm": [0, 0, 9], "radius_mm": 3}}, "configuration": {"tips": {}}}
-
-
-def fleet_of(health: dict[str, object]) -> Fleet:
-    fleet = Fleet()
-    fleet.note_token("S", True)
-    fleet.note_health("S", health)
-    return fleet
 
 
 def shown(what: object) -> str:

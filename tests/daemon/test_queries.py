@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
+from contextlib import contextmanager
 
 import zenoh
 
@@ -25,7 +26,9 @@ def wait_for_all_before(ours: zenoh.Session, theirs: zenoh.Session) -> None:
             asked.wait(0.3)
 
 
-def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsewhere():
+@contextmanager
+def two_sessions():
+    """One that listens, as a daemon's does, and one that connects to it."""
     endpoint = free_endpoint()
     settings = zenoh.Config()
     for key, value in {
@@ -34,6 +37,11 @@ def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsew
         "timestamping/enabled": True,
     }.items():
         settings.insert_json5(key, json.dumps(value))
+    with zenoh.open(settings) as ours, session_with(endpoint) as theirs:
+        yield ours, theirs
+
+
+def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsewhere():
     begun: list[str] = []
     replies: list[zenoh.Reply] = []
 
@@ -41,7 +49,7 @@ def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsew
         begun.append(str(parameters))
         answer("danced", True)
 
-    with zenoh.open(settings) as ours, session_with(endpoint) as theirs:
+    with two_sessions() as (ours, theirs):
         publisher = Publisher(ours, "T")
         for i in range(200):
             publisher.events.put({"i": i})
@@ -68,14 +76,6 @@ def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsew
 
 
 def test_a_question_that_raises_does_not_end_the_answers_to_others():
-    endpoint = free_endpoint()
-    settings = zenoh.Config()
-    for key, value in {
-        "listen/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-        "timestamping/enabled": True,
-    }.items():
-        settings.insert_json5(key, json.dumps(value))
     unexpected = Unexpected()
     broken = {"now": True}
 
@@ -87,7 +87,7 @@ def test_a_question_that_raises_does_not_end_the_answers_to_others():
     def dance(parameters, answer):
         raise KeyError("dance")
 
-    with zenoh.open(settings) as ours, session_with(endpoint) as theirs:
+    with two_sessions() as (ours, theirs):
         publisher = Publisher(ours, "T")
         queries = Queries(ours, "T", publisher, {"info": info}, list, {"dance": dance}, unexpected)
         time.sleep(0.3)  # for the declarations

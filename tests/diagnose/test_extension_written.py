@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.extend import extend_calibration
-from armd.compensation.diagnose.fitting import scanned
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
+from armd.compensation.diagnose.report import sizes
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, tie
 from armd.compensation.model.calibration import Calibration, constants_of
@@ -157,17 +157,17 @@ def test_a_scanned_value_is_as_uncertain_as_dense_least_squares_has_it(
     lag = replace(at(600.0), elsewhere=at)
     signature = lambda value: base + np.log(value / 600.0) * turned  # noqa: E731
     monkeypatch.setattr(
-        scanned,
+        sizes,
         "make_finding_columns",
         lambda linear, some, arm: [signature(c.setting[0][1])[:, None] for c in some],
     )
     placements = rng.normal(size=(3 * N, 3))
     last = small_fit(5.0 * base + rng.normal(size=3 * N), placements, {lag: base[:, None]})
-    found = scanned.compute_scanned_uncertainty(last, 0, ARM)
+    found = sizes.compute_scanned_uncertainty(last, 0, ARM)
     slope = last.amplitudes[0][0] * turned / 600.0
     dense = np.column_stack([placements, base, slope])
     ridge = np.diag([0.0, 0.0, 0.0, 1 / 100.0, 0.0])  # what is known a priori of the amplitude
     expected = np.sqrt(np.linalg.inv(dense.T @ dense + ridge)[-1, -1])
     assert found == pytest.approx(expected, rel=1e-3)
     still = replace(last, findings=(replace(lag, elsewhere=None),))
-    assert scanned.compute_scanned_uncertainty(still, 0, ARM) == 0.0
+    assert sizes.compute_scanned_uncertainty(still, 0, ARM) == 0.0

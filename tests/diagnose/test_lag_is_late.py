@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from test_acting_through import ARM, Problem, problem_of
 
 from armd.arrays import F64
 from armd.compensation.diagnose.scoring.evidence import compute_log_bayes_factors
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Column
-from support import synthetic
+from support.found_problem import Problem, problem
+
+__all__ = ["problem"]  # the fixture
 
 #: Noise units of one share, clear of what absorbs.
 CLEAR = 1.5
-
-
-@pytest.fixture(scope="module")
-def problem() -> Problem:
-    rng = np.random.default_rng(7)
-    return problem_of(synthetic.session(ARM, ARM.nominal(), rng, scatter_k=3.0))
 
 
 def shares(problem: Problem) -> dict[float, Column]:

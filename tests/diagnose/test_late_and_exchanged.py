@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_acting_through import ARM, GRADIENT, Problem, fitted, measured, problem_of
 
 from armd.arrays import F64
 from armd.compensation.diagnose.fitting.refit import with_findings_unsolved
@@ -32,17 +31,13 @@ from armd.compensation.model.kinematics import forward
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
-from support import synthetic
+from support.found_problem import ARM, GRADIENT, Problem, fitted, measured, problem, problem_of
+
+__all__ = ["problem"]  # the fixture
 
 LAG_S = 480.0
 EXPANSION = "link_expansion"
 SOME = [(), (GRADIENT,), (GRADIENT, "joint_thermal", "encoder_thermal")]
-
-
-@pytest.fixture(scope="module")
-def problem() -> Problem:
-    rng = np.random.default_rng(7)
-    return problem_of(synthetic.session(ARM, ARM.nominal(), rng, scatter_k=3.0))
 
 
 def tip(problem: Problem, found: Any, states: States) -> F64:

@@ -4,7 +4,6 @@ sessions: however far a reading is off, it is reported as an outlier, and nothin
 import csv
 import json
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +14,7 @@ import pytest
 from scipy.special import fdtri
 
 from armd.compensation.data.session import load_session
-from armd.compensation.diagnose.fitting.outliers import find_outliers
+from armd.compensation.diagnose.diagnose import find_outliers
 from armd.compensation.estimate import robust
 from armd.compensation.estimate.folds import assign_group_folds, assign_time_folds
 from armd.compensation.identify.calibrate import Options, calibrate
@@ -24,6 +23,7 @@ from armd.compensation.identify.fit import compute_rms_um
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main as armd
 from support.selection import parametrize_default
+from support.simulated_sessions import simulate_sessions
 from support.small_fit import unit_noise
 
 N = 400
@@ -119,9 +119,7 @@ def test_whole_groups_are_left_out_together_and_times_one_after_another() -> Non
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("good") / "measured"
-    command = [sys.executable, "-m", "armd.simulator", "--session", "calibration", "-o"]
-    subprocess.run([*command, str(folder)], check=True, stdout=subprocess.DEVNULL)
+    folder = simulate_sessions(tmp_path_factory.mktemp("good") / "measured", "calibration")
     sessions = [str(folder / name) for name in NAMES]
     given = ["--arm", str(folder / "arm.toml"), "-o", str(folder / "calibration.json")]
     assert armd(["calibrate", *sessions, *given]) == 0

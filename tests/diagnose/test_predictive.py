@@ -237,8 +237,9 @@ def compared(
 ) -> ResidualComparison:
     line, sets = np.zeros(3), np.zeros((2, 3))
     curve = ResidualCurve(
-        line + outside, line - 0.1, line + 0.1, outside, 0.0, sets, 400, line + 1.0, 3,
-        Strength(best, flat))  # fmt: skip
+        mean=line + outside, low=line - 0.1, high=line + 0.1, outside=outside, p_value=0.0,
+        sets=sets, draws=400, weight=line + 1.0, rests=3, strength=Strength(best, flat),
+    )  # fmt: skip
     after = replace(curve, mean=line, outside=0.0, p_value=1.0, strength=Strength(-2.0, -2.0))
     named = variable in ("placement", "target", "approach")
     bins = Bins(

@@ -1,5 +1,6 @@
 """Who joins the findings next, and scores with a finding taken out: made-up sums, dense algebra."""
 
+from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from armd.arrays import F64
 from armd.compensation.diagnose.scoring import candidates
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.evidence import Scores
@@ -21,17 +23,22 @@ FIRST, SECOND, OTHER = candidate("a", 1), candidate("a", 1, typical=2.0), candid
 NOTHING: Any = None
 
 
+class StatedScores(Scores):
+    """Of shares as stated: the prior of the catalogue is tried elsewhere."""
+
+    @cached_property
+    def log_prior(self) -> F64:
+        return np.zeros(len(self.freedom))
+
+
 def scores_of(candidates: list[Candidate], log_p: list[float], posterior: list[float]) -> Scores:
     """Of *candidates* that explain as much as their p says, with posterior shares."""
     n = len(candidates)
     signatures: Any = SimpleNamespace(candidates=tuple(candidates))
-    scores = Scores(
+    return StatedScores(
         signatures, chi2.isf(np.exp(log_p), 1), np.ones(n, dtype=np.int64), np.array(log_p),
         np.log(posterior), np.ones(n),
     )  # fmt: skip
-    # Shares are as stated: the prior of the catalogue is tried elsewhere.
-    scores.__dict__["_log_weight"] = np.log(posterior)
-    return scores
 
 
 @pytest.fixture

@@ -21,6 +21,7 @@ from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.servobus.arm import ServoArm
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
+from support.sampled import rows_of
 from support.simulated_arm import simulated_arm
 
 EXPECTED = Expectation("SIM-0001", 6, 6, (COUNTS_PER_TURN,) * 6)
@@ -125,11 +126,10 @@ class EveryWire:
                 items += driver.read(0.05)
                 driver.take_raw()
             counters = driver.counters
-        arrays = [item for item in items if isinstance(item, np.ndarray)]
         truth = arm.truth()
         instants, windows = cls.instants(arm, truth)
         return Run(
-            np.concatenate(arrays),
+            rows_of(items),
             [item for item in items if isinstance(item, Temperatures)],
             [item for item in items if isinstance(item, Event)],
             counters,

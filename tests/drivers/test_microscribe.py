@@ -38,9 +38,9 @@ from support.microscribe import (
     held_against_truth,
     nominal,
     read_until_end,
-    rows_of,
 )
 from support.punctuality import Punctuality
+from support.sampled import rows_of
 from support.simulated_arm import simulated_arm
 
 # As captured from the arm with serial number 40937; the replies in DanielBetancourt1's notes.

@@ -24,7 +24,8 @@ from armd.simulator.live.scenario import Scenario
 from armd.simulator.live.truth_log import FaultLog, TruthFile
 from armd.simulator.microscribe import arm
 from armd.simulator.microscribe.device import MicroScribeDevice
-from support.microscribe import EXPECTED, TURNS, events_of, nominal, rows_of
+from support.microscribe import EXPECTED, TURNS, events_of, nominal
+from support.sampled import rows_of
 from support.selection import parametrize_default
 
 S = 1_000_000_000

@@ -15,6 +15,7 @@ from armd.drivers.packets import LATE_NUMBERS, PacketDecoder, PacketDriver, Samp
 from armd.drivers.plugin import DriverPlugin, GuardedDriver
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures, sample_dtype
 from armd.errors import ArmdError
+from support.sampled import rows_of
 
 TURN = 1 << 12
 ARM = Expectation("A-1", 3, 2, (TURN,) * 3)
@@ -43,12 +44,8 @@ def fed(*packets: bytes, decoder: PacketDecoder | None = None, from_ms: int = 0)
     return [item for frame in frames for item in decoder.feed(frame)]
 
 
-def rows(items: list[Item]) -> np.ndarray:
-    return np.concatenate([item for item in items if isinstance(item, np.ndarray)])
-
-
 def test_packets_become_samples_with_their_arrival() -> None:
-    got = rows(fed(packet(5), packet(6, (4000, 2, 3))))
+    got = rows_of(fed(packet(5), packet(6, (4000, 2, 3))))
     assert got["seq"].tolist() == [5, 6]
     assert got["count"].tolist() == [[1, 2, 3], [-96, 2, 3]]  # 4000 is 96 before the turn's end
     assert got["monotonic_ns"].tolist() == [1_000_000, 2_000_000]
@@ -60,7 +57,7 @@ def test_each_number_is_a_sample_once_whatever_comes_twice_late_or_torn() -> Non
     decoder = Decoder(ARM)
     numbers = [1, 2, 2, 3, 1, 6, 5, 7]  # 2 twice, 1 again and 5 late: after 6 it is lost
     items = fed(*map(packet, numbers), packet(8)[:-1], b"", decoder=decoder)
-    got = rows(items)
+    got = rows_of(items)
     assert got["seq"].tolist() == [1, 2, 3, 6, 7]
     assert got["lost_before"].tolist() == [False, False, False, True, False]
     assert decoder.counters == {"samples": 5, "lost": 2, "malformed": 2, "repeated": 3}
@@ -68,12 +65,13 @@ def test_each_number_is_a_sample_once_whatever_comes_twice_late_or_torn() -> Non
 
 def test_the_number_wraps_and_an_arm_that_restarts_begins_another_epoch() -> None:
     last = (1 << 32) - 1
-    got = rows(fed(packet(last - 1), packet(last), packet(0), packet(1)))
+    got = rows_of(fed(packet(last - 1), packet(last), packet(0), packet(1)))
     assert got["seq"].tolist() == [last - 1, last, 1 << 32, (1 << 32) + 1]
     assert not got["lost_before"].any()
     decoder = Decoder(ARM)
     after = LATE_NUMBERS + 100
-    got = rows(fed(packet(after, (4000, 0, 0)), packet(0, (10, 0, 0)), packet(1), decoder=decoder))
+    packets = packet(after, (4000, 0, 0)), packet(0, (10, 0, 0)), packet(1)
+    got = rows_of(fed(*packets, decoder=decoder))
     assert got["seq"].tolist() == [after, 1 << 32, (1 << 32) + 1]
     assert got["lost_before"].tolist() == [False, True, False]
     assert got["count"][:2, 0].tolist() == [-96, 10]  # the turns are unknown again
@@ -83,7 +81,7 @@ def test_the_number_wraps_and_an_arm_that_restarts_begins_another_epoch() -> Non
 def test_joints_that_jump_or_are_invalid_are_marked_and_told_once() -> None:
     jump = (1 + TURN // 2 - 50, 2, 3)  # half a turn in a millisecond
     items = fed(packet(1), packet(2, jump), packet(3), packet(4, invalid=0b100), packet(5))
-    assert rows(items)["joint_invalid"].tolist() == [0, 0b001, 0, 0b100, 0]
+    assert rows_of(items)["joint_invalid"].tolist() == [0, 0b001, 0, 0b100, 0]
     told = [(item.kind, item.detail["joint"]) for item in items if isinstance(item, Event)]
     assert told == [("count_jump", 1), ("joint_invalid", 3)]
 
@@ -92,7 +90,7 @@ def test_temperatures_come_with_a_packet_or_not() -> None:
     items = fed(packet(1) + struct.pack("<2h", 2050, -100), packet(2), packet(3) + b"\0\0")
     (celsius,) = (item for item in items if isinstance(item, Temperatures))
     assert celsius.celsius.tolist() == [20.5, -1.0]
-    assert rows(items)["seq"].tolist() == [1, 2]  # one temperature of two is malformed
+    assert rows_of(items)["seq"].tolist() == [1, 2]  # one temperature of two is malformed
 
 
 class Line(PacketDriver):
@@ -118,7 +116,7 @@ class Line(PacketDriver):
 
 def test_a_read_takes_all_that_waits_and_tells_of_silence() -> None:
     line = Line([packet(1), packet(2)])
-    assert rows(line.read(1.0))["seq"].tolist() == [1, 2] and line.connected
+    assert rows_of(line.read(1.0))["seq"].tolist() == [1, 2] and line.connected
     time.sleep(0.55)
     assert [item.kind for item in line.read(0.0) if isinstance(item, Event)] == ["silence"]
     assert line.read(0.0) == [] and not line.connected

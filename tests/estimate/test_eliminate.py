@@ -1,9 +1,11 @@
 """Batches of sessions, and what a session leaves of other columns, against dense algebra."""
 
 import numpy as np
+import pytest
 
 from armd.compensation.estimate.eliminate import SessionColumns, eliminate, split_into_batches
 from armd.compensation.estimate.group_rows import group_rows
+from armd.compensation.estimate.linear.linear_model import factorise_known, factorise_lower
 
 
 def test_rows_are_grouped_by_session_and_placement_and_ordered_by_target() -> None:
@@ -37,3 +39,29 @@ def test_what_is_left_of_other_columns_is_what_their_projection_leaves() -> None
     residual = rest - flat @ np.linalg.lstsq(flat, rest)[0]
     np.testing.assert_allclose(found.gram, residual.T @ residual, rtol=1e-8, atol=1e-10)
     assert found.rank == np.linalg.matrix_rank(flat) == 21
+
+
+def test_of_a_seat_that_its_only_placement_explains_nothing_is_left() -> None:
+    """Products of 1e12, of which rounding leaves more than of other columns."""
+    rng = np.random.default_rng(4)
+    columns = rng.normal(size=(9, 3, 6 + 1)) * [*(1e6,) * 6, 1.0]
+    of_target = columns[:, :, :6] @ rng.normal(size=(6, 3))
+    session = SessionColumns(0, {0: np.arange(9)}, np.arange(1))
+    slot = np.zeros(9, dtype=np.int64)
+    found = eliminate([session], lambda rows: (columns[rows], of_target[rows]), slot, None)[0]
+    assert found.rank == 6
+    pose, rest = columns[:, :, :6].reshape(27, 6), columns[:, :, 6:].reshape(27, 1)
+    orthonormal = np.linalg.qr(pose)[0]
+    expected = np.sum((rest - orthonormal @ (orthonormal.T @ rest)) ** 2)
+    np.testing.assert_allclose(found.gram, expected)
+
+
+@pytest.mark.parametrize("gauge", [False, True])
+def test_the_factor_of_a_matrix_is_that_of_its_pseudo_inverse(gauge: bool) -> None:
+    along = np.random.default_rng(3).normal(size=(60, 5)) * [1.0, 2.0, 0.5, 1.0, 3.0]
+    if gauge:
+        along[:, 4] = 2.0 * along[:, 0] - along[:, 1]
+    matrix = along.T @ along / np.max(np.sum(along**2, axis=0))
+    factor = factorise_known(matrix, factorise_lower(matrix[None])[0])
+    assert factor.shape == (5, 5 - gauge)
+    np.testing.assert_allclose(factor @ factor.T, np.linalg.pinv(matrix, rcond=1e-9), atol=1e-9)

@@ -19,7 +19,7 @@ from armd.daemon.bridges.ros2.bridge import Bridge
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.bridges.view import page_messages
 from armd.received import is_sound, json_object
-from support.careless_network import EVENT, HEALTH, MEASUREMENT
+from support.careless_network import EVENT, HEALTH, MEASUREMENT, fleet_of
 
 WHOLE = MEASUREMENT | {
     "trigger": "button", "angles_rad": [0.1] * 6, "covariance_mm2": [1e-4, 0, 0, 1e-4, 0, 1e-4],
@@ -35,14 +35,6 @@ TIP = {
 class _Publisher:
     def put(self, data: bytes) -> None:
         assert isinstance(data, bytes)
-
-
-def fleet_of(health: dict[str, Any]) -> Fleet:
-    """What `armd fleet` knows of an arm that is there and said this of its health."""
-    fleet = Fleet()
-    fleet.note_token("S", True)
-    fleet.note_health("S", health)
-    return fleet
 
 
 def ros2() -> Bridge:

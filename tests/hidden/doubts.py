@@ -23,11 +23,12 @@ from armd.compensation.diagnose.report.advice import Doubt, find_most_doubtful
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case, measure_next
+from armd.simulator.hidden import generate_case
 from armd.simulator.measured.plan import Climate
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import draw_plant
 from armd.simulator.plants.plant import Plant
+from support.next_session import measure_next
 from support.warmed_climate import warmed
 
 #: Less than a third of the standard design's readings.

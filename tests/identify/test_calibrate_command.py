@@ -5,24 +5,18 @@ from __future__ import annotations
 import json
 import math
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main as armd
+from support.simulated_sessions import simulate_sessions
 
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("paper")
-    subprocess.run(
-        [sys.executable, "-m", "armd.simulator", "--session", "paper", "-o", str(folder)],
-        check=True, stdout=subprocess.DEVNULL,
-    )  # fmt: skip
-    return folder
+    return simulate_sessions(tmp_path_factory.mktemp("paper"), "paper")
 
 
 def calibrate(measured: Path, out: Path, *sessions: str | Path, more: tuple[str, ...] = ()) -> int:

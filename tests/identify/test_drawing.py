@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from armd.compensation.model.arm import Arm
 from armd.daemon.cli import main as armd
 from support import synthetic
 from support.selection import parametrize_default
+from support.simulated_sessions import simulate_sessions
 
 ARCSEC = np.pi / 180 / 3600
 OPTIONS = Options(thermal_order=0)
@@ -154,10 +153,7 @@ def test_half_of_the_drawings_error_or_the_noise(
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("drawing") / "measured"
-    command = [sys.executable, "-m", "armd.simulator", "--session", "calibration", "-o"]
-    subprocess.run([*command, str(folder)], check=True, stdout=subprocess.DEVNULL)
-    return folder
+    return simulate_sessions(tmp_path_factory.mktemp("drawing") / "measured", "calibration")
 
 
 @pytest.mark.slow

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -20,19 +18,14 @@ from armd.compensation.identify.calibrate import calibrate
 from armd.daemon.cli import main as armd
 from support import synthetic
 from support.selection import mark_rest_slow, parametrize_default
+from support.simulated_sessions import simulate_sessions
 
 NAMES = ("T14", "T20", "T26", "T32", "T38")
 
 
-def simulated(folder: Path, *more: str) -> Path:
-    command = [sys.executable, "-m", "armd.simulator", "--session", "calibration", "-o"]
-    subprocess.run([*command, str(folder), *more], check=True, stdout=subprocess.DEVNULL)
-    return folder
-
-
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return simulated(tmp_path_factory.mktemp("good") / "measured")
+    return simulate_sessions(tmp_path_factory.mktemp("good") / "measured", "calibration")
 
 
 @pytest.fixture
@@ -246,7 +239,7 @@ def test_another_arm_fits_none(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its own errors of manufacture, another arm's name."""
-    other = simulated(tmp_path / "other", "--seed", "99")
+    other = simulate_sessions(tmp_path / "other", "calibration", "--seed", "99")
     shutil.rmtree(measured / "T26")
     shutil.copytree(other / "T26", measured / "T26")
     name = re.search(r'"(SIM-\d+)"', (measured / "T14/session.toml").read_text())
@@ -282,9 +275,8 @@ def test_another_arm_among_ten_sessions_fits_none(
 ) -> None:
     """Its readings are tails of the noise that nine sessions make: seven causes were named, and
     501 µm left."""
-    command = [sys.executable, "-m", "armd.simulator", "--session", "diagnosis", "-o"]
     for seed in ("1", "99"):
-        subprocess.run([*command, str(tmp_path / seed), "--seed", seed, "-q"], check=True)
+        simulate_sessions(tmp_path / seed, "diagnosis", "--seed", seed, "-q")
     session = tmp_path / "1/session-3"
     serial = re.search(r'arm = ".*"', (session / "session.toml").read_text())
     assert serial is not None

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from armd.daemon.cli import main as armd
 from support.selection import parametrize_default
+from support.simulated_sessions import simulate_sessions
 
 EXCHANGED_UM = 8000.0
 
@@ -19,10 +18,8 @@ EXCHANGED_UM = 8000.0
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tip is another one from some row of T14 on."""
     folder = tmp_path_factory.mktemp("exchanged") / "measured"
-    command = [sys.executable, "-m", "armd.simulator", "--session", "calibration", "-q"]
-    command += ["-o", str(folder), "--plant", f"tip_offset@tip={EXCHANGED_UM:g}"]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return folder
+    plant = f"tip_offset@tip={EXCHANGED_UM:g}"
+    return simulate_sessions(folder, "calibration", "-q", "--plant", plant)
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +20,7 @@ from armd.compensation.identify.admission.wrong_names import find_wrong_names
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main as armd
 from support.selection import parametrize_default
+from support.simulated_sessions import simulate_sessions
 
 NAMES = ("T14", "T20", "T26", "T32")
 Q2, TARGET = 4, 2
@@ -28,10 +28,7 @@ Q2, TARGET = 4, 2
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("good") / "measured"
-    command = [sys.executable, "-m", "armd.simulator", "--session", "calibration", "-o"]
-    subprocess.run([*command, str(folder)], check=True, stdout=subprocess.DEVNULL)
-    return folder
+    return simulate_sessions(tmp_path_factory.mktemp("good") / "measured", "calibration")
 
 
 @pytest.fixture

@@ -26,8 +26,9 @@ from armd.simulator.measured.artefact import Artefact
 from armd.simulator.measured.measuring import Measured, carry_out, take_readings, write_session
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.placement import Placement
-from armd.simulator.measured.plan import Climate, SessionPlan
+from armd.simulator.measured.plan import Climate, SessionPlan, Visit
 from armd.simulator.truth import nominal
+from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import SELF_HEATING_W
 
 #: A check that was advised is made so long after the day's usual one.
@@ -57,6 +58,13 @@ class Bench:
         for measured in interim.carry_out(history, self.seed, Noise(), seed):
             yield self._reduced(measured)
 
+    def arm_at(self, case: Case, day: float) -> TrueArm:
+        """The arm as it is on a day, with as much of the case's happening as is there by then."""
+        begun = interim.plan_interim(self.seed, Noise())
+        plan = SessionPlan("", 0.0, Climate(), (Visit("P1"),))
+        happenings = (case.happening,)
+        return interim.plant_happenings(begun, happenings, day, case.used, case.seed, plan).rig.arm
+
     def advised(self, case: Case, day: int, seats_mm: F64, q: F64) -> Reduced:
         """A check on two seats, poses *q* (n, N) on one and the other in turn, after the usual one
         of a *day*."""
@@ -64,7 +72,7 @@ class Bench:
         names = [f"S{i}" for i in range(len(seats_mm))]
         unknown = np.full((len(seats_mm), 3), np.nan)
         artefact = Artefact("advised seats", names, unknown, seats_mm, 0.0, 0.0, 0.0)
-        arm = interim.draw_arm_at(self.seed, (case.happening,), day, case.used, case.seed)
+        arm = self.arm_at(case, day)
         rig = replace(interim.plan_interim(self.seed, Noise()).rig, arm=arm, artefact=artefact)
         power = SELF_HEATING_W * rng.uniform(0.7, 1.3, len(SELF_HEATING_W))
         climate = Climate(20.0 + float(rng.normal(0.0, 1.5)), power_w=power)

@@ -83,7 +83,7 @@ def _measured(
     that the first states; a rigid motion of all of them removed, which the base of an arm is known
     to only."""
     day = (mounted_d * 24.0 - interim.FIRST_H) / 24.0 + 1.0
-    arm = interim.draw_arm_at(bench.seed, (case.happening,), day, case.used, case.seed)
+    arm = bench.arm_at(case, day)
     low, high = nominal.get_limits_rad()
     n = MEASURED // MOMENTS
     phi = rng.uniform(low, high, (n, len(low)))

@@ -10,13 +10,12 @@ from test_interim_evidence import with_standing
 from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence import stack as stacked
-from armd.compensation.interim.evidence.amplitudes import integrate_amplitudes
 from armd.compensation.interim.evidence.elimination import (
     CheckSums,
     EliminatedErrors,
     eliminate_standing,
 )
-from armd.compensation.interim.evidence.likelihood import weigh
+from armd.compensation.interim.evidence.likelihood import integrate_amplitudes, weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import UNSETTLED, watch
 

@@ -23,7 +23,6 @@ from armd.compensation.interim.evidence.likelihood import (
     SIZES,
     fit_standing_share,
     log_marginal,
-    log_marginals,
     weigh,
 )
 from armd.compensation.interim.evidence.stack import ALL_ALONG, RAMP_DAYS, RunningSums, Stack
@@ -264,7 +263,10 @@ def test_a_usual_check_beside_the_rest_is_all_of_them(seed: int) -> None:
     of = replace(of, targets=tuple(np.ones((len(z), 3)) for z in of.residual))
     rest = Rest(of, of.sum_checks(range(of.n)))
     together = rest.log_densities(3)[:, :2].sum(axis=1)
-    expected = log_marginals(RunningSums(of), of.n)
+    nothing = [np.zeros((len(z), 1)) for z in of.residual]
+    expected = np.array(
+        [density(of.rescale(share / of.share), nothing, 0.0) for share in ALL_ALONG]
+    )
     assert np.ptp(expected) > 0.1  # the sizes are told apart
     assert together - expected == pytest.approx(np.full(4, together[0] - expected[0]), abs=1e-8)
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ from matplotlib.figure import Figure
 import armd
 from armd.daemon.cli import main
 from support.measured_arm import MeasuredArm, measured_arm
+from support.simulated_sessions import list_sessions, simulate_sessions
 
 PLANTED = "encoder_eccentricity@joint 3=1.5"
 
@@ -29,9 +28,7 @@ def session(measured: MeasuredArm) -> armd.Session:
 
 
 def simulated(folder: Path, kind: str, *more: str) -> list[str]:
-    command = [sys.executable, "-m", "armd.simulator", "--session", kind, "-o", str(folder), *more]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return sorted(str(path.parent) for path in folder.glob("*/session.toml"))
+    return list_sessions(simulate_sessions(folder, kind, *more))
 
 
 def plain(result: dict[str, Any]) -> Any:

@@ -17,6 +17,7 @@ import armd
 from armd.offline.arrow_table import ArrowTable
 from support.measured_arm import measured_arm
 from support.pages import page_path, run_as_typed, shell_blocks
+from support.simulated_sessions import simulate_sessions
 
 PAGE = page_path("python")
 QUICK = [
@@ -62,9 +63,8 @@ def test_an_example_gives_what_it_shows(name: str, folder: Path) -> None:
 def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("simulated")
     plant = "encoder_eccentricity@joint 3=1.5"
-    for kind, more in (("verify", ["-o", "test"]), ("diagnosis", ["-o", "sick", "--plant", plant])):
-        command = [sys.executable, "-m", "armd.simulator", "--session", kind, *more]
-        subprocess.run(command, cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    simulate_sessions(folder / "test", "verify")
+    simulate_sessions(folder / "sick", "diagnosis", "--plant", plant)
     return folder
 
 

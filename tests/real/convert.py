@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from armd.compensation.data.session_writing import write_session
-from armd.daemon.catalogue.urdf import compute_rows_and_tip
+from armd.daemon.catalogue.urdf import compute_denavit_hartenberg, read_chain
 
 VENDORED = Path(__file__).parent / "data"
 #: Series measured by the tracker, and when.
@@ -85,7 +85,8 @@ def _write_ur10(folder: Path, date: tuple[int, int, int], rows: list[dict[str, s
 def ball_in_socket(source: Path, robot: str, out: Path) -> None:
     """A ball on the flange, seated in two sockets 50 mm apart, at several places of the table."""
     out.mkdir(parents=True, exist_ok=True)
-    rows, tip = compute_rows_and_tip(source / "urdf" / ROBOTS[robot], "ball_link")
+    chain = read_chain(source / "urdf" / ROBOTS[robot], "ball_link")
+    rows, tip, _ = compute_denavit_hartenberg(chain)
     _write_arm(out / "arm.toml", robot, rows[:, :4], tip)  # β of printed quarter turns: 2e-4°
     angles, placements, targets = [], [], []
     for place in sorted((source / robot).iterdir()):

@@ -13,7 +13,7 @@ from armd.compensation.data.session import load_session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
-from armd.daemon.catalogue.urdf import compute_rows_and_tip
+from armd.daemon.catalogue.urdf import compute_denavit_hartenberg, read_chain
 from support.selection import parametrize_default
 
 
@@ -64,9 +64,8 @@ def test_seats_reach_their_mark_or_are_refused(converted: Path, robot: str) -> N
 
 def test_urdf_becomes_denavit_hartenberg(converted: Path) -> None:
     """The published table of the Panda, in Craig's form, gives the same distances."""
-    rows, tip = compute_rows_and_tip(
-        VENDORED / "ball_in_socket" / "urdf" / "panda.urdf", "panda_link8"
-    )
+    urdf = VENDORED / "ball_in_socket" / "urdf" / "panda.urdf"
+    rows, tip, _ = compute_denavit_hartenberg(read_chain(urdf, "panda_link8"))
     assert rows[2, 1:3] == pytest.approx([316.0, 82.5])
     assert rows[4, 1] == pytest.approx(384.0)
     assert np.linalg.norm(tip) == pytest.approx(107.0)

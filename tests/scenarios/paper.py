@@ -10,7 +10,6 @@ mark is missed.
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import tempfile
 from itertools import combinations
@@ -25,6 +24,7 @@ from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, load_calibration
 from armd.daemon.cli import main as armd
+from support.simulated_sessions import simulate_sessions
 
 TEMPERATURES_C = (16, 18, 20, 22, 24, 26, 28, 30)
 IDENTIFIED_AT_C = (16, 20, 24, 28, 30)
@@ -45,11 +45,7 @@ BEFORE_UM = (70.0, 150.0)
 def run(folder: Path, seed: int = 1) -> dict[int, dict[str, tuple[float, ...]]]:
     """Per temperature, in µm: "distance" (before max, median, after max, median), "deviation"
     (the same of standard deviations), "residual" (the same of 3-D residuals)."""
-    subprocess.run(
-        [sys.executable, "-m", "armd.simulator", "--session", "paper", "-o", str(folder),
-         "--seed", str(seed)],
-        check=True, stdout=subprocess.DEVNULL,
-    )  # fmt: skip
+    simulate_sessions(folder, "paper", "--seed", str(seed))
     identify = [str(folder / f"T{celsius}") for celsius in IDENTIFIED_AT_C]
     arm_file, output = folder / "arm.toml", folder / "calibration.json"
     code = armd(["calibrate", *identify, "--arm", str(arm_file), "-o", str(output)])

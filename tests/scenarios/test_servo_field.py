@@ -42,11 +42,6 @@ def measuring(folder, port, family):
         yield heard
 
 
-def reason(heard):
-    told = heard.json("health")
-    return f"{told[-1]['state']}: {told[-1]['reason']}" if told else ""
-
-
 @parametrize_default("family", ["dynamixel", "feetech"])
 def test_of_servos_that_all_say_zero_no_point_leaves(family, tmp_path):
     now = tmp_path / "now"
@@ -58,7 +53,7 @@ def test_of_servos_that_all_say_zero_no_point_leaves(family, tmp_path):
         now.touch()
         heard.wait_for(lambda: heard.events("servos_stuck"))
         why = "NOT_READY: no valid point: every servo's position: found 0 or 1"
-        heard.wait_for(lambda: reason(heard).startswith(why))
+        heard.wait_for(lambda: heard.reason().startswith(why))
         points = heard.points()
     (event,) = heard.events("servos_stuck")
     valid = points[(points["flags"] & Flag.INVALID) == 0]
@@ -74,7 +69,7 @@ def test_servos_that_know_no_sync_read_are_read_one_by_one(family, tmp_path):
         doctor = subprocess.run(command, capture_output=True, text=True, timeout=60)
         with measuring(tmp_path, port, family) as heard:
             heard.wait_for(lambda: heard.events("no_sync_read"))
-            heard.wait_for(lambda: reason(heard).startswith("READY"))
+            heard.wait_for(lambda: heard.reason().startswith("READY"))
             heard.wait_for(lambda: (heard.points()["flags"] & Flag.INVALID == 0).sum() > 100)
             (event,) = heard.events("no_sync_read")
     assert doctor.returncode == 1, doctor.stderr

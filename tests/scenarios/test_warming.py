@@ -32,20 +32,15 @@ def states(heard: Heard) -> list[str]:
     return [state for state, _ in groupby(told)]
 
 
-def reason(heard: Heard) -> str:
-    health = heard.json("health")
-    return f"{health[-1]['state']}: {health[-1]['reason']}" if health else ""
-
-
 def test_outside_its_range_it_is_inaccurate_until_calibrated_for_it(tmp_path: Path) -> None:
     with simulated_arm(tmp_path, "--ambient-c", "30", rate_hz=200) as arm:
         calibrate(tmp_path, 15.0, 25.0)
         with running_daemon(tmp_path, arm.port, top=CALIBRATED) as daemon, daemon.listen() as heard:
-            heard.wait_for(lambda: "INACCURATE: outside the identified" in reason(heard))
+            heard.wait_for(lambda: "INACCURATE: outside the identified" in heard.reason())
             assert heard.points()["flags"][-1] & Flag.TEMPERATURE_RANGE
             calibrate(tmp_path, 15.0, 35.0)
             daemon.process.send_signal(signal.SIGHUP)
-            heard.wait_for(lambda: reason(heard) == "READY: measuring")
+            heard.wait_for(lambda: heard.reason() == "READY: measuring")
             assert not heard.points()["flags"][-1] & Flag.TEMPERATURE_RANGE
         # A busy machine may let the clock go in between, or hear an event too late: DEGRADED.
         told = [message["state"] for message in heard.json("health")]
@@ -62,10 +57,10 @@ def test_a_drift_is_told_and_flagged_beyond_its_limit(tmp_path: Path) -> None:
             running_daemon(tmp_path, arm.port, top=CALIBRATED, extra=limits) as daemon,
             daemon.listen() as heard,
         ):
-            heard.wait_for(lambda: "drifts by" in reason(heard))
-            assert reason(heard).startswith("WARMING")
+            heard.wait_for(lambda: "drifts by" in heard.reason())
+            assert heard.reason().startswith("WARMING")
             assert not heard.points()["flags"][-1] & Flag.TEMPERATURE_RATE
             daemon.stop()
         with running_daemon(tmp_path, arm.port, top=CALIBRATED) as daemon, daemon.listen() as heard:
-            heard.wait_for(lambda: "INACCURATE: temperature changes too fast" in reason(heard))
+            heard.wait_for(lambda: "INACCURATE: temperature changes too fast" in heard.reason())
             assert heard.points()["flags"][-1] & Flag.TEMPERATURE_RATE

@@ -11,7 +11,7 @@ import pytest
 
 from armd.errors import BadInput
 from armd.simulator.campaigns.hidden import DESIGNS, NOISE, Design, plan_campaigns
-from armd.simulator.hidden import HiddenCase, generate_case, measure_next
+from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.measured.measuring import Measured
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import Climate
@@ -20,6 +20,7 @@ from armd.simulator.plants.draw import FOREIGN, FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
+from support.next_session import measure_next
 from support.selection import parametrize_default
 from support.warmed_climate import warmed
 

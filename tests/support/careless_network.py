@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from contextlib import closing, contextmanager
+from typing import Any
 
 import numpy as np
 import zenoh
 
 import armd
 from armd.client import Arm
+from armd.daemon.bridges.fleet import Fleet
 from support.running_daemon import free_endpoint
 
 HEALTH = {
@@ -23,6 +25,14 @@ MEASUREMENT = {
     "flags": 0, "flag_names": [], "buttons": 1, "calibration": None, "tip": None,
 }  # fmt: skip
 EVENT = {"kind": "button", "text": "button 0 pressed", "stamp_ns": 1, "detail": {"buttons": [0]}}
+
+
+def fleet_of(health: dict[str, Any]) -> Fleet:
+    """What `armd fleet` knows of an arm that is there and said this of its health."""
+    fleet = Fleet()
+    fleet.note_token("S", True)
+    fleet.note_health("S", health)
+    return fleet
 
 
 @contextmanager

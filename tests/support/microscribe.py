@@ -34,10 +34,6 @@ def read_until_end(arm: SimulatedArm, **config: object) -> tuple[list[Item], lis
         return items, raw, driver.counters
 
 
-def rows_of(items: list[Item]) -> np.ndarray:
-    return np.concatenate([item for item in items if isinstance(item, np.ndarray)])
-
-
 def events_of(items: list[Item]) -> list[str]:
     return [item.kind for item in items if isinstance(item, Event)]
 

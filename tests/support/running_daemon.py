@@ -55,6 +55,11 @@ class Heard:
     def events(self, kind: str) -> list[dict[str, Any]]:
         return [event for event in self.json("event") if event["kind"] == kind]
 
+    def reason(self) -> str:
+        """The newest state and its reason; empty before any."""
+        told = self.json("health")
+        return f"{told[-1]['state']}: {told[-1]['reason']}" if told else ""
+
     def wait_for(self, condition: Callable[[], object], patience_s: float = PATIENCE_S) -> None:
         end_s = time.monotonic() + patience_s
         while not condition():

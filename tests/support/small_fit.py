@@ -7,22 +7,12 @@ from typing import Any
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.diagnose.fitting.nuisance import NuisanceBlock, join_blocks
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.layout import (
-    DRIFT,
-    EXPANSIONS,
-    IDENTIFIED,
-    MOUNT,
-    PLACEMENTS,
-    TARGETS,
-    FitLayout,
-    name_block,
-)
-from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
+from armd.compensation.diagnose.problem.layout import AFTER, BEFORE, IDENTIFIED, PLACEMENTS
+from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.estimate.linear import linear_model
-from armd.compensation.estimate.linear.blocks import to_blocks
 from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
@@ -48,20 +38,18 @@ def small_fit(
     amplitude a priori of variance 100; *identified* (3 n, c) of what a calibration identified."""
     n = len(residual) // 3
     findings = findings or {}
-    nothing_identified = np.zeros((3 * n, 0))
-    blocks = {
-        PLACEMENTS: placements,
-        IDENTIFIED: nothing_identified if identified is None else identified,
-    }
-    blocks |= {name_block(i): columns for i, columns in enumerate(findings.values())}
-    blocks |= {name: np.zeros((3 * n, 0)) for name in (MOUNT, EXPANSIONS, TARGETS, DRIFT)}
-    columns = np.hstack(list(blocks.values()))
-    layout = linear_model.Layout(tuple((k, v.shape[1]) for k, v in blocks.items()))
-    variance = np.full(layout.n, 100.0)
-    variance[layout[PLACEMENTS]] = np.inf
-    problem = LinearModel.from_products(layout, columns.T @ columns, variance)
+
+    def block(columns: F64, variance: float = 100.0) -> NuisanceBlock:
+        return columns, np.full(columns.shape[1], variance)
+
+    always = {name: block(np.zeros((3 * n, 0))) for name in (*BEFORE, *AFTER)}
+    always[PLACEMENTS] = block(placements, np.inf)
+    if identified is not None:
+        always[IDENTIFIED] = block(identified)
+    nuisance, layout = join_blocks(always, [block(x) for x in findings.values()], np.zeros(n, int))
+    columns = nuisance.columns.to_dense()
+    problem = LinearModel.from_products(layout.blocks, columns.T @ columns, nuisance.variance)
     solution, inverse = problem.solve(columns.T @ residual)
-    whole = FitLayout(layout, np.full(layout.n, np.inf))
     untimed = SimpleNamespace(time_s=np.full(n, np.nan))
     observations = SimpleNamespace(
         placement=np.zeros(n, dtype=np.int64), placement_names=["P"], states=untimed,
@@ -76,11 +64,11 @@ def small_fit(
         linear=linear,
         model=nothing,
         findings=tuple(findings),
-        amplitudes=tuple(-solution[at] for at in whole.findings),
-        covariances=tuple(inverse[at, at] for at in whole.findings),
+        amplitudes=tuple(-solution[at] for at in layout.findings),
+        covariances=tuple(inverse[at, at] for at in layout.findings),
         noise=unit_noise(n),
-        nuisance=Nuisance(to_blocks([columns], observations.placement), variance),
-        layout=whole,
+        nuisance=nuisance,
+        layout=layout,
         residual=residual,
         raw_residual=residual if raw is None else raw,
         fitted=columns @ solution,

@@ -28,8 +28,9 @@ def fit_by_turns(
     model: ModelState,
     findings: Sequence[Candidate],
     amplitudes: Sequence[F64],
-    noise_extra: Sequence[Candidate],
-    noise: RestNoise | None,
+    *,
+    noise_extra: Sequence[Candidate] = (),
+    noise: RestNoise | None = None,
 ) -> Fit:
     """A fit, its findings that act through others made at the amplitudes that these have in it."""
     for _ in range(MOST_TURNS):

@@ -91,20 +91,20 @@ def fit(
         if not baseline.is_given:
             model = apply_step(model, baseline, step)
     return Fit(
-        baseline,
-        linear,
-        model,
-        tuple(findings),
-        tuple(amplitudes),
-        tuple(problem.covariance_of(span) for span in layout.findings),
-        noise,
-        nuisance,
-        layout,
-        clipped,
-        residual,
-        fitted,
-        solution,
-        problem,
+        baseline=baseline,
+        linear=linear,
+        model=model,
+        findings=tuple(findings),
+        amplitudes=tuple(amplitudes),
+        covariances=tuple(problem.covariance_of(span) for span in layout.findings),
+        noise=noise,
+        nuisance=nuisance,
+        layout=layout,
+        residual=clipped,
+        raw_residual=residual,
+        fitted=fitted,
+        solution=solution,
+        problem=problem,
     )
 
 

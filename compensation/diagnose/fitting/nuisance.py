@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from armd.arrays import F64
+from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import GAUGE, PER_KELVIN
 from armd.compensation.diagnose.fitting import noise as noise_model
 from armd.compensation.diagnose.fitting.expansions import make_expansion_columns
 from armd.compensation.diagnose.problem.amplitudes import compute_amplitude_variance
 from armd.compensation.diagnose.problem.layout import (
+    AFTER,
+    BEFORE,
     DRIFT,
     EXPANSIONS,
     IDENTIFIED,
@@ -31,6 +33,9 @@ from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.terms import Term
 
+#: Columns and the variances of their amplitudes.
+NuisanceBlock = tuple[F64 | Blocks, F64]
+
 
 def gather_nuisance(
     linear: Linear,
@@ -44,29 +49,39 @@ def gather_nuisance(
     identified = baseline.columns(linear, arm)
     if baseline.is_given:
         identified = identified @ baseline.root
-    blocks: dict[str, tuple[F64 | Blocks, F64]] = {
+    always: dict[str, NuisanceBlock] = {
         PLACEMENTS: (linear.nuisance, np.full(linear.nuisance.size, np.inf)),
         IDENTIFIED: (
             identified,
             np.full(identified.shape[1], 1.0 if baseline.is_given else np.inf),
         ),
+        MOUNT: _column_of_the_mount(linear, baseline, arm),
+        EXPANSIONS: make_expansion_columns(linear, baseline, arm),
+        TARGETS: noise_model.make_target_nuisance(linear),
+        DRIFT: noise_model.make_drift_columns(linear),
     }
-    for i, (candidate, block, size) in enumerate(zip(findings, columns, sizes, strict=True)):
-        blocks[name_block(i)] = block, compute_amplitude_variance(candidate, size)
-    blocks[MOUNT] = _column_of_the_mount(linear, baseline, arm)
-    blocks[EXPANSIONS] = make_expansion_columns(linear, baseline, arm)
-    blocks[TARGETS] = noise_model.make_target_nuisance(linear)
-    blocks[DRIFT] = noise_model.make_drift_columns(linear)
-    joined = Nuisance(
-        to_blocks([matrix for matrix, _ in blocks.values()], linear.rests.observations.placement),
+    variances = map(compute_amplitude_variance, findings, sizes)
+    of_findings = list(zip(columns, variances, strict=True))
+    nuisance, layout = join_blocks(always, of_findings, linear.rests.observations.placement)
+    layout.nominal_variance[layout.identified] = _gauge(baseline, arm)
+    return nuisance, layout
+
+
+def join_blocks(
+    always: Mapping[str, NuisanceBlock], findings: Sequence[NuisanceBlock], placement: I64
+) -> tuple[Nuisance, FitLayout]:
+    """The blocks that are *always* there, by name, and those of *findings* between them, in their
+    order; *placement* (n,): of each rest."""
+    blocks = {name: always[name] for name in BEFORE}
+    blocks |= {name_block(i): block for i, block in enumerate(findings)}
+    blocks |= {name: always[name] for name in AFTER}
+    nuisance = Nuisance(
+        to_blocks([columns for columns, _ in blocks.values()], placement),
         np.concatenate([variance for _, variance in blocks.values()]),
     )
-    layout = linear_model.Layout(
-        tuple((name, len(variance)) for name, (_, variance) in blocks.items())
-    )
-    nominal_variance = np.full(layout.n, np.inf)
-    nominal_variance[layout[IDENTIFIED]] = _gauge(baseline, arm)
-    return joined, FitLayout(layout, nominal_variance)
+    sizes = tuple((name, len(variance)) for name, (_, variance) in blocks.items())
+    layout = linear_model.Layout(sizes)
+    return nuisance, FitLayout(layout, np.full(layout.n, np.inf))
 
 
 def with_other_findings(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -37,6 +37,7 @@ class Bins:
     starts: I64  # (B,) where each bin begins in `order`
     middle: F64  # (B,) mean value, in the axis' unit
     labels: tuple[str, ...] = ()  # (B,) of what has names instead of values
+    _: KW_ONLY
     values: F64 | None = None  # (k,) of the rests in `order`, in the axis' unit
     kind: VariableKind = "name"
     alike: tuple[str, ...] = ()  # variables whose values go with this one's

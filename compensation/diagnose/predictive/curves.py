@@ -41,7 +41,7 @@ from armd.compensation.diagnose.predictive.strength import (
 from armd.compensation.diagnose.predictive.waves import make_waves
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ResidualCurve:
     """What a model leaves along one component over one variable, and drawn sets' band: in rad, mm
     or without a unit, as the component."""
@@ -206,16 +206,16 @@ def _make_curve(
     outside = float((np.abs(sums) > HALF_WIDTH * sigma).mean())
     band = HALF_WIDTH * sigma / lever
     return ResidualCurve(
-        sums / lever,
-        -band,
-        band,
-        outside,
-        _compute_p_value(outside, moments, normal),
-        (drawn.first_sums[k] / lever[:, None]).T,
-        drawn.draws,
-        lever,
-        len(bins.order),
-        strong,
+        mean=sums / lever,
+        low=-band,
+        high=band,
+        outside=outside,
+        p_value=_compute_p_value(outside, moments, normal),
+        sets=(drawn.first_sums[k] / lever[:, None]).T,
+        draws=drawn.draws,
+        weight=lever,
+        rests=len(bins.order),
+        strength=strong,
     )
 
 

@@ -16,7 +16,7 @@ from armd.compensation.estimate.linear.blocks import Blocks
 from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fit:
     """Everything known after fitting: where the model stands, what is left, what absorbs."""
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.diagnose.constants import BLOCKS_AFTER, BLOCKS_BEFORE
 from armd.compensation.estimate.linear import linear_model
 
 PLACEMENTS, IDENTIFIED, MOUNT, EXPANSIONS, TARGETS, DRIFT = (
@@ -19,6 +18,8 @@ PLACEMENTS, IDENTIFIED, MOUNT, EXPANSIONS, TARGETS, DRIFT = (
     "targets",
     "drift",
 )
+#: Always there, before the blocks of the findings and after them.
+BEFORE, AFTER = (PLACEMENTS, IDENTIFIED), (MOUNT, EXPANSIONS, TARGETS, DRIFT)
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class FitLayout:
 
     @property
     def _n_findings(self) -> int:
-        return len(self.blocks.sizes) - BLOCKS_BEFORE - BLOCKS_AFTER
+        return len(self.blocks.sizes) - len(BEFORE) - len(AFTER)
 
     def with_findings(self, counts: Sequence[int]) -> FitLayout:
         """With findings of so many columns each in the place of those that it has."""
@@ -69,7 +70,7 @@ class FitLayout:
         sizes = self.blocks.sizes
         finding_sizes = tuple((name_block(i), int(count)) for i, count in enumerate(counts))
         return FitLayout(
-            linear_model.Layout((*sizes[:BLOCKS_BEFORE], *finding_sizes, *sizes[-BLOCKS_AFTER:])),
+            linear_model.Layout((*sizes[: len(BEFORE)], *finding_sizes, *sizes[-len(AFTER) :])),
             nominal_variance,
         )
 
@@ -81,10 +82,7 @@ def name_block(index: int) -> str:
 
 def select_findings(layout: FitLayout, numbers: Sequence[int]) -> tuple[I64, FitLayout]:
     """Which nuisance columns stay with the findings of these *numbers*, and their layout."""
-    names = [name for name, _ in layout.blocks.sizes]
     finding_names = [name_block(i) for i in numbers]
-    columns = layout.blocks.find_columns(
-        [*names[:BLOCKS_BEFORE], *finding_names, *names[-BLOCKS_AFTER:]]
-    )
+    columns = layout.blocks.find_columns([*BEFORE, *finding_names, *AFTER])
     sizes = dict(layout.blocks.sizes)
     return columns, layout.with_findings([sizes[name] for name in finding_names])

@@ -91,7 +91,7 @@ class ModelState:
     off_tip_mm: Mapping[str, F64] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Linear:
     """Residuals and columns around a model; N = 3 n + distances rows."""
 

@@ -21,7 +21,7 @@ from armd.compensation.model.basis import basis_values
 from armd.compensation.model.terms import Factor, Term
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Signatures:
     """K columns of many candidates: which parameters, weights and basis functions make them."""
 
@@ -126,15 +126,15 @@ class Signatures:
             for column_parts in added.parts
         ]
         return Signatures(
-            (*self.candidates, *added.candidates),
-            np.concatenate([self.first, added.first + self.n_columns]),
-            np.concatenate([self.count, added.count]),
-            (*self.parts, *parts),
-            (*self.changes, *added.changes),
-            tuple(keys),
-            np.concatenate(values) if len(values) > 1 else self.bases,
-            np.concatenate([self.prior_sd, added.prior_sd]),
-            np.concatenate([self.reach, added.reach]),
+            candidates=(*self.candidates, *added.candidates),
+            first=np.concatenate([self.first, added.first + self.n_columns]),
+            count=np.concatenate([self.count, added.count]),
+            parts=(*self.parts, *parts),
+            changes=(*self.changes, *added.changes),
+            keys=tuple(keys),
+            bases=np.concatenate(values) if len(values) > 1 else self.bases,
+            prior_sd=np.concatenate([self.prior_sd, added.prior_sd]),
+            reach=np.concatenate([self.reach, added.reach]),
         )
 
     @cached_property
@@ -237,15 +237,15 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
         values[list(histories)] = of_points[:, rests.point_of]
     np.nan_to_num(values, copy=False)  # of many readings a copy is hundreds of megabytes
     return Signatures(
-        tuple(candidates),
-        np.array(first, dtype=np.int64),
-        np.array(count, dtype=np.int64),
-        tuple(parts),
-        tuple(changes),
-        tuple(basis_of),
-        values,
-        np.array(prior_sd),
-        np.array(reach),
+        candidates=tuple(candidates),
+        first=np.array(first, dtype=np.int64),
+        count=np.array(count, dtype=np.int64),
+        parts=tuple(parts),
+        changes=tuple(changes),
+        keys=tuple(basis_of),
+        bases=values,
+        prior_sd=np.array(prior_sd),
+        reach=np.array(reach),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 import numpy as np
 
@@ -41,6 +41,7 @@ class RestNoise:
     repeat_mm: float
     whitener: F64  # (n, 3, 3): applied to a rest's residual gives unit variance
     distance_mm: F64  # (D,) standard uncertainties of the certified lengths
+    _: KW_ONLY
     #: (n,) how much each rest counts: copies of a posture share their error to this part; the
     #: whitener has the root of it
     counts: F64 = field(default_factory=lambda: np.ones(1))

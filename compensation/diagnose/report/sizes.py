@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from armd.compensation.diagnose.constants import LEAST_POSITIVE, SIZE_SIGMAS
+from armd.compensation.diagnose.constants import LEAST_POSITIVE, SIZE_SIGMAS, SLOPE_STEP, UNTOLD
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.fitting.curves import list_orders
-from armd.compensation.diagnose.fitting.scanned import compute_scanned_uncertainty
 from armd.compensation.diagnose.problem.amplitudes import is_curve
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.signatures import make_finding_columns
+from armd.compensation.model.arm import Arm
 
 
 def is_size_known(diagnosis: Diagnosis, index: int) -> bool:
@@ -83,3 +85,23 @@ def compute_tip_rms_um(diagnosis: Diagnosis, index: int) -> float:
     last = diagnosis.search.last
     moves = last.net_signature(index)[last.noise.points]
     return 1e3 * float(np.sqrt((moves**2).sum() / max(len(moves), 1)))
+
+
+def compute_scanned_uncertainty(last: Fit, index: int, arm: Arm) -> float:
+    """Standard uncertainty of a value that was scanned, not fitted: amplitudes and all else fitted
+    along.
+
+    0 where it has none to be stated; `UNTOLD` times the value where the readings do not tell it.
+    """
+    candidate = last.findings[index]
+    if candidate.elsewhere is None or not candidate.setting:
+        return 0.0
+    value = candidate.setting[0][1]
+    shifted = [candidate.elsewhere(value * (1.0 + sign * SLOPE_STEP)) for sign in (1.0, -1.0)]
+    raised, lowered = (
+        block @ last.amplitudes[index] for block in make_finding_columns(last.linear, shifted, arm)
+    )
+    slope = (raised - lowered) / (2.0 * SLOPE_STEP * value)
+    white, absorbed = last.noise.whiten(slope), last.problem.project(last.across(slope))
+    cleared = float(white @ white - absorbed @ absorbed)
+    return float(min(max(cleared, LEAST_POSITIVE) ** -0.5, UNTOLD * value))

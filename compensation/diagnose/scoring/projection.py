@@ -40,7 +40,7 @@ from armd.compensation.model.arm import Arm
 Grams = dict[int, tuple[I64, F64]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Projection:
     """What candidates are weighed on: one fit's rows, whitened; b nuisance columns are shared."""
 
@@ -299,18 +299,18 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     layout = Layout((*fit.layout.blocks.sizes, ("shapes", shapes.matrix.shape[1])))
     layout = layout.only(np.flatnonzero(~local))
     return Projection(
-        fit,
-        arm,
-        shapes,
-        tuple(cells),
-        np.ascontiguousarray(fit.noise.whiten(fit.linear.jacobian.T).T),
-        np.where(local, -1, np.cumsum(~local) - 1),
-        tuple(
+        fit=fit,
+        arm=arm,
+        shapes=shapes,
+        cells=tuple(cells),
+        jacobian=np.ascontiguousarray(fit.noise.whiten(fit.linear.jacobian.T).T),
+        place=np.where(local, -1, np.cumsum(~local) - 1),
+        parts=tuple(
             LinearModel.from_products(
                 layout, part_products[:, :-1], variance[~local], squared_norm=length
             )
             for part_products, length in zip(products, squared_lengths, strict=True)
         ),
-        cleared_shared,
-        products[:, :, -1],
+        cleared=cleared_shared,
+        side=products[:, :, -1],
     )

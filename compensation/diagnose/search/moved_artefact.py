@@ -105,17 +105,17 @@ def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
     parted, session, row, instant = _parted(rests, change.index, change.after)
     name = rests.observations.placement_names[change.index]
     return MovedArtefact(
-        session,
-        name.removeprefix(f"{session}/"),
-        row,
-        instant,
-        candidate,
-        amplitudes,
-        np.sqrt(np.maximum(variance, 0.0)),
-        max(float(compute_family_wise_p(compared.scores.log_p[0], tests)), LEAST_P),
-        float(share[0]),
-        tuple((rival, float(p)) for rival, p in reported if p >= LEAST_PROBABILITY),
-        parted,
+        session=session,
+        placement=name.removeprefix(f"{session}/"),
+        row=row,
+        instant_unix_s=instant,
+        candidate=candidate,
+        amplitudes=amplitudes,
+        uncertainties=np.sqrt(np.maximum(variance, 0.0)),
+        p_value=max(float(compute_family_wise_p(compared.scores.log_p[0], tests)), LEAST_P),
+        probability=float(share[0]),
+        rivals=tuple((rival, float(p)) for rival, p in reported if p >= LEAST_PROBABILITY),
+        sessions=parted,
     )
 
 

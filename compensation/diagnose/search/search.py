@@ -177,19 +177,19 @@ class Search:
             )
             self._survey(last)
         return SearchResult(
-            self.facts,
-            first,
-            searched,
-            last,
-            partial(self._steps, first, last),
-            reported,
-            scored.scores,
-            self._tests,
-            float(compute_family_wise_p(log_p, self._tests)),
-            strongest.depends_on,
-            untold,
-            would_show,
-            tuple(self._refusals.refused),
+            facts=self.facts,
+            first=first,
+            searched=searched,
+            last=last,
+            steps=partial(self._steps, first, last),
+            findings=reported,
+            scores=scored.scores,
+            tests=self._tests,
+            remaining_p=float(compute_family_wise_p(log_p, self._tests)),
+            remaining_depends_on=strongest.depends_on,
+            untold=untold,
+            would_show=would_show,
+            refused=tuple(self._refusals.refused),
         )
 
     def explain(self, most_findings: int) -> Fit:
@@ -315,8 +315,8 @@ class Search:
         start = [amplitudes_of.get(id(c), np.zeros(len(c.columns))) for c in findings]
         model = self.baseline.model if before is None else before.model
         noise = None if before is None else before.noise
-        about = self.rests, self.arm, self.baseline, model
-        return fit_by_turns(self.facts, *about, findings, start, self._steady, noise)
+        about = self.facts, self.rests, self.arm, self.baseline, model
+        return fit_by_turns(*about, findings, start, noise_extra=self._steady, noise=noise)
 
     def _pruned(self, current: Fit) -> Fit:
         """Without findings that are not significant any more, the weakest first."""

@@ -8,7 +8,7 @@ from armd.terminal.counted import counted
 
 
 def candidates(_: SessionFacts) -> Iterator[Candidate]:
-    """None: `diagnose.fitting.outliers` looks for readings, not for a signature."""
+    """None: `diagnose.diagnose` looks for readings, not for a signature."""
     return iter(())
 
 

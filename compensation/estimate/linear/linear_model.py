@@ -14,7 +14,6 @@ the rows do not hold:
 - `solve_with_prior`: the same where the drawing has a say along *directions* that the rows hardly
   tell, and in no other: what is known does not move for it.
 - `compute_information`: what rows and priors tell of some blocks, all others being fitted along.
-- `eliminate`: the problem of the others, some blocks being fitted along, and how these follow.
 - `without`: the same problem without a block.
 """
 
@@ -35,7 +34,7 @@ from armd.compensation.estimate.linear.bordered import (
     compute_pseudo_inverse_root,
     invert_lower,
 )
-from armd.compensation.estimate.linear.solution import FittedAlong, Solution, solve_with_prior
+from armd.compensation.estimate.linear.solution import Solution, solve_with_prior
 
 #: Weight of nothing, beside columns of unit length: far above rounding (1e-16), far below what
 #: decides anything (a candidate's share of 1e-6 that survives projection).
@@ -257,27 +256,6 @@ class LinearModel:
         """
         return solve_with_prior(
             self.gram, side, np.sqrt(self.nominal_variance), drawn, damping, along_all
-        )
-
-    def eliminate(self, *names: str) -> tuple[LinearModel, FittedAlong]:
-        """The problem of all other blocks, these, of columns in one unit, being fitted along.
-
-        What neither rows nor priors tell of these stays 0 and takes nothing.
-        """
-        eliminated, remaining = (
-            self.layout.find_columns(names),
-            self.layout.find_other_columns(names),
-        )
-        unit = float(self.length[eliminated].max(initial=0.0)) ** 2 or 1.0
-        eliminated_gram = self.gram[np.ix_(eliminated, eliminated)] + np.diag(
-            1.0 / self.variance[eliminated]
-        )
-        scaled = eliminated_gram / unit
-        factor = factorise_known(scaled, factorise_lower(scaled[None])[0]) / np.sqrt(unit)
-        projected = factor.T @ self.gram[np.ix_(eliminated, remaining)]
-        reduced = self.only(remaining)
-        return replace(reduced, gram=reduced.gram - projected.T @ projected), FittedAlong(
-            factor, -factor @ projected
         )
 
     def compute_information(self, *names: str) -> F64:

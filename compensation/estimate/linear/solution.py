@@ -87,19 +87,6 @@ class Solution:
         return covariance
 
 
-@dataclass(frozen=True)
-class FittedAlong:
-    """Blocks of m columns that were fitted along with c others."""
-
-    factor: F64  # (m, r) times its transpose their covariance, the others held
-    following: F64  # (m, c) how their amplitudes follow those of the others
-
-    @property
-    def rank(self) -> int:
-        """How many amplitudes the rows and priors tell."""
-        return int(self.factor.shape[1])
-
-
 def solve_with_prior(
     gram: F64, side: F64, scale: F64, drawn: F64, damping: float = 0.0, along_all: bool = False
 ) -> Solution:

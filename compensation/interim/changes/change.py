@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class Change:
     latest: int  # … to
     origin_d: float  # of a growth: when it begins, days since the first check
     probability: float  # of the cause at its place
+    _: KW_ONLY
     rivals: tuple[tuple[int, float], ...] = ()  # other causes, one for each place
     gradual_probability: float = 0.0
     bends_d: tuple[float, ...] = ()  # of a growth: where it may go on faster or slower

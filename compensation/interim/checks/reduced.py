@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from armd.arrays import F64
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Reduced:
     """What one check says: r whitened rows on C named columns."""
 

@@ -20,7 +20,6 @@ from scipy.special import gammaln, logsumexp
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.amplitudes import integrate_amplitudes
 from armd.compensation.interim.evidence.elimination import CheckSums, EliminatedErrors
 from armd.compensation.interim.evidence.stack import OnsetSums, RunningSums, Stack
 
@@ -37,6 +36,8 @@ NOISE_WORD = 30.0
 MOST_BACK = 128
 #: So many onsets are weighed together that their products stay in a processor's cache.
 AT_ONCE = 16
+#: Entries (i, j), i ≥ j, of symmetric p × p matrices, each an array of its own, and p sides.
+Lower = dict[tuple[int, int], F64]
 
 
 @dataclass(frozen=True)
@@ -125,15 +126,9 @@ def _compute_log_ratios(
         yield members, log_sum(logs, axis=2)
 
 
-def log_marginals(sums: RunningSums, n: int) -> F64:
-    """(scales,) log of Student's density of the first *n* checks' readings without a change, by
-    how large the standing errors are; everything known integrated out."""
-    return _compute_log_marginals(
-        sums.stack.eliminate_errors(sums.sum_first(n)), int(sums.numbers[n])
-    )
-
-
 def _compute_log_marginals(eliminated: EliminatedErrors, numbers: int) -> F64:
+    """(scales,) log of Student's density of the checks' readings without a change, by how large
+    the standing errors are; everything known integrated out."""
     pairs = zip(eliminated.spread, eliminated.square, strict=True)
     return np.array([log_student(float(numbers), float(a), float(b)) for a, b in pairs])
 
@@ -188,3 +183,28 @@ def run(
         first = np.arange(max(since, n - MOST_BACK), n)
         statistics.append(weigh(sums, causes, n, first).log_sum)
     return np.array(statistics)
+
+
+def integrate_amplitudes(
+    gram: Lower, side: Sequence[F64], sizes: Sequence[float]
+) -> tuple[F64, F64]:
+    """log det(I + s² G) and s² yᵀ (I + s² G)⁻¹ y for each of *sizes* s, along a new last axis.
+
+    Elimination row by row, over all matrices at once: they have few rows and there are many.
+    """
+    by = np.array(sizes)
+    entry = {place: values[..., None] * by**2 for place, values in gram.items()}
+    sides = [values[..., None] * by for values in side]
+    determinant = np.ones(())
+    quad = np.zeros(())
+    for j in range(len(side)):
+        # A pivot of I + s² G is 1 at least, but for roundings.
+        pivot = np.maximum(1.0 + entry[j, j], 1.0)
+        determinant = determinant * pivot
+        quad = quad + sides[j] ** 2 / pivot
+        for i in range(j + 1, len(side)):
+            share = entry[i, j] / pivot
+            sides[i] = sides[i] - share * sides[j]
+            for k in range(i, len(side)):
+                entry[k, i] = entry[k, i] - share * entry[k, j]
+    return np.log(determinant), quad

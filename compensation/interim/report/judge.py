@@ -66,21 +66,24 @@ def _judge_epoch(checks: tuple[Check, ...], before: EpochLooks) -> Epoch:
         stacked, causes, choose_affordable(possible, causes, rows), detected.bad
     )
     reported_changes = tuple(
-        _report_change(checks, stacked, causes, detected, amplitudes, instants, every, index, under)
+        _report_change(
+            index, checks, stacked, causes, detected, amplitudes, instants, every=every, under=under
+        )
         for index in range(len(detected.changes))
     )
     return Epoch(checks, stacked, tuple(causes), detected, reported_changes, tuple(possible), grown)
 
 
 def _report_change(
+    index: int,
     checks: Sequence[Check],
     stacked: Stack,
     causes: Sequence[Cause],
     detected: ChangesFound,
     amplitudes: Amplitudes,
     instants: Sequence[float],
+    *,
     every: Averaged,
-    index: int,
     under: Calibration,
 ) -> ReportedChange:
     """*under*: the calibration that a change is written into, with the growth of the links."""
@@ -90,7 +93,16 @@ def _report_change(
     if change.cause is None:
         nothing = np.zeros(0)
         return ReportedChange(
-            change, None, (), interval, instants[index], nothing, nothing, None, np.nan, None
+            change=change,
+            cause=None,
+            rivals=(),
+            between_unix_s=interval,
+            instant_unix_s=instants[index],
+            values=nothing,
+            deviations=nothing,
+            per_day=None,
+            tip_rms_um=np.nan,
+            calibration=None,
         )
     cause = causes[change.cause]
     own_amplitudes = amplitudes.values[index]

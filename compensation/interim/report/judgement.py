@@ -13,7 +13,7 @@ from armd.compensation.interim.report.growth import FittedGrowth
 from armd.compensation.model.calibration import Calibration
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ReportedChange:
     """One change as it is told."""
 

@@ -13,16 +13,21 @@ from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64
 from armd.compensation.data.session import load_sessions
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.session_format import Artefact, SurfaceKind
 from armd.compensation.estimate.rigid_motions import align_by_kabsch
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.tip import TipFit, fit_in_seat, fit_on_sphere
 from armd.compensation.model.arm import Arm
+from armd.compensation.verify.spheres import fit_sphere
+from armd.compensation.verify.touched import fit_parallel_planes
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.plan.stations import Plan
 from armd.daemon.measure.so_far.progress import Progress, Reading
-from armd.daemon.measure.so_far.surface_scatter import compute_surface_residuals
 from armd.errors import BadInput
+
+#: Points beyond its unknowns that a surface wants before its scatter is told.
+SPARE = 2
+UNKNOWNS: dict[SurfaceKind, int] = {"plane": 3, "sphere": 4}
 
 
 def estimate_now(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, Any]:
@@ -136,3 +141,21 @@ def _compute_residuals(artefact: Artefact, readings: Sequence[Reading]) -> list[
 
 def _stack_points(readings: Sequence[Reading]) -> F64:
     return np.array([reading.measurement["position_mm"] for reading in readings], dtype=float)
+
+
+def compute_surface_residuals(kind: SurfaceKind, points_mm: F64) -> tuple[F64, int] | None:
+    """Distances (n,) mm of points (n, 3) from the best surface, and how many unknowns it took; None
+    for too few points, and of a cylinder."""
+    unknowns = UNKNOWNS.get(kind)
+    if unknowns is None or len(points_mm) < unknowns + SPARE:
+        return None
+    if kind == "sphere":
+        try:
+            centre, radius = fit_sphere(points_mm)
+        except ArithmeticError:
+            return None
+        return np.linalg.norm(points_mm - centre, axis=1) - radius, unknowns
+    planes = fit_parallel_planes([points_mm])
+    if planes is None:
+        return None
+    return (points_mm - points_mm.mean(axis=0)) @ planes.normal, unknowns

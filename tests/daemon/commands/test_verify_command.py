@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,15 +12,13 @@ from armd.compensation.model.calibration import Calibration, constants_of, save_
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.daemon.cli import main
+from support.simulated_sessions import simulate_sessions
 
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with arm.toml and the session `verify`."""
-    folder = tmp_path_factory.mktemp("measured")
-    command = [sys.executable, "-m", "armd.simulator", "--session", "verify", "--seed", "3"]
-    subprocess.run([*command, "-o", str(folder)], check=True, capture_output=True)
-    return folder
+    return simulate_sessions(tmp_path_factory.mktemp("measured"), "verify", "--seed", "3")
 
 
 def verify(measured: Path, *more: str, command: str = "verify") -> int:

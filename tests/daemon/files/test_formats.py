@@ -14,7 +14,7 @@ import pytest
 from armd.compensation.data.session_columns import number_columns
 from armd.compensation.model.arm import Arm
 from armd.daemon.cli import main
-from armd.daemon.files.formats import FORMATS, json_schema
+from armd.daemon.commands.setup.schema import FORMATS, json_schema
 from support.pages import page_path
 
 SECTIONS = {

@@ -11,6 +11,7 @@ from armd.drivers.can.decoder import CanDecoder, note
 from armd.drivers.can.objects import CanFrame
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, RawFrame, Temperatures
+from support.sampled import rows_of
 
 N = 3
 TURN = 1 << 20
@@ -68,7 +69,7 @@ class Bus:
 
     @property
     def samples(self):
-        return np.concatenate([i for i in self.items if isinstance(i, np.ndarray)] or [np.zeros(0)])
+        return rows_of(self.items)
 
     @property
     def events(self):

@@ -105,19 +105,17 @@ DYNAMIXEL = {
 }
 
 
-@pytest.mark.parametrize("name", FEETECH)
-def test_feetech_as_published(name):
-    ours, published = FEETECH[name]
+@pytest.mark.parametrize(
+    ("codec", "ours", "published"),
+    [
+        pytest.param(codec, *vector, id=f"{codec.__name__.rpartition('.')[2]}, {name}")
+        for codec, vectors in ((feetech, FEETECH), (dynamixel, DYNAMIXEL))
+        for name, vector in vectors.items()
+    ],
+)
+def test_packets_are_as_published(codec, ours, published):
     assert ours == hexed(published)
-    (packet,) = feetech.splitter().push(hexed(published))
-    assert packet.raw == hexed(published)
-
-
-@pytest.mark.parametrize("name", DYNAMIXEL)
-def test_dynamixel_as_published(name):
-    ours, published = DYNAMIXEL[name]
-    assert ours == hexed(published)
-    (packet,) = dynamixel.splitter().push(hexed(published))
+    (packet,) = codec.splitter().push(hexed(published))
     assert packet.raw == hexed(published)
 
 

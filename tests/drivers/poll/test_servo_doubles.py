@@ -6,15 +6,14 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from test_servo_driver import Taken, config, expected, state
 
 from armd.drivers.poll.doubles import Doubles
 from armd.drivers.table import open_driver
-from support.fake_servos import Dynamixel, FakeServos, Feetech
+from support.driven_servos import BOTH, Taken, config, driven, expected, state
+from support.fake_servos import FakeServos
 from support.selection import parametrize_default
 
 __all__ = ["state"]  # the fixture: what is remembered of servos is each test's own
-BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 #: Which second answers are too late for their own cycle.
 WHEN = parametrize_default(
     "is_late",
@@ -57,17 +56,12 @@ class Second:
 def test_two_servos_of_one_id_are_told_and_none_of_them_is_believed(
     tmp_path, punctuality, family, is_late, servo
 ):
-    with (
-        punctuality.watch() as machine,
-        FakeServos(family, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with punctuality.watch() as machine, driven(family, tmp_path) as (servos, taken):
         taken.rows(20)
         Second(servos, servo, is_late)
         begun = time.monotonic_ns()
         rows = taken.rows(300)
-        hindrance = driver.hindrance
+        hindrance = taken.driver.hindrance
         warm = [t for t in taken.temperatures if t.monotonic_ns > begun + 50 * MS]
         servos.before_answers = None
         rows_after = taken.take(0.8).rows(20)
@@ -124,12 +118,7 @@ def test_a_thermometer_of_which_there_are_two_has_no_temperature(
 
 @BOTH
 def test_one_stray_answer_costs_a_tenth_of_a_second(tmp_path, family, punctuality):
-    with (
-        punctuality.watch() as machine,
-        FakeServos(family, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with punctuality.watch() as machine, driven(family, tmp_path) as (servos, taken):
         taken.rows(20)
         first = len(servos.cycles)
         Second(servos, 2, lambda cycle: cycle == first + 2)

@@ -10,74 +10,19 @@ import numpy as np
 import pytest
 
 from armd.drivers import shell
-from armd.drivers.config import ServoConfig, Trigger
-from armd.drivers.identity import Expectation
-from armd.drivers.poll.decoder import ServoDecoder
+from armd.drivers.config import Trigger
 from armd.drivers.poll.memory import Memory
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.sampler import ServoSampler
 from armd.drivers.ports import is_pseudo
-from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
+from support.driven_servos import BOTH, Taken, assert_replayed, config, driven, expected, state
 from support.fake_servos import Dynamixel, FakeServos, Feetech
-from support.selection import parametrize_default
 
-BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 S = 1_000_000_000
 
 
-@pytest.fixture(autouse=True)
-def state(tmp_path, monkeypatch):
-    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
-
-
-def expected(n=3, sensors=3):
-    return Expectation("SERVO-1", n, sensors, (4096,) * n)
-
-
-def config(servos, ids=(1, 2, 3), **more):
-    return ServoConfig(
-        kind=servos.family.kind, port=str(servos.link), baud=1_000_000, ids=list(ids), **more
-    )
-
-
-class Taken:
-    """What a driver has said so far."""
-
-    def __init__(self, driver):
-        self.driver = driver
-        self.items = []
-        self.frames = []
-
-    def take(self, seconds=10.0, until=lambda: False):
-        end = time.monotonic() + seconds
-        while time.monotonic() < end and not until():
-            self.items += self.driver.read(0.02)
-            self.frames += self.driver.take_raw()
-        return self
-
-    def rows(self, n):
-        """Until there are *n* more."""
-        before = len(self.samples)
-        self.take(20.0, lambda: len(self.samples) >= before + n)
-        assert len(self.samples) >= before + n, self.events
-        return self.samples[before:]
-
-    @property
-    def samples(self):
-        arrays = [item for item in self.items if isinstance(item, np.ndarray)]
-        return np.concatenate(arrays) if arrays else np.zeros(0)
-
-    @property
-    def temperatures(self):
-        return [item for item in self.items if isinstance(item, Temperatures)]
-
-    @property
-    def events(self):
-        return [item for item in self.items if isinstance(item, Event)]
-
-    def told(self, kind):
-        return [event for event in self.events if event.kind == kind]
+__all__ = ["state"]  # the fixture: what is remembered of servos is each test's own
 
 
 @BOTH
@@ -102,12 +47,7 @@ def test_positions_temperatures_and_numbers(tmp_path, family):
 
 @BOTH
 def test_a_silent_servo_marks_its_own_joint_for_that_cycle(tmp_path, punctuality, family):
-    with (
-        punctuality.watch() as machine,
-        FakeServos(family, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with punctuality.watch() as machine, driven(family, tmp_path) as (servos, taken):
         taken.rows(50)
         quiet = []
 
@@ -131,7 +71,7 @@ def test_a_silent_servo_marks_its_own_joint_for_that_cycle(tmp_path, punctuality
     assert told
     machine.judge_lost(told - 1, "an event however it flickers")
     assert "servo 2" in taken.told("joint_invalid")[0].text
-    assert driver.counters["servo_2_missed"] == driver.counters["missed"] == len(quiet)
+    assert taken.driver.counters["servo_2_missed"] == taken.driver.counters["missed"] == len(quiet)
     blank = [t for t in taken.temperatures if np.isnan(t.celsius[1])]
     assert blank and all(np.isfinite(t.celsius[[0, 2]]).all() for t in blank)
 
@@ -140,11 +80,7 @@ def test_a_silent_servo_marks_its_own_joint_for_that_cycle(tmp_path, punctuality
 @BOTH
 def test_an_answer_late_by_a_cycle_is_never_taken_for_the_next(tmp_path, family):
     """Servo 2's answers come one cycle late now and then: before, or after, its next one."""
-    with (
-        FakeServos(family, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(family, tmp_path) as (servos, taken):
         taken.rows(20)
         kept = []
         truth = {}
@@ -165,7 +101,7 @@ def test_an_answer_late_by_a_cycle_is_never_taken_for_the_next(tmp_path, family)
 
         servos.before_reading, servos.before_answers = move, late
         rows = taken.rows(300)
-        counters = driver.counters
+        counters = taken.driver.counters
         servos.before_answers = None
     begun = rows[rows["seq"] > min(truth) + 1]  # it starts with a jerk
     valid = begun[begun["joint_invalid"] == 0]
@@ -179,12 +115,8 @@ def test_an_answer_late_by_a_cycle_is_never_taken_for_the_next(tmp_path, family)
 @pytest.mark.slow
 @BOTH
 def test_stale_bytes_echo_and_noise_are_no_answers(tmp_path, family):
-    with (
-        FakeServos(family, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
+    with driven(family, tmp_path) as (servos, taken):
         servos.echo = True
-        taken = Taken(driver)
         taken.rows(20)
 
         def dirty(cycle, statuses):
@@ -198,7 +130,7 @@ def test_stale_bytes_echo_and_noise_are_no_answers(tmp_path, family):
 
         servos.before_answers = dirty
         rows = taken.rows(200)
-        counters = driver.counters
+        counters = taken.driver.counters
         servos.before_answers = None
     bad = rows["joint_invalid"] != 0
     assert (rows["joint_invalid"][bad] == 0b010).all()
@@ -210,11 +142,7 @@ def test_stale_bytes_echo_and_noise_are_no_answers(tmp_path, family):
 @pytest.mark.slow
 @BOTH
 def test_the_seam_and_many_turns(tmp_path, punctuality, family):
-    with (
-        punctuality.watch() as machine,
-        FakeServos(family, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
+    with punctuality.watch() as machine, driven(family, tmp_path) as (servos, taken):
         position = {"now": 4000}
 
         def turn(cycle):
@@ -224,7 +152,6 @@ def test_the_seam_and_many_turns(tmp_path, punctuality, family):
             servos.move(3, -position["now"] % 4096)  # backwards over the seam
 
         servos.before_reading = turn
-        taken = Taken(driver)
         rows = taken.rows(300)
         servos.before_reading = None
     invalid = rows["joint_invalid"] != 0
@@ -251,12 +178,7 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
         turn = (at_ns - began_ns) * 1e-9 * counts_per_s
         return turn[:, None] * [1, 1, -1]
 
-    with (
-        FakeServos(Feetech, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-        punctuality.watch() as machine,
-    ):
-        taken = Taken(driver)
+    with driven(Feetech, tmp_path) as (servos, taken), punctuality.watch() as machine:
         taken.rows(40)  # what is usual
         began_ns = time.monotonic_ns()
 
@@ -291,7 +213,7 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
             servos.before_answers = late
         rows = taken.rows(200)[20:]  # it starts with a jerk
         servos.before_reading = servos.before_answers = None
-        counters = driver.counters
+        counters = taken.driver.counters
     valid = rows[rows["joint_invalid"] == 0]
     apart = valid["count"] - true_count(valid["monotonic_ns"])
     apart = np.abs((apart + 2048) % 4096 - 2048)  # nobody can tell turns made in a long stall
@@ -334,11 +256,7 @@ def test_a_joint_that_is_silent_right_after_a_pause_has_not_leapt():
 
 
 def test_a_cycle_in_which_nobody_answers_was_never_there(tmp_path):
-    with (
-        FakeServos(Feetech, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(Feetech, tmp_path) as (servos, taken):
         taken.rows(20)
         empty = []
 
@@ -351,7 +269,7 @@ def test_a_cycle_in_which_nobody_answers_was_never_there(tmp_path):
         servos.before_answers = nothing
         rows = taken.rows(100)
         servos.before_answers = None
-        counters = driver.counters
+        counters = taken.driver.counters
     assert empty and not set(rows["seq"].tolist()) & set(empty)
     after = rows[np.isin(rows["seq"], np.array(empty) + 1)]
     assert after["lost_before"].all() and rows["lost_before"].sum() == len(after)
@@ -359,11 +277,7 @@ def test_a_cycle_in_which_nobody_answers_was_never_there(tmp_path):
 
 
 def test_fast_sync_read_is_used_and_fallen_back_from(tmp_path):
-    with (
-        FakeServos(Dynamixel, tmp_path, knows_fast=True) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(Dynamixel, tmp_path, knows_fast=True) as (servos, taken):
         rows = taken.rows(100)
         asked = [instruction for instruction, _, _ in servos.requests]
         assert asked.count(0x8A) >= 100 and asked.count(0x82) < 10
@@ -381,11 +295,7 @@ def test_fast_sync_read_is_used_and_fallen_back_from(tmp_path):
 def test_of_a_fast_answer_each_servo_is_held_to_its_own_checksum(tmp_path):
     """A block that is damaged before the later servos answer: their checksums, and so the whole
     packet's, hold over what is wrong."""
-    with (
-        FakeServos(Dynamixel, tmp_path, knows_fast=True) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(Dynamixel, tmp_path, knows_fast=True) as (servos, taken):
         taken.rows(50)
         servos.spoils = {2: 0x40}
         taken.rows(2)
@@ -400,15 +310,11 @@ def test_of_a_fast_answer_each_servo_is_held_to_its_own_checksum(tmp_path):
 @pytest.mark.serial
 @BOTH
 def test_silence_reboot_and_replug(tmp_path, family, punctuality):
-    with (
-        FakeServos(family, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(family, tmp_path) as (servos, taken):
         taken.rows(50)
         servos.deaf = True
         taken.take(0.8)
-        assert taken.told("silence") and not driver.connected
+        assert taken.told("silence") and not taken.driver.connected
         servos.deaf = False
         back_ns = time.monotonic_ns()
         with punctuality.watch() as machine:
@@ -424,7 +330,7 @@ def test_silence_reboot_and_replug(tmp_path, family, punctuality):
         with punctuality.watch() as machine:
             rows = taken.rows(5)
         machine.judge((rows["monotonic_ns"][0] - back_ns) / S, 2.0, "servos recover, plugged again")
-        assert (rows["joint_invalid"] == 0).all() and driver.connected
+        assert (rows["joint_invalid"] == 0).all() and taken.driver.connected
         # One servo starts anew, silent for a while: whoever comes back must say who he is.
         servos.silent.add(2)
         taken.take(0.7)
@@ -512,35 +418,18 @@ def test_a_pseudo_terminal_is_told_from_a_port(tmp_path):
 @pytest.mark.slow
 @BOTH
 def test_a_replay_of_the_frames_is_bit_identical(tmp_path, family):
-    with (
-        FakeServos(family, tmp_path, knows_fast=True) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
+    with driven(family, tmp_path, knows_fast=True) as (servos, taken):
         servos.before_reading = lambda cycle: servos.move(2, 2048 + 2 * cycle)
-        taken = Taken(driver)
         taken.rows(50)
         servos.before_answers = lambda cycle, statuses: statuses[: 2 + (cycle % 9 > 0)]
         taken.rows(50)
-        preamble, began = driver.preamble(), len(taken.items)
-        taken.frames += driver.take_raw()
+        preamble, began = taken.driver.preamble(), len(taken.items)
+        taken.frames += taken.driver.take_raw()
         middle = len(taken.frames)
         taken.rows(100)
         servos.before_answers = None
     assert_replayed(servos, taken.frames, taken.items)
     assert_replayed(servos, [*preamble, *taken.frames[middle:]], taken.items[began:], len(preamble))
-
-
-def assert_replayed(servos, frames, live, unheard=0):
-    """Decoding *frames* gives the rows of *live* bit by bit; the first ones give none of them."""
-    decoder = ServoDecoder(config(servos), expected())
-    decoded = [decoder.feed(frame) for frame in frames][unheard:]
-    again = arrays([item for items in decoded for item in items])
-    rows = arrays(live)
-    assert again.tobytes()[: rows.nbytes] == rows.tobytes()
-
-
-def arrays(items):
-    return np.concatenate([item for item in items if isinstance(item, np.ndarray)])
 
 
 def test_a_foreign_adapter_is_nobodys_arm(tmp_path):
@@ -557,11 +446,8 @@ def test_a_damaged_memory_is_told_and_nothing_is_valid(tmp_path):
     memory = Memory("SERVO-1", FAMILIES["feetech"])
     memory.path.parent.mkdir()
     memory.path.write_text("{")
-    with (
-        FakeServos(Feetech, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        rows = Taken(driver).rows(20)
+    with driven(Feetech, tmp_path) as (_, taken):
+        rows = taken.rows(20)
         assert (rows["joint_invalid"] == 0b111).all()
-        assert str(memory.path) in driver.hindrance
+        assert str(memory.path) in taken.driver.hindrance
     assert memory.path.read_text() == "{"

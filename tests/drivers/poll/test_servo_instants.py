@@ -9,6 +9,7 @@ from armd.drivers.poll.decoder import ServoDecoder, note
 from armd.drivers.poll.exchange import instants
 from armd.drivers.sample import Event, RawFrame
 from support.fake_servos import Dynamixel, Feetech
+from support.sampled import rows_of
 
 BOTH = pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 MS = 1_000_000
@@ -78,7 +79,7 @@ class PacedLine:
         return np.abs([row["count"] - self.true(int(row["monotonic_ns"])) for row in rows])
 
     def rows(self):
-        return np.concatenate([item for item in self.items if isinstance(item, np.ndarray)])
+        return rows_of(self.items)
 
 
 @BOTH

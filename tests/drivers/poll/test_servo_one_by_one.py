@@ -8,18 +8,17 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from test_servo_driver import Taken, assert_replayed, config, expected, state
 from test_servo_instants import PacedLine
 
 from armd.drivers import shell
 from armd.drivers.config import Trigger
 from armd.drivers.poll.decoder import note
 from armd.drivers.table import open_driver
+from support.driven_servos import BOTH, Taken, assert_replayed, config, driven, expected, state
 from support.fake_servos import Dynamixel, FakeServos, Feetech
 from support.selection import parametrize_default
 
 __all__ = ["state"]  # the fixture: what is remembered of servos is each test's own
-BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 EITHER = pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 READ, SYNC_READ = 0x02, 0x82
 
@@ -40,17 +39,13 @@ def take_valid(taken, n, invalid=0):
 @pytest.mark.slow
 @EITHER
 def test_they_are_read_one_by_one_and_an_event_tells_the_rate(tmp_path, family):
-    with (
-        FakeServos(family, tmp_path, no_sync=(1, 2, 3)) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
+    with driven(family, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
         servos.registers[3][family.temperature] = 41
         for servo, position in ((1, 0), (2, 2048), (3, 4095)):
             servos.move(servo, position)
-        taken = Taken(driver)
         taken.take(30.0, lambda: taken.told("no_sync_read"))
         rows = take_valid(taken, 100)
-        hindrance, connected = driver.hindrance, driver.connected
+        hindrance, connected = taken.driver.hindrance, taken.driver.connected
         first = len(servos.requests)
         taken.rows(20)
         asked = {instruction for instruction, _, _ in servos.requests[first:]}
@@ -74,11 +69,7 @@ def test_they_are_read_one_by_one_and_an_event_tells_the_rate(tmp_path, family):
 @pytest.mark.slow
 @BOTH
 def test_one_such_servo_among_others_is_read_too(tmp_path, family):
-    with (
-        FakeServos(family, tmp_path, no_sync=(2,)) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(family, tmp_path, no_sync=(2,)) as (_, taken):
         taken.take(30.0, lambda: taken.told("no_sync_read"))
         take_valid(taken, 50)
     assert taken.told("no_sync_read")[0].text.startswith("servo 2 answers when asked alone")
@@ -87,12 +78,8 @@ def test_one_such_servo_among_others_is_read_too(tmp_path, family):
 @BOTH
 def test_servos_that_know_sync_reads_are_never_read_one_by_one(tmp_path, family):
     """The first is switched on right after a sync read has gone unanswered, and is asked alone."""
-    with (
-        FakeServos(family, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
+    with driven(family, tmp_path) as (servos, taken):
         servos.silent |= {1, 2, 3}
-        taken = Taken(driver)
 
         asked_alone = []
 
@@ -112,18 +99,14 @@ def test_servos_that_know_sync_reads_are_never_read_one_by_one(tmp_path, family)
 
 @EITHER
 def test_a_servo_that_falls_silent_marks_its_own_joint(tmp_path, family):
-    with (
-        FakeServos(family, tmp_path, no_sync=(1, 2, 3)) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(family, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
         taken.rows(50)
         servos.silent.add(2)
         taken.rows(2)
         rows = take_valid(taken, 50, 0b010)  # the others' answers are not touched
-        missed = driver.counters["servo_2_missed"]
-        taken.take(10.0, lambda: "servo 2 (joint 2) does not answer" in driver.hindrance)
-        hindrance = driver.hindrance
+        missed = taken.driver.counters["servo_2_missed"]
+        taken.take(10.0, lambda: "servo 2 (joint 2) does not answer" in taken.driver.hindrance)
+        hindrance = taken.driver.hindrance
         servos.silent.clear()
         taken.take(10.0, lambda: taken.samples["joint_invalid"][-1] == 0)
         take_valid(taken, 20)
@@ -138,11 +121,7 @@ def test_a_late_answer_is_never_taken_for_the_next_cycles(tmp_path, family, late
     """Now and then servo 2's answer comes while another servo is asked, or right before or after
     its own next answer. Its position is off by less than a jump."""
     kept = []
-    with (
-        FakeServos(family, tmp_path, no_sync=(1, 2, 3)) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(family, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
         taken.rows(50)
 
         def answer(servo, status):
@@ -160,7 +139,7 @@ def test_a_late_answer_is_never_taken_for_the_next_cycles(tmp_path, family, late
         servos.before_answer = answer
         rows = taken.rows(300)
         servos.before_answer = None
-        counters = driver.counters
+        counters = taken.driver.counters
     valid = rows[rows["joint_invalid"] == 0]
     assert len(valid) > 100 and counters["late"] >= 10
     assert (valid["count"] == 0).all()
@@ -170,11 +149,7 @@ def test_a_late_answer_is_never_taken_for_the_next_cycles(tmp_path, family, late
 @BOTH
 def test_two_servos_of_one_id_are_told(tmp_path, family):
     """The second answers while the next servo is asked."""
-    with (
-        FakeServos(family, tmp_path, no_sync=(1, 2, 3)) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(family, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
         taken.rows(20)
 
         def answer(servo, status):
@@ -197,12 +172,8 @@ def test_two_servos_of_one_id_are_told(tmp_path, family):
 @pytest.mark.slow
 @BOTH
 def test_an_echo_and_noise_are_no_answers(tmp_path, family):
-    with (
-        FakeServos(family, tmp_path, no_sync=(1, 2, 3)) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
+    with driven(family, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
         servos.echo = True
-        taken = Taken(driver)
         taken.rows(20)
 
         def dirty(servo, status):
@@ -217,7 +188,7 @@ def test_an_echo_and_noise_are_no_answers(tmp_path, family):
 
         servos.before_answer = dirty
         rows = taken.rows(200)
-        counters = driver.counters
+        counters = taken.driver.counters
         servos.before_answer = None
     good = rows["joint_invalid"] == 0
     assert (rows["count"][good] == 0).all() and 50 < good.sum() < 195
@@ -267,11 +238,7 @@ def test_no_point_leaves_at_a_wrong_instant_where_somebody_stands_still(
     def true_count(at_ns):
         return ((at_ns - began_ns) * 1e-9 * counts_per_s)[:, None] * [1, 1, -1]
 
-    with (
-        FakeServos(Feetech, tmp_path, no_sync=(1, 2, 3)) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(Feetech, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
         taken.rows(40)
         answers = []
 
@@ -288,7 +255,7 @@ def test_no_point_leaves_at_a_wrong_instant_where_somebody_stands_still(
             servos.before_answer = answer
         rows = taken.rows(250)[20:]  # it starts with a jerk
         servos.before_answer = None
-        counters = driver.counters
+        counters = taken.driver.counters
     valid = rows[rows["joint_invalid"] == 0]
     apart = valid["count"] - true_count(valid["monotonic_ns"])
     apart = np.abs((apart + 2048) % 4096 - 2048)
@@ -359,11 +326,7 @@ def test_the_trigger_and_other_thermometers_are_asked_too(tmp_path, family):
 @pytest.mark.slow
 @BOTH
 def test_another_offset_is_noticed(tmp_path, family):
-    with (
-        FakeServos(family, tmp_path, no_sync=(1, 2, 3)) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(family, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
         taken.rows(50)
         family.put_homing(servos.registers[2], 33)
         taken.take(20.0, lambda: taken.told("offsets_changed"))
@@ -375,11 +338,7 @@ def test_another_offset_is_noticed(tmp_path, family):
 @pytest.mark.slow
 @BOTH
 def test_after_another_connection_they_are_read_again(tmp_path, family):
-    with (
-        FakeServos(family, tmp_path, no_sync=(1, 2, 3)) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(family, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
         taken.take(30.0, lambda: taken.told("no_sync_read"))
         servos.unplug()
         taken.take(10.0, lambda: taken.told("unplugged"))
@@ -392,12 +351,8 @@ def test_after_another_connection_they_are_read_again(tmp_path, family):
 @pytest.mark.slow
 @BOTH
 def test_a_replay_of_the_frames_is_bit_identical(tmp_path, family):
-    with (
-        FakeServos(family, tmp_path, no_sync=(1, 2, 3)) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
+    with driven(family, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
         servos.before_reading = lambda cycle: servos.move(2, 2048 + 2 * cycle)
-        taken = Taken(driver)
         taken.rows(50)
 
         def answer(servo, status):
@@ -407,11 +362,12 @@ def test_a_replay_of_the_frames_is_bit_identical(tmp_path, family):
         taken.rows(50)
         # In the middle of a cycle: one of its servos has answered, another has been asked.
         deadline = time.monotonic() + 20.0
-        while [frame.direction for frame in driver.preamble()][:4] != ["link", "tx", "rx", "tx"]:
+        driver, middle_of_cycle = taken.driver, ["link", "tx", "rx", "tx"]
+        while [frame.direction for frame in driver.preamble()][:4] != middle_of_cycle:
             assert time.monotonic() < deadline
-            taken.items += driver.read(0.0)
-        preamble, began = driver.preamble(), len(taken.items)
-        taken.frames += driver.take_raw()
+            taken.items += taken.driver.read(0.0)
+        preamble, began = taken.driver.preamble(), len(taken.items)
+        taken.frames += taken.driver.take_raw()
         middle = len(taken.frames)
         taken.rows(100)
         servos.before_answer = None

@@ -34,6 +34,7 @@ from armd.drivers.sample import Event
 from armd.drivers.table import open_driver
 from armd.drivers.unwrap import warm_up
 from armd.simulator.live.faults import FAULTS as SIMULATED
+from support.sampled import rows_of
 from support.simulated_arm import simulated_arm
 
 S = 1_000_000_000
@@ -77,7 +78,7 @@ class Run:
             self.counters = driver.counters
             self.log = arm.events()
         self.events = [item for item in items if isinstance(item, Event)]
-        self.samples = np.concatenate([item for item in items if isinstance(item, np.ndarray)])
+        self.samples = rows_of(items)
 
     def told(self, kind: str) -> list[str]:
         return [event.text for event in self.events if event.kind == kind]

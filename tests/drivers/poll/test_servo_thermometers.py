@@ -2,22 +2,19 @@
 reason, never a number."""
 
 import math
-from contextlib import closing
 
 import numpy as np
 import pytest
-from test_servo_driver import Taken, config, expected, state
 
 from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.warmth import Warmth
 from armd.drivers.sample import Event, Temperatures
-from armd.drivers.table import open_driver
-from support.fake_servos import Dynamixel, FakeServos, Feetech
+from support.driven_servos import BOTH, config, driven, expected, state
+from support.fake_servos import Dynamixel
 from support.selection import parametrize_default
 
 __all__ = ["state"]  # the fixture: what is remembered of servos is each test's own
-BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 S = 1_000_000_000
 REGISTER = {"feetech": 63, "dynamixel": 146}
 
@@ -59,11 +56,7 @@ def test_a_broken_thermometer_is_missing_at_once_and_says_why(tmp_path, family, 
     def heard(of):
         return lambda: of(taken.temperatures[-1].celsius)
 
-    with (
-        FakeServos(family, tmp_path, knows_fast=fast and family is Dynamixel) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(family, tmp_path, knows_fast=fast and family is Dynamixel) as (servos, taken):
         taken.rows(20).tolist()
         taken.take(2.0, lambda: bool(taken.temperatures))
         assert taken.temperatures[-1].celsius.tolist() == [25, 25, 25]

@@ -5,16 +5,14 @@ import time
 from contextlib import closing
 
 import pytest
-from test_servo_driver import Taken, config, expected, state
 
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.protocol.family import Servo, differences
 from armd.drivers.table import open_driver
+from support.driven_servos import BOTH, Taken, config, driven, expected, state
 from support.fake_servos import Dynamixel, FakeServos, Feetech
-from support.selection import parametrize_default
 
 __all__ = ["state"]  # the fixture: what is remembered of servos is each test's own
-BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 
 
 def put_off(family, registers, counts):
@@ -27,16 +25,12 @@ def put_off(family, registers, counts):
 @pytest.mark.parametrize("fast", [False, True], ids=["sync", "fast"])
 def test_data_that_come_with_a_refusal_are_no_position(tmp_path, fast):
     """e-Manual, status packet: the low seven bits tell that the instruction was not done."""
-    with (
-        FakeServos(Dynamixel, tmp_path, knows_fast=fast) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(Dynamixel, tmp_path, knows_fast=fast) as (servos, taken):
         taken.rows(50)
         servos.errors[2] = 0x04  # data range; the alert's bit is not set
         servos.move(2, 2048 + 12)  # less than a jump
         rows = taken.rows(200)
-        counters = driver.counters
+        counters = taken.driver.counters
         servos.errors[2] = 0x80  # an alert: its data hold
         warned = taken.rows(100)
     refused = rows[10:]
@@ -73,11 +67,7 @@ def test_a_servo_that_comes_back_with_another_offset_is_never_believed(tmp_path,
 @pytest.mark.serial
 @BOTH
 def test_a_servo_that_was_away_shortly_is_soon_valid_again(tmp_path, family, punctuality):
-    with (
-        FakeServos(family, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(family, tmp_path) as (servos, taken):
         taken.rows(50)
         servos.silent.add(2)
         taken.take(0.25)
@@ -110,11 +100,7 @@ def test_a_mode_that_ignores_the_offset_is_another_geometry():
 
 
 def test_a_silent_line_says_what_came_in_place_of_answers(tmp_path):
-    with (
-        FakeServos(Feetech, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
+    with driven(Feetech, tmp_path) as (servos, taken):
         taken.rows(50)
         servos.deaf = True
         taken.take(2.0, lambda: taken.told("silence"))

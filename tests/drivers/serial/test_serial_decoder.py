@@ -11,6 +11,7 @@ from armd.drivers.serial import wire
 from armd.drivers.serial.clock import EAGER_INTERVAL_NS
 from armd.drivers.serial.decoder import SerialDecoder
 from armd.drivers.serial.reading_buffer import HELD_SAMPLES
+from support.sampled import rows_of
 
 MS = 1_000_000
 EXPECTED = Expectation("SIM-0001", 3, 2, (1 << 20,) * 3)
@@ -58,8 +59,7 @@ class Line:
 
     @property
     def samples(self):
-        arrays = [item for item in self.items if isinstance(item, np.ndarray)]
-        return np.concatenate(arrays) if arrays else np.zeros(0)
+        return rows_of(self.items)
 
     @property
     def seqs(self):
