@@ -13,15 +13,23 @@ import json
 import os
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import offline_stages
 import pyarrow as pa
 import pyarrow.parquet
 from measured import measured
 
-from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import (
+    Calibration,
+    constants_of,
+    load_calibration,
+    save_calibration,
+)
 from armd.files.toml_text import toml_text
 from support.synthetic import STARTED
 from support.synthetic import arm as synthetic_arm
@@ -59,12 +67,21 @@ def run() -> dict[str, Any]:
         _figures(folder, 1000)
         for rows in (SHORT, ROWS):
             figures[f"{rows}_rows"] = _figures(folder, rows)
+            if rows == SHORT:
+                figures["stages"] = _stages(folder, rows)
     short, long = (figures[f"{rows}_rows"] for rows in (SHORT, ROWS))
     for name in ("correct", "evaluate", *FLOORS):
         more = long[name]["processor_s"] - short[name]["processor_s"]
         figures[f"{name}_processor_us_a_reading"] = 1e6 * more / (ROWS - SHORT)
         figures[f"{name}_peak_ratio"] = long[name]["peak_mb"] / short[name]["peak_mb"]
     return figures
+
+
+def shown(figures: Mapping[str, Any]) -> list[str]:
+    """Processor time by stage of the shorter table, one thread; below it the floors."""
+    copy, read = (figures[f"duckdb_{way}_processor_us_a_reading"] for way in ("copy", "read"))
+    floors = f"DuckDB: {copy:.3f} to read and write as many columns, {read:.3f} to read"
+    return [*offline_stages.table(figures["stages"]), floors]
 
 
 def _figures(folder: Path, rows: int) -> dict[str, Any]:
@@ -87,6 +104,15 @@ def _figures(folder: Path, rows: int) -> dict[str, Any]:
     if found["n"] != rows or found["max_um"] > 1e-3:
         raise AssertionError(f"{found['n']} of {rows} readings, one off by {found['max_um']} µm")
     return figures
+
+
+def _stages(folder: Path, rows: int) -> dict[str, dict[str, float]]:
+    arm, calibration = load_arm(folder / "arm.toml"), load_calibration(folder / "cal.json")
+    source, target = folder / "table.parquet", folder / "session/readings.parquet"
+    return {
+        "correct": offline_stages.correct_stages(source, arm, calibration, target, rows),
+        "evaluate": offline_stages.evaluate_stages(target.parent, arm, calibration, rows),
+    }
 
 
 def _write_model(folder: Path) -> None:
