@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from armd.arrays import F64
 from armd.compensation.data.header import check_header
-from armd.compensation.data.in_order import in_order
+from armd.compensation.data.in_order import in_order, keep_freed_memory
 from armd.compensation.data.offline import Corrector as FileCorrector
 from armd.compensation.data.offline import Taken
 from armd.compensation.data.point_columns import COLUMNS, make_point_columns
@@ -136,6 +136,8 @@ class Corrector(Displayed):
             for first in range(0, readings.num_rows, PIECE_ROWS):
                 rows = numbers.slice(first, PIECE_ROWS)
                 yield corrector.take(Readings(path, header, rows, first))
+
+        keep_freed_memory()
 
         def correct_piece(piece: Taken) -> tuple[F64, npt.NDArray[np.uint32]]:
             return corrector.correct(piece, uncertainty=self._uncertainty)

@@ -7,6 +7,9 @@ import pyarrow as pa
 
 from armd.arrays import F64, I64
 
+#: Of so many names each is looked for by itself.
+FEW_NAMES = 16
+
 
 def numbers_of(column: pa.Array) -> F64:
     """Numbers (n,) of a column, NaN where missing."""
@@ -20,6 +23,28 @@ def numbers_of(column: pa.Array) -> F64:
     bits = np.unpackbits(np.frombuffer(is_there, dtype=np.uint8), bitorder="little")
     numbers[bits[rows] == 0] = np.nan
     return numbers
+
+
+def encoded_in_order(column: pa.Array) -> pa.DictionaryArray:
+    """A column of names as numbers of those that are there, in the order in which they come."""
+    if not pa.types.is_dictionary(column.type):
+        return column.dictionary_encode()
+    names = column.dictionary
+    few = 0 < len(names) <= FEW_NAMES and len(names.unique()) == len(names)
+    if column.null_count or not few:
+        return column.cast(pa.string()).dictionary_encode()
+    codes = codes_of(column)
+    first = {}  # row → code; a dictionary of Parquet has the names of other rows, too
+    for code in range(len(names)):
+        row = int(np.argmax(codes == code)) if len(codes) else 0
+        if len(codes) and codes[row] == code:
+            first[row] = code
+    there = [first[row] for row in sorted(first)]
+    if there == list(range(len(names))):
+        return column
+    number = np.zeros(len(names), np.int64)
+    number[there] = np.arange(len(there))
+    return pa.DictionaryArray.from_arrays(pa.array(number[codes]), names.take(pa.array(there)))
 
 
 def codes_of(encoded: pa.DictionaryArray) -> I64:

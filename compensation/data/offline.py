@@ -173,9 +173,10 @@ class Corrector:
         states = batch.states
         # Once, as the compiled functions want it; each of them would do it otherwise.
         ordered = replace(states, q=np.ascontiguousarray(states.q))
-        figures = judged = self._model.position_rows(ordered, batch.slow)
+        figures = np.empty((states.n, 6 if uncertainty else 3), order="F")  # as columns want them
+        figures[:, :3] = judged = self._model.position_rows(ordered, batch.slow)
         if uncertainty:
-            figures = np.hstack([judged, self._model.uncertainty_rows(ordered, batch.slow)])
+            figures[:, 3:] = self._model.uncertainty_rows(ordered, batch.slow)
             if self._model.states_uncertainty:
                 judged = figures
         if math.isfinite(judged.sum()):  # of a missing angle comes no position

@@ -14,7 +14,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.csv
 
-from armd.compensation.data.in_order import in_order, read_ahead
+from armd.compensation.data.in_order import in_order, keep_freed_memory, read_ahead
 from armd.compensation.data.offline import Corrector, Taken
 from armd.compensation.data.pieces import line_pieces, open_parquet, parquet_pieces
 from armd.compensation.data.point_columns import COLUMNS, make_point_columns
@@ -46,6 +46,7 @@ def correct_file(
     if target.suffix == ".parquet" and twice:
         raise BadInput(source, f"column {twice[0]}", "it already", "a table without it")
     types = corrector.select_columns(header)
+    keep_freed_memory()
     n = 0
     with replace_file(target) as part:
         if csv_source:

@@ -15,6 +15,8 @@ MOST_NAMED = 5
 
 def overflowed(position_mm: F64) -> Mask:
     """Return which rows (n,) of positions (n, 3) are not finite, or too far to be squared."""
+    if len(position_mm) and np.abs(position_mm).max() < FARTHEST_MM:
+        return np.zeros(len(position_mm), bool)
     in_range: Mask = np.all(np.abs(position_mm) < FARTHEST_MM, axis=1)
     return ~in_range
 

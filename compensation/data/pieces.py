@@ -61,14 +61,24 @@ def _csv_tables(path: Path, header: list[str], types: dict[str, pa.DataType]) ->
 def _parquet_tables(
     path: Path, header: list[str], types: dict[str, pa.DataType]
 ) -> Iterator[pa.Table]:
-    with open_parquet(path) as file:
+    with open_parquet(path, [name for name, kind in types.items() if kind == pa.string()]) as file:
         for table in parquet_pieces(path, file, [name for name in header if name in types]):
             yield cast_columns(path, table, types)
 
 
-def open_parquet(path: Path) -> pa.parquet.ParquetFile:
-    """Read ahead, Arrow would keep all of the file that it has read."""
-    return pa.parquet.ParquetFile(path, pre_buffer=False)
+def open_parquet(path: Path, names: Sequence[str] = ()) -> pa.parquet.ParquetFile:
+    """Columns of *names* come as the numbers that they are stored as, if they hold text.
+
+    Read ahead, Arrow would keep all of the file that it has read.
+    """
+    file = pa.parquet.ParquetFile(path, pre_buffer=False)
+    texts = [name for name in names if file.schema_arrow.field(name).type == pa.string()]
+    if not texts:
+        return file
+    file.close()
+    return pa.parquet.ParquetFile(
+        path, metadata=file.metadata, read_dictionary=texts, pre_buffer=False
+    )
 
 
 def parquet_pieces(

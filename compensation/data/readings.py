@@ -20,7 +20,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.arrow_columns import codes_of, numbers_of
+from armd.compensation.data.arrow_columns import codes_of, encoded_in_order, numbers_of
 from armd.compensation.data.header import check_header
 from armd.compensation.data.within import LARGEST, is_within
 from armd.errors import BadInput
@@ -84,9 +84,10 @@ class Readings:
         """A column of names as indices (n,) into the list of distinct names, in their order."""
         self._must_have(name)
         column = self.table[name].combine_chunks()
-        encoded = column.dictionary_encode()
+        encoded = encoded_in_order(column)
         names = [str(text) for text in encoded.dictionary.to_pylist()]
         if column.null_count or not set(MISSING).isdisjoint(names):
+            column = column.cast(pa.string())
             missing = pc.or_(pc.is_null(column), pc.is_in(column, pa.array(MISSING)))
             if row := _first(missing.to_numpy(zero_copy_only=False)):
                 raise self.fault(row - 1, name, "nothing", f"the name of a {name}")
@@ -287,8 +288,9 @@ def not_parquet(path: Path, error: Exception) -> BadInput:
 def cast_columns(path: Path, table: pa.Table, types: dict[str, pa.DataType]) -> pa.Table:
     """The wanted columns of *table*, in their wanted types."""
     table = table.select([name for name in table.column_names if name in types])
-    for i, name in enumerate(table.column_names):
-        kind = table[name].type
+    for i, (name, kind) in enumerate(zip(table.column_names, table.schema.types, strict=True)):
+        if kind == types[name] or kind == pa.dictionary(pa.int32(), types[name]):
+            continue  # `names` takes the numbers of a dictionary
         if pa.types.is_boolean(kind):  # Arrow casts it: a true angle were 1 rad
             raise BadInput(path, f"column {name}", str(kind), str(types[name]))
         try:

@@ -9,7 +9,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.data.session_format import AngleUnit
-from armd.compensation.data.within import is_within
+from armd.compensation.data.within import LARGEST, is_within
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import motion_directions
 from armd.errors import BadInput
@@ -184,6 +184,8 @@ def truths(readings: Readings) -> F64:
     truth = _three(readings, TRUTH)
     for i, name in enumerate(TRUTH):
         values = truth[:, i]
+        if is_within(values, -MOST_MM, MOST_MM):
+            continue
         readings.refuse(np.abs(values) > MOST_MM, name, values, "a position in mm")
     return truth
 
@@ -192,7 +194,10 @@ def _three(readings: Readings, names: list[str]) -> F64:
     """Three columns that are all there or all absent, row by row and as columns; NaN absent."""
     if not any(readings.has(name) for name in names):
         return np.full((readings.n, 3), np.nan)
-    values = np.column_stack([readings.number(name) for name in names])
+    columns = [readings.number(name) for name in names]
+    values = np.column_stack(columns)
+    if all(is_within(column, -LARGEST, LARGEST) for column in columns):  # nothing is missing
+        return values
     missing = np.isnan(values)
     for i, name in enumerate(names):
         partly = missing[:, i] & ~missing.all(axis=1)

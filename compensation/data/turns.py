@@ -103,12 +103,10 @@ class AngleRange:
         """Of angles (n, N) rad, n > 0."""
         return cls(name, q.min(axis=0), q.max(axis=0), np.median(q, axis=0))
 
-    def with_rest(self, earlier: AngleRange | None) -> AngleRange:
-        """Of this piece and the *rest* of one session; the middle is the earlier one's."""
-        if earlier is None:
-            return self
-        low, high = np.minimum(self.low, earlier.low), np.maximum(self.high, earlier.high)
-        return AngleRange(self.name, low, high, earlier.middle)
+    def widened(self, q: F64) -> AngleRange:
+        """Of these angles and the next (n, N) rad, n > 0, of the session; the middle stays."""
+        low, high = np.minimum(self.low, q.min(axis=0)), np.maximum(self.high, q.max(axis=0))
+        return AngleRange(self.name, low, high, self.middle)
 
 
 def report_open_turns(ranges: Sequence[AngleRange], arm: Arm) -> list[list[str]]:

@@ -86,13 +86,16 @@ MARKS = [
         "calibrate.20000_readings.floor_s", "20 dense steps",
     ),
     Mark("calibrate.verify.processor_s", "s", 2, None, "calibrate.verify.floor_s", "its imports"),
-    Mark(
-        "growth.correct_processor_us_a_reading", "µs", None, None,
-        "growth.duckdb_copy_processor_us_a_reading", "DuckDB reads and writes",
-    ),
-    Mark(
-        "growth.evaluate_processor_us_a_reading", "µs", None, None,
-        "growth.duckdb_read_processor_us_a_reading", "DuckDB reads",
+    *(
+        mark
+        for command in ("correct", "evaluate")
+        for mark in (
+            Mark(
+                f"growth.{command}_processor_us_a_reading", "µs", 1.5, None,
+                "growth.duckdb_copy_processor_us_a_reading", "DuckDB reads and writes", True,
+            ),
+            Mark(f"growth.{command}_times_duckdb_copy", "", 1.5),
+        )
     ),
     Mark(
         "growth.correct_peak_ratio", "", 1.1, None,

@@ -45,6 +45,8 @@ class PointMoments:
 
 def compute_moments(group: I64, points: F64) -> dict[int, PointMoments]:
     """The moments of points (n, d) that share a group number."""
+    if len(group) and (group == group[0]).all():  # as of a tracker that follows one point
+        return {int(group[0]): _compute_moments_of_one(points)}
     groups, place, n = np.unique(group, return_inverse=True, return_counts=True)
     d, size = points.shape[1], len(groups)
     total = [np.bincount(place, points[:, i], size) for i in range(d)]
@@ -56,3 +58,9 @@ def compute_moments(group: I64, points: F64) -> dict[int, PointMoments]:
             scatter[:, i, j] = np.bincount(place, offsets[:, i] * offsets[:, j], size)
             scatter[:, j, i] = scatter[:, i, j]
     return {int(groups[g]): PointMoments(float(n[g]), mean[g], scatter[g]) for g in range(size)}
+
+
+def _compute_moments_of_one(points: F64) -> PointMoments:
+    mean = points.mean(axis=0)
+    offsets = points - mean
+    return PointMoments(float(len(points)), mean, offsets.T @ offsets)

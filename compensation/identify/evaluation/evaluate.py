@@ -170,7 +170,10 @@ def refuse_overflows(observations: Observations, position: F64, basis: F64) -> N
 
     It names the first session that has such rows.
     """
-    overflow = overflowed(position) & np.isfinite(basis).all(axis=1)
+    overflow = overflowed(position)
+    if not overflow.any():
+        return
+    overflow &= np.isfinite(basis).all(axis=1)
     for session in np.unique(observations.session[overflow]):
         rows = observations.session == session
         name = observations.session_names[session]

@@ -7,7 +7,7 @@ together.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
-from armd.compensation.data.in_order import in_order
+from armd.compensation.data.in_order import in_order, keep_freed_memory
 from armd.compensation.data.points_only import require_points
 from armd.compensation.data.session import Session, check_once, load_sessions, session_pieces
 from armd.compensation.data.session_files import READINGS
@@ -28,15 +28,14 @@ from armd.compensation.identify.evaluation.condensed import PointMoments, comput
 from armd.compensation.identify.evaluation.evaluate import (
     make_temperature_fault,
     refuse_overflows,
-    tips,
 )
 from armd.compensation.identify.evaluation.evaluate_sessions import evaluate_sessions
 from armd.compensation.identify.evaluation.lengths import Length, measure_certified_lengths
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
 from armd.compensation.identify.evaluation.tally import ErrorTally
+from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
-from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.calibration import Calibration, LoadedCalibration
 from armd.compensation.model.state import followed
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
@@ -59,6 +58,7 @@ def evaluate_files(
 ) -> tuple[dict[str, Any], list[Length]]:
     """What `--json` has, and the certified lengths, of the session folders *paths*, piece by piece:
     for those that `is_long` says so of."""
+    keep_freed_memory()
     # The matrices are small: threads of the library's own cost more than they bring.
     with threadpool_limits(limits=1, user_api="blas"):
         return _evaluate_files(paths, arm, calibration, progress)
@@ -87,11 +87,11 @@ def is_long(paths: Sequence[str | Path]) -> bool:
 
 @dataclass(frozen=True)
 class _Piece:
-    """Readings of one session, and what their terms are worth."""
+    """Readings of one session, and all that earlier ones have to say of them."""
 
     session: int
-    observations: Observations  # of this session alone
-    basis: F64  # (n, T)
+    readings: Session
+    slow: F64  # (n, L+T) values of the model's slow factors
 
 
 class _Passes:
@@ -103,8 +103,8 @@ class _Passes:
         self._outside = OutsideRange(arm, calibration)
         self._artefact = calibration.artefact if calibration else None
         self._terms: Sequence[Term] = calibration.terms if calibration else []
-        self._constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
-        self._reference_c = (calibration or arm).reference_temperature_c
+        loaded = LoadedCalibration(calibration, "", Path()) if calibration else None
+        self._model = Model(arm, loaded)
         self._last: dict[int, Session] = {}  # piece of each session, which names all placements
         self._n = 0
         self._missing = np.zeros(len(arm.sensors), np.int64)
@@ -113,7 +113,7 @@ class _Passes:
 
     def evaluation(self) -> tuple[dict[str, Any], list[Length]]:
         moments: dict[_Key, PointMoments] = {}
-        for piece_moments in in_order(self._moments, self._pieces("summing")):
+        for piece_moments in in_order(self._moments, self._pieces("summing", self._note)):
             for key, new in piece_moments.items():
                 if key in moments:
                     moments[key].add(new)
@@ -136,7 +136,7 @@ class _Passes:
             residual_mm = poses_by_session[piece.session].residual(usable, tip)
             return piece.session, 1e3 * np.linalg.norm(residual_mm, axis=1)
 
-        for session, distance in in_order(distances_um, self._pieces("comparing")):
+        for session, distance in in_order(distances_um, self._pieces("comparing", lambda *_: None)):
             by_session[session].add(distance)
         together = ErrorTally.merge(by_session)
         names = observations.session_names
@@ -150,29 +150,28 @@ class _Passes:
         }
         return result, lengths
 
-    def _pieces(self, doing: str) -> Iterator[_Piece]:
-        self._n, self._missing[:] = 0, 0
-        self._remarks.clear()
-        self._outside = OutsideRange(self._arm, self._calibration)
+    def _pieces(self, doing: str, note: Callable[[int, Session], None]) -> Iterator[_Piece]:
+        n = 0
         for i, path in enumerate(self._paths):
             lags = _Lags()
             for session in session_pieces(path, self._arm):
                 require_points([session], LONG)
-                observations = gather([session], self._arm, self._artefact)
-                basis = basis_values(
-                    self._terms, session.states, self._arm, self._reference_c, self._constants,
-                    lags.follow,
-                )  # fmt: skip
-                self._last[i] = session
-                self._n += session.n
-                self._remarks += session.remarks
-                self._outside.add(i, session.name, session.states.temperature_c)
-                self._turned[i] = AngleRange.from_angles(session.name, session.states.q).with_rest(
-                    self._turned.get(i)
-                )
-                self._missing += np.isnan(session.states.temperature_c).sum(axis=0)
-                self._progress(f"{doing}: {self._n} readings")
-                yield _Piece(i, observations, basis)
+                note(i, session)
+                n += session.n
+                self._progress(f"{doing}: {n} readings")
+                yield _Piece(i, session, self._model.slow_values(session.states, delay=lags.follow))
+
+    def _note(self, i: int, session: Session) -> None:
+        """Keep what is told of the readings in the end."""
+        self._last[i] = session
+        self._n += session.n
+        self._remarks += session.remarks
+        celsius = session.states.temperature_c
+        self._outside.add(i, session.name, celsius)
+        turned = self._turned.get(i)
+        q = session.states.q
+        self._turned[i] = turned.widened(q) if turned else AngleRange.from_angles(session.name, q)
+        self._missing += np.isnan(celsius).sum(axis=0)
 
     def _open_turns(self) -> list[str]:
         remarks = report_open_turns(list(self._turned.values()), self._arm)
@@ -180,10 +179,11 @@ class _Passes:
 
     def _tips(self, piece: _Piece) -> tuple[Observations, F64]:
         """The readings that have every temperature they need, and their tips (n, 3)."""
-        tip = tips(piece.observations.states.q, self._constants, self._terms, piece.basis)
-        refuse_overflows(piece.observations, tip, piece.basis)
+        readings = gather([piece.readings], self._arm, self._artefact)
+        tip = self._model.position_rows(readings.states, piece.slow)
+        refuse_overflows(readings, tip, piece.slow)
         usable = np.isfinite(tip[:, 0])
-        return piece.observations.rows(usable), tip[usable]
+        return (readings, tip) if usable.all() else (readings.rows(usable), tip[usable])
 
     def _moments(self, piece: _Piece) -> dict[_Key, PointMoments]:
         """By session, placement, target and kind: of (stretch, tip), or of (truth, tip)."""
@@ -191,7 +191,10 @@ class _Passes:
         n_targets = len(readings.target_names)
         moments_by_key = {}
         for true in (False, True):
-            rows = readings.has_truth == true
+            mask = readings.has_truth == true
+            if not mask.any():
+                continue
+            rows = slice(None) if mask.all() else mask
             first = readings.truth_mm if true else readings.stretch[:, None]
             points = np.hstack([first[rows], tip[rows]])
             pair = readings.placement[rows] * n_targets + readings.target[rows]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.data.within import is_within
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, used_sensors
 from armd.terminal.counted import counted
@@ -34,6 +35,8 @@ class OutsideRange:
         self._names[session] = name
         self._n[session] = self._n.get(session, 0) + len(celsius)
         for s, _, low, high in self._columns:
+            if is_within(celsius[:, s], low - LEAST_K, high + LEAST_K):
+                continue
             values_c = celsius[np.isfinite(celsius[:, s]), s]
             outside = values_c[(values_c < low - LEAST_K) | (values_c > high + LEAST_K)]
             if len(outside):
