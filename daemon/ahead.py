@@ -31,8 +31,14 @@ from armd.compensation.model.calibration import (
     Noise,
     constants_of,
 )
-from armd.compensation.model.kinematics import frames, jacobian
+from armd.compensation.model.kinematics import forward, frames, jacobian
 from armd.compensation.model.parameters import ParameterLayout
+from armd.compensation.model.row_algebra import (
+    compute_least_turns,
+    compute_stretched_covariance,
+    compute_whitening,
+    turn_towards,
+)
 from armd.compensation.model.state import Lag, States
 from armd.compiled import library
 from armd.daemon.config import load_config
@@ -76,7 +82,12 @@ def call_for_sessions(arm: Arm) -> None:
     """
     q, constants = np.zeros((1, 1)), np.zeros(ParameterLayout(1).count)
     frames(q, constants)
+    forward(q, constants)
     jacobian(q, constants)
+    turn_towards(q, constants[None], np.zeros((1, 3)), 1, 0.1, 0.1)
+    levers = np.ones((1, 3, 1))
+    compute_stretched_covariance(levers, levers, compute_least_turns(levers, 0.1), 1.0, np.ones(1))
+    compute_whitening(np.eye(3)[None], np.ones(1))
     Lag(1.0, 1).follow(np.zeros(1), np.zeros((1, 1)))
     Model(arm, None).correct_states(made_up_states(arm))
 

@@ -53,7 +53,7 @@ class FolderSource:
         self._table = readings_path(folder)
 
     def load(self, arm: Arm, place: Path) -> StoredSession:
-        return load_session(place, arm)
+        return load_session(place, arm, self.file)
 
     def readings(self) -> pa.Table:
         if self._table.suffix != ".csv":

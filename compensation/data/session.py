@@ -179,13 +179,14 @@ def check_once(paths: Sequence[str | Path], besides: Sequence[Session] = ()) -> 
         real_paths.add(real)
 
 
-def load_session(path: str | Path, arm: Arm) -> Session:
-    """Read the session folder *path*, measured with *arm*.
+def load_session(path: str | Path, arm: Arm, file: SessionFile | None = None) -> Session:
+    """Read the session folder *path*, measured with *arm*; *file*: its session.toml, where that
+    has been read.
 
     Raises `BadInput` naming file, row, column, found and expected.
     """
     folder = Path(path)
-    file = _session_file(folder, arm)
+    file = _session_file(folder, arm, file)
     readings = load_readings(readings_path(folder), number_columns(arm), TEXTS)
     return build_session(folder, file, arm, readings)
 
@@ -235,9 +236,9 @@ def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
     like_radians.judge()
 
 
-def _session_file(folder: Path, arm: Arm) -> SessionFile:
+def _session_file(folder: Path, arm: Arm, file: SessionFile | None = None) -> SessionFile:
     check_is_session(folder)
-    file = load_toml(folder / "session.toml", SessionFile)
+    file = file or load_toml(folder / "session.toml", SessionFile)
     check_arm(folder / "session.toml", file, arm)
     return file
 

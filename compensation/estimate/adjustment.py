@@ -13,11 +13,8 @@ q + ε − J⁺ r, make it the gradient of the likelihood of the angles, Σ rᵀ
 
 from __future__ import annotations
 
-import numpy as np
-
 from armd.arrays import F64
-from armd.compensation.model.kinematics import jacobian
-from armd.compensation.model.parameters import ParameterLayout
+from armd.compensation.model.row_algebra import compute_least_turns, turn_towards
 
 #: A direction whose lever is shorter than this share of the reading's longest is hardly turned
 #: towards: an arm stretched out cannot reach farther. Between 0.01 and 0.1 nothing changes.
@@ -30,24 +27,9 @@ TURNS = 2
 
 def adjust_angles(q: F64, parameters: F64, placed_mm: F64) -> F64:
     """Angles (n, N) nearest *q* that put the tip at *placed_mm* (n, 3); parameters (n, P)."""
-    adjusted_angles, angles = q.copy(), ParameterLayout(q.shape[1]).angles
-    for _ in range(TURNS):
-        position, columns = jacobian(adjusted_angles, parameters)
-        joints = columns[:, :, angles]
-        off = placed_mm - position
-        adjusted_angles = (
-            adjusted_angles + (compute_backwards_map(joints) @ off[:, :, None])[:, :, 0]
-        )
-        turn = adjusted_angles - q
-        size = np.linalg.norm(turn, axis=1, keepdims=True)
-        adjusted_angles = q + turn * np.minimum(1.0, MOST_TURN_RAD / np.maximum(size, 1e-300))
-    return adjusted_angles
+    return turn_towards(q, parameters, placed_mm, TURNS, LEAST_LEVER, MOST_TURN_RAD)
 
 
 def compute_backwards_map(joints: F64) -> F64:
     """(n, N, 3) rad/mm: the smallest turn that moves the tip so, from d tip / d angle (n, 3, N)."""
-    shape = joints @ joints.transpose(0, 2, 1)
-    least_square = LEAST_LEVER**2 * np.trace(shape, axis1=1, axis2=2)
-    damped = shape + least_square[:, None, None] * np.eye(3)
-    turn: F64 = joints.transpose(0, 2, 1) @ np.linalg.inv(damped)
-    return turn
+    return compute_least_turns(joints, LEAST_LEVER)

@@ -40,6 +40,15 @@ class EliminatedSession:
     gram: F64  # (c, c) products of what is left of the others
     squared_norm: F64  # (c,) squared lengths of the others before
 
+    @classmethod
+    def make_weightless(cls, columns: SessionColumns, c: int) -> EliminatedSession:
+        """Of a session whose readings weigh nothing and have no free target: zeros, no copies."""
+        p, nothing = len(columns.rows), np.zeros(1)
+        pose, projected, shift, gram, square = (
+            np.broadcast_to(nothing, shape) for shape in ((p, 6, 6), (p, 6, c), (0, c), (c, c), c)
+        )
+        return cls(columns, pose, projected, np.zeros((0, 0)), shift, 0, gram, square)
+
     @property
     def following(self) -> F64:
         """(3 K, c) how the targets' shifts follow amplitudes of the others."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -69,19 +70,22 @@ class Linearisation:
             free_targets=_find_free_targets(chosen),
         )
 
-    @property
+    @cached_property
     def joints(self) -> F64:
-        """d tip / d angle (n, 3, N) mm/rad."""
-        joints: F64 = self.jacobian[:, :, self.observations.arm.layout.angles]
-        return joints
+        """d tip / d angle (n, 3, N) mm/rad, in one piece of memory: much is multiplied by it."""
+        return np.ascontiguousarray(self.jacobian[:, :, self.observations.arm.layout.angles])
 
     def make_constant_columns(self, names: Sequence[str]) -> F64:
         """d residual / d constant (n, 3, len(names))."""
-        return self.jacobian[:, :, self.observations.arm.layout.indices(names)]
+        indices = np.array(self.observations.arm.layout.indices(names), dtype=np.int64)
+        columns: F64 = np.take(self.jacobian, indices, axis=2)
+        return columns
 
     def make_term_columns(self, terms: Sequence[Term], basis: F64) -> F64:
         """d residual / d coefficient (n, 3, T): the parameter's column times the basis (n, T)."""
-        return self.make_constant_columns([term.parameter for term in terms]) * basis[:, None, :]
+        columns = self.make_constant_columns([term.parameter for term in terms])
+        columns *= basis[:, None, :]
+        return columns
 
 
 def linearise(

@@ -15,6 +15,7 @@ from scipy.optimize import minimize_scalar
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.adjustment import compute_backwards_map
 from armd.compensation.estimate.robust import LEAST_MM, find_far_off
+from armd.compensation.model.row_algebra import compute_stretched_covariance, compute_whitening
 
 
 @dataclass(frozen=True)
@@ -68,10 +69,10 @@ class Weighting:
 
     def compute_whitening(self, joints: F64) -> F64:
         """W (n, 3, 3) at levers d tip / d angle (n, 3, N)."""
-        stretch = np.eye(3) + (joints - self.joints) @ self._backwards
-        covariance = self.noise.encoder_rad**2 * (joints @ joints.transpose(0, 2, 1))
-        own_mm = self.noise.own_mm(len(joints), self.turned)[:, None, None]
-        covariance += own_mm**2 * (stretch @ stretch.transpose(0, 2, 1))
+        own_mm = self.noise.own_mm(len(joints), self.turned)
+        covariance = compute_stretched_covariance(
+            joints, self.joints, self._backwards, self.noise.encoder_rad**2, own_mm**2
+        )
         return make_whitening(covariance, self.weight)
 
     @cached_property
@@ -81,9 +82,7 @@ class Weighting:
 
 def make_whitening(covariance: F64, weight: F64) -> F64:
     """W (n, 3, 3) with WᵀW = weight · covariance⁻¹, from covariances (n, 3, 3), weights (n,)."""
-    lower = np.linalg.cholesky(covariance)
-    inverse: F64 = np.linalg.inv(lower) * np.sqrt(weight)[:, None, None]
-    return inverse
+    return compute_whitening(covariance, weight)
 
 
 def estimate_noise(
@@ -118,29 +117,29 @@ def estimate_noise(
         share_left[freedom == 1, :2] = 0.0
     counted2 = turned2 * counts[:, None]
     inliers = ~find_far_off(turned2.sum(axis=1), LEAST_MM**2, freedom) | region
+    inlier_value, inlier_share = value[inliers], share_left[inliers]
+    inlier_counted2 = counted2[inliers]
+    inlier_freedom = max(float(inlier_share.sum()), 1.0)
 
-    def scaled(log_ratio: float) -> F64:
+    def scaled(log_ratio: float, value: F64) -> F64:
         """Variances (n, 3) up to one common factor; encoders' share of it = ratio / (1+ratio)."""
         share = 1.0 / (1.0 + np.exp(-log_ratio))
         result: F64 = share * value / typical + (1.0 - share)
         return result
 
-    def size_of(variance: F64) -> float:
-        freedom = max(float(share_left[inliers].sum()), 1.0)
-        return float(np.sum(counted2[inliers] / variance[inliers])) / freedom
-
     def negative_log_likelihood(log_ratio: float) -> float:
-        variance = scaled(log_ratio)
-        logs = float(np.sum(share_left[inliers] * np.log(variance[inliers])))
-        freedom = max(float(share_left[inliers].sum()), 1.0)
-        return logs / freedom + float(np.log(max(size_of(variance), LEAST_MM**2)))
+        variance = scaled(log_ratio, inlier_value)
+        logs = float(np.sum(inlier_share * np.log(variance)))
+        size = float(np.sum(inlier_counted2 / variance)) / inlier_freedom
+        return logs / inlier_freedom + float(np.log(max(size, LEAST_MM**2)))
 
     log_ratio = float(
         minimize_scalar(negative_log_likelihood, bounds=(-12.0, 12.0), method="bounded").x
     )
-    variance = scaled(log_ratio)
+    variance = scaled(log_ratio, value)
     inliers = ~find_far_off((turned2 / variance).sum(axis=1), LEAST_MM**2, freedom) | region
-    size = size_of(variance)
+    freedom_left = max(float(share_left[inliers].sum()), 1.0)
+    size = float(np.sum(counted2[inliers] / variance[inliers])) / freedom_left
     share = 1.0 / (1.0 + np.exp(-log_ratio))
     return ReadingNoise(
         encoder_rad=float(np.sqrt(size * share / typical)),

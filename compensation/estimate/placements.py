@@ -71,12 +71,14 @@ class Placements:
         """Degrees of freedom that placements and targets took."""
         return sum(session.rank for session in self._sessions.values())
 
-    def follow(self, amplitudes: F64) -> tuple[F64, F64]:
+    def follow(self, amplitudes: F64, asked: I64 | None = None) -> tuple[F64, F64]:
         """Twists (p, 6) and target shifts (K, 3) that answer the others' *amplitudes* (c,): least
-        squares, of minimum norm."""
+        squares, of minimum norm; where sessions are *asked*, 0 for all others."""
         twist = np.zeros((len(self.observations.placement_names), 6))
         shift = np.zeros((len(self.observations.target_names), 3))
-        for session in self._sessions.values():
+        sessions = self._sessions
+        for number in sessions if asked is None else asked.tolist():
+            session = sessions[number]
             twists, shifts = session.follow(amplitudes)
             shift[session.columns.targets] = shifts.reshape(-1, 3)
             twist[list(session.columns.rows)] = twists
@@ -123,6 +125,10 @@ class Placements:
             sessions = {
                 number: of_whole[number] for number in rows if self._is_as_in_full_problem(number)
             }
+            sessions |= {
+                number: EliminatedSession.make_weightless(columns, self._n_others)
+                for number, columns in self._weightless.items()
+            }
         unsolved = [
             SessionColumns(number, rows_by_placement, self.list_free_targets(number))
             for number, rows_by_placement in rows.items()
@@ -154,6 +160,16 @@ class Placements:
         return frozenset(np.unique(self.observations.session[otherwise]).tolist())
 
     @property
+    def _weightless(self) -> dict[int, SessionColumns]:
+        """Sessions of which no reading weighs anything, and no target is free: left out whole."""
+        weighs = np.bincount(self.observations.session, np.any(self.whitening, axis=(1, 2)))
+        return {
+            number: SessionColumns(number, rows, targets)
+            for number, rows in self.observations.rows_by_session.items()
+            if weighs[number] == 0.0 and not len(targets := self.list_free_targets(number))
+        }
+
+    @property
     def _n_others(self) -> int:
         return sum(columns.shape[2] for columns in self.remaining_columns)
 
@@ -163,8 +179,7 @@ class Placements:
 
     @cached_property
     def _targets_by_session(self) -> dict[int, I64]:
-        session = self.observations.target_session[self.free_targets]
-        return {int(session[part[0]]): self.free_targets[part] for part in split_alike([session])}
+        return group_targets(self.observations, self.free_targets)
 
     @cached_property
     def _slot(self) -> I64:
@@ -180,6 +195,12 @@ class Placements:
         columns = [self.pose[rows], *(block[rows] for block in self.remaining_columns)]
         whitening = self.whitening[rows]
         return whitening @ np.concatenate(columns, axis=2), whitening @ self.target[rows]
+
+
+def group_targets(observations: Observations, free_targets: I64) -> dict[int, I64]:
+    """Return the *free_targets* (F,) of each session that has any."""
+    session = observations.target_session[free_targets]
+    return {int(session[part[0]]): free_targets[part] for part in split_alike([session])}
 
 
 def _multiply(columns: F64, matrix: F64) -> F64:

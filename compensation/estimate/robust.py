@@ -62,6 +62,8 @@ def compute_mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
 def to_three_components(distance2: F64, freedom: I64) -> F64:
     """Squared distances (n,) of three components that are as improbable as *distance2* (n,) of
     *freedom* (n,) components, 1 or 3."""
+    if not (freedom == 1).any():
+        return distance2
     limited2 = np.minimum(distance2, LARGEST_CHI2)
     stretched = 2.0 * gammainccinv(1.5, gammaincc(0.5, limited2 / 2.0)) + (distance2 - limited2)
     alike: F64 = np.where(freedom == 1, stretched, distance2)

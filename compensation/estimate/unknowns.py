@@ -58,11 +58,13 @@ class Unknowns:
         Zero for θ₁ and d₁: moving the whole arm about its first axis moves every placement alike.
         """
         layout = ParameterLayout.from_count(jacobian.shape[2])
-        term_columns = layout.indices(terms[i].parameter for i in self.terms)
-        by_term = jacobian[:, :, term_columns] * basis[:, None, list(self.terms)]
-        by_constant = jacobian[:, :, layout.indices(self.constants)]
-        by_constant[:, :, [name in ("theta_1", "d_1") for name in self.constants]] = 0.0
-        return np.concatenate([by_constant, by_term], axis=2)
+        names = [*self.constants, *(terms[i].parameter for i in self.terms)]
+        # Row by row in memory, as the readings are asked for; an index would put columns first.
+        columns: F64 = np.take(jacobian, np.array(layout.indices(names), dtype=np.int64), axis=2)
+        columns[:, :, len(self.constants) :] *= basis[:, None, list(self.terms)]
+        is_placing = [name in ("theta_1", "d_1") for name in self.constants]
+        columns[:, :, np.flatnonzero(is_placing)] = 0.0
+        return columns
 
     def get_plausible(self, terms: Sequence[Term], basis: F64) -> F64:
         """Plausible departures (C,) in each unknown's own unit."""

@@ -11,7 +11,7 @@ from armd.arrays import F64, I64
 from armd.compensation.estimate.group_rows import split_alike
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation
-from armd.compensation.estimate.placements import Placements
+from armd.compensation.estimate.placements import Placements, group_targets
 from armd.compensation.estimate.poses import Poses
 
 NONE = np.empty(0, dtype=np.int64)
@@ -65,7 +65,7 @@ class ArmAlone:
         entries = []
         for session in observations.rows_by_session:
             slots, distances = self._certificate_of(session)
-            targets = self._placements.list_free_targets(session)[slots]
+            targets = self._targets_of(session)[slots]
             axes = np.tile(np.arange(3), len(targets))
             entries.append(np.column_stack([np.repeat(observations.certificate[targets], 3), axes]))
             numbers = observations.distances.certificate[distances]
@@ -102,10 +102,10 @@ class ArmAlone:
             self, linearisation=moved, columns=self.columns[:, :, :0], full_problem=None
         ).clear_cost
 
-    def follow(self, step: F64) -> tuple[F64, F64]:
+    def follow(self, step: F64, asked: I64 | None = None) -> tuple[F64, F64]:
         """Twists (p, 6) and target shifts (K, 3) that answer a *step* (C,) of the unknowns: least
-        squares, of minimum norm."""
-        return self._placements.follow(np.append(step, 1.0))
+        squares, of minimum norm; where sessions are *asked*, 0 for all others."""
+        return self._placements.follow(np.append(step, 1.0), asked)
 
     def compute_residual_share(self, root: F64) -> F64:
         """(n, 3, 3) I − H of each whitened reading, H by how much it pulls its own fit, the
@@ -123,7 +123,9 @@ class ArmAlone:
             self.linearisation.free_targets,
             (self.columns, self.linearisation.residual_mm[:, :, None]),
             self.whitening,
-            lambda session: self._certified_by_session[session],
+            # Nothing that leads back here: Python would keep all these arrays until it looks for
+            # circles, which it hardly does for arrays.
+            self._certified_by_session.__getitem__,
             self.full_problem._placements if self.full_problem else None,
         )
 
@@ -136,12 +138,17 @@ class ArmAlone:
             for session in self.linearisation.observations.rows_by_session
         }
 
+    def _targets_of(self, session: int) -> I64:
+        return self._targets_by_session.get(session, NONE)
+
+    @cached_property
+    def _targets_by_session(self) -> dict[int, I64]:
+        return group_targets(self.linearisation.observations, self.linearisation.free_targets)
+
     def _certificate_of(self, session: int) -> tuple[I64, I64]:
         """Which of a session's free targets, by their place among these, and which distances have
         rows of a certificate."""
-        is_certified = ~self.linearisation.observations.unknown[
-            self._placements.list_free_targets(session)
-        ]
+        is_certified = ~self.linearisation.observations.unknown[self._targets_of(session)]
         return np.flatnonzero(is_certified), self._distances_by_session.get(session, NONE)
 
     @cached_property
@@ -164,7 +171,7 @@ class ArmAlone:
 
     def _certified(self, session: int) -> tuple[F64, F64]:
         observations, position = self.linearisation.observations, self.linearisation.poses.target_mm
-        targets = self._placements.list_free_targets(session)
+        targets = self._targets_of(session)
         slots, distances = self._certificate_of(session)
         weight = np.repeat(1.0 / observations.uncertainty_mm[targets[slots]], 3)
         off = position[targets[slots]] - observations.position_mm[targets[slots]]

@@ -44,7 +44,7 @@ from armd.compensation.estimate.robust import (
 )
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
-from armd.compensation.identify.descent import Descent
+from armd.compensation.identify.descent import Descent, End
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.parameters import ParameterLayout
@@ -175,10 +175,14 @@ def fit(
     distance2 = np.where(find_monstrous(residual_mm), squared, 0.0)
     region = np.zeros(observations.n, dtype=bool)
     steps, with_prior = 0, noise is None
+    end: End | None = None
     posture = observations.posture
     counts = compute_counts(posture, 1.0)
     for round_ in range(1, rounds + 1):
-        begun = linearise(observations, constants, terms, poses, reference_c, basis)
+        if end is None or not np.array_equal(basis, end.linearisation.basis):
+            begun = linearise(observations, constants, terms, poses, reference_c, basis)
+        else:  # where the round before came to rest
+            begun = end.linearisation
         joints = begun.joints
         weight = counts * compute_redescending_weights(distance2, region)
         if with_prior:
@@ -231,6 +235,7 @@ def fit(
             and np.allclose(weight, weight_after, rtol=1e-6)
         )
         with_prior = with_prior and not settled and not repeats and round_ < rounds // 2
+    assert end is not None  # a round at least
     # The last weights are those of the round before: what is left of the difference is a factor.
     equations = float((freedom * weight).sum())
     spare = max(equations + end.arm_problem.n_certified - fitted, 1.0)

@@ -18,11 +18,10 @@ from armd.compiled.jit import inlined, jit, unlocked
 
 def forward(q: F64, p: F64) -> tuple[F64, F64]:
     """Tip position (n, 3) in mm and rotation (n, 3, 3) of the last frame, of angles (n, N) rad."""
-    origins, rotations = frames(q, p)
-    p = np.asarray(p)
-    tip = np.broadcast_to(p[..., ParameterLayout(q.shape[1]).tip], (len(q), 3))
-    last = rotations[:, -1]
-    return origins[:, -1] + np.einsum("nij,nj->ni", last, tip), last
+    q, p = _rows(q, p)
+    position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
+    _forward(q, p, position, rotation)
+    return position, rotation
 
 
 def frames(q: F64, p: F64) -> tuple[F64, F64]:
@@ -87,21 +86,13 @@ def _base(p: F64, origin: F64, rotation: F64) -> None:
     rotation[2, 2] = cy * cx
 
 
-@jit
-def _step(q: float, row: F64, origin: F64, rotation: F64, origin_to: F64, rotation_to: F64) -> None:
-    """One joint: from the frame before to the outgoing frame."""
-    ct, st = math.cos(q + row[0]), math.sin(q + row[0])
-    ca, sa = math.cos(row[3]), math.sin(row[3])
-    cb, sb = math.cos(row[4]), math.sin(row[4])
-    _turn_on(ct, st, ca, sa, cb, sb, row, origin, rotation, origin_to, rotation_to)
-
-
 @inlined
 def _turn_on(
     ct: float, st: float, ca: float, sa: float, cb: float, sb: float,
     row: F64, origin: F64, rotation: F64, origin_to: F64, rotation_to: F64,
 ) -> None:  # fmt: skip
-    """The same, of the cosines and sines of θ, α and β."""
+    """One joint: from the frame before to the outgoing frame, of the cosines and sines of θ, α and
+    β."""
     for i in range(3):
         x, y, z = rotation[i, 0], rotation[i, 1], rotation[i, 2]
         x, y = ct * x + st * y, ct * y - st * x  # Rz
@@ -112,17 +103,64 @@ def _turn_on(
         rotation_to[i, 2] = sb * x + cb * z
 
 
+@jit
+def compute_twists(row: F64, twisted: F64) -> None:
+    """Cosines and sines of α and β, worked out anew where these are others than *twisted* (N, 6)
+    was made for: most of the time went into sines, and from row to row lengths alone change."""
+    for k in range(len(twisted)):
+        alpha, beta = row[5 * k + 3], row[5 * k + 4]
+        if alpha != twisted[k, 4] or beta != twisted[k, 5]:
+            twisted[k, 0], twisted[k, 1] = math.cos(alpha), math.sin(alpha)
+            twisted[k, 2], twisted[k, 3] = math.cos(beta), math.sin(beta)
+            twisted[k, 4], twisted[k, 5] = alpha, beta
+
+
+@jit
+def _chain(q: F64, row: F64, twisted: F64, origins: F64, rotations: F64) -> None:
+    """The frames of one reading."""
+    n_joints = len(q)
+    _base(row[5 * n_joints + 3 :], origins[0], rotations[0])
+    for k in range(n_joints):
+        theta = q[k] + row[5 * k]
+        _turn_on(
+            math.cos(theta), math.sin(theta),
+            twisted[k, 0], twisted[k, 1], twisted[k, 2], twisted[k, 3],
+            row[5 * k : 5 * k + 5],
+            origins[k], rotations[k], origins[k + 1], rotations[k + 1],
+        )  # fmt: skip
+
+
+@jit
+def _tip_of(row: F64, origin: F64, rotation: F64, tip: F64) -> None:
+    """The *tip* (3,) at the last frame."""
+    for axis in range(3):
+        tip[axis] = origin[axis]
+        for j in range(3):
+            tip[axis] += rotation[axis, j] * row[len(row) - 9 + j]
+
+
 @unlocked
 def _frames(q: F64, p: F64, origins: F64, rotations: F64) -> None:
+    twisted = np.full((q.shape[1], 6), np.nan)
+    for i in range(len(q)):
+        row = p[i if len(p) > 1 else 0]
+        compute_twists(row, twisted)
+        _chain(q[i], row, twisted, origins[i], rotations[i])
+
+
+@unlocked
+def _forward(q: F64, p: F64, position: F64, rotation: F64) -> None:
     n, n_joints = q.shape
+    origins, rotations = np.empty((n_joints + 1, 3)), np.empty((n_joints + 1, 3, 3))
+    twisted = np.full((n_joints, 6), np.nan)
     for i in range(n):
         row = p[i if len(p) > 1 else 0]
-        _base(row[5 * n_joints + 3 :], origins[i, 0], rotations[i, 0])
-        for k in range(n_joints):
-            _step(
-                q[i, k], row[5 * k : 5 * k + 5],
-                origins[i, k], rotations[i, k], origins[i, k + 1], rotations[i, k + 1],
-            )  # fmt: skip
+        compute_twists(row, twisted)
+        _chain(q[i], row, twisted, origins, rotations)
+        _tip_of(row, origins[n_joints], rotations[n_joints], position[i])
+        for row_axis in range(3):
+            for axis in range(3):
+                rotation[i, row_axis, axis] = rotations[n_joints, row_axis, axis]
 
 
 @jit
@@ -133,6 +171,23 @@ def _turn(axis_x: float, axis_y: float, axis_z: float, arm: F64, out: F64) -> No
     out[2] = axis_x * arm[1] - axis_y * arm[0]
 
 
+@jit
+def place_tip(
+    q: F64, row: F64, twisted: F64, origins: F64, rotations: F64, tip: F64, levers: F64
+) -> None:
+    """The *tip* (3,) of one reading and its *levers* (3, N), mm/rad: what `compiled_jacobian` has
+    by the angles alone. *twisted* is of *row*; *origins* and *rotations* are room for frames."""
+    n_joints = len(q)
+    _chain(q, row, twisted, origins, rotations)
+    _tip_of(row, origins[n_joints], rotations[n_joints], tip)
+    to_tip = np.empty(3)
+    for k in range(n_joints):
+        z = rotations[k]
+        for axis in range(3):
+            to_tip[axis] = tip[axis] - origins[k, axis]
+        _turn(z[0, 2], z[1, 2], z[2, 2], to_tip, levers[:, k])
+
+
 @unlocked
 def compiled_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
     n, n_joints = q.shape
@@ -141,16 +196,12 @@ def compiled_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
     # Loops over the three axes, not slices: these would allocate, and compile for seconds.
     to_tip, beyond, y = np.empty(3), np.empty(3), np.empty(3)
     tip, base = 5 * n_joints, 5 * n_joints + 3
-    # Most of the time went into sines: those of one row of parameters are worked out once.
-    turned, twisted = np.empty((n_joints, 2)), np.empty((n_joints, 4))
+    turned, twisted = np.empty((n_joints, 2)), np.full((n_joints, 6), np.nan)
     for i in range(n):
         row = p[i if len(p) > 1 else 0]
         if i == 0 or len(p) > 1:
             _base(row[base:], origins[0], rotations[0])
-            for k in range(n_joints):
-                alpha, beta = row[5 * k + 3], row[5 * k + 4]
-                twisted[k, 0], twisted[k, 1] = math.cos(alpha), math.sin(alpha)
-                twisted[k, 2], twisted[k, 3] = math.cos(beta), math.sin(beta)
+            compute_twists(row, twisted)
         for k in range(n_joints):
             theta = q[i, k] + row[5 * k]
             turned[k, 0], turned[k, 1] = math.cos(theta), math.sin(theta)

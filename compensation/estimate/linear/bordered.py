@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtrs
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -191,5 +191,10 @@ def _compute_inverse_factor(matrix: F64) -> F64:
 
 def invert_lower(lower: F64) -> F64:
     """Upper F with F Fᵀ the inverse of a matrix, from Cholesky's factor *lower* of it."""
-    inverse: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
-    return inverse
+    if not len(lower):
+        return lower
+    # LAPACK itself: scipy's own function looks at its arguments for longer than this takes.
+    inverse, fault = dtrtrs(lower.T, np.eye(len(lower)), lower=False, trans=1)
+    if fault:
+        raise np.linalg.LinAlgError("a factor of Cholesky with a zero on its diagonal")
+    return np.asarray(inverse.T, dtype=np.float64)

@@ -85,13 +85,10 @@ class Comparison:
         self._place = {term.model_dump_json(): i for i, term in enumerate(everything)}
         self._n_constants = len(fit.unknowns.constants)
         basis = basis_values(everything, observations.states, arm, fit.reference_c, fit.constants)
-        columns = np.concatenate(
-            [
-                fit.linearisation.make_constant_columns(fit.unknowns.constants),
-                fit.linearisation.make_term_columns(everything, basis),
-            ],
-            axis=2,
-        )
+        names = [*fit.unknowns.constants, *(term.parameter for term in everything)]
+        # At once: half of them beside the whole is much memory.
+        columns = fit.linearisation.make_constant_columns(names)
+        columns[:, :, self._n_constants :] *= basis[:, None, :]
         fitted = fit.linearisation.make_term_columns(fit.terms, fit.linearisation.basis)
         coefficients = np.array([term.coefficient for term in fit.terms])
         self._residual = fit.linearisation.residual_mm - fitted @ coefficients
@@ -219,10 +216,8 @@ class Comparison:
         """The paper's way: constants at each temperature, then a polynomial through each."""
         constants = np.arange(self._n_constants)
         identified = np.array([solution.known_step for solution in self._identified_alone])
-        rows = []
-        for fold, left_out, part in zip(
-            self._heldout.folds, self._out, self._identified_in_part, strict=True
-        ):
+        changes = []
+        for left_out, part in zip(self._out, self._identified_in_part, strict=True):
             steps = identified.copy()
             is_used = np.ones(len(steps), dtype=bool)
             is_used[left_out.group] = part is not None
@@ -233,8 +228,8 @@ class Comparison:
             )
             temperature_c = self._temperature_c[left_out.group]
             powers = np.vander([temperature_c - from_c], order + 1, increasing=True)[0]
-            rows.append(fold.compute_residual_mm(constants, powers @ linear @ steps[is_used]))
-        return self._heldout.summarise(rows)
+            changes.append(powers @ linear @ steps[is_used])
+        return self._heldout.summarise(self._heldout.try_changes(constants, changes))
 
     @property
     def _temperature_c(self) -> F64:
@@ -255,7 +250,7 @@ class Comparison:
     def _identified_from(self, sets: Sequence[Mask]) -> list[Solution]:
         constants = np.arange(self._n_constants)
         by_set = HeldOut(
-            self.fit, self._columns[:, :, constants], self._heldout.scale[constants],
+            self.fit, self._columns[:, :, : self._n_constants], self._heldout.scale[constants],
             self._residual, self._pull[constants], [~rows for rows in sets],
         )  # fmt: skip
         return [by_set.solve(i, constants) for i in range(len(sets))]
