@@ -47,14 +47,6 @@ with zenoh.open(config) as session:
 """
 
 
-def tcp_ports(pid):
-    """Local addresses, as the kernel writes them, on which process *pid* listens."""
-    links = [path.readlink() for path in Path(f"/proc/{pid}/fd").iterdir() if path.is_symlink()]
-    own = {str(link)[8:-1] for link in links if str(link).startswith("socket:[")}
-    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
-    return [row[1] for row in rows if row[3] == "0A" and row[9] in own]
-
-
 @pytest.fixture(scope="module")
 def daemon(tmp_path_factory):
     folder = tmp_path_factory.mktemp("forgery")

@@ -21,7 +21,6 @@ from armd.simulator.options import make_parser, read_scenario
 from armd.simulator.truth.arm import TrueArm
 from support.small_arm_toml import ARM, CALIBRATION
 
-NS = 1_700_000_000_123_456_789
 SEALED = sealed(json.dumps(CALIBRATION).encode())
 #: Names that say which tests of a verification a reading is of.
 VERIFIED = [f"SPAT{k % 3 + 1}" for k in range(30)]

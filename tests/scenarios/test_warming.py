@@ -12,7 +12,7 @@ from armd import Flag
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
 from support.drawn import drawn
-from support.running_daemon import Heard, running_daemon
+from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
 
 CALIBRATED = 'calibration = "calibration.json"'
@@ -24,12 +24,6 @@ def calibrate(folder: Path, low_c: float, high_c: float) -> None:
     arm = load_arm(folder / "arm.toml")
     ranges = dict.fromkeys(arm.sensors, (low_c, high_c))
     save_calibration(folder / "calibration.json", drawn(arm, temperature_range_c=ranges))
-
-
-def states(heard: Heard) -> list[str]:
-    """The states that events told of, in order."""
-    told = [event["text"].split(":")[0] for event in heard.events("state")]
-    return [state for state, _ in groupby(told)]
 
 
 def test_outside_its_range_it_is_inaccurate_until_calibrated_for_it(tmp_path: Path) -> None:
