@@ -1,4 +1,4 @@
-"""All that touches numba's inside, and nothing else of armd does: three patches, its events, its
+"""All that touches numba's inside, and nothing else of armd does: four patches, its events, its
 ahead-of-time compiler.
 
 Numba may change any of it without notice, so pyproject.toml has an upper bound for its version, and
@@ -141,14 +141,39 @@ def export(path: Path, functions: Sequence[Exportable]) -> None:
                 arguments = tuple(map(_numba_type, kinds))
                 dispatcher = function.by_numba
                 returned = dispatcher.overloads[arguments].signature.return_type
+                forwarder = _forwarder(dispatcher, len(kinds))
+                forwarder.releases = dispatcher.targetoptions.get("nogil", False)
                 symbol = library.symbol(function.name, kinds)
-                compiler.export(symbol, returned(*arguments))(_forwarder(dispatcher, len(kinds)))
+                compiler.export(symbol, returned(*arguments))(forwarder)
         try:
-            compiler.compile()
+            with _released():
+                compiler.compile()
         except CCompilerError as error:  # Python's headers, a package of their own in Debian
             expected = "a compiler for C and C++, and Python's headers"
             raise BadInput(path, "library of compiled functions", str(error), expected) from error
         (Path(folder) / path.name).replace(path)  # whole, or not at all
+
+
+@contextmanager
+def _released() -> Iterator[None]:
+    """Within this `with`, what is exported lets other threads run Python meanwhile if it has
+    `releases`: numba's ahead-of-time compiler does that for no function."""
+    with _without_deprecation():
+        from numba.pycc import compiler
+    compile_extra = compiler.compile_extra
+
+    def compile_released(typing: Any, target: Any, function: Any, *rest: Any, **named: Any) -> Any:
+        arguments, returned, flags = rest
+        if function.releases:
+            flags = flags.copy()
+            flags.release_gil = True
+        return compile_extra(typing, target, function, arguments, returned, flags, **named)
+
+    compiler.compile_extra = compile_released
+    try:
+        yield
+    finally:
+        compiler.compile_extra = compile_extra
 
 
 @contextmanager

@@ -39,12 +39,14 @@ def encoded_in_order(column: pa.Array) -> pa.DictionaryArray:
         row = int(np.argmax(codes == code)) if len(codes) else 0
         if len(codes) and codes[row] == code:
             first[row] = code
-    there = [first[row] for row in sorted(first)]
-    if there == list(range(len(names))):
+    codes_in_order = [first[row] for row in sorted(first)]
+    if codes_in_order == list(range(len(names))):
         return column
     number = np.zeros(len(names), np.int64)
-    number[there] = np.arange(len(there))
-    return pa.DictionaryArray.from_arrays(pa.array(number[codes]), names.take(pa.array(there)))
+    number[codes_in_order] = np.arange(len(codes_in_order))
+    return pa.DictionaryArray.from_arrays(
+        pa.array(number[codes]), names.take(pa.array(codes_in_order))
+    )
 
 
 def codes_of(encoded: pa.DictionaryArray) -> I64:

@@ -106,6 +106,24 @@ def test_the_ahead_of_time_compiler_is_there() -> None:
     assert not missing, f"{VERSION}: numba.pycc.CC has no {missing}: no library can be made"
 
 
+def test_what_is_exported_releases_the_lock_if_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    from numba.core.compiler import Flags
+
+    from armd.compiled import numba_inside
+
+    with numba_inside._without_deprecation():
+        from numba.pycc import compiler as ahead
+    assert ahead.compile_extra, f"{VERSION}: numba.pycc has no compile_extra"
+    given: list[Flags] = []
+    monkeypatch.setattr(ahead, "compile_extra", lambda *some, **_: given.append(some[5]))
+    flags = Flags()
+    with numba_inside._released():
+        for releases in (True, False):
+            function = type("Forwarder", (), {"releases": releases})
+            ahead.compile_extra(None, None, function, (), None, flags, locals={})
+    assert [each.release_gil for each in given] == [True, False], f"{VERSION}: other flags"
+
+
 def test_the_options_are_numbas() -> None:
     from armd.compiled import numba_inside
 
