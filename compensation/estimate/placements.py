@@ -71,13 +71,13 @@ class Placements:
         """Degrees of freedom that placements and targets took."""
         return sum(session.rank for session in self._sessions.values())
 
-    def follow(self, amplitudes: F64, asked: I64 | None = None) -> tuple[F64, F64]:
+    def follow(self, amplitudes: F64, session_numbers: I64 | None = None) -> tuple[F64, F64]:
         """Twists (p, 6) and target shifts (K, 3) that answer the others' *amplitudes* (c,): least
-        squares, of minimum norm; where sessions are *asked*, 0 for all others."""
+        squares, of minimum norm; 0 for all but *session_numbers*, if given."""
         twist = np.zeros((len(self.observations.placement_names), 6))
         shift = np.zeros((len(self.observations.target_names), 3))
         sessions = self._sessions
-        for number in sessions if asked is None else asked.tolist():
+        for number in sessions if session_numbers is None else session_numbers.tolist():
             session = sessions[number]
             twists, shifts = session.follow(amplitudes)
             shift[session.columns.targets] = shifts.reshape(-1, 3)

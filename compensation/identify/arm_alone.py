@@ -102,10 +102,10 @@ class ArmAlone:
             self, linearisation=moved, columns=self.columns[:, :, :0], full_problem=None
         ).clear_cost
 
-    def follow(self, step: F64, asked: I64 | None = None) -> tuple[F64, F64]:
+    def follow(self, step: F64, session_numbers: I64 | None = None) -> tuple[F64, F64]:
         """Twists (p, 6) and target shifts (K, 3) that answer a *step* (C,) of the unknowns: least
-        squares, of minimum norm; where sessions are *asked*, 0 for all others."""
-        return self._placements.follow(np.append(step, 1.0), asked)
+        squares, of minimum norm; 0 for all but *session_numbers*, if given."""
+        return self._placements.follow(np.append(step, 1.0), session_numbers)
 
     def compute_residual_share(self, root: F64) -> F64:
         """(n, 3, 3) I − H of each whitened reading, H by how much it pulls its own fit, the

@@ -147,8 +147,10 @@ def compiled_whitening(covariance: F64, root_weight: F64, whiten: F64) -> bool:
     """Whether all are positive definite; *whiten* above its diagonals stays as it is."""
     definite = True
     for i in range(len(covariance)):
-        of, to, root = covariance[i], whiten[i], root_weight[i]
-        a, ba, ca, b, cb, c = _cholesky(of[0, 0], of[1, 0], of[2, 0], of[1, 1], of[2, 1], of[2, 2])
+        matrix, to, root = covariance[i], whiten[i], root_weight[i]
+        a, ba, ca, b, cb, c = _cholesky(
+            matrix[0, 0], matrix[1, 0], matrix[2, 0], matrix[1, 1], matrix[2, 1], matrix[2, 2]
+        )
         to[0, 0], to[1, 1], to[2, 2] = root / a, root / b, root / c
         to[1, 0], to[2, 1] = -ba * to[0, 0] / b, -cb * to[1, 1] / c
         to[2, 0] = -(ca * to[0, 0] + cb * to[1, 0]) / c
@@ -158,7 +160,12 @@ def compiled_whitening(covariance: F64, root_weight: F64, whiten: F64) -> bool:
 
 @unlocked
 def compiled_stretch(
-    levers: F64, before: F64, backwards: F64, encoder_variance: float, own: F64, covariance: F64
+    levers: F64,
+    before: F64,
+    backwards: F64,
+    encoder_variance: float,
+    own_variance: F64,
+    covariance: F64,
 ) -> None:
     stretch = np.empty((3, 3))
     for i in range(len(levers)):
@@ -175,6 +182,6 @@ def compiled_stretch(
                     of_encoders += levers[i, row, k] * levers[i, column, k]
                 for k in range(3):
                     stretched += stretch[row, k] * stretch[column, k]
-                value = encoder_variance * of_encoders + own[i] * stretched
+                value = encoder_variance * of_encoders + own_variance[i] * stretched
                 covariance[i, row, column] = value
                 covariance[i, column, row] = value

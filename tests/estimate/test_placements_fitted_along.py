@@ -1,5 +1,7 @@
 """Placements and targets fitted along with other columns, against dense algebra of all at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,6 +80,25 @@ def test_what_is_left_and_what_follows_are_those_of_all_at_once(known: bool) -> 
     twist, shift = problem.follow(amplitudes)
     answered = rows @ np.concatenate([twist.ravel(), shift.ravel()])
     np.testing.assert_allclose(others @ amplitudes + answered, clear @ amplitudes, atol=1e-8)
+
+
+def test_a_session_left_out_whole_adds_nothing() -> None:
+    """As if its readings, which weigh nothing, were worked through."""
+    full_problem, _ = measured(known=False)
+    inside = full_problem.observations.session == 1
+    part = replace(
+        full_problem,
+        whitening=np.where(inside[:, None, None], full_problem.whitening, 0.0),
+        free_targets=np.arange(TARGETS, 2 * TARGETS),
+        full_problem=full_problem,
+    )
+    worked_through = replace(part, full_problem=None)
+    np.testing.assert_array_equal(part.reduced_model.gram, worked_through.reduced_model.gram)
+    assert part.rank == worked_through.rank
+    for found, wanted in zip(
+        part.follow(np.ones(3)), worked_through.follow(np.ones(3)), strict=True
+    ):
+        np.testing.assert_array_equal(found, wanted)
 
 
 def test_seats_of_hundreds_of_placements_are_found() -> None:
