@@ -12,8 +12,7 @@ from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
-from support.planting import Effect, planted, rms_um, slip, wave
-from support.selection import parametrize_default
+from support.planting import ARC_SECOND, Effect, planted, rms_um, slip, wave
 
 VENDORED = Path(__file__).parent / "data"
 
@@ -33,6 +32,20 @@ def parts(since: Session, *effects: Effect) -> tuple[list[Session], list[Session
     shown = np.random.default_rng(5).permutation(since.n) < since.n * 2 // 3
     measured, fresh = (planted([since.rows(part)], *effects) for part in (shown, ~shown))
     return measured, fresh, since.rows(~shown)
+
+
+def test_an_effect_is_in_what_is_diagnosed_and_in_what_is_held_out(tmp_path: Path) -> None:
+    """No reading in both, none lost, and nothing but the effect between planted and untouched."""
+    ur10(VENDORED / "ur10_laser_tracker", tmp_path)
+    arm = load_arm(tmp_path / "arm.toml")
+    since = load_session(tmp_path / "B-heldout", arm)
+    (measured,), (fresh,), untouched = parts(since, wave(1, 48.0, 4))
+    instants = np.concatenate([measured.states.time_s, fresh.states.time_s])
+    assert sorted(instants) == sorted(since.states.time_s) and len(set(instants)) == since.n
+    change = (fresh.states.q - untouched.states.q) / ARC_SECOND
+    expected = 48.0 * np.sin(4 * untouched.states.q[:, 0] - 0.4)
+    assert np.allclose(change[:, 0], expected, atol=1e-6) and np.ptp(expected) > 48.0
+    assert not change[:, 1:].any()
 
 
 @pytest.mark.slow
@@ -99,7 +112,8 @@ def seated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibration, 
     return arm, first.extended, whole.rows(~one)
 
 
-@parametrize_default(
+@pytest.mark.slow
+@pytest.mark.parametrize(
     ("cause", "joint", "size", "order"),
     [("encoder_eccentricity", 4, 4000.0, 1), ("encoder_ellipticity", 2, 5400.0, 2)],
 )
