@@ -31,7 +31,7 @@ def encoded_in_order(column: pa.Array) -> pa.DictionaryArray:
         return column.dictionary_encode()
     names = column.dictionary
     few = 0 < len(names) <= FEW_NAMES and len(names.unique()) == len(names)
-    if column.null_count or not few:
+    if column.null_count or names.null_count or not few:
         return column.cast(pa.string()).dictionary_encode()
     codes = codes_of(column)
     first = {}  # row → code; a dictionary of Parquet has the names of other rows, too

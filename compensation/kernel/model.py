@@ -19,6 +19,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.instants import Delay
+from armd.compensation.model.kinematics import clear_partial_positions
 from armd.compensation.model.slow_factors import Dated, Period, SlowFactor
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
@@ -123,8 +124,8 @@ class Model:
     def correct_states(self, states: States, *, onwards: bool = False) -> tuple[F64, F64]:
         """Positions (n, 3) mm and corrections (n, 3), each row at its own temperatures and time.
 
-        Rows in which a temperature that a term uses is missing come out NaN. Lags are followed
-        within each series of *states*; with *onwards* from call to call, as `fold` does.
+        Rows in which a temperature that moves the tip is missing come out NaN, as a whole. Lags are
+        followed within each series of *states*; with *onwards* from call to call, as `fold` does.
         """
         return self.correct_rows(states, self.slow_values(states, onwards=onwards))
 
@@ -163,6 +164,8 @@ class Model:
             position,
             correction,
         )
+        clear_partial_positions(position)
+        clear_partial_positions(correction)
 
     def uncertainty_rows(self, states: States, slow_values: F64) -> F64:
         """Standard uncertainties (n, 3) mm of the rows' coordinates, NaN where nothing is known

@@ -21,7 +21,16 @@ def forward(q: F64, p: F64) -> tuple[F64, F64]:
     q, p = _rows(q, p)
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
     _forward(q, p, position, rotation)
+    clear_partial_positions(position)
     return position, rotation
+
+
+def clear_partial_positions(position_mm: F64) -> None:
+    """Set all of a position (n, 3) to NaN where one coordinate is: it is known as a whole.
+
+    What a missing temperature moves may be one coordinate alone: the length of a vertical link.
+    """
+    position_mm[np.isnan(position_mm).any(axis=1)] = np.nan
 
 
 def frames(q: F64, p: F64) -> tuple[F64, F64]:

@@ -24,6 +24,8 @@ def turn_towards(
     reading's longest is hardly turned towards; no reading is turned by more than *most_turn_rad*.
     """
     q, p, there_mm = (np.ascontiguousarray(rows, dtype=np.float64) for rows in (q, p, there_mm))
+    if not len(q) == len(p) == len(there_mm):
+        raise ValueError(f"rows: found {len(q)}, {len(p)} and {len(there_mm)}, expected the same")
     turned = np.empty_like(q)
     compiled_turn(q, p, there_mm, turns, least_lever**2, most_turn_rad, turned)
     return turned

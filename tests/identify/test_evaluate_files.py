@@ -35,7 +35,11 @@ def calibration(arm: Arm) -> Calibration:
             "reference_temperature_c": 20.0,
             "temperature_range_c": {"t2": [10.0, 40.0]},
             "constants": constants_of(arm.nominal(), arm.n_joints),
-            "terms": [{"parameter": "a_2", "basis": [LAGGED], "coefficient": 0.01}],
+            # Of the second, a missing temperature leaves two coordinates of the tip known.
+            "terms": [
+                {"parameter": parameter, "basis": [LAGGED], "coefficient": 0.01}
+                for parameter in ("a_2", "d_1")
+            ],
         }
     )
 

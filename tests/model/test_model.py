@@ -229,3 +229,22 @@ def test_a_missing_temperature_gives_no_position() -> None:
     states.temperature_c[2, 1] = np.nan
     position, _ = Model(arm, calibrated(arm, [term("a_1", WARM)])).correct_states(states)
     assert np.flatnonzero(np.isnan(position).any(axis=1)).tolist() == [2]
+
+
+@pytest.mark.parametrize("parameter", ["d_1", "theta_1", "base_y", "base_z", "base_rz", "tip_x"])
+def test_a_position_is_known_as_a_whole(parameter: str) -> None:
+    """What a missing temperature moves may be one coordinate alone, as the height of the base."""
+    arm, states = an_arm(4), some_states(9, 4)
+    celsius = states.temperature_c.copy()
+    celsius[5, 1] = np.nan
+    states = replace(states, temperature_c=celsius)
+    calibration = calibrated(arm, [term(parameter, WARM)])
+    model = Model(arm, calibration)
+    slow = model.slow_values(states)
+    for position in (
+        model.position_rows(states, slow),
+        *model.correct_rows(states, slow),
+        reference(arm, calibration, states),
+    ):
+        assert np.isnan(position).all(axis=1).tolist() == [row == 5 for row in range(9)]
+        assert np.isfinite(np.delete(position, 5, axis=0)).all()
