@@ -53,8 +53,8 @@ class LineHealth:
         return [Event(kind, text, now_ns, "error", {"line": self._name})]
 
     def silent(self, now_ns: int, detail: str = "") -> list[Item]:
-        """Nothing for too long: an event, unless it is known, with *more* that is to be said; open
-        the line afresh at once."""
+        """Nothing for too long: an event, unless it is known, with *detail* that is to be said;
+        open the line afresh at once."""
         events = self.lost("silence", f"nothing heard for 0.5 s on {self._name}{detail}", now_ns)
         self.open_due_ns = now_ns
         return events

@@ -141,7 +141,7 @@ class _PoseProblem:
 
 
 def rotation_vectors(turn: F64, target: F64) -> F64:
-    """(n, 3) rad in the base frame: from *wanted* rotations (n, 3, 3) to *turn* (n, 3, 3)."""
+    """(n, 3) rad in the base frame: from *target* rotations (n, 3, 3) to *turn* (n, 3, 3)."""
     difference = np.einsum("nij,nkj->nik", turn, target)
     sine = 0.5 * np.stack(
         [

@@ -150,7 +150,7 @@ def _factor(values: F64, changes: F64, parts: Parts, work: Scratch, numbers: F64
 
 @jit
 def assemble(values: F64, changes: F64, parts: Parts, matrix: F64, scratch: F64) -> None:
-    """The covariance of what acts in each row into *matrix* (n, n), mm²; *left* (n,) is scratch."""
+    """The covariance of what acts in each row into *matrix* (n, n), mm²."""
     identified, row, scaled_by, encoder, warm, warm_row, warm_amount, _ = parts
     n = len(matrix)
     for i in range(n):
@@ -179,7 +179,7 @@ def pivoted_cholesky(matrix: F64, remaining: F64, columns: F64) -> int:
 
     The rest is positive semidefinite and its trace at most NEGLECTED of the matrix's. Returns the
     number of columns: no more than the rank.
-    *left* (n,) is scratch.
+    *remaining* (n,) is scratch.
     """
     n = len(matrix)
     total = 0.0

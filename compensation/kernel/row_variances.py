@@ -128,7 +128,7 @@ def _take_column(folded: Folded, i: int, parameters: F64, coefficients: F64) -> 
 def _add_pose_terms(
     parameters: F64, coefficients: F64, program: Program, work: Work, m: int, with_pose: F64
 ) -> None:
-    """The parameters of each sample with its pose terms into *own* (P, W)."""
+    """The parameters of each sample with its pose terms into *with_pose* (P, W)."""
     for p in range(len(parameters)):
         for i in range(W):
             with_pose[p, i] = parameters[p, i]

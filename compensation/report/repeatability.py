@@ -21,7 +21,8 @@ def make_repeatability_page(
     name: str,
     files: Mapping[str, InputFile | None],
 ) -> str:
-    """HTML text; *when* are hours and °C of the visits, *name* is of what was measured."""
+    """HTML text; *time_and_temperature* are hours and °C of the visits, *name* is of what was
+    measured."""
     page = Page(f"Repeatability: {name}")
     page.add_items(words)
     page.add_figure(

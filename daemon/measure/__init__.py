@@ -2,24 +2,24 @@
 
 How a face drives it:
 
-    in_use = in_use_of(connection)                       # armd.connect(…): arm, calibration, tip
-    plan = plan_of("artefact", in_use.arm, artefact, Wishes(repeats=2))
+    in_use = ask_in_use(connection)                       # armd.connect(…): arm, calibration, tip
+    plan = make_plan("artefact", in_use.arm, artefact, Wishes(repeats=2))
     with Measuring(folder, plan, in_use) as measuring:   # begins, or goes on where it was left
         with connection.calling(keys.MEASUREMENT, heard.append):   # new ones only, no history
             while not measuring.complete:
                 for payload in heard: told = measuring.offer(json.loads(payload))
                 measuring.state(tip_mm)                  # plain dict for JSON: what to show
         measuring.finish()
-        for command in commands(folder, plan, in_use, EndOptions()):   # `armd calibrate …`, …
+        for command in list_commands(folder, plan, in_use, EndOptions()):   # `armd calibrate …`, …
             done = run(command)                          # a process of its own; text, exit code
 
 `offer` returns what became of a measurement: `{"event": "reading", …}` or `{"event": "refused",
 "reason": …, "text": …}`; `delete_last`, `again` (once more, beyond the plan) and `skip` (cannot be
 reached) return the like. What was told is on the disk. `Measuring.resume(folder, in_use)` goes on
 without a plan at hand. A measurement that was not taken at the trigger configured is not for
-`offer`: with `trigger = "rest"` in armd.toml a rest counts and a press does not (`wanted` below).
-`Measuring` may be called from any thread; it never waits for a network. `identified` (seconds, in a
-thread of the face's own) tells what `armd calibrate` makes of the readings so far.
+`offer`: with `trigger = "rest"` in armd.toml a rest counts and a press does not.
+`Measuring` may be called from any thread; it never waits for a network. `identify_so_far` (seconds,
+in a thread of the face's own) tells what `armd calibrate` makes of the readings so far.
 
     stations     what a plan is: one station per reading; kinds: the plan of each kind; poses: that
                  of `armd design`

@@ -42,8 +42,8 @@ class Exchange:
         last_answers: Said,
         other_ids: Container[int],
     ) -> None:
-        """*said*: what the servos answered to the requests before this one; *known*: ids that
-        other requests ask."""
+        """*last_answers*: what the servos answered to the requests before this one; *other_ids*:
+        ids that other requests ask."""
         self.request = request
         self.sent = sent
         self.answers: dict[int, TimedStatus] = {}

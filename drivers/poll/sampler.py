@@ -130,7 +130,7 @@ class ServoSampler:
         self._last = [None] * len(self._last)
 
     def _begin(self, first: Cycle, cycle: Cycle) -> None:
-        """Each joint's last reading before *held*, as if it had come as steadily to *cycle*."""
+        """Each joint's last reading before *first*, as if it had come as steadily to *cycle*."""
         for k, (position, later) in enumerate(zip(first.positions, cycle.positions, strict=True)):
             if position is None or later is None:
                 continue

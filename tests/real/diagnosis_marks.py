@@ -160,7 +160,7 @@ def _other_pose_terms(calibration: Calibration) -> list[Term]:
 
 
 def _known(session: Session, joint: int, seen_rad: F64) -> Mask:
-    """(n,) readings at which a joint stands where it was often *seen* before, turns aside."""
+    """(n,) readings at which a joint stands where it was often *seen_rad* before, turns aside."""
     times = np.zeros(360, dtype=np.int64)
     at = np.round(np.degrees(seen_rad)).astype(int)
     for shift in range(-NEAR_DEG, NEAR_DEG + 1):

@@ -68,7 +68,8 @@ def find_places(
     names: Sequence[str],
     targets: Sequence[str],
 ) -> Places:
-    """*given*: a session's column → the table's, as the person said; *targets*: the artefact's.
+    """*assigned*: a session's column → the table's, as said;
+    *targets*: the artefact's.
 
     Raises `BadInput` for what may be two things.
     """

@@ -54,9 +54,9 @@ class Growing:
         """(courses,) log of how likely all readings are with each of *courses* of a *cause*, with
         everything known and the course's amplitudes integrated out.
 
-        The same as of a stack that knows the course (`with_changes`). Courses that bend at the same
-        instants, all after their origins, share their `rate_size`, and bend by the same share of it
-        or by another.
+        The same as of a stack that knows the course (`add_known_changes`). Courses that bend at the
+        same instants, all after their origins, share their `rate_size`, and bend by the same share
+        of it or by another.
         """
         ramps = _Ramps(self._stack, cause, self._rotated, self._side)
         logs: list[float] = []
@@ -132,7 +132,7 @@ class _Ramps:
 
 
 class _Since:
-    """Sums of *of* (n, …) over all checks from each on, times powers of the time since."""
+    """Sums of *values* (n, …) over all checks from each on, times powers of the time since."""
 
     def __init__(self, time_d: F64, values: F64) -> None:
         self._time = time_d
@@ -144,7 +144,7 @@ class _Since:
         self._twice = _sum_backwards(2 * step * self._once[1:] + step**2 * self._sums[1:])
 
     def once(self, origins: F64) -> F64:
-        """(*origins, …) the ramp from each origin on, times *of*."""
+        """(*origins, …) the ramp from each origin on, times *values*."""
         places, lead = self._find_places(origins)
         return self._shaped(origins, self._once[places] + lead * self._sums[places])
 
@@ -165,7 +165,7 @@ class _Since:
 
 
 def _sum_backwards(values: F64) -> F64:
-    """(n + 1, …) sums of *of* (n, …) from each on."""
+    """(n + 1, …) sums of *values* (n, …) from each on."""
     sums = np.zeros((len(values) + 1, *values.shape[1:]))
     np.cumsum(values[::-1], axis=0, out=sums[-2::-1])
     return sums

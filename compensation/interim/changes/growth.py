@@ -38,7 +38,7 @@ def fit_growth(stack: Stack, change: Change, good: Sequence[int], firsts: Sequen
 
 
 class Growths:
-    """Growths of any cause by courses that may bend, weighed by the checks *kept* of a stack."""
+    """Growths of any cause by courses that may bend, weighed by the checks *good* of a stack."""
 
     def __init__(self, stack: Stack, good: Sequence[int]) -> None:
         self._stack, self._good = stack, good

@@ -308,7 +308,8 @@ class RunningSums:
 
 
 def _cumulate(powers: F64, products: Iterable[F64], shape: tuple[int, ...]) -> F64:
-    """(powers, n + 1, *shape) sums of *of*, n of that shape, times powers of time (powers, n)."""
+    """(powers, n + 1, *shape) sums of *products*, n of that shape, times powers of time
+    (powers, n)."""
     sums = np.zeros((len(powers), powers.shape[1] + 1, *shape))
     for i, product in enumerate(products):
         for power, total in zip(powers[:, i], sums, strict=True):

@@ -23,7 +23,7 @@ def set_tpdo(
 ) -> list[int]:
     """Switch TPDO *pdo* off, map it, switch it on, in the order that CiA 301 demands.
 
-    *wanted*: the mappings that would do, best first. A node whose mapping is fixed keeps its own.
+    *mappings*: the mappings that would do, best first. A node whose mapping is fixed keeps its own.
     Returns the entries of the mapping that is there afterwards, read back. Raises `NodeRefused`,
     `NodeAbsent`, or canopen's error of silence.
     """
