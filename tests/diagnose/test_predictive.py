@@ -112,7 +112,8 @@ def test_every_recorded_variable_has_bins_and_no_other() -> None:
     assert set(found) == expected
     for bins in found.values():
         assert len(np.unique(bins.order)) == len(bins.order) <= rests.n
-        assert bins.sum_over_bins(np.ones(rests.n)).sum() == len(bins.order)
+        moments = Moments(bins.order, bins.starts, rests.n, 1)
+        assert moments.sum_over_bins(np.ones(rests.n)).sum() == len(bins.order)
     still: Any = replace(
         rests.observations,
         states=replace(

@@ -42,11 +42,6 @@ class Bins:
     kind: VariableKind = "name"
     alike: tuple[str, ...] = ()  # variables whose values go with this one's
 
-    def sum_over_bins(self, values: F64) -> F64:
-        """(B, …) sums over each bin of values (n, …)."""
-        sums: F64 = np.add.reduceat(values[self.order], self.starts, axis=0)
-        return sums
-
 
 def bin_all_variables(rests: Rests) -> list[Bins]:
     """Bins of every variable that was recorded and varies, over the rests that are points."""

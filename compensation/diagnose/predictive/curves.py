@@ -160,7 +160,7 @@ def _make_curves(model: Refitted, variables: list[Bins], scale: F64) -> list[Res
     for bins, moments, strong in zip(
         variables, drawn, _compute_strengths(model, variables, named, moves), strict=True
     ):
-        levers = np.maximum(bins.sum_over_bins(squared_norm), LEAST_SQUARE)  # (B, K)
+        levers = np.maximum(moments.sum_over_bins(squared_norm), LEAST_SQUARE)  # (B, K)
         sums = moments.sum_over_bins(measured)
         curves += [
             _make_curve(bins, levers[:, k], sums[:, k], moments, k, normal, strong[k])

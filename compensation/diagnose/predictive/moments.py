@@ -24,9 +24,9 @@ class Moments:
         self._draws = np.zeros(components, dtype=np.int64)
         self.first_sums: F64 = np.zeros((components, size, SETS_SHOWN))  # sums of the first sets
 
-    def sum_over_bins(self, along: F64) -> F64:
-        """(B, …) of residuals (n, …)."""
-        sums: F64 = self._is_in @ along
+    def sum_over_bins(self, values: F64) -> F64:
+        """(B, …) sums over each bin of values (n, …)."""
+        sums: F64 = self._is_in @ values
         return sums
 
     def add(self, component: int, along: F64) -> None:
