@@ -5,6 +5,8 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+# A program of tests/: it may import what stands there
+SCRIPT := PYTHONPATH=tests $(BIN)/python
 # Hundreds of tests start a process each; without these files each would compile all of armd
 export PYTHONDONTWRITEBYTECODE :=
 
@@ -130,7 +132,7 @@ test-long: develop
 CASES ?= 40
 SEED ?= 1
 hidden: develop
-	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(SCRIPT) tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
 
 # The frozen cases, which two revisions are compared on (CONTRIBUTING.md). hidden-freeze draws those
 # of a seed into .cache/hidden and checks their SHA-256; RECORD=1 keeps it, ANEW=1 draws again.
@@ -150,35 +152,35 @@ hidden-compare: develop
 # Cases of a generator that shares nothing with armd, n of each kind, through the commands:
 # make outsider CASES=2 SEED=7
 outsider: develop
-	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/outsider/run.py --cases $(CASES) --seed $(SEED) $(OUTSIDER_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(SCRIPT) tests/outsider/run.py --cases $(CASES) --seed $(SEED) $(OUTSIDER_ARGS)
 
 # Interim checks against an oracle, the table of docs/how-to/interim.md: make interim CASES=40 SEED=2
 interim: develop
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/interim/montecarlo.py --cases $(CASES) --seed $(SEED)
+	OPENBLAS_NUM_THREADS=1 $(SCRIPT) tests/interim/montecarlo.py --cases $(CASES) --seed $(SEED)
 
 # Whether the probabilities of interim checks hold: make interim-reliability CASES=200 SEED=2
 interim-reliability: develop
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/interim/reliability.py --changes $(CASES) --seed $(SEED)
+	OPENBLAS_NUM_THREADS=1 $(SCRIPT) tests/interim/reliability.py --changes $(CASES) --seed $(SEED)
 
 # How the marks move when each constant of the search is halved and doubled:
 # make hidden-sweep CASES=4 SEED=7 SWEEP_ARGS="--only SHAPE_OFF ALPHA"
 hidden-sweep: develop
-	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/sweep.py --cases $(CASES) --seed $(SEED) $(SWEEP_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(SCRIPT) tests/hidden/sweep.py --cases $(CASES) --seed $(SEED) $(SWEEP_ARGS)
 
 # Does the planted cause's own variable leave its band most? make hidden-predictive CASES=5 SEED=7
 hidden-predictive: develop
-	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/predictive_numbers.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(SCRIPT) tests/hidden/predictive_numbers.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
 
 # Simulator, daemon and subscribers under random faults, every point accounted for:
 # make soak MINUTES=60 SEED=3
 MINUTES ?= 2
 soak: develop
-	PYTHONPATH=tests $(BIN)/python tests/scenarios/soak.py --minutes $(MINUTES) --seed $(SEED)
+	$(SCRIPT) tests/scenarios/soak.py --minutes $(MINUTES) --seed $(SEED)
 
 # Damaged input at every door: files, wires, page, I++, messages. What breaks one is kept in
 # out/fuzz: make fuzz MINUTES=60 SEED=3
 fuzz: develop
-	PYTHONPATH=tests $(BIN)/python tests/fuzz/run.py --minutes $(MINUTES) --seed $(SEED) $(FUZZ_ARGS)
+	$(SCRIPT) tests/fuzz/run.py --minutes $(MINUTES) --seed $(SEED) $(FUZZ_ARGS)
 
 # The programs of docs/how-to/scale.md on local clusters, Ray among them, which 240 MB come with
 scale: develop
@@ -211,24 +213,24 @@ system-test: develop
 
 # The founding paper's experiment, its tables beside ours
 paper: install
-	$(BIN)/python tests/scenarios/paper.py
+	$(SCRIPT) tests/scenarios/paper.py
 
 # From box to certificate on a simulated SO-101, each figure printed: make so101 SEED=3
 so101: install
-	$(BIN)/python tests/scenarios/so101.py --seed $(SEED)
+	$(SCRIPT) tests/scenarios/so101.py --seed $(SEED)
 
 # The same over the wire: servo packets on a pseudo-terminal, armd run, armd measure
 so101-live: install
-	$(BIN)/python tests/scenarios/so101_live.py --seed $(SEED)
+	$(SCRIPT) tests/scenarios/so101_live.py --seed $(SEED)
 
 # An arm goes wrong, is measured, diagnosed, mended and verified over the wire, figures printed
 circle: install
-	$(BIN)/python tests/scenarios/circle.py --seed 5
+	$(SCRIPT) tests/scenarios/circle.py --seed 5
 
 # Real measured data; DATA=../shared/data for copies of your own
 real: develop
-	$(BIN)/python tests/real/marks.py $(DATA)
-	$(BIN)/python tests/real/diagnosis_marks.py $(DATA)
+	$(SCRIPT) tests/real/marks.py $(DATA)
+	$(SCRIPT) tests/real/diagnosis_marks.py $(DATA)
 
 # The libraries of the page of `armd view`, bundled anew from npm; the result is committed
 PAGE := daemon/bridges/view
@@ -245,21 +247,21 @@ browser:
 
 # The picture of the page anew, on a machine that does nothing else
 picture: develop browser
-	PYTHONPATH=tests $(BIN)/python tests/bridges/picture.py out/view.png && cp out/view.png docs/view.png
+	$(SCRIPT) tests/bridges/picture.py out/view.png && cp out/view.png docs/view.png
 
 # docs/tutorials/gallery.md and its pictures anew
 .PHONY: gallery
 gallery: develop browser
-	PYTHONPATH=tests $(BIN)/python tests/bridges/gallery.py docs/tutorials
+	$(SCRIPT) tests/bridges/gallery.py docs/tutorials
 
 # The recording of `make demo` for the README anew, on a machine that does nothing else
 .PHONY: recording
 recording: install
-	$(BIN)/python tests/scenarios/recording.py docs/demo.svg
+	$(SCRIPT) tests/scenarios/recording.py docs/demo.svg
 
 # Figures and ratios measured in one run, as text and as out/bench.json; BENCH="kernel wire"
 bench: develop
-	PYTHONPATH=tests $(BIN)/python tests/benchmarks/run.py $(BENCH)
+	$(SCRIPT) tests/benchmarks/run.py $(BENCH)
 
 clean:
 	rm -rf $(VENV) build .cache *.egg-info

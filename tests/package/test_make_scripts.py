@@ -19,8 +19,13 @@ SCRIPTS = sorted(
 LOAD = "import runpy, sys; sys.path.insert(0, sys.argv[2]); runpy.run_path(sys.argv[1])"
 
 
-def test_make_starts_several() -> None:
+def test_make_starts_several_and_each_finds_the_helpers() -> None:
     assert len(SCRIPTS) > 8
+    lines = (ROOT / "Makefile").read_text().splitlines()
+    starts = [line for line in lines if re.search(r"(python|\)) tests/[\w/]+\.py", line)]
+    assert len(starts) > 8
+    assert [line for line in starts if "$(SCRIPT) tests/" not in line] == []
+    assert "SCRIPT := PYTHONPATH=tests $(BIN)/python" in lines
 
 
 @parametrize_default("script", SCRIPTS)

@@ -1,6 +1,6 @@
 """The founding paper's experiment: identify at five temperatures, validate at all eight.
 
-    python tests/scenarios/paper.py [FOLDER]
+    PYTHONPATH=tests python tests/scenarios/paper.py [FOLDER]
 
 Simulates the sessions, identifies with `armd calibrate` from five of them and measures distances
 between the beam's balls with the others, which took no part: other poses, other placements, three
