@@ -1,7 +1,8 @@
 """`make bench`: every benchmark in turn, as text and as `out/bench.json`; at the end a table of all
 marks, each with what was reached and, measured in the same run, its floor.
 
-`python tests/benchmarks/run.py [NAME …]` runs the named ones. Nothing here fails for being slow.
+`PYTHONPATH=tests python tests/benchmarks/run.py [NAME …]` runs the named ones. Nothing here fails
+for being slow.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The pictures of docs/tutorials/gallery/ and the page that shows them: `make gallery`.
 
-    python tests/bridges/gallery.py docs/tutorials
+    PYTHONPATH=tests python tests/bridges/gallery.py docs/tutorials
 
 Everything is made here, by the commands under each picture; the page of `armd view` is a picture of
 its own (`make picture`), the recording of the demo as well (`make recording`).

@@ -1,6 +1,6 @@
 """The picture of the page in README and docs: the arm of `armd demo`, calibrated and warming up.
 
-    python tests/bridges/picture.py out/view.png
+    PYTHONPATH=tests python tests/bridges/picture.py out/view.png
 
 On a machine that does nothing else: a picture that shows lost points is refused, with exit code 1.
 """
