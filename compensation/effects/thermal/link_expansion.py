@@ -1,6 +1,7 @@
 """A link's coefficient of expansion is wrong or missing."""
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 from armd.arrays import F64
 from armd.compensation.effects import location
@@ -17,6 +18,7 @@ from armd.compensation.effects.effect import (
 from armd.compensation.wording import plain
 
 TYPICAL_PER_K = 10e-6
+TOGETHER = "of all links per kelvin"
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
@@ -51,6 +53,28 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                     for piece in pieces
                 )
                 yield Candidate("link_expansion", location.link(k), columns, depends, expected=True)
+    if not facts.open_growth and facts.has_fixed_constants:
+        yield from list_together(facts)
+
+
+def list_together(facts: SessionFacts) -> Iterator[Candidate]:
+    """All links by one coefficient, each by its own sensors or all by one: an arm of one material.
+
+    It stands at the longest link. An artefact whose expansion is wrong shows almost the same.
+    """
+    by_link = {k: pieces for k in facts.joints if (pieces := lengths(facts, k))}
+    weights = {k: facts.weights(k) for k in by_link}
+    if len(by_link) < 2:
+        return
+    choices = [weights] if all(weights.values()) else []
+    if not any(weights.values()):
+        choices = [{k: {name: 1.0} for k in by_link} for name in facts.sensors]
+    longest = max(by_link, key=lambda k: sum(abs(length_mm) for _, length_mm in by_link[k]))
+    for chosen in choices:
+        terms = [tie(pieces, temperature(chosen[k])) for k, pieces in by_link.items()]
+        column = Column(TOGETHER, "1/K", TYPICAL_PER_K, tuple(chain.from_iterable(terms)))
+        sensors = tuple(dict.fromkeys(chain.from_iterable(chosen.values())))
+        yield Candidate("link_expansion", location.link(longest), (column,), sensors)
 
 
 def _name(lengths_mm: Sequence[tuple[str, float]]) -> str:
@@ -64,6 +88,8 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
     growth = " and ".join(
         value + (name if len(values) > 1 else "") for value, name in zip(values, names, strict=True)
     )
+    if candidate.columns[0].name == TOGETHER:
+        return f"all links expand by {growth} per metre and kelvin more"
     return f"{candidate.location} expands by {growth} per metre and kelvin more"
 
 

@@ -1,0 +1,116 @@
+"""An arm whose links all grow more than its calibration says, and an artefact that does: they show
+almost the same, and what tells them apart is that links and artefact are not equally warm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.diagnosis import Finding
+from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.effects.effect import Candidate, SessionFacts, temperature
+from armd.compensation.effects.thermal.link_expansion import TOGETHER
+from armd.compensation.identify.calibrate import calibrate
+from armd.compensation.identify.thermal.terms import make_length_terms
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.parameters import TIP_PARAMETERS
+from armd.compensation.model.terms import Term
+from support import synthetic
+from support.whole_scene import whole_scene
+
+ARM = synthetic.arm()
+SHOP_C = (15.0, 18.0, 23.0, 26.0)
+GROWTH_PER_K = 4e-6
+
+
+def test_links_of_one_material_grow_together_where_the_calibration_knew_their_growth() -> None:
+    """By all their lengths, each by the temperature of its own link; at the longest of them."""
+    facts = replace(whole_scene().free, has_fixed_constants=True)
+    assert _list_together(facts) == []  # its last link has no sensor
+    joints = [*facts.arm.joint[:5], facts.arm.joint[4]]
+    facts = replace(facts, arm=facts.arm.model_copy(update={"joint": joints}))
+    (candidate,) = _list_together(facts)
+    assert str(candidate.location) == "link 3"
+    assert candidate.depends_on == ("t1", "t2", "t3", "t4")
+    grown = {term.parameter: term for term in candidate.columns[0].terms}
+    assert len(grown) == len(candidate.columns[0].terms) == 12  # d and a of six links
+    for name, term in grown.items():
+        assert term.coefficient == facts.constants[facts.arm.layout.index(name)]
+        assert term.basis == [temperature(facts.weights(int(name[-1])))]
+    text = CATALOGUE["link_expansion"].describe(candidate, np.array([3e-6]))
+    assert text == "all links expand by +3.0 µm per metre and kelvin more"
+    assert _list_together(replace(facts, has_fixed_constants=False)) == []
+    assert _list_together(replace(facts, open_growth=frozenset({"a_1"}))) == []
+
+
+def test_links_without_sensors_of_their_own_grow_together_by_any_one() -> None:
+    facts = replace(whole_scene().free, has_fixed_constants=True)
+    facts = replace(facts, lost_links=frozenset(facts.joints))
+    found = _list_together(facts)
+    assert [candidate.depends_on for candidate in found] == [(name,) for name in facts.sensors]
+
+
+def _list_together(facts: SessionFacts) -> list[Candidate]:
+    listed = CATALOGUE["link_expansion"].candidates(facts)
+    return [c for c in listed if c.columns[0].name == TOGETHER]
+
+
+def measured(grown_per_k: float = 0.0, artefact_per_k: float = 0.0) -> tuple[Session, ...]:
+    """Eight balls in three places, each a kelvin off the room's temperature as links are; noise of
+    the encoders, 2 µm at the tip. The artefact grows by *artefact_per_k* less than it says."""
+    truth = synthetic.disturbed(ARM, np.random.default_rng(5), 0.1)
+    rng = np.random.default_rng(6 + (grown_per_k > 0.0) + 2 * (artefact_per_k > 0.0))
+    return tuple(_measure(truth, c, grown_per_k, artefact_per_k, rng) for c in SHOP_C)
+
+
+def _measure(
+    truth: np.ndarray, celsius: float, grown_per_k: float, artefact_per_k: float, rng
+) -> Session:
+    session = synthetic.session(
+        ARM, truth, rng, terms=_grow(truth, grown_per_k), temperature_c=celsius, scatter_k=1.0,
+        targets=8, readings=96, encoder_rad=4e-6, uncertainty_mm=0.0003, name=f"{celsius}",
+    )  # fmt: skip
+    artefact = session.artefact.model_copy(update={"expansion_per_k": artefact_per_k})
+    artefact_c = np.full(session.n, celsius + rng.normal())
+    return replace(session, artefact=artefact, artefact_c=artefact_c)
+
+
+def _grow(truth: np.ndarray, per_k: float) -> list[Term]:
+    """Of the links; the stylus is a body of its own."""
+    return [
+        term.model_copy(update={"coefficient": per_k * truth[ARM.layout.index(term.parameter)]})
+        for term in make_length_terms(ARM, [1])
+        if term.parameter not in TIP_PARAMETERS
+    ]
+
+
+@pytest.fixture(scope="module")
+def known() -> Calibration:
+    return calibrate(measured(), ARM).calibration
+
+
+def the_only_finding(sessions: tuple[Session, ...], known: Calibration) -> tuple[Finding, float]:
+    """With its amplitude per kelvin."""
+    diagnosis = diagnose(sessions, ARM, known)
+    (finding,) = diagnosis.findings
+    assert finding.probability > 0.9
+    return finding, float(diagnosis.search.last.amplitudes[0][0])
+
+
+@pytest.mark.slow
+def test_all_links_are_named_together(known: Calibration) -> None:
+    finding, per_k = the_only_finding(measured(grown_per_k=GROWTH_PER_K), known)
+    assert finding.candidate.place == ("link_expansion", "link 3")
+    assert finding.candidate.columns[0].name == TOGETHER
+    assert per_k == pytest.approx(GROWTH_PER_K, rel=0.1)
+
+
+@pytest.mark.slow
+def test_an_artefact_is(known: Calibration) -> None:
+    finding, per_k = the_only_finding(measured(artefact_per_k=GROWTH_PER_K), known)
+    assert finding.candidate.place == ("artefact_expansion", "artefact")
+    assert per_k == pytest.approx(-GROWTH_PER_K, rel=0.1)
