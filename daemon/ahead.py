@@ -207,7 +207,8 @@ def make_library(args: argparse.Namespace, numbers: Sequence[int]) -> int:
 
     library.do_without()
     compiler.keep_nothing()
-    call(args.files, numbers, only_serial=args.demo)
+    with numba_inside.unoptimised():
+        call(args.files, numbers, only_serial=args.demo)
     args.into.mkdir(parents=True, exist_ok=True)
     try:
         numba_inside.export(args.into / library.file_name(), FUNCTIONS)

@@ -1,5 +1,5 @@
 """All that touches numba's inside, and nothing else of armd does: four patches, its events, its
-ahead-of-time compiler.
+level of optimisation, its ahead-of-time compiler.
 
 Numba may change any of it without notice, so pyproject.toml has an upper bound for its version, and
 tests/package/test_numba_inside.py says of each what changed. With ARMD_PLAIN_NUMBA=1 (anything but
@@ -99,6 +99,21 @@ class _Once(Listener):  # type: ignore[misc]
 
     def on_end(self, event: Event) -> None:
         pass
+
+
+@contextmanager
+def unoptimised() -> Iterator[None]:
+    """Within this `with`, functions are compiled in less time, for one call that says what their
+    results are: `export` optimises all of them again, as a whole.
+
+    Before anything else is compiled in this process: numba chooses how it writes machine code once.
+    """
+    level = numba.config.OPT
+    numba.config.OPT = type(level)(0)
+    try:
+        yield
+    finally:
+        numba.config.OPT = level
 
 
 def can_link() -> bool:

@@ -124,6 +124,28 @@ def test_what_is_exported_releases_the_lock_if_it_says_so(monkeypatch: pytest.Mo
     assert [each.release_gil for each in given] == [True, False], f"{VERSION}: other flags"
 
 
+def test_what_is_to_be_exported_is_not_optimised_before() -> None:
+    """`numba.config.OPT` is read at each compilation, and has its property `is_opt_max`."""
+    from armd.compiled import numba_inside
+
+    def sum_up(values):  # type: ignore[no-untyped-def]
+        total = 0.0
+        for value in values:
+            total += value
+        return total
+
+    def compile_now() -> str:
+        function = numba.njit(sum_up)
+        function(np.ones(3))
+        return str(function.inspect_llvm(function.signatures[0]))
+
+    changed = f"{VERSION}: numba.config.OPT no longer decides how well a function is compiled"
+    with numba_inside.unoptimised():
+        plain = compile_now()
+    optimised = compile_now()
+    assert plain.count(" = alloca") > 5 > optimised.count(" = alloca"), changed
+
+
 def test_the_options_are_numbas() -> None:
     from armd.compiled import numba_inside
 
