@@ -26,7 +26,7 @@ class Ran(NamedTuple):
 
 
 pytestmark = pytest.mark.serial  # it counts losses
-COMMAND = [sys.executable, "-m", "armd.daemon.cli", "demo", "--seconds", "12"]
+COMMAND = [sys.executable, "-m", "armd.daemon.cli", "demo", "--seconds", "10"]
 
 
 @pytest.fixture(scope="module")
