@@ -120,6 +120,8 @@ class Candidate:
     through: tuple[Acting, ...] | None = field(default=None, compare=False)
     #: the calibration under test could not know it, and it is as likely there as not
     expected: bool = False
+    #: a cause that it may be instead of; beside other findings it stands for several of them
+    instead_of: str = ""
 
     @property
     def is_report_only(self) -> bool:

@@ -38,7 +38,7 @@ class Required:
 def make_required(findings: Sequence[Candidate], instead_of: Sequence[Candidate]) -> Required:
     """What *findings* must show to be told *instead_of* others."""
     tells_why = _count(follows_anything, findings) < _count(follows_anything, instead_of)
-    names = _count(_is_nameless, findings) < _count(_is_nameless, instead_of)
+    names = _count(_is_loose, findings) < _count(_is_loose, instead_of)
     keeps_all = {c.place for c in instead_of} <= {c.place for c in findings}
     says_more = tells_why or names or keeps_all
     return Required(
@@ -50,5 +50,6 @@ def _count(which: Callable[[Candidate], bool], findings: Sequence[Candidate]) ->
     return sum(map(which, findings))
 
 
-def _is_nameless(candidate: Candidate) -> bool:
-    return candidate.cause == "unknown"
+def _is_loose(candidate: Candidate) -> bool:
+    """Whether it names no cause, or several at once."""
+    return candidate.cause == "unknown" or bool(candidate.instead_of)

@@ -203,7 +203,8 @@ class Revisit:
 
 def _barred(finding: Candidate) -> list[Which]:
     """What may not come again where a finding is taken out: its place; or, of a nearly free
-    function (a curve, a walk), only others as free, so that plainer ones join beside others."""
+    function (a curve, a walk), only others as free, so that plainer ones join beside others; of
+    what stands for several at once, itself."""
 
     def place(candidate: Candidate) -> bool:
         return candidate.place == finding.place
@@ -211,6 +212,8 @@ def _barred(finding: Candidate) -> list[Which]:
     def as_free(candidate: Candidate) -> bool:
         return place(candidate) and _is_free(candidate)
 
+    if finding.instead_of:
+        return [finding.is_like]
     return [place, as_free] if _is_free(finding) else [place]
 
 
