@@ -17,9 +17,11 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.report.signature_plot import make_signature_plot
 from support.selection import parametrize_default
 
 SETS = Path(__file__).parent / "thermal"
+TIP_LABEL = "fitted effect at the tip, µm"  # of what depends on several variables
 #: Written models err by at most so many times what the fit does that is told the cause.
 NEARLY = 1.05
 
@@ -60,6 +62,10 @@ def test_the_cause_is_named_sized_and_written(truth: Truth) -> None:
         )
         assert value == pytest.approx(truth.size, abs=3.0 * sigma)
         assert sigma < 0.1 * truth.size
+    (panel,) = make_signature_plot(diagnosis, 0).axes
+    assert panel.get_xlabel() in (*(f"{name}, °C" for name in arm.sensors), TIP_LABEL)
+    assert panel.get_ylabel().startswith("correction ") and panel.get_ylabel()[-1] in "m″"
+    assert "fitted effect" in [text.get_text() for text in panel.get_legend().get_texts()]
     held_out = evaluate(_sessions(folder / "holdout", arm), arm, diagnosis.extended)
     assert float(np.sqrt((held_out.distance_um**2).mean())) < NEARLY * truth.oracle_um
 

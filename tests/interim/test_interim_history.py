@@ -507,7 +507,6 @@ def test_two_that_add_at_once_wait_for_each_other(checks: Path, kept: Path, tmp_
     assert [check["name"] for check in reported(history)["checks"]] == ["day-03"]
 
 
-@pytest.mark.slow
 def test_the_page_names_units_and_the_change(kept: Path, tmp_path: Path) -> None:
     assert run("report", "--history", kept, "--report", tmp_path / "r.html") == 1
     page = (tmp_path / "r.html").read_text()

@@ -84,7 +84,6 @@ def result_of(artefact: Path) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.slow
 def test_a_scale_that_changed_and_a_dirty_seat(
     tmp_path: Path, artefact: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -246,7 +246,6 @@ def test_a_port_where_nobody_answers_is_told(capsys: pytest.CaptureFixture[str])
     assert finding["mend"].startswith("start the program that is to speak at its other end")
 
 
-@pytest.mark.slow
 def test_an_arm_of_our_own_wire_is_known(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -52,7 +52,6 @@ def read(path: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-@pytest.mark.slow
 def test_a_table_a_result_and_a_page_of_a_trackers_points(
     arm: Arm, capsys: pytest.CaptureFixture[str]
 ) -> None:
