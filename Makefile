@@ -54,21 +54,29 @@ demo: $(if $(wildcard $(VENV)/.installed)$(filter --can --servo% --joints%,$(DEM
 
 $(VENV)/.demo: requirements.txt pyproject.toml | $(VENV)/.made
 	@echo "armd: installing into $(VENV) what the demo needs: 0.5 GB on disk, some 200 MB to fetch"
-	@$(MAKE) --no-print-directory -j2 demo-packages demo-kernel
+	@$(MAKE) --no-print-directory -j2 demo-live demo-sessions
+	@if [ -e $(COMPILER)/.cannot ]; then $(PIP) install --no-deps -c requirements.txt $(COMPILES); fi
 	@rm -rf $(COMPILER)
 	@touch $@
 
-.PHONY: demo-packages demo-kernel
+# The kernel's two halves take as long as each other, but for the packages that the second waits for
+.PHONY: demo-packages demo-compiler demo-live demo-sessions
+AHEAD = PYTHONPATH=$(COMPILER) $(BIN)/python -m armd.daemon.ahead --into $(VENV)/share/armd --demo $(1) \
+    || touch $(COMPILER)/.cannot
 demo-packages:
 	$(call timed,packages,grep -v $(COMPILES:%=-e '^%=') requirements.txt > $(VENV)/demo.txt && \
 	    $(PIP) install --no-compile --no-deps -r $(VENV)/demo.txt)
 	$(call timed,armd itself,$(PIP) install --no-build-isolation --no-deps --editable .)
 
-demo-kernel:
+demo-compiler:
 	$(call timed,compiler,$(PIP) install --no-compile --no-deps -c requirements.txt --upgrade \
 	    --target $(COMPILER) $(COMPILES) $(IMPORTS))
-	$(call timed,kernel for the demo's arm,PYTHONPATH=$(COMPILER) $(BIN)/python -m armd.daemon.ahead \
-	    --demo --into $(VENV)/share/armd || $(PIP) install --no-deps -c requirements.txt $(COMPILES))
+
+demo-live: demo-compiler
+	$(call timed,kernel for the demo's live points,$(call AHEAD,live))
+
+demo-sessions: demo-compiler demo-packages
+	$(call timed,kernel for the demo's sessions,$(call AHEAD,sessions))
 
 lint: develop
 	$(BIN)/ruff format --check .

@@ -41,7 +41,7 @@ from armd.compensation.model.row_algebra import (
 )
 from armd.compensation.model.state import Lag, States
 from armd.compiled import library
-from armd.daemon.config import load_config
+from armd.daemon.config import Config, load_config
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.rehearsal import rehearse
 from armd.drivers.microscribe.wire import N_JOINTS
@@ -59,20 +59,32 @@ SERIAL, MICROSCRIBE = (
 DEMO_JOINTS = 6
 
 #: What armd names after a state of its sources: a folder for numba, a library.
-OF_A_VERSION = re.compile(r"[0-9a-f]{12}|kernel_[0-9a-f]{12}\..*")
+OF_A_VERSION = re.compile(
+    rf"[0-9a-f]{{12}}|kernel_[0-9a-f]{{12}}(_({'|'.join(library.PARTS)}))?\..*"
+)
 
 
-def call_everything(path: Path, for_tables: bool = True) -> None:
-    """All compiled calls of `armd run` with this armd.toml, and of commands that work on sessions,
-    and *for_tables*; raises `ArmdError` for a bad one."""
+def call_everything(path: Path, part: str = "") -> None:
+    """All compiled calls of `armd run` with this armd.toml, of commands that work on sessions, and
+    of those that work on tables; of a *part* of `library.PARTS` only those, and none for tables.
+
+    Raises `ArmdError` for a bad file.
+    """
     config = load_config(path)
+    if part != "sessions":
+        call_for_live_points(config)
+    if part != "live":
+        call_for_sessions(config.arm)
+    if not part:
+        call_for_uncertainties(config.arm)
+
+
+def call_for_live_points(config: Config) -> None:
+    """The compiled calls of `armd run`."""
     rehearse(config, ArmInUse(config))
     if config.driver.kind != "replay":  # which opens its file; others open no port before they read
         with closing(open_driver(config.driver, config.expectation)):
             pass
-    call_for_sessions(config.arm)
-    if for_tables:
-        call_for_uncertainties(config.arm)
 
 
 def call_for_sessions(arm: Arm) -> None:
@@ -133,14 +145,13 @@ def made_up(folder: Path, joints: int, configuration: str = SERIAL) -> Path:
     return path
 
 
-def call(files: Iterable[Path], numbers: Sequence[int], only_serial: bool = False) -> None:
-    """As the daemons of these files do, and those of arms with these numbers of joints."""
+def call(files: Iterable[Path], numbers: Sequence[int], part: str = "") -> None:
+    """As the daemons of these files do, and those of arms with these numbers of joints; or a *part*
+    of that, on a serial wire alone."""
     with tempfile.TemporaryDirectory() as folder:
         for joints in numbers:
-            call_everything(made_up(Path(folder), joints), for_tables=not only_serial)
-        if (
-            numbers and not only_serial
-        ):  # what all wires but the serial one share is the same for any of them
+            call_everything(made_up(Path(folder), joints), part)
+        if numbers and not part:  # what all wires but the serial one share is the same for any
             call_everything(made_up(Path(folder), N_JOINTS, MICROSCRIBE))
     for path in files:
         try:
@@ -151,6 +162,7 @@ def call(files: Iterable[Path], numbers: Sequence[int], only_serial: bool = Fals
 
 def tidy() -> None:
     """Remove what other versions of armd, or for another Python, left where this one may write."""
+    own_names = {path.name for path in library.places()}
     for folder in library.made_in():
         if not (folder.is_dir() and os.access(folder, os.W_OK)):
             continue
@@ -158,20 +170,18 @@ def tidy() -> None:
             if OF_A_VERSION.fullmatch(path.name):
                 if path.is_dir() and path.name != library.sources():
                     shutil.rmtree(path)
-                elif path.is_file() and path.name != library.file_name():
+                elif path.is_file() and path.name not in own_names:
                     path.unlink()
 
 
 def keep_in_environment() -> None:
     """Copy a library that lies in the cache alone, which somebody may empty."""
-    loaded_library, folder = library.loaded(), library.made_in()[0]
-    if loaded_library is None or loaded_library.__file__ is None:
-        return
-    path, cache = Path(loaded_library.__file__), library.cache_folder()
-    if path.parent == cache and folder != cache and library.usable(folder):
-        with tempfile.TemporaryDirectory(dir=folder) as temporary_folder:
-            copy = Path(shutil.copy(path, temporary_folder))
-            copy.replace(folder / path.name)  # whole, or not at all
+    folder, cache = library.made_in()[0], library.cache_folder()
+    for path in (Path(one.__file__) for one in library.loaded() if one.__file__ is not None):
+        if path.parent == cache and folder != cache and library.usable(folder):
+            with tempfile.TemporaryDirectory(dir=folder) as temporary_folder:
+                copy = Path(shutil.copy(path, temporary_folder))
+                copy.replace(folder / path.name)  # whole, or not at all
 
 
 def can_link() -> bool:
@@ -208,10 +218,10 @@ def make_library(args: argparse.Namespace, numbers: Sequence[int]) -> int:
     library.do_without()
     compiler.keep_nothing()
     with numba_inside.unoptimised():
-        call(args.files, numbers, only_serial=args.demo)
+        call(args.files, numbers, args.demo)
     args.into.mkdir(parents=True, exist_ok=True)
     try:
-        numba_inside.export(args.into / library.file_name(), FUNCTIONS)
+        numba_inside.export(args.into / library.file_name(args.demo), FUNCTIONS)
     except ArmdError as error:
         print(f"armd: {error}", file=sys.stderr)
         return 2
@@ -223,7 +233,9 @@ def main() -> int:
     parser.add_argument("files", nargs="*", type=Path)
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--joints", nargs="+", type=int, help="for arms with so many")
-    which.add_argument("--demo", action="store_true", help="for the arm of `armd demo` alone")
+    which.add_argument(
+        "--demo", choices=library.PARTS, default="", help="a part, for the arm of `armd demo` alone"
+    )
     parser.add_argument("--into", type=Path, metavar="FOLDER", help="make the library there, anew")
     parser.add_argument(
         "--anew", action="store_true", help="make the library although there is one"
@@ -238,9 +250,9 @@ def main() -> int:
     if args.into is not None:
         return make_library(args, numbers)
     keep_in_environment()
-    if (args.anew or library.loaded() is None) and can_link() and make_library_apart():
+    if (args.anew or not library.loaded()) and can_link() and make_library_apart():
         return 0
-    call(args.files, numbers, only_serial=args.demo)
+    call(args.files, numbers, args.demo)
     return 0
 
 

@@ -75,7 +75,7 @@ class Compiled:
 
     def _entry(self, kinds: Kinds) -> Callable[..., Any]:
         if kinds not in self.entries:
-            compiled_entry = getattr(library.loaded(), library.symbol(self.name, kinds), None)
+            compiled_entry = library.find(self.name, kinds)
             self.entries[kinds] = self.by_numba if compiled_entry is None else compiled_entry
         return self.entries[kinds]
 

@@ -13,7 +13,7 @@ import os
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from importlib.machinery import ExtensionFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -25,6 +25,8 @@ import platformdirs
 
 #: Of numpy's flags of an array: contiguous in C's order (0x1), aligned (0x100), writeable (0x400).
 LAYOUT = 0x501
+#: Of a library, two that can be made beside each other: for live points, and for sessions.
+PARTS = ("live", "sessions")
 #: Scalars by what they become in a compiled function.
 _SCALARS: dict[type, str] = {
     bool: "b1", np.bool: "b1", int: "i8", np.int64: "i8", float: "f8", np.float64: "f8",
@@ -83,14 +85,16 @@ def sources() -> str:
     return digest.hexdigest()[:12]
 
 
-def file_name() -> str:
-    """The library's, for this state of the sources and this Python."""
-    return f"kernel_{sources()}{sysconfig.get_config_var('EXT_SUFFIX')}"
+def file_name(part: str = "") -> str:
+    """The library's, for this state of the sources and this Python; or that of one of `PARTS`."""
+    part = part and f"_{part}"
+    return f"kernel_{sources()}{part}{sysconfig.get_config_var('EXT_SUFFIX')}"
 
 
 def places() -> tuple[Path, ...]:
-    """Where the library may lie: delivered with armd, or made here."""
-    return tuple(folder / file_name() for folder in (Path(__file__).parents[1], *made_in()))
+    """Where the library or its parts may lie: delivered with armd, or made here."""
+    folders = (Path(__file__).parents[1], *made_in())
+    return tuple(folder / file_name(part) for folder in folders for part in ("", *PARTS))
 
 
 def made_in() -> tuple[Path, ...]:
@@ -111,8 +115,9 @@ _without = bool(os.environ.get("ARMD_WITHOUT_LIBRARY"))
 
 
 @functools.cache
-def loaded() -> ModuleType | None:
-    """The library, or None where there is none that this machine can load."""
+def loaded() -> tuple[ModuleType, ...]:
+    """The library, or its parts; none where there is none that this machine can load."""
+    found: list[ModuleType] = []
     for path in places():
         if _without or not path.exists():
             continue
@@ -124,8 +129,16 @@ def loaded() -> ModuleType | None:
             spec.loader.exec_module(library)
         except (ImportError, OSError):
             continue
-        return library
-    return None
+        if path.name == file_name():
+            return (library,)
+        found.append(library)
+    return tuple(found)
+
+
+def find(name: str, kinds: Hashable) -> Callable[..., Any] | None:
+    """The function *name* (module.function) for arguments so; None where no library has it."""
+    wanted = symbol(name, kinds)
+    return next((getattr(one, wanted) for one in loaded() if hasattr(one, wanted)), None)
 
 
 def kind(value: Any) -> Hashable:
