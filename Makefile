@@ -54,12 +54,12 @@ demo: $(if $(wildcard $(VENV)/.installed)$(filter --can --servo% --joints%,$(DEM
 
 $(VENV)/.demo: requirements.txt pyproject.toml | $(VENV)/.made
 	@echo "armd: installing into $(VENV) what the demo needs: 0.5 GB on disk, some 200 MB to fetch"
-	@$(MAKE) --no-print-directory -j2 demo-live demo-sessions
+	@$(MAKE) --no-print-directory -j3 demo-packages demo-live demo-sessions
 	@if [ -e $(COMPILER)/.cannot ]; then $(PIP) install --no-deps -c requirements.txt $(COMPILES); fi
 	@rm -rf $(COMPILER)
 	@touch $@
 
-# The kernel's two halves take as long as each other, but for the packages that the second waits for
+# The kernel's two halves beside each other and beside the packages: two processors are all busy
 .PHONY: demo-packages demo-compiler demo-live demo-sessions
 AHEAD = PYTHONPATH=$(COMPILER) $(BIN)/python -m armd.daemon.ahead --into $(VENV)/share/armd --demo $(1) \
     || touch $(COMPILER)/.cannot
@@ -75,7 +75,7 @@ demo-compiler:
 demo-live: demo-compiler
 	$(call timed,kernel for the demo's live points,$(call AHEAD,live))
 
-demo-sessions: demo-compiler demo-packages
+demo-sessions: demo-compiler
 	$(call timed,kernel for the demo's sessions,$(call AHEAD,sessions))
 
 lint: develop

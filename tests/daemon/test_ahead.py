@@ -255,6 +255,7 @@ def test_every_made_up_arm_is_one_that_a_daemon_takes(monkeypatch: pytest.Monkey
     called = []
 
     def take(path: Path, part: str) -> None:
+        assert part == ""
         called.append(load_config(path))
 
     monkeypatch.setattr(program, "call_everything", take)
