@@ -71,6 +71,8 @@ demo-packages:
 demo-compiler:
 	$(call timed,compiler,$(PIP) install --no-compile --no-deps -c requirements.txt --upgrade \
 	    --target $(COMPILER) $(COMPILES) $(IMPORTS))
+	@# which otherwise each half compiles for itself
+	-@$(BIN)/python -m compileall -q -j 2 -x '/(tests|cuda)/' $(COMPILER)/numba $(COMPILER)/llvmlite
 
 demo-live: demo-compiler
 	$(call timed,kernel for the demo's live points,$(call AHEAD,live))

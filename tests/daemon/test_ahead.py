@@ -254,7 +254,7 @@ def test_every_made_up_arm_is_one_that_a_daemon_takes(monkeypatch: pytest.Monkey
     """`make install` calls them all: one that a check refuses would stop it."""
     called = []
 
-    def take(path: Path, part: str) -> None:
+    def take(path: Path, part: str = "") -> None:
         assert part == ""
         called.append(load_config(path))
 
