@@ -59,14 +59,14 @@ $(VENV)/.demo: requirements.txt pyproject.toml | $(VENV)/.made
 	@rm -rf $(COMPILER)
 	@touch $@
 
-# The kernel's two halves beside each other and beside the packages: two processors are all busy
+# The kernel's two halves beside each other; the packages take what two processors have left
 .PHONY: demo-packages demo-compiler demo-live demo-sessions
 AHEAD = PYTHONPATH=$(COMPILER) $(BIN)/python -m armd.daemon.ahead --into $(VENV)/share/armd --demo $(1) \
     || touch $(COMPILER)/.cannot
 demo-packages:
 	$(call timed,packages,grep -v $(COMPILES:%=-e '^%=') requirements.txt > $(VENV)/demo.txt && \
-	    $(PIP) install --no-compile --no-deps -r $(VENV)/demo.txt)
-	$(call timed,armd itself,$(PIP) install --no-build-isolation --no-deps --editable .)
+	    nice $(PIP) install --no-compile --no-deps -r $(VENV)/demo.txt)
+	$(call timed,armd itself,nice $(PIP) install --no-build-isolation --no-deps --editable .)
 
 demo-compiler:
 	$(call timed,compiler,$(PIP) install --no-compile --no-deps -c requirements.txt --upgrade \
