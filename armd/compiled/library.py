@@ -117,7 +117,7 @@ _without = bool(os.environ.get("ARMD_WITHOUT_LIBRARY"))
 @functools.cache
 def loaded() -> tuple[ModuleType, ...]:
     """The library, or its parts; none where there is none that this machine can load."""
-    found: list[ModuleType] = []
+    parts: list[ModuleType] = []
     for path in places():
         if _without or not path.exists():
             continue
@@ -131,14 +131,15 @@ def loaded() -> tuple[ModuleType, ...]:
             continue
         if path.name == file_name():
             return (library,)
-        found.append(library)
-    return tuple(found)
+        parts.append(library)
+    return tuple(parts)
 
 
 def find(name: str, kinds: Hashable) -> Callable[..., Any] | None:
     """The function *name* (module.function) for arguments so; None where no library has it."""
-    wanted = symbol(name, kinds)
-    return next((getattr(one, wanted) for one in loaded() if hasattr(one, wanted)), None)
+    as_exported = symbol(name, kinds)
+    found_in = (library for library in loaded() if hasattr(library, as_exported))
+    return next((getattr(library, as_exported) for library in found_in), None)
 
 
 def kind(value: Any) -> Hashable:

@@ -193,7 +193,8 @@ def test_what_is_compiled_ahead_is_called_with_the_same_types_by_verify(monkeypa
 @pytest.mark.slow
 def test_a_library_of_the_cache_alone_is_copied(tmp_path: Path, python: Path) -> None:
     """One that another installation made there; nothing is compiled, then or without a cache."""
-    ours = [Path(one.__file__) for one in library.loaded() if one.__file__ is not None]
+    modules = library.loaded()
+    ours = [Path(module.__file__) for module in modules if module.__file__ is not None]
     if [path.name for path in ours] != [library.file_name()]:
         pytest.skip("no library of compiled functions: there was no C++ compiler to make it")
     cache, made = tmp_path / "cache", ours[0].read_bytes()
@@ -225,7 +226,7 @@ def test_where_the_environment_takes_no_file_the_cache_has_the_library(
     monkeypatch.setattr(sys, "prefix", str(environment))
     monkeypatch.setattr(sys, "argv", ["ahead"])
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
-    monkeypatch.setattr(library, "loaded", lambda: None)
+    monkeypatch.setattr(library, "loaded", lambda: ())
     monkeypatch.setattr(program, "can_link", lambda: True)
     monkeypatch.setattr(subprocess, "run", noted)
     assert program.main() == 0
