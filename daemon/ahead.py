@@ -177,7 +177,8 @@ def tidy() -> None:
 def keep_in_environment() -> None:
     """Copy a library that lies in the cache alone, which somebody may empty."""
     folder, cache = library.made_in()[0], library.cache_folder()
-    for path in (Path(made.__file__) for made in library.loaded() if made.__file__ is not None):
+    parts = [module.__file__ for module in library.loaded() if module.__file__ is not None]
+    for path in map(Path, parts):
         if path.parent == cache and folder != cache and library.usable(folder):
             with tempfile.TemporaryDirectory(dir=folder) as temporary_folder:
                 copy = Path(shutil.copy(path, temporary_folder))
