@@ -68,7 +68,8 @@ def _found_where_it_was_hidden(plant: Plant, design: Design) -> None:
     assert judged.after_um < 1.15 * judged.before_um
 
 
-@parametrize_default("plant", PLANTS, ids=_name)
+@pytest.mark.slow  # the README's own, of the same kind, is in make test
+@pytest.mark.parametrize("plant", PLANTS, ids=_name)
 def test_a_hidden_cause_is_named_and_located(plant: Plant) -> None:
     _found_where_it_was_hidden(plant, SMALL)
 
