@@ -19,7 +19,6 @@ from armd.simulator.campaigns.hidden import DESIGNS, Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
 from support.long_case import long_case
-from support.selection import parametrize_default
 
 SMALL = Design(sessions=6, articulations=3, holdout=1)
 
