@@ -30,7 +30,9 @@ def clear_partial_positions(position_mm: F64) -> None:
 
     What a missing temperature moves may be one coordinate alone: the length of a vertical link.
     """
-    position_mm[np.isnan(position_mm).any(axis=1)] = np.nan
+    is_missing = np.isnan(position_mm)
+    if is_missing.any():  # seldom, and five times as fast to ask of all at once
+        position_mm[is_missing.any(axis=1)] = np.nan
 
 
 def frames(q: F64, p: F64) -> tuple[F64, F64]:

@@ -1,6 +1,10 @@
 """The batch kernel against C of the same mathematics, and against what the machine can do; one live
 call; what a covariance and what a pose term costs.
 
+"batch" is compiled in the process, for this processor; "rows" is what `armd evaluate` calls, by the
+library if there is one, which is for any processor of its kind: it compares each row's temperatures
+with the one's before, too.
+
 All in one process and one run, on the same inputs, the results held against each other. Every
 figure is the best of many short rounds taken in turn, so that a busy machine slows all alike.
 """
@@ -58,7 +62,14 @@ def run() -> dict[str, Any]:
         kernel.correct(angle, *nothing, flat, position, no_correction)
         return position
 
-    ways: dict[str, Callable[[], F64]] = {"kernel": batch}
+    states = States(angle, *nothing[:1], np.tile(celsius, (SAMPLES, 1)), np.zeros(SAMPLES),
+                    nothing[1], np.zeros(SAMPLES, np.int64))  # fmt: skip
+    slow = np.ascontiguousarray(model.slow_values(states))
+
+    def rows() -> F64:
+        return model.position_rows(states, slow)
+
+    ways: dict[str, Callable[[], F64]] = {"kernel": batch, "rows": rows}
     with tempfile.TemporaryDirectory() as folder:
         if shutil.which("gcc"):
             for name, flags in FLAGS.items():
@@ -69,7 +80,7 @@ def run() -> dict[str, Any]:
             assert apart < AGREEMENT_MM, f"{name} differs by {apart} mm"
         ns = {name: best / SAMPLES for name, best in best_ns(ways).items()}
         peak_per_ns = _peak_per_ns(Path(folder)) if shutil.which("gcc") else math.nan
-    figures: dict[str, Any] = {"batch_ns": ns["kernel"]}
+    figures: dict[str, Any] = {"batch_ns": ns["kernel"], "rows_ns": ns["rows"]}
     if "in_blocks" in ns:
         figures |= {
             "c_scalar_ns": ns["one_by_one"],
