@@ -177,12 +177,14 @@ def tidy() -> None:
 def keep_in_environment() -> None:
     """Copy a library that lies in the cache alone, which somebody may empty."""
     folder, cache = library.made_in()[0], library.cache_folder()
-    parts = [module.__file__ for module in library.loaded() if module.__file__ is not None]
-    for path in map(Path, parts):
-        if path.parent == cache and folder != cache and library.usable(folder):
-            with tempfile.TemporaryDirectory(dir=folder) as temporary_folder:
-                copy = Path(shutil.copy(path, temporary_folder))
-                copy.replace(folder / path.name)  # whole, or not at all
+    files = [Path(module.__file__) for module in library.loaded() if module.__file__ is not None]
+    only_cached = [path for path in files if path.parent == cache != folder]
+    if not (only_cached and library.usable(folder)):
+        return
+    with tempfile.TemporaryDirectory(dir=folder) as temporary_folder:
+        for path in only_cached:
+            copy = Path(shutil.copy(path, temporary_folder))
+            copy.replace(folder / path.name)  # whole, or not at all
 
 
 def can_link() -> bool:

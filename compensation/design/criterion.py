@@ -49,7 +49,7 @@ class Between:
         return f"projected signal-to-noise of one with the other in the model{several}"
 
     def merit(self, prior: LinearModel, rows: F64 | None = None) -> F64:
-        """Noise units (n,) for all pairs, by what is *prior* of the k unknowns, with each of
+        """Noise units (n,) for all pairs, by the *prior* information on k unknowns, with each of
         *rows* (n, 3, k) as one more reading, or (1,) as it is.
 
         The chance to take one of two causes for the other, d noise units away, is at most
@@ -132,7 +132,7 @@ Criterion = Between | Weakest
 
 
 def separate_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearModel) -> Between:
-    """Which of the finding and its rivals it is, by what is *prior* by now.
+    """Which of the finding and its rivals it is, by the *prior* information.
 
     Pairs that stay one signal even to the *richest* information are left out where others do not.
     The block `ASKED` has the finding's columns, then each rival's. The finding may be wrong: a
@@ -155,8 +155,8 @@ def separate_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: Linear
 
 
 def _passing(information: F64, signal: F64, rival: slice) -> F64:
-    """What a rival shows (e,) that passes best for a *signal* (e,) in what was measured, of which
-    *information* (e, e) is the information."""
+    """What a rival shows (e,) that passes best for a *signal* (e,), by the *information* (e, e) of
+    the readings."""
     signal_of_rival = np.zeros(len(information))
     signal_of_rival[rival] = np.linalg.lstsq(
         information[rival, rival], information[rival] @ signal, rcond=1e-9

@@ -120,7 +120,7 @@ class Candidate:
     through: tuple[Acting, ...] | None = field(default=None, compare=False)
     #: the calibration under test could not know it, and it is as likely there as not
     expected: bool = False
-    #: a cause that it may be instead of; beside other findings it stands for several of them
+    #: the only cause whose finding it may replace; any other candidate may join any findings
     instead_of: str = ""
 
     @property

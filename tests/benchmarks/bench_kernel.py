@@ -62,7 +62,7 @@ def run() -> dict[str, Any]:
         kernel.correct(angle, *nothing, flat, position, no_correction)
         return position
 
-    states = States(angle, *nothing[:1], np.tile(celsius, (SAMPLES, 1)), np.zeros(SAMPLES),
+    states = States(angle, nothing[0], np.tile(celsius, (SAMPLES, 1)), np.zeros(SAMPLES),
                     nothing[1], np.zeros(SAMPLES, np.int64))  # fmt: skip
     slow = np.ascontiguousarray(model.slow_values(states))
 

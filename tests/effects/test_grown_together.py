@@ -96,13 +96,13 @@ def _grow(truth: np.ndarray, links: Sequence[int]) -> list[Term]:
 
 
 @pytest.fixture(scope="module")
-def known() -> Calibration:
+def calibration() -> Calibration:
     return calibrate(measured(), ARM).calibration
 
 
 @pytest.mark.slow
-def test_all_links_are_named_together(known: Calibration) -> None:
-    diagnosis = diagnose(measured(grown=range(1, 7)), ARM, known)
+def test_all_links_are_named_together(calibration: Calibration) -> None:
+    diagnosis = diagnose(measured(grown=range(1, 7)), ARM, calibration)
     (finding,) = diagnosis.findings
     assert finding.candidate.place == ("link_expansion", "link 3")
     assert finding.candidate.columns[0].name == TOGETHER
@@ -111,8 +111,8 @@ def test_all_links_are_named_together(known: Calibration) -> None:
 
 
 @pytest.mark.slow
-def test_two_links_are_named_each(known: Calibration) -> None:
-    diagnosis = diagnose(measured(grown=(3, 5)), ARM, known)
+def test_two_links_are_named_each(calibration: Calibration) -> None:
+    diagnosis = diagnose(measured(grown=(3, 5)), ARM, calibration)
     assert {f.candidate.place for f in diagnosis.findings} == {
         ("link_expansion", "link 3"),
         ("link_expansion", "link 5"),
@@ -121,8 +121,8 @@ def test_two_links_are_named_each(known: Calibration) -> None:
 
 
 @pytest.mark.slow
-def test_an_artefact_is(known: Calibration) -> None:
-    diagnosis = diagnose(measured(artefact_per_k=GROWTH_PER_K), ARM, known)
+def test_an_artefact_is(calibration: Calibration) -> None:
+    diagnosis = diagnose(measured(artefact_per_k=GROWTH_PER_K), ARM, calibration)
     (finding,) = diagnosis.findings
     assert finding.candidate.place == ("artefact_expansion", "artefact")
     assert finding.probability > 0.9

@@ -13,8 +13,8 @@ from armd.compensation.diagnose.constants import (
     BEYOND_FLAT,
     BEYOND_VALUES,
     CURVES,
+    CURVES_AT_ONCE,
     CURVES_SEED,
-    FIRST_CURVES,
     HALF_WIDTH,
     LEAST_POSITIVE,
     LEAST_SQUARE,
@@ -230,11 +230,11 @@ def _compute_p_value(outside: float, moments: F64, normal: F32) -> float:
     factor = (turned * np.sqrt(np.maximum(root, 0.0))).astype(np.float32)
     least_beyond = (outside - ROUNDING) * len(factor)
     exceeding = drawn = 0
-    for first in range(0, CURVES, FIRST_CURVES):  # so many as a processor's cache holds
-        curves = factor @ normal[: len(factor), first : first + FIRST_CURVES]
+    for first in range(0, CURVES, CURVES_AT_ONCE):  # so many as a processor's cache holds
+        curves = factor @ normal[: len(factor), first : first + CURVES_AT_ONCE]
         is_beyond = np.abs(curves, out=curves) > HALF_WIDTH
         exceeding += int(np.count_nonzero(is_beyond.sum(axis=0, dtype=np.uint8) >= least_beyond))
         drawn += curves.shape[1]
-        if exceeding > BEYOND * FIRST_CURVES:  # it is known to a tenth of itself
+        if exceeding > BEYOND * CURVES_AT_ONCE:  # it is known to a tenth of itself
             break
     return exceeding / drawn

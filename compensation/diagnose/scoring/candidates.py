@@ -103,7 +103,7 @@ class ScoredCandidates:
 
     def _of_other_models(self, index: int | None = None) -> Mask:
         """(C,) which candidates act through findings that are not in the model, or not through all
-        that are, or are instead of another finding than the one taken out."""
+        that are; and which may replace other findings than the one taken out."""
         candidates = self.sums.signatures.candidates
         is_barred = np.zeros(len(candidates), dtype=bool)
         places = {c.place for i, c in enumerate(self.fit.findings) if i != index}
@@ -114,12 +114,12 @@ class ScoredCandidates:
                 is_barred[alike if candidate.through else []] = True
             else:
                 is_barred[number] = True
-        out = None if index is None else self.fit.findings[index]
-        for i, candidate in enumerate(candidates):
-            if candidate.instead_of and (
-                out is None or not (out.cause == candidate.instead_of or out.is_like(candidate))
-            ):
-                is_barred[i] = True
+        taken_out = [] if index is None else [self.fit.findings[index]]
+        for i in [i for i, c in enumerate(candidates) if c.instead_of]:
+            candidate = candidates[i]
+            is_barred[i] = not any(
+                f.cause == candidate.instead_of or f.is_like(candidate) for f in taken_out
+            )
         return is_barred
 
     @cached_property

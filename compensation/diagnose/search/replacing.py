@@ -51,5 +51,5 @@ def _count(which: Callable[[Candidate], bool], findings: Sequence[Candidate]) ->
 
 
 def _is_loose(candidate: Candidate) -> bool:
-    """Whether it names no cause, or several at once."""
+    """Whether it names no cause, or explains several links at once."""
     return candidate.cause == "unknown" or bool(candidate.instead_of)

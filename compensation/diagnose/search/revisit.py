@@ -204,7 +204,7 @@ class Revisit:
 def _barred(finding: Candidate) -> list[Which]:
     """What may not come again where a finding is taken out: its place; or, of a nearly free
     function (a curve, a walk), only others as free, so that plainer ones join beside others; of
-    what stands for several at once, itself."""
+    one that explains several links at once, itself: one of them may be at its place."""
 
     def place(candidate: Candidate) -> bool:
         return candidate.place == finding.place

@@ -60,8 +60,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 def list_together(facts: SessionFacts) -> Iterator[Candidate]:
     """All links by one coefficient, each by its own sensors or all by one: an arm of one material.
 
-    It stands at the longest link. An artefact whose expansion is wrong shows almost the same, so
-    it may be that instead; two links that grow are no arm whose links all do.
+    Its location is the longest link. A wrong expansion of the artefact shows almost the same, so it
+    may replace that finding alone: beside others it would explain two links that grow by all six.
     """
     by_link = {k: pieces for k in facts.joints if (pieces := lengths(facts, k))}
     weights = {k: facts.weights(k) for k in by_link}
@@ -75,9 +75,12 @@ def list_together(facts: SessionFacts) -> Iterator[Candidate]:
         terms = [tie(pieces, temperature(chosen[k])) for k, pieces in by_link.items()]
         column = Column(TOGETHER, "1/K", TYPICAL_PER_K, tuple(chain.from_iterable(terms)))
         sensors = tuple(dict.fromkeys(chain.from_iterable(chosen.values())))
-        place = location.link(longest)
         yield Candidate(
-            "link_expansion", place, (column,), sensors, instead_of="artefact_expansion"
+            "link_expansion",
+            location.link(longest),
+            (column,),
+            sensors,
+            instead_of="artefact_expansion",
         )
 
 
