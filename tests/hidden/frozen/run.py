@@ -27,6 +27,7 @@ class Ran:
     findings: tuple[Mapping[str, Any], ...] = ()
     before_um: float | None = None
     after_um: float | None = None
+    promised_um: tuple[float, float] | None = None  # held-out RMS without and with the findings
     seconds: float = 0.0  # of processor time, all commands
     diagnose_s: float = 0.0  # of the diagnosis alone
     refused: str = ""  # a command's message, where it ended with an error
@@ -102,14 +103,22 @@ def _run(commands: Commands, truth: Truth) -> Ran:
         else:
             errors.append(errors[0])
     report = json.loads((folder / "diagnosis.json").read_text())
-    return Ran(
-        tuple(_brief(finding) for finding in report["findings"]), *errors, commands.seconds, spent
-    )
+    findings = tuple(_brief(finding) for finding in report["findings"])
+    return Ran(findings, *errors, _promised(report["baseline"]), commands.seconds, spent)
+
+
+def _promised(baseline: Mapping[str, Any]) -> tuple[float, float] | None:
+    keys = ("heldout_rms_um", "heldout_rms_um_extended")
+    before, after = (baseline.get(key) for key in keys)
+    return None if before is None or after is None else (before, after)
 
 
 def _brief(finding: Mapping[str, Any]) -> dict[str, Any]:
     """What of a finding is judged."""
-    kept = ("cause", "location", "probability", "depends_on", "session", "placement")
+    kept = (
+        "cause", "location", "probability", "depends_on", "session", "placement",
+        "parameters", "gain", "in_extended_calibration",
+    )  # fmt: skip
     return {key: finding[key] for key in kept if key in finding} | {
         "alternatives": [[one["cause"], one["location"]] for one in finding["alternatives"]],
     }
