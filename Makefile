@@ -29,7 +29,7 @@ $(VENV)/.installed: requirements.txt pyproject.toml | $(VENV)/.made
 	$(call timed,packages,$(PIP) install -r requirements.txt)
 	$(call timed,armd itself,$(PIP) install --no-build-isolation --no-deps --editable .)
 	@echo "armd: compiling the kernel for this machine and any arm: a minute, once"
-	$(call timed,kernel,$(BIN)/python -I -m armd.daemon.ahead --anew)
+	$(call timed,kernel,$(BIN)/python -I -m armd.compiled.ahead --anew)
 	@touch $@
 
 # Development tools, beside them
@@ -61,7 +61,7 @@ $(VENV)/.demo: requirements.txt pyproject.toml | $(VENV)/.made
 
 # The kernel's two halves beside each other; the packages take what two processors have left
 .PHONY: demo-packages demo-compiler demo-live demo-sessions
-AHEAD = PYTHONPATH=$(COMPILER) $(BIN)/python -m armd.daemon.ahead --into $(VENV)/share/armd --demo $(1) \
+AHEAD = PYTHONPATH=$(COMPILER) $(BIN)/python -m armd.compiled.ahead --into $(VENV)/share/armd --demo $(1) \
     || touch $(COMPILER)/.cannot
 demo-packages:
 	$(call timed,packages,grep -v $(COMPILES:%=-e '^%=') requirements.txt > $(VENV)/demo.txt && \

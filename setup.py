@@ -27,7 +27,7 @@ def make_library(folder: Path) -> Path | None:
         "NUMBA_CACHE_DIR": str(folder / "cache"),
     }
     print("armd: compiling for arms of 3 to 9 joints: about a minute", flush=True)
-    command = [sys.executable, "-m", "armd.daemon.ahead", "--into", str(folder)]
+    command = [sys.executable, "-m", "armd.compiled.ahead", "--into", str(folder)]
     done = subprocess.run(command, cwd=folder, env=os.environ | environment)
     libraries = list(folder.glob("kernel_*"))
     if done.returncode == 0 and libraries:

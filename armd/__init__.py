@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from armd.offline.diagnose import Diagnosis, DiagnosisFinding, diagnose
     from armd.offline.evaluate import EvaluationResult, evaluate
     from armd.offline.first_design import FirstDesignResult
+    from armd.offline.inputs.session import Session, make_session, read_session
     from armd.offline.model import Model
-    from armd.offline.session import Session, make_session, read_session
     from armd.offline.verify import VerificationResult, verify
     from armd.point import POINT, POINT_ENCODING, Flag, Lost, Point
     from armd.received import Refused
@@ -86,7 +86,7 @@ _HOMES = {
     "offline.diagnose": ("Diagnosis", "DiagnosisFinding", "diagnose"),
     "offline.evaluate": ("EvaluationResult", "evaluate"),
     "offline.model": ("Model",),
-    "offline.session": ("Session", "make_session", "read_session"),
+    "offline.inputs.session": ("Session", "make_session", "read_session"),
     "offline.verify": ("VerificationResult", "verify"),
     "point": ("POINT", "POINT_ENCODING", "Flag", "Lost", "Point"),
     "received": ("Refused",),
@@ -103,9 +103,8 @@ if not TYPE_CHECKING:  # which would take every name for one that is there
                 try:
                     home = importlib.import_module(f"armd.{module}")
                 except ModuleNotFoundError as error:
-                    if str(error.name).startswith(
-                        "armd.offline"
-                    ):  # the subscriber's part alone is installed
+                    # Where the subscriber's part alone is installed.
+                    if str(error.name).startswith("armd.offline"):
                         advice = f"armd.{name} is not part of armd-client: install armd"
                         raise ImportError(advice) from error
                     raise

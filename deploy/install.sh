@@ -227,7 +227,7 @@ install_system() {
 ahead() {
     CACHE_DIRECTORY=/var/cache/armd STATE_DIRECTORY=/var/lib/armd \
         setpriv --reuid=armd --regid=armd --clear-groups env -u NUMBA_CACHE_DIR \
-        "$new/bin/python" -I -m armd.daemon.ahead "$@"
+        "$new/bin/python" -I -m armd.compiled.ahead "$@"
 }
 
 # For this processor and the arms that are configured, while the old one still runs: the first start

@@ -1,8 +1,8 @@
 """The library of functions compiled ahead: machine code that needs no compiler to be loaded.
 
-`armd.daemon.ahead` makes it, of every function that a daemon calls, for the kinds of arguments that
-it calls them with. A function is found in it by its name and these kinds; where it is not, numba
-compiles it (`armd.compiled.jit`).
+`armd.compiled.ahead` makes it, of every function that a daemon calls, for the kinds of arguments
+that it calls them with. A function is found in it by its name and these kinds; where it is not,
+numba compiles it (`armd.compiled.jit`).
 """
 
 from __future__ import annotations
@@ -68,12 +68,11 @@ def sources() -> str:
     Numba compiles a function anew when its own file has changed, not when a function it calls has
     changed in another file, or a constant: so every state of them all has a folder, and a library,
     of its own. Constants stand beside what is compiled, or in armd's own folder. Which calls a
-    library is made for, two of the daemon's files say.
+    library is made for, `ahead` and `rehearsal` say.
     """
     rooms = Path(__file__).parents[1]
-    files = {Path(__file__).with_name(name) for name in ("compiler.py", "numba_inside.py")}
-    files |= set(rooms.glob("*.py"))
-    files |= {*rooms.glob("daemon/ahead.py"), *rooms.glob("daemon/rehearsal.py")}
+    deciding = ("compiler.py", "numba_inside.py", "ahead.py", "rehearsal.py")
+    files = {Path(__file__).with_name(name) for name in deciding} | set(rooms.glob("*.py"))
     for room in ("drivers", "compensation", "daemon"):
         for file in (rooms / room).rglob("*.py"):
             source = file.read_bytes()

@@ -11,7 +11,7 @@ from armd.compensation.model.arm import Arm
 from armd.files.inputs import MOST_TOML_BYTES, read_input
 from armd.files.schema import decode_toml, parse_toml
 from armd.files.writing import write_whole
-from armd.offline.display import Displayed, Facts
+from armd.offline.results.display import Displayed, Facts
 
 PathText = str | os.PathLike[str]
 

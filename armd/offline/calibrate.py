@@ -10,8 +10,8 @@ from armd.compensation.progress import TellStep
 from armd.errors import BadInput
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.calibration import Calibration, wrap_calibration
-from armd.offline.identified import Identified
-from armd.offline.session import Sessions, load_sessions, resolve_sessions
+from armd.offline.inputs.session import Sessions, load_sessions, resolve_sessions
+from armd.offline.results.identified import Identified
 
 ThermalOrder = Literal["auto", "off", 0, 1, 2, 3, 4]
 METHODS = ("polynomial", "zones", "components", "per-temperature")

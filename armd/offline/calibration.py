@@ -23,12 +23,12 @@ from armd.compensation.model.calibration import (
 from armd.errors import ArmdError
 from armd.files.writing import write_whole
 from armd.offline.arm_model import ArmModel, PathText
-from armd.offline.arrow_table import ArrowTable
-from armd.offline.display import Displayed, Facts
+from armd.offline.results.arrow_table import ArrowTable
+from armd.offline.results.display import Displayed, Facts
 
 if TYPE_CHECKING:  # which take long to load
-    from armd.compensation.report.about import About
-    from armd.offline.identified import Identified
+    from armd.compensation.report.layout.about import About
+    from armd.offline.results.identified import Identified
 
 
 class Calibration(Displayed):
@@ -145,14 +145,14 @@ class Calibration(Displayed):
 
         Raises `armd.ArmdError` for a calibration that was read, or where nothing prints a PDF.
         """
-        from armd.compensation.report.written import write_page
+        from armd.compensation.report.layout.written import write_page
 
         write_page(Path(path), self.page(self.path.name))
 
     def page(self, written: str, about: About | None = None) -> str:
         """Return the report, which calls the calibration's file *written*; *about* is for its
         head. Not public."""
-        from armd.offline.pages import draw_calibration_page
+        from armd.offline.results.pages import draw_calibration_page
 
         if self.identified is None:
             raise ArmdError(f"{self.path}: no report: its sessions are not at hand")

@@ -14,14 +14,19 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from armd.arrays import F64
-from armd.compensation.data.header import check_header
+from armd.compensation.data.correction.correction import Corrector as FileCorrector
+from armd.compensation.data.correction.correction import Taken
+from armd.compensation.data.correction.point_columns import COLUMNS, make_point_columns
 from armd.compensation.data.in_order import in_order, keep_freed_memory
-from armd.compensation.data.offline import Corrector as FileCorrector
-from armd.compensation.data.offline import Taken
-from armd.compensation.data.point_columns import COLUMNS, make_point_columns
-from armd.compensation.data.readings import Readings, cast_columns
-from armd.compensation.data.recorded import RECORDED_TYPES, STAMP, drop_published, is_recorded
-from armd.compensation.data.session_format import AngleUnit, measured_at
+from armd.compensation.data.sessions.format import AngleUnit, measured_at
+from armd.compensation.data.tables.header import check_header
+from armd.compensation.data.tables.readings import Readings, cast_columns
+from armd.compensation.data.tables.recorded import (
+    RECORDED_TYPES,
+    STAMP,
+    drop_published,
+    is_recorded,
+)
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration as Content
 from armd.compensation.model.calibration import LoadedCalibration
@@ -29,9 +34,9 @@ from armd.compensation.model.slow_factors import SlowFactor
 from armd.errors import BadInput
 from armd.files.schema import parse_json
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
-from armd.offline.arrow_input import to_arrow_table
 from armd.offline.calibration import Calibration, resolve_calibration
-from armd.offline.display import Displayed, Facts
+from armd.offline.inputs.arrow_input import to_arrow_table
+from armd.offline.results.display import Displayed, Facts
 
 #: Rows worked off at once: few enough for a processor's cache, many enough that the calls of a
 #: piece do not count. A table is in memory anyway; of a file, smaller pieces are read.

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from armd.compensation.data.points_only import require_points
-from armd.compensation.data.session import Session as StoredSession
+from armd.compensation.data.sessions.points_only import require_points
+from armd.compensation.data.sessions.session import Session as StoredSession
 from armd.compensation.design.conditions import POOL
 from armd.compensation.design.design import Experiment
 from armd.compensation.design.design import design as choose
@@ -18,11 +18,11 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellShare
 from armd.errors import BadInput
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
-from armd.offline.arrow_table import ArrowTable
 from armd.offline.calibration import Calibration, resolve_calibration
-from armd.offline.display import Facts, Reported
 from armd.offline.first_design import FirstDesignResult, design_without_sessions
-from armd.offline.session import Sessions, load_sessions, resolve_sessions
+from armd.offline.inputs.session import Sessions, load_sessions, resolve_sessions
+from armd.offline.results.arrow_table import ArrowTable
+from armd.offline.results.display import Facts, Reported
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,7 +85,7 @@ class DesignResult(Reported):
     def page(self) -> str:
         """Return the report. Not public."""
         from armd.compensation.report.design import make_design_report
-        from armd.offline.pages import list_inputs
+        from armd.offline.results.pages import list_inputs
 
         files = list_inputs(self._arm, self._calibration)
         return make_design_report(

@@ -19,15 +19,15 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellShare
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.calibration import Calibration, resolve_calibration, wrap_calibration
-from armd.offline.display import Displayed, Facts
-from armd.offline.record import Record, make_records
-from armd.offline.session import Sessions, load_sessions, resolve_sessions
+from armd.offline.inputs.session import Sessions, load_sessions, resolve_sessions
+from armd.offline.results.display import Displayed, Facts
+from armd.offline.results.record import Record, make_records
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from armd.compensation.report.about import About
+    from armd.compensation.report.layout.about import About
 
 COMMAND = "armd.diagnose"
 
@@ -110,9 +110,9 @@ class Diagnosis(Displayed):
         outliers). *ax*: axes to draw on; without *finding* the residuals that leave their band
         most under the model under test.
         """
-        from armd.compensation.report import predictive_plot
-        from armd.compensation.report.drawing import make_single_figure
-        from armd.compensation.report.signature_plot import draw_signature
+        from armd.compensation.report.diagnosis import predictive_plot
+        from armd.compensation.report.diagnosis.signature_plot import draw_signature
+        from armd.compensation.report.layout.drawing import make_single_figure
 
         index = None if finding is None else self._place(finding)
         if index is None and ax is None:
@@ -131,14 +131,14 @@ class Diagnosis(Displayed):
 
         Raises `armd.ArmdError` where nothing prints a PDF.
         """
-        from armd.compensation.report.written import write_page
+        from armd.compensation.report.layout.written import write_page
 
         write_page(Path(path), self.page(self._result))
 
     def page(self, result: dict[str, Any], about: About | None = None) -> str:
         """Return the report; *result* is what `to_dict` has, *about* for its head. Not public."""
-        from armd.compensation.report.diagnosis import make_diagnosis_report
-        from armd.offline.pages import list_inputs
+        from armd.compensation.report.diagnosis.page import make_diagnosis_report
+        from armd.offline.results.pages import list_inputs
 
         files = list_inputs(self._arm, self._calibration)
         return make_diagnosis_report(self.details, result, files, self.comparisons, about)

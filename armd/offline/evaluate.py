@@ -17,10 +17,10 @@ from armd.compensation.identify.evaluation.lengths import Length
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellStep
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
-from armd.offline.arrow_table import ArrowTable
 from armd.offline.calibration import Calibration, resolve_calibration
-from armd.offline.display import Displayed, Facts
-from armd.offline.session import Session, Sessions, load_sessions, resolve_sessions
+from armd.offline.inputs.session import Session, Sessions, load_sessions, resolve_sessions
+from armd.offline.results.arrow_table import ArrowTable
+from armd.offline.results.display import Displayed, Facts
 
 
 class EvaluationResult(Displayed):

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armd.compensation.data.points_only import refuse_surfaces
-from armd.compensation.data.session_format import Artefact, ArtefactFile
+from armd.compensation.data.sessions.format import Artefact, ArtefactFile
+from armd.compensation.data.sessions.points_only import refuse_surfaces
 from armd.compensation.design.first import Bounds, FirstExperiment, design_first
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.files.schema import validate
 from armd.offline.arm_model import ArmModel, PathText
-from armd.offline.arrow_table import ArrowTable
-from armd.offline.display import Facts, Reported
-from armd.offline.session import to_artefact_content
+from armd.offline.inputs.session import to_artefact_content
+from armd.offline.results.arrow_table import ArrowTable
+from armd.offline.results.display import Facts, Reported
 from armd.terminal.counted import counted
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ class FirstDesignResult(Reported):
     def page(self) -> str:
         """Return the report. Not public."""
         from armd.compensation.report.first_design import make_first_design_report
-        from armd.offline.pages import hash_data, list_inputs
+        from armd.offline.results.pages import hash_data, list_inputs
 
         files = list_inputs(self._arm, self._calibration)
         if self._artefact is not None:

@@ -17,7 +17,7 @@ from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.calibration import Calibration, resolve_calibration
-from armd.offline.display import Displayed, Facts
+from armd.offline.results.display import Displayed, Facts
 
 #: An instant after every period in which a term that follows time was identified (year 2200):
 #: such terms keep their last value.

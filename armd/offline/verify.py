@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from armd.compensation.data.points_only import refuse_reflectors
-from armd.compensation.data.session import Session as StoredSession
+from armd.compensation.data.sessions.points_only import refuse_reflectors
+from armd.compensation.data.sessions.session import Session as StoredSession
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compensation.report.about import About
+from armd.compensation.report.layout.about import About
 from armd.compensation.verify.figures import correct_positions, evaluate_figures
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
 from armd.compensation.verify.verdict import Verdict, judge
@@ -21,8 +21,8 @@ from armd.errors import ArmdError
 from armd.files.schema import validate
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
 from armd.offline.calibration import Calibration, resolve_calibration
-from armd.offline.display import Facts, Reported
-from armd.offline.session import Session, load_sessions, resolve_sessions
+from armd.offline.inputs.session import Session, load_sessions, resolve_sessions
+from armd.offline.results.display import Facts, Reported
 
 LimitsInput = Mapping[str, Any] | PathText | None
 Decision = Literal["guarded", "simple"]
@@ -63,8 +63,8 @@ class VerificationResult(Reported):
     def page(self, about: About | None = None) -> str:
         """Return the report; *about* is for its head. Not public."""
         from armd.compensation.report.sessions import InputFile
-        from armd.compensation.report.verification import make_verification_report
-        from armd.offline.pages import hash_data, list_inputs
+        from armd.compensation.report.verification.page import make_verification_report
+        from armd.offline.results.pages import hash_data, list_inputs
 
         files = list_inputs(self._arm, self._calibration)
         mpe = self._mpe

@@ -10,14 +10,14 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.design.observability import (
     ReadingColumns,
     constant_columns,
     decompose_constants,
 )
 from armd.compensation.design.reaching import solve_postures
-from armd.compensation.estimate.poses import make_rigid_columns
+from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput

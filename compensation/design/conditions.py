@@ -14,8 +14,8 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.estimate.noise import ReadingNoise, make_whitening
-from armd.compensation.estimate.poses import make_rigid_columns
+from armd.compensation.estimate.noise.reading import ReadingNoise, make_whitening
+from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows, tip_motion
 from armd.compensation.model.kinematics import jacobian, joint_jacobian

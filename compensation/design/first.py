@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.design.artefact_places import (
     ArtefactReadings,
     artefact_columns,

@@ -17,7 +17,7 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.estimate.gauge import ROUNDING, list_free_constants
-from armd.compensation.estimate.poses import make_rigid_columns
+from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import GAUGE_POSTURES
 from armd.compensation.model.arm import Arm

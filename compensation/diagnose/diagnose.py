@@ -15,8 +15,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import I64
-from armd.compensation.data.session import Session
-from armd.compensation.data.soundness import make_sound
+from armd.compensation.data.sessions.session import Session
+from armd.compensation.data.soundness.soundness import make_sound
 from armd.compensation.diagnose.conclusion import HeldoutJudgement, conclude, describe_readings
 from armd.compensation.diagnose.constants import (
     GAIN_BEGINS,
@@ -63,8 +63,8 @@ from armd.compensation.diagnose.search_outcome import (
     without_sessions,
 )
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.regions import find_regions
-from armd.compensation.estimate.robust import DOWNWEIGHT_CHI2, find_far_off, select_outliers
+from armd.compensation.estimate.noise.regions import find_regions
+from armd.compensation.estimate.noise.robust import DOWNWEIGHT_CHI2, find_far_off, select_outliers
 from armd.compensation.freed import give_back_freed
 from armd.compensation.identify.admission.inconsistent_session import InconsistentSession
 from armd.compensation.identify.evaluation.evaluate import evaluate

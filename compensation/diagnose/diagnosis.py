@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import ALPHA, ENOUGH
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline

@@ -10,7 +10,7 @@ import numpy as np
 
 from armd import __version__
 from armd.arrays import F64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import NEGLIGIBLE
 from armd.compensation.diagnose.fitting.curves import as_curve
 from armd.compensation.diagnose.fitting.neighbourhood import move_model

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import AS_FAR_OFF
 from armd.compensation.diagnose.diagnosis import MovedArtefact, SearchResult
 from armd.compensation.diagnose.problem.fitted import Fit

@@ -16,10 +16,10 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.adjustment import adjust_angles
-from armd.compensation.estimate.fit_poses import fit_steady_poses
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.orientations import compute_turn_columns, observe
-from armd.compensation.estimate.poses import (
+from armd.compensation.estimate.placements.fit_poses import fit_steady_poses
+from armd.compensation.estimate.placements.poses import (
     Poses,
     compute_centres,
     make_pose_columns,

@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.session import Session, distinct_names
-from armd.compensation.data.session_format import Distance
+from armd.compensation.data.sessions.format import Distance
+from armd.compensation.data.sessions.session import Session, distinct_names
 from armd.compensation.estimate.group_rows import group_rows
-from armd.compensation.estimate.postures import number_postures
+from armd.compensation.estimate.noise.postures import number_postures
 from armd.compensation.estimate.surface_kinds import PLANE, POINT, TURN, list_kinds, list_placements
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import I64
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_format import Artefact, SurfaceKind
+from armd.compensation.data.sessions.format import Artefact, SurfaceKind
+from armd.compensation.data.sessions.session import Session
 
 #: What stands at a target's number; a turn is how a body on the last link is turned.
 POINT, PLANE, SPHERE, CYLINDER, TURN = range(5)

@@ -11,8 +11,8 @@ from armd.arrays import F64, I64
 from armd.compensation.estimate.group_rows import split_alike
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation
-from armd.compensation.estimate.placements import Placements, group_targets
-from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.placements.placements import Placements, group_targets
+from armd.compensation.estimate.placements.poses import Poses
 
 NONE = np.empty(0, dtype=np.int64)
 

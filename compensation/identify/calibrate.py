@@ -11,10 +11,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd import __version__
-from armd.compensation.data.session import Session
-from armd.compensation.data.soundness import fit_to_identify
+from armd.compensation.data.sessions.session import Session
+from armd.compensation.data.soundness.soundness import fit_to_identify
 from armd.compensation.estimate.folds import make_placement_folds
 from armd.compensation.estimate.gauge import list_free_constants
+from armd.compensation.estimate.noise.sensor import estimate_sensor_noise_c
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.orientations import with_orientation_rows, with_orientations
 from armd.compensation.estimate.unknowns import Unknowns
@@ -51,7 +52,6 @@ from armd.compensation.identify.reflectors import (
     require_polynomial,
 )
 from armd.compensation.identify.result import Result
-from armd.compensation.identify.sensor_noise import estimate_sensor_noise_c
 from armd.compensation.identify.thermal.comparison import Comparison, Trial
 from armd.compensation.identify.thermal.temperatures import are_far_apart
 from armd.compensation.identify.thermal.terms import make_length_terms

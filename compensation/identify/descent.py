@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from armd.arrays import F64
-from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
-from armd.compensation.estimate.noise import Weighting
+from armd.compensation.estimate.noise.reading import Weighting
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.orientations import observe
-from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.placements.fit_poses import fit_poses
+from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.model.basis import parameter_rows

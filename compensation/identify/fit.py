@@ -17,22 +17,19 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.fit_poses import fit_steady_poses
 from armd.compensation.estimate.gauge import compute_gauge
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
-from armd.compensation.estimate.noise import (
+from armd.compensation.estimate.noise.postures import compute_counts, estimate_shared_part
+from armd.compensation.estimate.noise.reading import (
     ReadingNoise,
     Weighting,
     estimate_noise,
     estimate_turn_noise,
     make_whitening,
 )
-from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.orientations import observe
-from armd.compensation.estimate.postures import compute_counts, estimate_shared_part
-from armd.compensation.estimate.regions import find_regions
-from armd.compensation.estimate.robust import (
+from armd.compensation.estimate.noise.regions import find_regions
+from armd.compensation.estimate.noise.robust import (
     DOWNWEIGHT_CHI2,
     LEAST_MM,
     compute_mahalanobis2,
@@ -42,6 +39,9 @@ from armd.compensation.estimate.robust import (
     select_outliers,
     to_three_components,
 )
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.orientations import observe
+from armd.compensation.estimate.placements.fit_poses import fit_steady_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.descent import Descent, End

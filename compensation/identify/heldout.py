@@ -17,9 +17,9 @@ from scipy.special import stdtrit
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation
-from armd.compensation.estimate.noise import make_whitening
+from armd.compensation.estimate.noise.reading import make_whitening
+from armd.compensation.estimate.noise.robust import compute_redescending_weights
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.robust import compute_redescending_weights
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.fit import Identification, compute_rms_um
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from armd.compensation.report.drawing import make_single_figure
+from armd.compensation.report.layout.drawing import make_single_figure
 
 #: How a verdict looks; colours are told apart by colour-blind readers too.
 LOOK = {

@@ -9,11 +9,11 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session, distinct_names
+from armd.compensation.data.sessions.session import Session, distinct_names
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward
-from armd.compensation.report.drawing import COLOURS, MOST_POINTS, make_figure
-from armd.compensation.report.page import Page
+from armd.compensation.report.layout.drawing import COLOURS, MOST_POINTS, make_figure
+from armd.compensation.report.layout.page import Page
 
 #: More places than this are told apart by colour alone.
 MOST_NAMED = 8

@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.design.design import Experiment
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
-from armd.compensation.report.drawing import make_views, set_view
-from armd.compensation.report.page import Page
+from armd.compensation.report.layout.drawing import make_views, set_view
+from armd.compensation.report.layout.page import Page
 from armd.compensation.report.sessions import InputFile, add_origin
 from armd.terminal.counted import counted
 

@@ -8,7 +8,7 @@ from typing import Any
 from armd.compensation.design.first import FirstExperiment
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.design import draw_poses
-from armd.compensation.report.page import Page
+from armd.compensation.report.layout.page import Page
 from armd.compensation.report.sessions import InputFile, add_origin
 from armd.terminal.counted import counted
 

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from armd.arrays import F64
-from armd.compensation.report.drawing import COLOURS, make_figure
-from armd.compensation.report.page import Page, make_report_number
+from armd.compensation.report.layout.drawing import COLOURS, make_figure
+from armd.compensation.report.layout.page import Page, make_report_number
 from armd.compensation.report.sessions import InputFile
 from armd.compensation.verify.repeatability import Repeatability
 

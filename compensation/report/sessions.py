@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session, distinct_names
+from armd.compensation.data.sessions.session import Session, distinct_names
 from armd.compensation.model.arm import Arm
-from armd.compensation.report.page import Page, make_report_number
+from armd.compensation.report.layout.page import Page, make_report_number
 from armd.files.inputs import digest_input
 from armd.terminal.counted import counted
 

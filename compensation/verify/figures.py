@@ -14,9 +14,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
-from armd.compensation.data.overflow import overflowed, refuse_overflow
-from armd.compensation.data.session import Session
-from armd.compensation.data.soundness import still_and_far
+from armd.compensation.data.correction.overflow import overflowed, refuse_overflow
+from armd.compensation.data.sessions.session import Session
+from armd.compensation.data.soundness.soundness import still_and_far
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from armd.compensation.data.foreign.points import read_points
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.compensation.verify.figures import evaluate_figures

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_format import Distance, Surface
+from armd.compensation.data.sessions.format import Distance, Surface
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.admission.far_off import list_without_temperature
 from armd.compensation.model.arm import Arm
 from armd.compensation.verify import single

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_format import Distance
+from armd.compensation.data.sessions.format import Distance
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.admission.far_off import FarOff, find_far_off
 from armd.compensation.verify.spheres import measure_distances_from_sphere
 

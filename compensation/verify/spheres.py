@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from armd.arrays import F64
-from armd.compensation.estimate.fit_poses import ROBUST_ROUNDS
-from armd.compensation.estimate.robust import LEAST_MM
+from armd.compensation.estimate.noise.robust import LEAST_MM
+from armd.compensation.estimate.placements.fit_poses import ROBUST_ROUNDS
 from armd.compensation.features.algebraic import algebraic_sphere
 
 

@@ -13,7 +13,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
 from armd.daemon.catalogue.axes import make_turn
-from armd.daemon.catalogue.roll_pitch_yaw import matrix_to_rpy
+from armd.daemon.catalogue.urdf.roll_pitch_yaw import matrix_to_rpy
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")

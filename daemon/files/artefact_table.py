@@ -8,7 +8,7 @@ from typing import Any
 
 from armd.compensation.data.foreign.table import ForeignTable, read_table
 from armd.compensation.data.foreign.words import LENGTHS, WORDS, word_and_unit
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
 from armd.errors import BadInput
 from armd.files.schema import validate
 from armd.terminal.suggest import few

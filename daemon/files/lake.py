@@ -19,8 +19,8 @@ import pyarrow as pa
 
 from armd import POINT, joints_dtype
 from armd.arrays import I64
-from armd.compensation.data.recorded import CALIBRATION, COVARIANCE, FLAGS, POSITION, STAMP
-from armd.compensation.data.table_writing import table_writer, write_group
+from armd.compensation.data.tables.recorded import CALIBRATION, COVARIANCE, FLAGS, POSITION, STAMP
+from armd.compensation.data.tables.writing import table_writer, write_group
 from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
 from armd.files.outputs import check_output_folder

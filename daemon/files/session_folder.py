@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from armd import Flag
-from armd.compensation.data.session_columns import APPROACH
-from armd.compensation.data.session_files import READINGS
-from armd.compensation.data.session_format import Artefact, ArtefactFile
-from armd.compensation.data.session_writing import write_session
+from armd.compensation.data.sessions.columns import APPROACH
+from armd.compensation.data.sessions.files import READINGS
+from armd.compensation.data.sessions.format import Artefact, ArtefactFile
+from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.files.schema import load_toml, validate

@@ -8,7 +8,7 @@ import numpy as np
 
 from armd import Flag
 from armd.arrays import F64
-from armd.compensation.data.heat_flow import LiveSensor
+from armd.compensation.data.soundness.heat_flow import LiveSensor
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, used_sensors
 from armd.daemon.config import Limits

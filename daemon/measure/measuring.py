@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from armd.arrays import F64
 from armd.closing import Closing
-from armd.compensation.data.session_files import READINGS
+from armd.compensation.data.sessions.files import READINGS
 from armd.daemon.files.session_folder import reading_row, write_readings
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.log import NAME, Entry, Log, load_beginning

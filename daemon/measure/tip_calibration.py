@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from armd import POINT
 from armd.arrays import F64
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.identify.tip import TipFit, fit_in_seat, fit_on_sphere
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm, load_arm

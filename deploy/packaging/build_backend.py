@@ -18,7 +18,7 @@ from setuptools import build_meta
 from setuptools.build_meta import *  # noqa: F403
 
 PROJECT = Path(__file__).resolve().parents[2]
-#: What `python -m armd.daemon.ahead` imports, of armd's own dependencies.
+#: What `python -m armd.compiled.ahead` imports, of armd's own dependencies.
 FOR_LIBRARY = ("cobs", "fastcrc", "numba", "numpy", "platformdirs", "pydantic", "pyserial")
 
 

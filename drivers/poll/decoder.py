@@ -12,16 +12,16 @@ from typing import Any
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.button import Button
 from armd.drivers.poll.exchange import Exchange, GatheredCycle, Said, contradicts
-from armd.drivers.poll.one_by_one import OneByOne
-from armd.drivers.poll.pauses import Pauses
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.protocol.packet import ReadRequest, Status
-from armd.drivers.poll.roster import Roster
 from armd.drivers.poll.sampler import ServoSampler
-from armd.drivers.poll.stuck import StuckWatch
-from armd.drivers.poll.warmth import Warmth
+from armd.drivers.poll.servos.button import Button
+from armd.drivers.poll.servos.one_by_one import OneByOne
+from armd.drivers.poll.servos.pauses import Pauses
+from armd.drivers.poll.servos.roster import Roster
+from armd.drivers.poll.servos.stuck import StuckWatch
+from armd.drivers.poll.servos.warmth import Warmth
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.unwrap import warm_up
 

@@ -27,11 +27,11 @@ import serial
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.acquaintance import Acquaintance
 from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, note
 from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, PAUSE_MOST_NS, Pace, RequestPlan
 from armd.drivers.poll.protocol.packet import ReadRequest
+from armd.drivers.poll.servos.acquaintance import Acquaintance
 from armd.drivers.ports import is_pseudo
 from armd.drivers.sample import Item, RawFrame
 from armd.drivers.shell import SerialShell

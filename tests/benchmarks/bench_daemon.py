@@ -76,7 +76,7 @@ def start_up() -> dict[str, float]:
         calibrate(arm.folder)
         # In a virtual environment it is there since `make install`; else the cache gets it.
         cache = {"NUMBA_CACHE_DIR": f"{folder}/cache"}
-        make_library = [sys.executable, "-I", "-m", "armd.daemon.ahead"]
+        make_library = [sys.executable, "-I", "-m", "armd.compiled.ahead"]
         subprocess.run(make_library, env=os.environ | cache, check=True)
         without = {"NUMBA_CACHE_DIR": f"{folder}/other", "ARMD_WITHOUT_LIBRARY": "1"}
         for state, chosen in (

@@ -26,7 +26,7 @@ from bench_calibrate import SIZES
 from measured import measured
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.model.arm import Arm, load_arm
 from armd.simulator.campaigns.hidden import Design

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.estimate.fit_poses import fit_poses
-from armd.compensation.estimate.noise import ReadingNoise
+from armd.compensation.estimate.noise.reading import ReadingNoise
 from armd.compensation.estimate.observations import gather
-from armd.compensation.estimate.poses import compute_centres
+from armd.compensation.estimate.placements.fit_poses import fit_poses
+from armd.compensation.estimate.placements.poses import compute_centres
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import fit
 from armd.compensation.identify.thermal.terms import make_length_terms

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from armd.compensation.data import offline_files, session
-from armd.compensation.data.offline import Corrector
+from armd.compensation.data.correction import files as offline_files
+from armd.compensation.data.correction.correction import Corrector
+from armd.compensation.data.sessions import session
 from armd.compensation.identify.evaluation import evaluate_files
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration

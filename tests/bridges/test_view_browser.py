@@ -21,7 +21,7 @@ from playwright.sync_api import TimeoutError as PageTimeout
 
 import armd
 from armd import keys
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon.files.tip_history import keep

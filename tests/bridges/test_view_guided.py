@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from armd.compensation.data.session import load_session
-from armd.compensation.data.session_format import ArtefactFile
+from armd.compensation.data.sessions.format import ArtefactFile
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import Arm
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.guided import Guided

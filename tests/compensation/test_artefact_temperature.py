@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from armd.compensation.data.session import Session
-from armd.compensation.data.soundness import fit_to_identify, make_sound
+from armd.compensation.data.sessions.session import Session
+from armd.compensation.data.soundness.soundness import fit_to_identify, make_sound
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from support import synthetic
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.design.artefact_places import ArtefactReadings
 from armd.compensation.design.clearance import height_mm
 from armd.compensation.design.exchange import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.interim.recorrection.quality_page import Impact
-from armd.compensation.report.diagnosis import write_headline
+from armd.compensation.report.diagnosis.page import write_headline
 
 
 def found(cause: str, location: str = "joint 3", shown: bool = True, guess: bool = False) -> Any:

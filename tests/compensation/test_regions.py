@@ -9,8 +9,8 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.estimate.gauge import list_free_constants
+from armd.compensation.estimate.noise.regions import find_regions
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.regions import find_regions
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify import fit as fitting
 from armd.compensation.identify.evaluation.evaluate import evaluate_model

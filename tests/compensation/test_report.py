@@ -10,9 +10,14 @@ import shutil
 import numpy as np
 import pytest
 
-from armd.compensation.report import written
-from armd.compensation.report.drawing import MOST_POINTS, draw_dots, make_single_figure, make_views
-from armd.compensation.report.page import Page, make_report_number
+from armd.compensation.report.layout import written
+from armd.compensation.report.layout.drawing import (
+    MOST_POINTS,
+    draw_dots,
+    make_single_figure,
+    make_views,
+)
+from armd.compensation.report.layout.page import Page, make_report_number
 from armd.errors import ArmdError, BadInput
 
 

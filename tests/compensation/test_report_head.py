@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
-from armd.compensation.report.about import About, load_about
-from armd.compensation.report.head import add_head
-from armd.compensation.report.page import MOST_LETTERS, Page
+from armd.compensation.report.layout.about import About, load_about
+from armd.compensation.report.layout.head import add_head
+from armd.compensation.report.layout.page import MOST_LETTERS, Page
+from armd.compensation.report.layout.style import make_footer_style
+from armd.compensation.report.layout.units import Unit, choose_units, format_three_digits
 from armd.compensation.report.sessions import add_session_facts
-from armd.compensation.report.style import make_footer_style
-from armd.compensation.report.units import Unit, choose_units, format_three_digits
 from armd.daemon.cli import main
 from armd.errors import BadInput
 

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from armd.compensation.model.kinematics import forward
-from armd.compensation.report.arm_picture import draw_arm_picture
-from armd.compensation.report.coverage import MOST_NAMED, add_coverage
-from armd.compensation.report.drawing import make_svg
-from armd.compensation.report.page import Page
-from armd.compensation.report.residual_plots import (
+from armd.compensation.report.calibration.arm_picture import draw_arm_picture
+from armd.compensation.report.calibration.residual_plots import (
     compute_running_mean,
     draw_residuals_by_joint,
     draw_residuals_by_sensor,
     draw_vectors,
     round_down,
 )
-from armd.compensation.report.units import Unit, choose_units
-from armd.compensation.report.verification_figures import (
+from armd.compensation.report.coverage import MOST_NAMED, add_coverage
+from armd.compensation.report.layout.drawing import make_svg
+from armd.compensation.report.layout.page import Page
+from armd.compensation.report.layout.units import Unit, choose_units
+from armd.compensation.report.verification.figures import (
     draw_lengths,
     draw_rosettes,
     draw_sphere_form,

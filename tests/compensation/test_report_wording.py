@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.report.calibration_tables import add_correlations
-from armd.compensation.report.finding import _format_small_units
-from armd.compensation.report.page import Page
+from armd.compensation.report.calibration.tables import add_correlations
+from armd.compensation.report.diagnosis.finding import _format_small_units
+from armd.compensation.report.layout.page import Page
+from armd.compensation.report.layout.units import Unit
 from armd.compensation.report.sessions import add_session_facts
-from armd.compensation.report.units import Unit
-from armd.compensation.report.verification import NO_LENGTH, _list_results
+from armd.compensation.report.verification.page import NO_LENGTH, _list_results
 from armd.compensation.verify.results import Deviation, Figure
 from armd.compensation.verify.verdict import Judged
 from support import synthetic

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from armd import BadInput
-from armd.compensation.data.session import load_session, load_sessions
-from armd.compensation.data.session_writing import write_session
+from armd.compensation.data.sessions.session import load_session, load_sessions
+from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.model.arm import Arm
 
 STARTED = datetime.datetime(2026, 3, 1, 9, tzinfo=datetime.UTC)

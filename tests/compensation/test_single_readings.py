@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.verify.figures import correct_positions, evaluate_figures
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session
-from armd.compensation.data.soundness import fit_to_identify, make_sound
-from armd.compensation.diagnose.fitting.noise import clip_gross
+from armd.compensation.data.sessions.session import Session
+from armd.compensation.data.soundness.soundness import fit_to_identify, make_sound
 from armd.compensation.diagnose.heldout.gain import cap_squares, compute_gain
+from armd.compensation.diagnose.noise.variances import clip_gross
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.thermal.terms import make_length_terms

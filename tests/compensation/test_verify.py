@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
-from armd.compensation.report.verification import make_verification_report
+from armd.compensation.report.verification.page import make_verification_report
 from armd.compensation.verify.figures import evaluate_figures
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
 from armd.compensation.verify.results import Figure, Verification

@@ -14,9 +14,9 @@ from numba import typeof
 
 from armd.compensation.kernel import kernel
 from armd.compensation.kernel.model import Model
+from armd.compiled import ahead as program
 from armd.compiled import library
-from armd.daemon import ahead as program
-from armd.daemon.ahead import call_for_sessions, can_link, tidy
+from armd.compiled.ahead import call_for_sessions, can_link, tidy
 from armd.daemon.config import load_config
 from support import synthetic
 from support.own_environment import own_environment
@@ -65,7 +65,7 @@ def python(tmp_path: Path) -> Path:
 
 def ahead(python: Path, cache: Path, *files: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [python, "-I", "-m", "armd.daemon.ahead", *files],
+        [python, "-I", "-m", "armd.compiled.ahead", *files],
         env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
         capture_output=True,
         text=True,

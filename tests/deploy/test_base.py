@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from armd.daemon.ahead import can_link
+from armd.compiled.ahead import can_link
 from armd.daemon.cli import OFFLINE
 from support.running_daemon import Daemon, free_endpoint, write_config
 from support.simulated_arm import simulated_arm
@@ -74,7 +74,7 @@ def test_an_arm_with_that_many_joints_finds_all_compiled(
 ) -> None:
     """Without numba nothing else could compile it."""
     ran = subprocess.run(
-        [environment / "bin/python", "-I", "-m", "armd.daemon.ahead", "--joints", str(joints)],
+        [environment / "bin/python", "-I", "-m", "armd.compiled.ahead", "--joints", str(joints)],
         env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}, capture_output=True, text=True,
     )  # fmt: skip
     assert (ran.returncode, ran.stderr) == (0, "")

@@ -65,7 +65,7 @@ def test_from_the_index_twice_and_away(root: ThrowawayRoot) -> None:
     code = {path for path in first if path.startswith(CODE)}
     python = root.run("head", "-1", "/opt/armd/bin/armd").stdout.strip().removeprefix("#!")
     cached = [*AS_ARMD, "env", "CACHE_DIRECTORY=/var/cache/armd"]
-    again = root.run(*cached, python, "-I", "-m", "armd.daemon.ahead")
+    again = root.run(*cached, python, "-I", "-m", "armd.compiled.ahead")
     assert again.returncode == 0, again.stderr
     assert {path for path in root.changes() if path.startswith(CODE)} == code
     first = root.changes()

@@ -147,10 +147,10 @@ def test_an_upgrade_is_built_beside_and_leaves_nothing_of_the_old(machine: Machi
     assert machine.version() == "2"
     assert sorted(path.name for path in machine.opt.iterdir()) == ["armd", "armd.b"]
     asked = machine.asked.splitlines()
-    (ahead,) = (line for line in asked if line.endswith("-m armd.daemon.ahead"))
+    (ahead,) = (line for line in asked if line.endswith("-m armd.compiled.ahead"))
     assert ahead.startswith("setpriv --reuid=armd ") and "/opt/armd.b/bin/python -I" in ahead
     assert asked.index(ahead) < asked.index("restart 2")
-    assert asked[-1].endswith("-m armd.daemon.ahead --tidy")  # the old one's are not needed now
+    assert asked[-1].endswith("-m armd.compiled.ahead --tidy")  # the old one's are not needed now
     assert machine.unit().read_text() != "unit of 1"
     assert machine.help_files() == help_of("2")
 

@@ -11,7 +11,7 @@ from armd.compensation.diagnose.problem.linear import Linear, ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.effects.effect import ArtefactChange
-from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.model.calibration import ArtefactCorrection
 from support import synthetic
 

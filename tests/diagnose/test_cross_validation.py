@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnosis import SearchResult
 from armd.compensation.diagnose.heldout.cross_validation import CrossValidated, cross_validate
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.thermal.comparison import Comparison

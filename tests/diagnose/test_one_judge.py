@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.identify.calibrate import Options, calibrate

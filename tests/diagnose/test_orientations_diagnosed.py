@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import armd
-from armd.compensation.data.session import load_sessions
+from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.diagnose.problem.linear import Linear, ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from scipy.special import fdtri
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import find_outliers
-from armd.compensation.estimate import robust
 from armd.compensation.estimate.folds import assign_group_folds, assign_time_folds
+from armd.compensation.estimate.noise import robust
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.fit import compute_rms_um

@@ -32,7 +32,11 @@ from armd.compensation.diagnose.predictive.curves import (
 from armd.compensation.diagnose.predictive.moments import Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
 from armd.compensation.diagnose.predictive.strength import Strength
-from armd.compensation.report.predictive_plot import choose_for_finding, choose_overview, draw_rows
+from armd.compensation.report.diagnosis.predictive_plot import (
+    choose_for_finding,
+    choose_overview,
+    draw_rows,
+)
 from support.small_fit import small_fit, unit_noise
 from support.whole_scene import whole_scene
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import armd
-from armd.compensation.data.session import load_sessions
+from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main

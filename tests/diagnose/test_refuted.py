@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.heldout.refutation import (
     is_refuted,

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.fitting import noise as noise_model
-from armd.compensation.diagnose.fitting.likelihood import Absorbing, Restricted
+from armd.compensation.diagnose.noise import variances as noise_model
+from armd.compensation.diagnose.noise.likelihood import Absorbing, Restricted
 from armd.compensation.estimate.linear.blocks import to_blocks
 from support.small_fit import unit_noise
 

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.estimate.fit_poses import fit_poses
+from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.model.kinematics import forward
 from support import synthetic
 

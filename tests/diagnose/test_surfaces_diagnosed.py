@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 
 import armd
-from armd.compensation.data.session import load_sessions
+from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
 from armd.compensation.effects.effect import ArtefactChange
-from armd.compensation.estimate.robust import WINSOR_AT, compute_edge_stretch, compute_huber_loss
+from armd.compensation.estimate.noise.robust import (
+    WINSOR_AT,
+    compute_edge_stretch,
+    compute_huber_loss,
+)
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.daemon.cli import main

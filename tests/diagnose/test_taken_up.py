@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.absorbed_error import _absorbed_by, allow_absorbed_error
 from armd.compensation.diagnose.fitting.fit import fit

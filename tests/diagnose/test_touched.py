@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import (
     LEAST_RESTS_BESIDE,
     LEAST_TARGETS,
@@ -35,7 +35,7 @@ from armd.compensation.diagnose.search.moved_artefact import (
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
-from armd.compensation.estimate.robust import WINSOR_AT, compute_huber_loss
+from armd.compensation.estimate.noise.robust import WINSOR_AT, compute_huber_loss
 from support import synthetic
 from support.selection import parametrize_default
 from support.small_fit import candidate

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.constants import TURN_RATIOS
-from armd.compensation.diagnose.fitting.turn_noise import compute_fitted_share, estimate_turn_ratio
+from armd.compensation.diagnose.noise.turns import compute_fitted_share, estimate_turn_ratio
 from armd.compensation.diagnose.problem.whitening import guess_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from support.small_fit import unit_noise

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.linearise import linearise
-from armd.compensation.estimate.noise import ReadingNoise, Weighting
+from armd.compensation.estimate.noise.reading import ReadingNoise, Weighting
 from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.descent import MOST_STEPS, Descent, End
 from armd.compensation.model.kinematics import forward

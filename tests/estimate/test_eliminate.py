@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.eliminate import SessionColumns, eliminate, split_into_batches
 from armd.compensation.estimate.group_rows import group_rows
 from armd.compensation.estimate.linear.linear_model import factorise_known, factorise_lower
+from armd.compensation.estimate.placements.eliminate import (
+    SessionColumns,
+    eliminate,
+    split_into_batches,
+)
 
 
 def test_rows_are_grouped_by_session_and_placement_and_ordered_by_target() -> None:

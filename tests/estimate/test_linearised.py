@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.linearise import Linearisation, linearise, linearise_as_read
 from armd.compensation.estimate.observations import gather
-from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.placements.fit_poses import fit_poses
+from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.pose_factors import Harmonic

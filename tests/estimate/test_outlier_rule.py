@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from armd.arrays import F64
-from armd.compensation.estimate.robust import compute_redescending_weights, select_outliers
+from armd.compensation.estimate.noise.robust import compute_redescending_weights, select_outliers
 from support.pages import page_path
 
 TEXT = page_path("calibrate").read_text(encoding="utf-8")

@@ -5,10 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.observations import gather
-from armd.compensation.estimate.placements import Placements
-from armd.compensation.estimate.poses import compute_centres, make_pose_columns, make_target_columns
+from armd.compensation.estimate.placements.fit_poses import fit_poses
+from armd.compensation.estimate.placements.placements import Placements
+from armd.compensation.estimate.placements.poses import (
+    compute_centres,
+    make_pose_columns,
+    make_target_columns,
+)
 from armd.compensation.model.kinematics import forward
 from support import synthetic
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.noise import ReadingNoise, Weighting, make_whitening
+from armd.compensation.estimate.noise.reading import ReadingNoise, Weighting, make_whitening
 
 N, JOINTS = 6, 5
 NOISE = ReadingNoise(encoder_rad=3e-6, reading_mm=2e-3)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.linearise import Linearisation, linearise
-from armd.compensation.estimate.noise import ReadingNoise, estimate_noise, make_whitening
+from armd.compensation.estimate.noise.reading import ReadingNoise, estimate_noise, make_whitening
 from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.model.kinematics import forward
 from support import synthetic

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armd.compensation.estimate.rigid_motions import align_by_kabsch
+from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
 
 
 def test_each_group_moves_as_scipy_aligns_it_alone() -> None:

@@ -11,12 +11,12 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_format import Artefact
-from armd.compensation.estimate.fit_poses import fit_poses
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.placements.fit_poses import fit_poses
+from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.surface_kinds import (
     CYLINDER,
     PLANE,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
 

@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from armd.compensation.data.session import load_session
-from armd.compensation.data.session_writing import write_session
+from armd.compensation.data.sessions.session import load_session
+from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.model.arm import load_arm
 from armd.daemon.catalogue.known_arms import read_arm_text
 from armd.daemon.cli import main

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.model.arm import Arm
 from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes

@@ -13,7 +13,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 
 from armd.compensation.data.foreign.rosbag import SUFFIXES, read_bag
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
 from armd.errors import BadInput

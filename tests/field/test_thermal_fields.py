@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session, load_sessions
+from armd.compensation.data.sessions.session import Session, load_sessions
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.report.signature_plot import make_signature_plot
+from armd.compensation.report.diagnosis.signature_plot import make_signature_plot
 from support.selection import parametrize_default
 
 SETS = Path(__file__).parent / "thermal"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import beta
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from cases import HELD
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.design.conditions import HEATED_K
 from armd.compensation.design.design import Experiment, design
 from armd.compensation.diagnose.constants import SURE

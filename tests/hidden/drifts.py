@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from cases import NOISES, at_most, projected_snr
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.identify.calibrate import calibrate

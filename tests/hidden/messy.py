@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 from cases import at_most
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.report.diagnosis import make_diagnosis_report
+from armd.compensation.report.diagnosis.page import make_diagnosis_report
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.plants.draw import draw_plant

@@ -23,7 +23,7 @@ from cases import HELD, at_most, projected_snr
 from real.convert import ball_in_socket, ur10
 from told_apart import told_apart
 
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.identify.calibrate import calibrate

@@ -12,7 +12,7 @@ import pytest
 from drifts import run_drift, said
 from sweep import CONSTANTS, ROOM, changed
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.diagnose.search import explains

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from cases import NOISES
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.heldout.gain import cap_squares
 from armd.compensation.identify.calibrate import calibrate

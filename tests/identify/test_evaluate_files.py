@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.data import pieces
-from armd.compensation.data.session import Session, load_sessions
-from armd.compensation.data.session_writing import write_session
+from armd.compensation.data.sessions.session import Session, load_sessions
+from armd.compensation.data.sessions.writing import write_session
+from armd.compensation.data.tables import pieces
 from armd.compensation.identify.evaluation import evaluate_files as streamed
 from armd.compensation.identify.evaluation.condensed import compute_moments
 from armd.compensation.identify.evaluation.evaluate import evaluate

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.gauge import describe_unidentifiable, list_free_constants
 from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from armd.compensation.data.session import load_session, load_sessions
-from armd.compensation.estimate.fit_poses import fit_poses
+from armd.compensation.data.sessions.session import load_session, load_sessions
 from armd.compensation.estimate.linearise import linearise
-from armd.compensation.estimate.noise import ReadingNoise, estimate_turn_noise
+from armd.compensation.estimate.noise.reading import ReadingNoise, estimate_turn_noise
 from armd.compensation.estimate.observations import TURN_MM, Observations, gather
 from armd.compensation.estimate.orientations import (
     compute_turn_columns,
@@ -21,6 +20,7 @@ from armd.compensation.estimate.orientations import (
     with_orientation_rows,
     with_orientations,
 )
+from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.orientation import compute_orientation_gain
 from armd.compensation.identify.result import Result

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
 from armd.compensation.verify.figures import correct_positions

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armd.arrays import F64
-from armd.compensation.data.session import load_session, load_sessions
+from armd.compensation.data.sessions.session import load_session, load_sessions
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.unknowns import describe_term
 from armd.compensation.identify.calibrate import Options, calibrate

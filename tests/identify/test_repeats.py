@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.result import Result
 from support import synthetic

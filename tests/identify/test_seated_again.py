@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armd import BadInput
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.evaluation import seated_again
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.evaluation.outside_range import OutsideRange

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.unknowns import Unknowns

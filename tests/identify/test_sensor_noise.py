@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.identify.sensor_noise import estimate_sensor_noise_c
+from armd.compensation.estimate.noise.sensor import estimate_sensor_noise_c
 from armd.compensation.model.state import States
 
 

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from armd.arrays import F64
-from armd.compensation.data.points_only import INSTEAD
-from armd.compensation.data.session import load_sessions
+from armd.compensation.data.sessions.points_only import INSTEAD
+from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import load_arm

@@ -11,7 +11,7 @@ import numpy as np
 from drawn_changes import Case
 
 from armd.arrays import F64
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.interim.checks.chain import HistoryLine
 from armd.compensation.interim.checks.columns import list_causes

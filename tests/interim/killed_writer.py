@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armd.compensation.data.session import load_sessions
+from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.interim.checks import chain, history, keeping
 from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.reduce import reduce

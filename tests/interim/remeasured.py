@@ -11,7 +11,7 @@ from drawn_changes import Case
 from oracle import true_change
 
 from armd.arrays import F64
-from armd.compensation.estimate.poses import make_rigid_columns
+from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.report.amend import Amplitudes, amend_calibration, fit

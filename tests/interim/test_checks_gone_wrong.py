@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from test_interim_history import measured, run, true_calibration
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.interim.checks.admission import refuse_unfit
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.interim.checks.open_growth import compute_rises_k, list_open_growth
 from armd.compensation.model.arm import load_arm

@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 from test_interim_history import measured, run, true_calibration
 
-from armd.compensation.data.session import load_sessions
+from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
 from armd.compensation.identify.evaluation.evaluate import evaluate

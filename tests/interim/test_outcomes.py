@@ -16,7 +16,7 @@ from scipy.stats import binom
 from test_interim_history import measured, true_calibration
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.data.session import load_sessions
+from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH

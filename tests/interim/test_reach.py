@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.effects.location import joint
-from armd.compensation.estimate.poses import make_rigid_columns
+from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.report.possible_checks import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.effects.location import joint
 from armd.compensation.interim.checks.columns import Cause

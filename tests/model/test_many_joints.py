@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session_writing import write_session
+from armd.compensation.data.sessions.writing import write_session
 from armd.daemon import cli
 from support import synthetic
 

@@ -21,7 +21,7 @@ from armd.compensation.model.calibration import (
 )
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.daemon.catalogue.known_arms import KNOWN, read_arm_text
-from armd.daemon.catalogue.urdf import compute_denavit_hartenberg, read_chain
+from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from armd.daemon.cli import main
 from armd.files.toml_text import toml_text
 from armd.offline.model import Model

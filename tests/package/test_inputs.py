@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from armd import BadInput
-from armd.compensation.data.readings import load_readings, read_header
+from armd.compensation.data.tables.readings import load_readings, read_header
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.daemon.bridges.export.source import from_path

@@ -9,8 +9,8 @@ import pytest
 from pydantic import Field
 
 from armd import ArmdError, BadInput, connect
-from armd.compensation.data.readings import load_readings
-from armd.compensation.data.session_files import check_is_session
+from armd.compensation.data.sessions.files import check_is_session
+from armd.compensation.data.tables.readings import load_readings
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.daemon.catalogue.known_arms import find_spelling

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import armd
-from armd.offline.arrow_table import ArrowTable
+from armd.offline.results.arrow_table import ArrowTable
 from support.measured_arm import measured_arm
 from support.pages import page_path, run_as_typed, shell_blocks
 from support.simulated_sessions import simulate_sessions

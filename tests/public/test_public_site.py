@@ -15,7 +15,7 @@ import armd
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 DIRECTIVE = re.compile(r"^\.\. (?:auto|py:)\w+:: (armd\.[\w.]+)", re.M)
 #: What public names give or return, and no name of armd gives.
-RETURNED = {"armd.offline.arrow_table.ArrowTable", "armd.offline.record.Record"}
+RETURNED = {"armd.offline.results.arrow_table.ArrowTable", "armd.offline.results.record.Record"}
 RETURNED |= {"armd.stream.Handle", "armd.stream.Stream"}
 
 

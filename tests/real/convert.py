@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from armd.compensation.data.session_writing import write_session
-from armd.daemon.catalogue.urdf import compute_denavit_hartenberg, read_chain
+from armd.compensation.data.sessions.writing import write_session
+from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 
 VENDORED = Path(__file__).parent / "data"
 #: Series measured by the tracker, and when.

@@ -20,7 +20,7 @@ from rich.table import Table
 from thermal_series import diagnose_series
 
 from armd.arrays import F64, Mask
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.report.result import describe_needs, describe_place

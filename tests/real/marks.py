@@ -17,7 +17,7 @@ from convert import ROBOTS, VENDORED, convert
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.identify.evaluation.lengths import MOST_OFF

@@ -15,7 +15,7 @@ import pytest
 from convert import VENDORED, ur10
 
 from armd.arrays import F64
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.kinematics import forward, jacobian
 from support.selection import parametrize_default

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from convert import ROBOTS, VENDORED, convert
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
-from armd.daemon.catalogue.urdf import compute_denavit_hartenberg, read_chain
+from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from support.selection import parametrize_default
 
 

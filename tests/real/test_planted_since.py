@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from convert import ball_in_socket, ur10
 
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration

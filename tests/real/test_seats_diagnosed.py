@@ -13,7 +13,7 @@ import pytest
 from convert import convert
 from rich.console import Console
 
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.constants import LEAST_MM
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.fit import fit

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from convert import ROBOTS, convert
 
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.neighbourhood import is_possible
 from armd.compensation.diagnose.report.result import as_json

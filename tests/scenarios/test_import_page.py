@@ -10,7 +10,7 @@ import numpy as np
 import openpyxl
 from rosbags.rosbag2 import StoragePlugin
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import load_arm
 from support.pages import page_path, run_as_typed, shell_blocks
 from support.robot_logs import MOTORS, bag, dataset

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session_writing import write_session
+from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
 from armd.daemon.cli import main

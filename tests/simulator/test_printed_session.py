@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.simulator.__main__ import main
 from armd.simulator.printed import bench

@@ -171,7 +171,7 @@ def test_a_missing_temperature_leaves_no_position() -> None:
 
 
 def test_turns_are_taken_off_as_where_sessions_are_read() -> None:
-    from armd.compensation.data.turns import whole_turns as expected
+    from armd.compensation.data.soundness.turns import whole_turns as expected
 
     rng = np.random.default_rng(3)
     limits = [(-180.0, 180.0), (-60.0, 130.0), (-155.0, 5.0), (-270.0, 270.0), (None, None)]

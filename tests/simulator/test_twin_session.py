@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import armd
-from armd.compensation.data.session import load_session
-from armd.compensation.data.session_writing import write_session
+from armd.compensation.data.sessions.session import load_session
+from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import (

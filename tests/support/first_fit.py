@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.fitted import Fit

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.fitting.alternating_fit import fit_by_turns
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.problem.baseline import from_calibration, with_findings

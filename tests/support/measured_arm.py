@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.model.arm import Arm
 from armd.files.toml_text import toml_text
 from support import synthetic

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.identify.evaluation.evaluate import evaluate

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.estimate.poses import make_rigid_columns
+from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.identify.result import Result
 from armd.compensation.model.kinematics import jacobian
 from armd.simulator.truth import nominal

@@ -22,7 +22,7 @@ from armd.compensation.data.foreign.words import (
     numbered,
     word_and_unit,
 )
-from armd.compensation.data.session_columns import QUATERNION, ROLL_PITCH_YAW, number_columns
+from armd.compensation.data.sessions.columns import QUATERNION, ROLL_PITCH_YAW, number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.terminal.suggest import few

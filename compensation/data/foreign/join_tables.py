@@ -13,7 +13,7 @@ from armd.compensation.data.foreign.places import find_places
 from armd.compensation.data.foreign.table import ForeignTable
 from armd.compensation.data.foreign.times import OF_A_DAY, Times, check_unit, read_times
 from armd.compensation.data.foreign.words import word_and_unit
-from armd.compensation.data.session_columns import number_columns
+from armd.compensation.data.sessions.columns import number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.terminal.counted import counted

@@ -20,9 +20,9 @@ from armd.compensation.diagnose.constants import (
     SIZING_STEPS,
     TURN_SETTLED,
 )
-from armd.compensation.diagnose.fitting import noise as noise_model
 from armd.compensation.diagnose.fitting.nuisance import gather_nuisance, make_noise_variances
-from armd.compensation.diagnose.fitting.turn_noise import compute_fitted_share, estimate_turn_ratio
+from armd.compensation.diagnose.noise import variances as noise_model
+from armd.compensation.diagnose.noise.turns import compute_fitted_share, estimate_turn_ratio
 from armd.compensation.diagnose.problem.amplitudes import compute_amplitude_variance, is_sized
 from armd.compensation.diagnose.problem.baseline import apply_step, with_findings
 from armd.compensation.diagnose.problem.fitted import Fit

@@ -8,8 +8,8 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import GAUGE, PER_KELVIN
-from armd.compensation.diagnose.fitting import noise as noise_model
 from armd.compensation.diagnose.fitting.expansions import make_expansion_columns
+from armd.compensation.diagnose.noise.shared_columns import make_drift_columns, make_target_nuisance
 from armd.compensation.diagnose.problem.amplitudes import compute_amplitude_variance
 from armd.compensation.diagnose.problem.layout import (
     AFTER,
@@ -57,8 +57,8 @@ def gather_nuisance(
         ),
         MOUNT: _column_of_the_mount(linear, baseline, arm),
         EXPANSIONS: make_expansion_columns(linear, baseline, arm),
-        TARGETS: noise_model.make_target_nuisance(linear),
-        DRIFT: noise_model.make_drift_columns(linear),
+        TARGETS: make_target_nuisance(linear),
+        DRIFT: make_drift_columns(linear),
     }
     variances = map(compute_amplitude_variance, findings, sizes)
     of_findings = list(zip(columns, variances, strict=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.fitting.free_expansion import with_growth_open
 from armd.compensation.diagnose.problem.baseline import from_calibration, with_size_kept
 from armd.compensation.diagnose.problem.linear import Baseline

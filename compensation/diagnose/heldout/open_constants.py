@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import MOVE_DIGITS
 from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.refit import Refits

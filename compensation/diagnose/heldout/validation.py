@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import IN_ONE, LEAST_POSITIVE, SURE_P, TARGET_FOLDS
 from armd.compensation.diagnose.diagnosis import (
     Finding,

@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.observations import TURN_MM, Observations
-from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.estimate.surfaces import group_planes, project_on_normals
 from armd.compensation.model.arm import Arm

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import BLOCKS, MOST_FOLDS, REST_RAD
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.estimate.folds import assign_group_folds, assign_posture_folds

@@ -9,8 +9,8 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.constants import AXES, LEAST_VARIANCE_MM2, ROUNDING, TURN_RATIOS
 from armd.compensation.estimate.linear.blocks import Blocks
-from armd.compensation.estimate.postures import compute_counts
-from armd.compensation.estimate.robust import compute_edge_stretch, to_three_components
+from armd.compensation.estimate.noise.postures import compute_counts
+from armd.compensation.estimate.noise.robust import compute_edge_stretch, to_three_components
 from armd.compensation.estimate.surfaces import project_on_normals
 
 

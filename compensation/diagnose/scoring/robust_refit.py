@@ -20,7 +20,11 @@ from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.linear_model import LinearModel
-from armd.compensation.estimate.robust import WINSOR_AT, compute_huber_loss, compute_huber_weights
+from armd.compensation.estimate.noise.robust import (
+    WINSOR_AT,
+    compute_huber_loss,
+    compute_huber_weights,
+)
 
 
 def compute_unclipped_gain(

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import softmax
 
 from armd.arrays import F64, I64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import (
     ABSORBED,
     LEAST_P,
@@ -47,7 +47,7 @@ from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p, 
 from armd.compensation.diagnose.search.findings import find_nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
-from armd.compensation.estimate.robust import (
+from armd.compensation.estimate.noise.robust import (
     DOWNWEIGHT_CHI2,
     compute_huber_loss,
     compute_huber_weights,

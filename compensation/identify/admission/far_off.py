@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.session import Session
-from armd.compensation.estimate.fit_poses import fit_robust_poses
+from armd.compensation.data.sessions.session import Session
+from armd.compensation.estimate.noise.robust import LEAST_MM, SUSPECT, find_monstrous
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.robust import LEAST_MM, SUSPECT, find_monstrous
+from armd.compensation.estimate.placements.fit_poses import fit_robust_poses
 from armd.terminal.counted import counted
 
 #: Readings that are listed.

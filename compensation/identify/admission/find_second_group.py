@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.admission.group_fit import (
     GroupCause,

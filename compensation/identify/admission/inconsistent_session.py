@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from armd.arrays import F64, Mask
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import Unknowns

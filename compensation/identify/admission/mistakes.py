@@ -13,8 +13,8 @@ from itertools import combinations
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.fit_poses import fit_poses, fit_robust_poses
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.placements.fit_poses import fit_poses, fit_robust_poses
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.identify.admission.other_ends import find_other_ends
 from armd.compensation.identify.evaluation.lengths import measure_certified_lengths

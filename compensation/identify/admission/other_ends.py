@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.rigid_motions import align_by_kabsch
+from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
 
 #: A turned target is another one if it comes to lie within this share of the least spacing from it.
 NEAR_SHARE = 0.25

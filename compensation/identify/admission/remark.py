@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.admission.far_off import find_far_off, measure_distances_mm
 from armd.compensation.identify.admission.find_second_group import find_second_group

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.robust import compute_huber_weights
+from armd.compensation.estimate.noise.robust import compute_huber_weights
 from armd.compensation.identify.fit import Identification
 
 #: A group and the rest have at least so many rows: fewer are single readings gone wrong.

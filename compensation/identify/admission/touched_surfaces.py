@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.surface_kinds import CYLINDER, FREEDOM, PLANE
 from armd.compensation.estimate.surfaces import LEAST_COSINE, compute_mean_cosines
 from armd.errors import BadInput

@@ -15,11 +15,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64
-from armd.compensation.data.readings import row_in_words
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_files import readings_path
-from armd.compensation.estimate.fit_poses import fit_robust_poses
+from armd.compensation.data.sessions.files import readings_path
+from armd.compensation.data.sessions.session import Session
+from armd.compensation.data.tables.readings import row_in_words
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.placements.fit_poses import fit_robust_poses
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.identify.admission.inconsistent_session import raise_all
 from armd.compensation.identify.admission.mistakes import (

@@ -10,11 +10,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.overflow import overflowed, refuse_overflow
-from armd.compensation.data.session import Session
-from armd.compensation.estimate.fit_poses import fit_poses
+from armd.compensation.data.correction.overflow import overflowed, refuse_overflow
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.placements.fit_poses import fit_poses
+from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.identify.evaluation import tally

@@ -17,13 +17,18 @@ from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
 from armd.compensation.data.in_order import in_order, keep_freed_memory
-from armd.compensation.data.points_only import require_points
-from armd.compensation.data.session import Session, check_once, load_sessions, session_pieces
-from armd.compensation.data.session_files import READINGS
-from armd.compensation.data.turns import AngleRange, report_open_turns
-from armd.compensation.estimate.fit_poses import fit_poses
+from armd.compensation.data.sessions.files import READINGS
+from armd.compensation.data.sessions.points_only import require_points
+from armd.compensation.data.sessions.session import (
+    Session,
+    check_once,
+    load_sessions,
+    session_pieces,
+)
+from armd.compensation.data.soundness.turns import AngleRange, report_open_turns
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.placements.fit_poses import fit_poses
+from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.identify.evaluation.condensed import PointMoments, compute_moments
 from armd.compensation.identify.evaluation.evaluate import (
     make_temperature_fault,

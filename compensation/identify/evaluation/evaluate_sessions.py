@@ -7,8 +7,8 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.data.points_only import require_points
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.points_only import require_points
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
 from armd.compensation.identify.evaluation.seated_again import fit_tip, make_tip_hint, with_tip

@@ -11,7 +11,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.placements.poses import Poses
 
 #: Farther off than this, in standard uncertainties, a length contradicts the arm.
 MOST_OFF = 3.0

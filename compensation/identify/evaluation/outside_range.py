@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.within import is_within
+from armd.compensation.data.tables.within import is_within
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, used_sensors
 from armd.terminal.counted import counted

@@ -10,8 +10,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
-from armd.compensation.estimate.fit_poses import fit_poses
+from armd.compensation.data.sessions.session import Session
+from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.identify.fit import fit

@@ -14,8 +14,8 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import linearise
-from armd.compensation.estimate.noise import estimate_noise, make_whitening
-from armd.compensation.estimate.robust import (
+from armd.compensation.estimate.noise.reading import estimate_noise, make_whitening
+from armd.compensation.estimate.noise.robust import (
     compute_mahalanobis2,
     compute_redescending_weights,
     to_three_components,

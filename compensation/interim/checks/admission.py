@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.points_only import require_points
-from armd.compensation.data.session import Session
-from armd.compensation.data.soundness import still_and_far
+from armd.compensation.data.sessions.points_only import require_points
+from armd.compensation.data.sessions.session import Session
+from armd.compensation.data.soundness.soundness import still_and_far
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.identify.admission.far_off import (
     list_without_temperature,

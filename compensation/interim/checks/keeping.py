@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_files import READINGS
+from armd.compensation.data.sessions.files import READINGS
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.interim.checks.appending import (
     CHECKS,
     NewLine,

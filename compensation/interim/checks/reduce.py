@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import REST_RAD
-from armd.compensation.estimate.fit_poses import fit_poses
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.poses import (
+from armd.compensation.estimate.placements.fit_poses import fit_poses
+from armd.compensation.estimate.placements.poses import (
     Poses,
     compute_centres,
     make_pose_columns,

@@ -13,7 +13,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.data.foreign.points import PointTable
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.interim.points.surface_figures import (
     Groups,
     PointFigure,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armd.compensation.data.foreign.points import PointTable, read_points
-from armd.compensation.data.session_format import ArtefactFile
+from armd.compensation.data.sessions.format import ArtefactFile
 from armd.compensation.interim.checks.appending import (
     CHECKS,
     NewLine,

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from armd.compensation.interim.points.evidence import RUN_LENGTH
 from armd.compensation.interim.points.judge import PointEpoch
 from armd.compensation.interim.points.result import describe_points
-from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics
-from armd.compensation.report.drawing import COLOURS, make_single_figure
-from armd.compensation.report.head import add_head
-from armd.compensation.report.page import MOST_SENTENCES, Page, make_report_number
+from armd.compensation.report.layout.about import About
+from armd.compensation.report.layout.drawing import COLOURS, make_single_figure
+from armd.compensation.report.layout.head import add_head
+from armd.compensation.report.layout.page import MOST_SENTENCES, Page, make_report_number
 from armd.compensation.wording import plain
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.verify.spheres import fit_sphere
 from armd.compensation.verify.touched import fit_parallel_planes
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, Mask
-from armd.compensation.report.drawing import make_single_figure
-from armd.compensation.report.page import Page, make_report_number
+from armd.compensation.report.layout.drawing import make_single_figure
+from armd.compensation.report.layout.page import Page, make_report_number
 from armd.compensation.report.sessions import NOT_STATED
 from armd.terminal.counted import counted
 

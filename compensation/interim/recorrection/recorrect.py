@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from armd import Flag
 from armd.arrays import F64
-from armd.compensation.data.heat_flow import SensorHeat
-from armd.compensation.data.turns import fold_turns
+from armd.compensation.data.soundness.heat_flow import SensorHeat
+from armd.compensation.data.soundness.turns import fold_turns
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration, used_sensors

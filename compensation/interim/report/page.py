@@ -9,21 +9,21 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
-from armd.compensation.data.session_files import READINGS
+from armd.compensation.data.sessions.files import READINGS
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.interim.changes.change import compute_shapes
 from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
 from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
 from armd.compensation.interim.report.result import describe_judgement
-from armd.compensation.report.about import About
 from armd.compensation.report.checks import LOOK, draw_by_verdict, draw_statistics, to_instants
 from armd.compensation.report.coverage import add_coverage
-from armd.compensation.report.drawing import COLOURS, make_single_figure
-from armd.compensation.report.head import add_head
-from armd.compensation.report.page import MOST_SENTENCES, Page, make_report_number
+from armd.compensation.report.layout.about import About
+from armd.compensation.report.layout.drawing import COLOURS, make_single_figure
+from armd.compensation.report.layout.head import add_head
+from armd.compensation.report.layout.page import MOST_SENTENCES, Page, make_report_number
+from armd.compensation.report.layout.units import Unit, choose_units
 from armd.compensation.report.sessions import add_session_facts
-from armd.compensation.report.units import Unit, choose_units
 from armd.compensation.wording import ARC_SECOND, minute, plain
 
 #: Of a check's files, what was measured.

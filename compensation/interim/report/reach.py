@@ -7,7 +7,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.design.clearance import make_resting_states
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.poses import make_rigid_columns
+from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from armd.compensation.data.session import Session
+from armd.compensation.data.sessions.session import Session
+from armd.compensation.estimate.noise.robust import MONSTROUS, SUSPECT
 from armd.compensation.estimate.observations import gather
-from armd.compensation.estimate.robust import MONSTROUS, SUSPECT
 from armd.compensation.identify.admission.far_off import FarOff, find_far_off, measure_distances_mm
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.interim.checks import history

@@ -16,7 +16,7 @@ from armd import Arm, keys
 from armd.arrays import Vector
 from armd.compensation.data.foreign.points import read_points
 from armd.compensation.data.foreign.table import TABLES
-from armd.compensation.data.session_columns import APPROACH
+from armd.compensation.data.sessions.columns import APPROACH
 from armd.daemon.files.measurement_log import SUFFIX, log_files, serial_of
 from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import INFO_ATTACHMENT, Recording

@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Sequence
 
-from armd.compensation.data.session_columns import APPROACH
+from armd.compensation.data.sessions.columns import APPROACH
 from armd.daemon.bridges.export.source import CLASH, COLUMNS, MeasurementLine
 from armd.daemon.bridges.tips import Tips
 

@@ -13,7 +13,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import frames
-from armd.daemon.catalogue.roll_pitch_yaw import matrix_to_rpy
+from armd.daemon.catalogue.urdf.roll_pitch_yaw import matrix_to_rpy
 from armd.files.schema import json_data, validate
 from armd.terminal.counted import counted
 from armd.terminal.suggest import few

@@ -12,7 +12,7 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any, cast
 
-from armd.compensation.data.session_format import ArtefactFile
+from armd.compensation.data.sessions.format import ArtefactFile
 from armd.daemon.bridges.process import in_thread
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.feed import Feed

@@ -9,7 +9,7 @@ from typing import get_args
 
 import armd
 from armd.client import Arm
-from armd.compensation.data.session_format import ArtefactFile
+from armd.compensation.data.sessions.format import ArtefactFile
 from armd.daemon.measure.ending import EndOptions, Then, list_commands
 from armd.daemon.measure.ending import run as run_command
 from armd.daemon.measure.in_use import ask_in_use

@@ -11,8 +11,8 @@ from pathlib import Path
 from rich.table import Table
 
 from armd.compensation.identify.result import Result
-from armd.compensation.report.about import add_about, read_about
-from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
+from armd.compensation.report.layout.about import add_about, read_about
+from armd.compensation.report.layout.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole

@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from armd import Flag
 from armd.arrays import Mask
-from armd.compensation.data.offline import Corrector
-from armd.compensation.data.readings import Readings, load_readings
-from armd.compensation.data.session_columns import APPROACH, angles, truths
-from armd.compensation.data.session_format import AngleUnit
+from armd.compensation.data.correction.correction import Corrector
+from armd.compensation.data.sessions.columns import APPROACH, angles, truths
+from armd.compensation.data.sessions.format import AngleUnit
+from armd.compensation.data.tables.readings import Readings, load_readings
 from armd.compensation.inverse.compensate import OK, CommandedAngles, compensate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States

@@ -6,11 +6,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from armd.compensation.data.offline import Corrector
-from armd.compensation.data.offline_files import correct_file
-from armd.compensation.data.point_columns import COLUMNS
-from armd.compensation.data.readings import read_header
-from armd.compensation.data.recorded import is_recorded
+from armd.compensation.data.correction.correction import Corrector
+from armd.compensation.data.correction.files import correct_file
+from armd.compensation.data.correction.point_columns import COLUMNS
+from armd.compensation.data.tables.readings import read_header
+from armd.compensation.data.tables.recorded import is_recorded
 from armd.daemon.commands.offline.given import (
     add_arm,
     add_session_settings,

@@ -11,7 +11,7 @@ from typing import Any
 from rich.table import Table
 
 from armd.compensation.design.design import FEW, MANY, Experiment
-from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
+from armd.compensation.report.layout.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.commands.offline import first_design
 from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
 from armd.errors import BadInput

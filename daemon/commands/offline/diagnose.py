@@ -13,8 +13,8 @@ from rich.table import Table
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.model.calibration import save_calibration
-from armd.compensation.report.about import add_about, read_about
-from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
+from armd.compensation.report.layout.about import add_about, read_about
+from armd.compensation.report.layout.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole

@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.table import Table
 
-from armd.compensation.data.session import load_sessions
+from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.requirements import ABSURD_RMS_MM

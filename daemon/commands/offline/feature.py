@@ -15,7 +15,7 @@ from armd.arrays import F64
 from armd.compensation.features.fit import SHAPES, Feature, fit
 from armd.compensation.features.relate import angle, distance
 from armd.compensation.features.shapes import Shape
-from armd.compensation.report.written import add_pages
+from armd.compensation.report.layout.written import add_pages
 from armd.daemon.bridges.export.source import MeasurementLine, from_path
 from armd.daemon.commands.offline import repeatability
 from armd.errors import BadInput

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from armd.compensation.data.session_format import AngleUnit, SessionFile
+from armd.compensation.data.sessions.format import AngleUnit, SessionFile
 from armd.files.schema import load_toml
 from armd.offline.arm_model import ArmModel, read_arm
 from armd.offline.calibration import Calibration, read_calibration

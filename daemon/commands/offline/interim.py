@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from armd.compensation.data.session import load_sessions
+from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.interim.checks import chain, history, keeping
 from armd.compensation.interim.checks.admission import refuse_unfit
 from armd.compensation.interim.checks.columns import list_causes
@@ -29,8 +29,8 @@ from armd.compensation.interim.report.single import list_single_readings
 from armd.compensation.interim.report.watch_memory import recall, remember
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
-from armd.compensation.report.about import About, add_about, read_about
-from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
+from armd.compensation.report.layout.about import About, add_about, read_about
+from armd.compensation.report.layout.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.commands.offline import interim_points
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs

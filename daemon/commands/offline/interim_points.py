@@ -16,8 +16,8 @@ from armd.compensation.interim.points.figures import compute_figures
 from armd.compensation.interim.points.history import keep_tables, load_checks, read_tables
 from armd.compensation.interim.points.judge import PointEpoch, judge_points
 from armd.compensation.interim.points.result import describe_points, points_as_json
-from armd.compensation.report.about import About
-from armd.compensation.report.written import write_pages
+from armd.compensation.report.layout.about import About
+from armd.compensation.report.layout.written import write_pages
 from armd.daemon.files.session_folder import load_artefact
 from armd.errors import BadInput
 from armd.files.writing import write_changed, write_whole

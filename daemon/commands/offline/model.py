@@ -23,7 +23,7 @@ from armd.daemon.catalogue.universal_robots import (
     describe_omitted,
     write_kinematics_yaml,
 )
-from armd.daemon.catalogue.urdf_like import correct_urdf
+from armd.daemon.catalogue.urdf.like import correct_urdf
 from armd.errors import BadInput
 from armd.files.outputs import ARM, RESULT, OutputKind, add_force, check_outputs, has_columns
 from armd.files.writing import write_whole

@@ -14,13 +14,13 @@ import numpy as np
 
 from armd import Flag
 from armd.arrays import F64
-from armd.compensation.data.session_columns import LEAST_C, MOST_C
+from armd.compensation.data.sessions.columns import LEAST_C, MOST_C
 from armd.compensation.interim.recorrection.quality_page import Impact, render_quality_page
 from armd.compensation.interim.recorrection.recorrect import Recorrected, recorrect
 from armd.compensation.model.arm import Arm, Vector3, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.compensation.model.state import States
-from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
+from armd.compensation.report.layout.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.bridges.export import source
 from armd.daemon.bridges.export.source import MeasurementLine, Measurements
 from armd.daemon.bridges.export.tables import uncertainty_mm

@@ -13,8 +13,8 @@ import numpy as np
 from armd.arrays import F64, Mask
 from armd.compensation.data.foreign.points import read_points
 from armd.compensation.data.foreign.table import TABLES
-from armd.compensation.data.session import Session, load_session
-from armd.compensation.report.written import list_page_outputs, write_pages
+from armd.compensation.data.sessions.session import Session, load_session
+from armd.compensation.report.layout.written import list_page_outputs, write_pages
 from armd.compensation.verify import single
 from armd.compensation.verify.figures import correct_positions
 from armd.compensation.verify.repeatability import (

@@ -11,8 +11,8 @@ from rich.table import Table
 
 from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.model.arm import load_arm
-from armd.compensation.report.about import About, add_about, read_about
-from armd.compensation.report.written import add_pages, list_page_outputs, write_pages
+from armd.compensation.report.layout.about import About, add_about, read_about
+from armd.compensation.report.layout.written import add_pages, list_page_outputs, write_pages
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty
 from armd.compensation.verify.points import PointsVerification, verify_points
 from armd.compensation.verify.verdict import Verdict, judge
@@ -109,7 +109,7 @@ def _render_page(
     args: argparse.Namespace, verdict: Verdict, verification: PointsVerification, about: About
 ) -> str:
     from armd.compensation.report.sessions import InputFile
-    from armd.compensation.report.verification import (
+    from armd.compensation.report.verification.page import (
         make_verification_report,  # drawings load slowly
     )
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from armd.daemon.config import load_config
 from armd.drivers.config import ServoConfig
-from armd.drivers.poll.memory import Memory
 from armd.drivers.poll.protocol.families import FAMILIES
+from armd.drivers.poll.servos.memory import Memory
 from armd.errors import BadInput
 from armd.terminal.counted import counted
 

@@ -11,13 +11,13 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from armd.compiled.rehearsal import rehearse
 from armd.daemon.config import Config, load_config
 from armd.daemon.host.journal import keep_standard_streams_open, say
 from armd.daemon.host.priority import go_first
 from armd.daemon.host.root import refuse_root_service
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.network.session import zenoh_session
-from armd.daemon.rehearsal import rehearse
 from armd.daemon.service import Service
 from armd.drivers.table import open_driver
 from armd.errors import BadInput

@@ -23,7 +23,7 @@ from armd.daemon.catalogue.known_arms import (
     with_serial_number,
     write_daemon_text,
 )
-from armd.daemon.catalogue.lerobot import take_over
+from armd.daemon.catalogue.servos.lerobot import take_over
 from armd.drivers.microscribe.factory import read_factory
 from armd.drivers.microscribe.wire import BAUDS
 from armd.drivers.ports import serial_ports

@@ -63,8 +63,8 @@ def _compare_sessions(
     ]
     if not folders:
         return {}, []
-    from armd.compensation.data.session import Session, load_session, report_turns
-    from armd.compensation.data.session_format import SessionFile
+    from armd.compensation.data.sessions.format import SessionFile
+    from armd.compensation.data.sessions.session import Session, load_session, report_turns
     from armd.compensation.estimate.observations import gather
     from armd.compensation.identify.admission.remark import remark
 
@@ -180,9 +180,9 @@ def _check_daemon(path: Path, _: Arms) -> str:
 
 def _check_session(path: Path, arms: Arms) -> str:
     """*path*: the folder or a file in it."""
-    from armd.compensation.data.session import load_session
-    from armd.compensation.data.session_files import check_is_session
-    from armd.compensation.data.session_format import SessionFile
+    from armd.compensation.data.sessions.files import check_is_session
+    from armd.compensation.data.sessions.format import SessionFile
+    from armd.compensation.data.sessions.session import load_session
 
     folder = _get_folder(path)
     check_is_session(folder)
@@ -198,7 +198,7 @@ def _check_session(path: Path, arms: Arms) -> str:
 
 
 def _check_artefact(path: Path, _: Arms) -> str:
-    from armd.compensation.data.session_format import ArtefactFile
+    from armd.compensation.data.sessions.format import ArtefactFile
 
     artefact = load_toml(path, ArtefactFile).artefact
     unknown = sum(target.position_mm is None for target in artefact.targets)
@@ -216,7 +216,7 @@ def _check_mpe(path: Path, _: Arms) -> str:
 
 
 def _check_about(path: Path, _: Arms) -> str:
-    from armd.compensation.report.about import load_about
+    from armd.compensation.report.layout.about import load_about
 
     load_about(path)
     return ""

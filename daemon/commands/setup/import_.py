@@ -21,10 +21,10 @@ from armd.compensation.data.foreign.phosphobot_episode import is_episode, read_e
 from armd.compensation.data.foreign.rosbag import is_bag, read_bag
 from armd.compensation.data.foreign.table import TABLES, ForeignTable, read_table
 from armd.compensation.data.foreign.words import LENGTHS
-from armd.compensation.data.session import load_session
-from armd.compensation.data.session_writing import write_session
+from armd.compensation.data.sessions.session import load_session
+from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.model.arm import Arm, load_arm
-from armd.daemon.catalogue.xml_tree import ROBOTS
+from armd.daemon.catalogue.urdf.xml_tree import ROBOTS
 from armd.errors import BadInput, cut
 from armd.files.outputs import (
     ARM,
@@ -227,7 +227,7 @@ def _load_artefact(args: argparse.Namespace) -> dict[str, Any]:
 
 def _from_lerobot(path: Path, arm: Arm, columns: FoundColumns, prefix: str | None) -> str:
     """Angles of LeRobot's normalised positions, in place; what was done, in a sentence."""
-    from armd.daemon.catalogue.lerobot_file import Normalised
+    from armd.daemon.catalogue.servos.lerobot_file import Normalised
 
     sweeps = Normalised(path, columns.joints, prefix)
     counts = all(joint.counts_per_turn == 4096 for joint in arm.joint)
@@ -243,7 +243,7 @@ def _from_lerobot(path: Path, arm: Arm, columns: FoundColumns, prefix: str | Non
 
 def _from_servo_zeros(path: Path, arm: Arm, arm_path: Path, columns: FoundColumns) -> str:
     """Counts of the servos in place of another program's angles; what was done, in a sentence."""
-    from armd.daemon.catalogue.servo_zeros import COUNTS, read_servo_zeros
+    from armd.daemon.catalogue.servos.zeros import COUNTS, read_servo_zeros
 
     for k, joint in enumerate(arm.joint, 1):
         if joint.counts_per_turn != COUNTS:
@@ -276,7 +276,7 @@ def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns:
 
 
 def _import_urdf(args: argparse.Namespace) -> int:
-    from armd.daemon.catalogue.urdf import write_arm_toml
+    from armd.daemon.catalogue.urdf.urdf import write_arm_toml
 
     text, remarks = write_arm_toml(args.table, args.tip_link)
     check_same(args.output, text, ARM, args.force, [args.table])

@@ -18,7 +18,7 @@ from armd.daemon.catalogue.known_arms import (
     write_daemon_text,
 )
 from armd.daemon.catalogue.rows import CONVENTIONS, ROW, from_rows
-from armd.daemon.catalogue.xml_tree import ROBOTS
+from armd.daemon.catalogue.urdf.xml_tree import ROBOTS
 from armd.daemon.config import load_config
 from armd.errors import BadInput
 from armd.files.outputs import ARM, OutputKind, add_force, check_output_folder, check_same
@@ -126,7 +126,7 @@ def _choose_arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
     bus = None
     remarks: list[str] = []
     if source.suffix.lower() in ROBOTS:
-        from armd.daemon.catalogue.urdf import write_arm_toml  # scipy, only for this
+        from armd.daemon.catalogue.urdf.urdf import write_arm_toml  # scipy, only for this
 
         text, remarks = write_arm_toml(source, args.tip_link)
     elif source.suffix:

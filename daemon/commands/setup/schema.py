@@ -9,10 +9,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from armd.compensation.data.session_format import ArtefactFile, SessionFile
+from armd.compensation.data.sessions.format import ArtefactFile, SessionFile
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.report.about import About
+from armd.compensation.report.layout.about import About
 from armd.compensation.verify.limits import PermissibleErrors
 from armd.daemon.config import DaemonFile
 from armd.files.outputs import OutputKind, add_force, check_outputs

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from armd.compensation.data.points_only import refuse_surfaces
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.data.sessions.points_only import refuse_surfaces
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, count_certificate_readings
 from armd.compensation.model.arm import Arm
 from armd.daemon.measure.plan.poses import Pose, make_stations, read_poses

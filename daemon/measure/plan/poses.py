@@ -18,8 +18,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64, I64
-from armd.compensation.data.session_format import Artefact
-from armd.compensation.estimate.rigid_motions import align_by_kabsch
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
 from armd.daemon.measure.plan.stations import Station
 from armd.errors import BadInput
 from armd.files.inputs import MOST_TOML_BYTES, read_input

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from armd.compensation.data.session_format import Artefact, SurfaceKind
+from armd.compensation.data.sessions.format import Artefact, SurfaceKind
 from armd.compensation.verify.touched import SPHERE_POINTS
 from armd.daemon.measure.plan.stations import PLACES, Station
 

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64
-from armd.compensation.data.session import load_sessions
-from armd.compensation.data.session_format import Artefact, SurfaceKind
-from armd.compensation.estimate.rigid_motions import align_by_kabsch
+from armd.compensation.data.sessions.format import Artefact, SurfaceKind
+from armd.compensation.data.sessions.session import load_sessions
+from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.tip import TipFit, fit_in_seat, fit_on_sphere
 from armd.compensation.model.arm import Arm

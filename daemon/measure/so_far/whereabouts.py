@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.session_format import Artefact
-from armd.compensation.estimate.rigid_motions import align_by_kabsch
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
 
 #: Points nearer to one line (or plane) than this do not tell how the artefact is turned about it.
 LEAST_SPAN_MM = 20.0

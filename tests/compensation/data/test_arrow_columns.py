@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
-from armd.compensation.data import pieces
-from armd.compensation.data.arrow_columns import FEW_NAMES, codes_of, encoded_in_order
+from armd.compensation.data.tables import pieces
+from armd.compensation.data.tables.arrow_columns import FEW_NAMES, codes_of, encoded_in_order
 from armd.errors import BadInput
 
 

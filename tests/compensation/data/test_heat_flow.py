@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from armd.compensation.data.heat_flow import LiveSensor, SensorHeat
+from armd.compensation.data.soundness.heat_flow import LiveSensor, SensorHeat
 
 TIME_S = 20.0 * np.arange(160)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import load_session, load_sessions, session_pieces
+from armd.compensation.data.sessions.session import load_session, load_sessions, session_pieces
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.interim.checks.admission import refuse_unfit

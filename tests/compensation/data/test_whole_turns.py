@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import Session, load_sessions
-from armd.compensation.data.turns import whole_turns
+from armd.compensation.data.sessions.session import Session, load_sessions
+from armd.compensation.data.soundness.turns import whole_turns
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.model.arm import Arm, load_arm
 from armd.simulator.measured.noise import Noise

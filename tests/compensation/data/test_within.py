@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.data.heat_flow import SensorHeat
-from armd.compensation.data.within import LARGEST, is_within
+from armd.compensation.data.soundness.heat_flow import SensorHeat
+from armd.compensation.data.tables.within import LARGEST, is_within
 
 
 @pytest.mark.parametrize("odd", [0.5, -1.0, 1.0, 1.5, -1.5, np.nan, np.inf, -np.inf])

@@ -14,7 +14,10 @@ import pytest
 
 import armd
 from armd import POINT, Flag
-from armd.compensation.data import offline, offline_files, pieces, point_columns
+from armd.compensation.data.correction import correction as offline
+from armd.compensation.data.correction import files as offline_files
+from armd.compensation.data.correction import point_columns
+from armd.compensation.data.tables import pieces
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import (

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session_format import Artefact
-from armd.compensation.data.session_writing import write_session
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.design.reaching import solve_postures
-from armd.compensation.estimate.rigid_motions import align_by_kabsch
+from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon import cli

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from armd.compensation.data.foreign.table import read_table
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon.cli import main

@@ -9,7 +9,7 @@ import pytest
 
 from armd.compensation.data.foreign.join_tables import join_tables
 from armd.compensation.data.foreign.table import ForeignTable
-from armd.compensation.data.session import Session, load_session
+from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
 

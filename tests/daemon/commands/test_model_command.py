@@ -15,7 +15,7 @@ import pytest
 
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
-from armd.daemon.catalogue.urdf import compute_denavit_hartenberg, read_chain
+from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from armd.daemon.cli import main
 from armd.files.toml_text import toml_text
 from support.own_urdf import OWN

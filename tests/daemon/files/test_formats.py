@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from armd.compensation.data.session_columns import number_columns
+from armd.compensation.data.sessions.columns import number_columns
 from armd.compensation.model.arm import Arm
 from armd.daemon.cli import main
 from armd.daemon.commands.setup.schema import FORMATS, json_schema

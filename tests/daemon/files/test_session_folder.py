@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armd import Flag
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon.cli import main

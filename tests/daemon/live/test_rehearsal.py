@@ -11,11 +11,11 @@ import numpy as np
 
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
+from armd.compiled.rehearsal import rehearse
 from armd.daemon.config import load_config
 from armd.daemon.health import Tally
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.measurement import Averager
-from armd.daemon.rehearsal import rehearse
 from armd.drivers.sample import RawFrame, Temperatures
 from armd.drivers.serial import wire
 from armd.drivers.serial.decoder import SerialDecoder

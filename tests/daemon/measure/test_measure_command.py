@@ -17,7 +17,7 @@ from test_measuring import ARM, BALLS, BEAM, IN_USE, at, press
 
 import armd
 from armd import keys
-from armd.compensation.data.session import load_session
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main, module_of

@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from armd import Flag
-from armd.compensation.data.session import load_session
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.kinematics import forward
 from armd.daemon.measure.in_use import MeasuredWith, write_arm_toml
 from armd.daemon.measure.log import NAME

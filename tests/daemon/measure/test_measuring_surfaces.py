@@ -10,8 +10,8 @@ import pytest
 
 from armd import Flag
 from armd.arrays import F64
-from armd.compensation.data.session import load_session
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.sessions.format import Artefact
+from armd.compensation.data.sessions.session import load_session
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import make_plan

@@ -1,7 +1,7 @@
 """A servo that is a button: who waits for a press is told that it cannot be seen."""
 
 from armd.drivers.config import Trigger
-from armd.drivers.poll.button import MISSING_AFTER_NS, Button
+from armd.drivers.poll.servos.button import MISSING_AFTER_NS, Button
 
 PRESSED, OPEN = {6: 1500, 1: 2048}, {6: 2300, 1: 2048}
 

@@ -7,7 +7,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from armd.drivers.poll.doubles import Doubles
+from armd.drivers.poll.servos.doubles import Doubles
 from armd.drivers.table import open_driver
 from support.driven_servos import BOTH, Taken, config, driven, expected, state
 from support.fake_servos import FakeServos

@@ -11,9 +11,9 @@ import pytest
 
 from armd.drivers import shell
 from armd.drivers.config import Trigger
-from armd.drivers.poll.memory import Memory
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.sampler import ServoSampler
+from armd.drivers.poll.servos.memory import Memory
 from armd.drivers.ports import is_pseudo
 from armd.drivers.table import open_driver
 from support.driven_servos import BOTH, Taken, assert_replayed, config, driven, expected, state

@@ -3,7 +3,7 @@
 import pytest
 
 from armd.drivers.joint_watch import GOOD_FOR_NS
-from armd.drivers.poll.stuck import StuckWatch
+from armd.drivers.poll.servos.stuck import StuckWatch
 
 
 def looked(*cycles):

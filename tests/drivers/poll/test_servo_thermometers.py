@@ -8,7 +8,7 @@ import pytest
 
 from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.poll.protocol.families import FAMILIES
-from armd.drivers.poll.warmth import Warmth
+from armd.drivers.poll.servos.warmth import Warmth
 from armd.drivers.sample import Event, Temperatures
 from support.driven_servos import BOTH, config, driven, expected, state
 from support.fake_servos import Dynamixel

@@ -1,0 +1,263 @@
+"""The library of compiled functions, made before a daemon starts: `python -m armd.compiled.ahead`.
+
+A daemon's every compiled call is made once, on made-up samples, for the arms of the armd.toml files
+given, or for any of 3 to 9 joints, or for that of `armd demo`; then those of the commands that work
+on sessions. What was called is exported by numba's ahead-of-time compiler and linked: into the
+virtual environment, or, where that cannot be written to, into the cache. Where there is a library
+already, or no C++ compiler, the calls are made all the same, and numba compiles what is missing
+into its cache. A bad file is reported and skipped: `armd run` reports it again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Sequence
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import (
+    Calibration,
+    LoadedCalibration,
+    Noise,
+    constants_of,
+)
+from armd.compensation.model.kinematics import forward, frames, jacobian
+from armd.compensation.model.parameters import ParameterLayout
+from armd.compensation.model.row_algebra import (
+    compute_least_turns,
+    compute_stretched_covariance,
+    compute_whitening,
+    turn_towards,
+)
+from armd.compensation.model.state import Lag, States
+from armd.compiled import library
+from armd.compiled.rehearsal import rehearse
+from armd.daemon.config import Config, load_config
+from armd.daemon.live.arm_in_use import ArmInUse
+from armd.drivers.microscribe.wire import N_JOINTS
+from armd.drivers.table import open_driver
+from armd.errors import ArmdError
+
+JOINT = "[[joint]]\nd_mm = 1.0\na_mm = 1.0\nalpha_deg = 90.0\ncounts_per_turn = 1048576\n"
+ARM = 'schema = "armd.arm/1"\nserial_number = "ANY"\n[tip]\noffset_mm = [0, 0, 1]\n'
+CONFIGURATION = 'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "{kind}"\n'
+SERIAL, MICROSCRIBE = (
+    CONFIGURATION.format(kind=kind) + 'port = "none"\n' for kind in ("serial", "microscribe")
+)
+
+#: Of `armd demo` without options.
+DEMO_JOINTS = 6
+
+#: What armd names after a state of its sources: a folder for numba, a library.
+OF_A_VERSION = re.compile(
+    rf"[0-9a-f]{{12}}|kernel_[0-9a-f]{{12}}(_({'|'.join(library.PARTS)}))?\..*"
+)
+
+
+def call_everything(path: Path, part: str = "") -> None:
+    """All compiled calls of `armd run` with this armd.toml, of commands that work on sessions, and
+    of those that work on tables; of a *part* of `library.PARTS` only those, and none for tables.
+
+    Raises `ArmdError` for a bad file.
+    """
+    config = load_config(path)
+    if part != "sessions":
+        call_for_live_points(config)
+    if part != "live":
+        call_for_sessions(config.arm)
+    if not part:
+        call_for_uncertainties(config.arm)
+
+
+def call_for_live_points(config: Config) -> None:
+    """The compiled calls of `armd run`."""
+    rehearse(config, ArmInUse(config))
+    if config.driver.kind != "replay":  # which opens its file; others open no port before they read
+        with closing(open_driver(config.driver, config.expectation)):
+            pass
+
+
+def call_for_sessions(arm: Arm) -> None:
+    """The compiled calls of `armd calibrate`, `evaluate`, `diagnose`, `verify`.
+
+    To import numba and fetch them from its cache takes longer than most of these commands do.
+    """
+    q, constants = np.zeros((1, 1)), np.zeros(ParameterLayout(1).count)
+    frames(q, constants)
+    forward(q, constants)
+    jacobian(q, constants)
+    turn_towards(q, constants[None], np.zeros((1, 3)), 1, 0.1, 0.1)
+    levers = np.ones((1, 3, 1))
+    compute_stretched_covariance(levers, levers, compute_least_turns(levers, 0.1), 1.0, np.ones(1))
+    compute_whitening(np.eye(3)[None], np.ones(1))
+    Lag(1.0, 1).follow(np.zeros(1), np.zeros((1, 1)))
+    Model(arm, None).correct_states(made_up_states(arm))
+
+
+def call_for_uncertainties(arm: Arm) -> None:
+    """What `armd correct` and `armd.Corrector` call beside, whose compilation takes 10 s."""
+    model = Model(arm, made_up_calibration(arm))
+    states = made_up_states(arm)
+    model.uncertainty_rows(states, model.slow_values(states))
+
+
+def made_up_states(arm: Arm) -> States:
+    """One state of the arm, at rest at its reference temperature."""
+    n = arm.n_joints
+    return States(
+        q=np.zeros((1, n)),
+        rate=np.zeros((1, n)),
+        temperature_c=np.full((1, len(arm.sensors)), arm.reference_temperature_c),
+        time_s=np.zeros(1),
+        approach=np.zeros((1, 3)),
+        series=np.zeros(1, np.int64),
+    )
+
+
+def made_up_calibration(arm: Arm) -> LoadedCalibration:
+    """That of the drawing, whose readings repeat to a micrometre."""
+    content = Calibration(
+        schema="armd.calibration/1",
+        arm=arm.serial_number,
+        created="2000-01-01T00:00:00Z",
+        reference_temperature_c=arm.reference_temperature_c,
+        constants=constants_of(arm.nominal(), arm.n_joints),
+        noise=Noise(reading_mm=1e-3),
+    )
+    return LoadedCalibration(content, sha256="", path=Path("made-up.json"))
+
+
+def made_up(folder: Path, joints: int, configuration: str = SERIAL) -> Path:
+    """The armd.toml of an arm that nobody has."""
+    (folder / "arm.toml").write_text(ARM + joints * JOINT, encoding="utf-8")
+    path = folder / "armd.toml"
+    path.write_text(configuration, encoding="utf-8")
+    return path
+
+
+def call(files: Iterable[Path], numbers: Sequence[int], part: str = "") -> None:
+    """As the daemons of these files do, and those of arms with these numbers of joints; or a *part*
+    of that, on a serial wire alone."""
+    with tempfile.TemporaryDirectory() as folder:
+        for joints in numbers:
+            call_everything(made_up(Path(folder), joints), part)
+        if numbers and not part:  # what all wires but the serial one share is the same for any
+            call_everything(made_up(Path(folder), N_JOINTS, MICROSCRIBE))
+    for path in files:
+        try:
+            call_everything(path)
+        except ArmdError as error:
+            print(f"armd: not compiled ahead: {error}", file=sys.stderr)
+
+
+def tidy() -> None:
+    """Remove what other versions of armd, or for another Python, left where this one may write."""
+    own_names = {path.name for path in library.places()}
+    for folder in library.made_in():
+        if not (folder.is_dir() and os.access(folder, os.W_OK)):
+            continue
+        for path in folder.iterdir():
+            if OF_A_VERSION.fullmatch(path.name):
+                if path.is_dir() and path.name != library.sources():
+                    shutil.rmtree(path)
+                elif path.is_file() and path.name not in own_names:
+                    path.unlink()
+
+
+def keep_in_environment() -> None:
+    """Copy a library that lies in the cache alone, which somebody may empty."""
+    folder, cache = library.made_in()[0], library.cache_folder()
+    files = [Path(module.__file__) for module in library.loaded() if module.__file__ is not None]
+    only_cached = [path for path in files if path.parent == cache != folder]
+    if not (only_cached and library.usable(folder)):
+        return
+    with tempfile.TemporaryDirectory(dir=folder) as temporary_folder:
+        for path in only_cached:
+            copy = Path(shutil.copy(path, temporary_folder))
+            copy.replace(folder / path.name)  # whole, or not at all
+
+
+def can_link() -> bool:
+    """Whether a library can be made here."""
+    if os.environ.get("ARMD_PLAIN_NUMBA"):
+        return False
+    try:
+        from armd.compiled import numba_inside
+    except ImportError:  # numba, or what armd uses of it
+        return False
+    return numba_inside.can_link()
+
+
+def make_library_apart() -> bool:
+    """Whether it could be made, in the first folder that takes it; by a process of its own: what
+    goes into a library cannot come from numba's cache."""
+    folder = next(filter(library.usable, library.made_in()), None)
+    if folder is None:
+        return False
+    command = [sys.executable, "-I", "-m", __spec__.name, *sys.argv[1:], "--into", str(folder)]
+    return subprocess.run(command).returncode == 0
+
+
+def make_library(args: argparse.Namespace, numbers: Sequence[int]) -> int:
+    """Make it in the folder that *args* name; the exit code."""
+    if not can_link():
+        print(
+            "armd: found no C++ compiler, numba and setuptools to make a library", file=sys.stderr
+        )
+        return 2
+    from armd.compiled import compiler, numba_inside
+    from armd.compiled.jit import FUNCTIONS
+
+    library.do_without()
+    compiler.keep_nothing()
+    with numba_inside.unoptimised():
+        call(args.files, numbers, args.demo)
+    args.into.mkdir(parents=True, exist_ok=True)
+    try:
+        numba_inside.export(args.into / library.file_name(args.demo), FUNCTIONS)
+    except ArmdError as error:
+        print(f"armd: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("files", nargs="*", type=Path)
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--joints", nargs="+", type=int, help="for arms with so many")
+    which.add_argument(
+        "--demo", choices=library.PARTS, default="", help="a part, for the arm of `armd demo` alone"
+    )
+    parser.add_argument("--into", type=Path, metavar="FOLDER", help="make the library there, anew")
+    parser.add_argument(
+        "--anew", action="store_true", help="make the library although there is one"
+    )
+    parser.add_argument("--tidy", action="store_true", help="remove other versions'; nothing else")
+    args = parser.parse_args()
+    if args.tidy:
+        tidy()
+        return 0
+    numbers = (DEMO_JOINTS,) if args.demo else args.joints
+    numbers = numbers or (() if args.files else range(3, 10))
+    if args.into is not None:
+        return make_library(args, numbers)
+    keep_in_environment()
+    if (args.anew or not library.loaded()) and can_link() and make_library_apart():
+        return 0
+    call(args.files, numbers, args.demo)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

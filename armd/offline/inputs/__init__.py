@@ -1,0 +1,1 @@
+"""What the offline functions take: sessions and tables, from files or from memory."""

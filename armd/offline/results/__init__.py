@@ -1,0 +1,1 @@
+"""What the offline functions return: tables, their display, pages of reports."""

@@ -1,0 +1,18 @@
+"""How a calibration came about, beside the calibration itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from armd.compensation.data.sessions.session import Session as StoredSession
+from armd.compensation.identify.result import Result
+from armd.offline.arm_model import ArmModel
+
+
+@dataclass(frozen=True)
+class Identified:
+    """The whole result of an identification, the sessions and the arm that it was made of."""
+
+    result: Result
+    sessions: list[StoredSession]
+    arm: ArmModel

@@ -1,0 +1,1 @@
+"""Readings in, corrected points out, piece by piece."""

@@ -1,0 +1,1 @@
+"""What is wrong with readings before anybody asks about the arm: temperatures, turns, times."""

@@ -1,0 +1,1 @@
+"""Tables of readings in pieces, CSV or Parquet, read and written."""

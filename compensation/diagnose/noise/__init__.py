@@ -1,0 +1,1 @@
+"""The noise of rests in a diagnosis: variances by restricted maximum likelihood."""

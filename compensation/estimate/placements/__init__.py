@@ -1,0 +1,1 @@
+"""Where the artefact stood: poses and free targets, fitted or eliminated."""

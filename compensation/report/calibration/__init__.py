@@ -1,0 +1,1 @@
+"""The report of `armd calibrate`: its page, drawings and tables."""

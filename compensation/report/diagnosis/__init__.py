@@ -1,0 +1,1 @@
+"""The report of `armd diagnose`: its page, one finding, and their drawings."""

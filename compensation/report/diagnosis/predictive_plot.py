@@ -1,0 +1,153 @@
+"""Measured against simulated residuals: what a model leaves, beside what noise alone would leave.
+
+Each panel shows the mean residual (tip minus target) along one component (a joint's motion in ″, a
+link or an axis in µm, the artefact's scale in µm/m) over one variable; the band in which 95 % of
+the data sets lie that the model gives by the noise found; and a few of these sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from armd.compensation.diagnose.constants import CURVES
+from armd.compensation.diagnose.predictive.curves import ResidualComparison, ResidualCurve
+from armd.compensation.report.layout.drawing import COLOURS, make_figure
+from armd.compensation.report.layout.units import MICROMETRES, SECONDS, Unit, Units
+
+#: More names than these have no room below an axis.
+MOST_LABELS = 24
+ROW_IN = 2.3
+GREY = "#8c959f"
+UNITS = Units(MICROMETRES, SECONDS)
+
+
+def draw_overview(comparisons: Sequence[ResidualComparison]) -> Figure:
+    """Draw of joint angles, temperatures, time and placements what leaves its band most, each under
+    the model under test (left) and with the findings (right)."""
+    return draw_rows([*choose_overview(comparisons)])
+
+
+def choose_overview(comparisons: Sequence[ResidualComparison]) -> Sequence[ResidualComparison]:
+    """The one of each group that leaves its band most under the model under test; and what does so
+    of all of them, if it is of no such group."""
+    groups: dict[str, list[ResidualComparison]] = {}
+    for comparison in comparisons:
+        groups.setdefault(_get_group(comparison.bins.variable), []).append(comparison)
+    order = ["joint angle", "temperature", "time", "placement"]
+    if (
+        comparisons
+        and (first := _get_group(choose_most_outside(comparisons).bins.variable)) not in order
+    ):
+        order.insert(0, first)
+    return [choose_most_outside(groups[group]) for group in order if group in groups]
+
+
+def choose_most_outside(comparisons: Sequence[ResidualComparison]) -> ResidualComparison:
+    """The one that stands out of noise most under the model under test."""
+    return min(comparisons, key=lambda comparison: comparison.order)
+
+
+def choose_for_finding(
+    comparisons: Sequence[ResidualComparison], finding: Mapping[str, Any]
+) -> ResidualComparison | None:
+    """What shows a *finding* (of `diagnose --json`) best: of the variables that it depends on, at
+    its own place where it has one; None where none of them was recorded."""
+    names = {"approach" if name.startswith("approach") else name for name in finding["depends_on"]}
+    over_its_variables = [
+        comparison for comparison in comparisons if comparison.bins.variable in names
+    ]
+    at_place = [
+        comparison
+        for comparison in over_its_variables
+        if comparison.component.place == finding["location"]
+    ]
+    candidates = at_place or over_its_variables
+    return choose_most_outside(candidates) if candidates else None
+
+
+def draw_rows(
+    comparisons: Sequence[ResidualComparison], units: Units = UNITS, row_in: float = ROW_IN
+) -> Figure:
+    """Draw comparisons below each other: before, and after."""
+    figure, axes = make_figure(max(len(comparisons), 1), 2, row_in * max(len(comparisons), 1))
+    for row, comparison in enumerate(comparisons):
+        pair = axes[2 * row : 2 * row + 2]
+        reach = (
+            max(_compute_reach(comparison.before), _compute_reach(comparison.after))
+            * get_unit(comparison, units).per_base
+        )
+        draw_curve(pair[0], comparison, comparison.before, "model under test", units)
+        draw_curve(pair[1], comparison, comparison.after, "with the findings", units)
+        for panel in pair:
+            panel.set_ylim(-reach, reach)
+    if comparisons:
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
+    return figure
+
+
+def draw_curve(
+    panel: Axes,
+    comparison: ResidualComparison,
+    curve: ResidualCurve,
+    name: str,
+    units: Units = UNITS,
+) -> None:
+    """Draw one comparison under one model on *panel*."""
+    unit = get_unit(comparison, units)
+    bins, x = comparison.bins, comparison.bins.middle
+    low, high, mean = (values * unit.per_base for values in (curve.low, curve.high, curve.mean))
+    panel.fill_between(x, low, high, color=COLOURS[5], alpha=0.35, linewidth=0, label="noise, 95 %")
+    for values in curve.sets * unit.per_base:
+        panel.plot(x, values, color=GREY, linewidth=0.5, alpha=0.6)
+    line = "none" if bins.labels else "-"
+    panel.plot(x, mean, color=COLOURS[0], linestyle=line, marker=".", label="measured")
+    outside = (mean < low) | (mean > high)
+    panel.plot(x[outside], mean[outside], "o", color=COLOURS[1], markersize=4, label="outside")
+    panel.axhline(0.0, color="black", linewidth=0.5)
+    share, p = 100 * curve.outside, _format_p_value(curve)
+    panel.set_title(f"{name}: {share:.0f} % outside, {p}", fontsize=9.0)
+    panel.set(xlabel=bins.title, ylabel=f"residual, {comparison.component.title}, {unit.name}")
+    if bins.labels:
+        few = len(bins.labels) <= MOST_LABELS
+        tick_labels = [_shorten_label(label) for label in bins.labels] if few else []
+        panel.set_xticks(x if few else [], tick_labels, rotation=90, fontsize=7.0)
+
+
+def get_unit(comparison: ResidualComparison, units: Units) -> Unit:
+    """The unit of a comparison's residuals; a scale's is a length's per metre."""
+    length = units.length
+    match comparison.component.quantity:
+        case "angle":
+            return units.angle
+        case "length":
+            return length
+    return Unit(f"{length.name}/m", 1e3 * length.per_base, length.decimals)
+
+
+def _format_p_value(curve: ResidualCurve) -> str:
+    """A p-value of 0 is one below what the drawn curves resolve."""
+    resolution = 1.0 / CURVES
+    return f"p = {curve.p_value:.2g}" if curve.p_value >= resolution else f"p < {resolution:.1g}"
+
+
+def _compute_reach(curve: ResidualCurve) -> float:
+    largest = np.max(np.abs([curve.low, curve.high, curve.mean]))
+    return 1.1 * float(largest) + 1e-15
+
+
+def _shorten_label(label: str) -> str:
+    return label if len(label) <= 18 else f"…{label[-17:]}"
+
+
+def _get_group(variable: str) -> str:
+    if variable in ("time_s", "placement", "target", "approach"):
+        return variable.removesuffix("_s")
+    number = variable[1:].isdigit()
+    if number and variable[0] == "q":
+        return "joint angle"
+    return "rate" if number and variable[0] == "w" else "temperature"

@@ -1,0 +1,1 @@
+"""How a page of a report looks, whatever it reports: its parts, drawings, units and head."""

@@ -1,0 +1,1 @@
+"""The report of `armd verify`: its page and drawings."""

@@ -1,0 +1,1 @@
+"""What other programs call a servo's zero: LeRobot, phosphobot."""

@@ -1,0 +1,1 @@
+"""A URDF: read as an arm.toml, and edited in place."""
