@@ -15,7 +15,7 @@ N, PLACEMENTS = 48, 4
 
 
 def problem(**observed: Any) -> Any:
-    """Rests of two targets, in two placements of each of two sessions; two certified lengths behind them."""
+    """Rests of two targets in two placements of each of two sessions; behind them two lengths."""
     observations = {
         "placement": np.arange(N) * PLACEMENTS // N,
         "session": (np.arange(N) >= N // 2).astype(int),

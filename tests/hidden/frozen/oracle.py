@@ -70,6 +70,16 @@ class Problem:
         noise = self.remainder[self.part == FURTHER]
         return 1e3 * float(np.sqrt((noise**2).sum() / len(noise)))
 
+    def unexplained_mm(self) -> float:
+        """Standard deviation of an axis of what constants and poses leave of the remainder, all
+        parts but FURTHER, for sigmas of 1 mm."""
+        rows = self.part != FURTHER
+        left, _ = self._white([self.remainder], rows)
+        constants = _basis(*self._white_constants(rows))
+        clear = left - constants @ (constants.T @ left)
+        unknowns = constants.shape[1] + _count_poses(self.lever[rows], self.placement[rows])
+        return float(np.sqrt((clear**2).sum() / (len(clear) - unknowns)))
+
     def _white_constants(self, rows: NDArray[np.bool_]) -> tuple[F64, F64]:
         return self._white(list(np.moveaxis(self.constants, 2, 0)), rows)
 
@@ -94,6 +104,12 @@ def _clear_of_poses(columns: F64, lever: F64, placement: I64, sigma: F64) -> F64
         part = clear[rows].reshape(len(basis), -1)
         clear[rows] = (part - basis @ (basis.T @ part)).reshape(-1, 3, clear.shape[2])
     return clear.reshape(columns.shape)
+
+
+def _count_poses(lever: F64, placement: I64) -> int:
+    """What the placements' poses take of the readings' freedom."""
+    poses = [_pose(lever[placement == number]).reshape(-1, 6) for number in np.unique(placement)]
+    return sum(_basis(pose, _lengths(pose)).shape[1] for pose in poses)
 
 
 def _pose(lever: F64) -> F64:
