@@ -63,7 +63,7 @@ def main() -> int:
         sys.exit(f"armd: {folder}: {differing[0]} is not as {CHECKSUMS.name} has it; "
                  f"make hidden-freeze SEED={args.seed} ANEW=1")  # fmt: skip
     read = {case.name: digest(folder / case.name, truth=False) for case in cases}
-    answers = [_answers(one, cases, folder, read, args.workers) for one in revisions]
+    answers = [find_answers(one, cases, folder, read, args.workers) for one in revisions]
     scores = [
         {case: score(read_truth(folder / case.name), each[case.name]) for case in cases}
         for each in answers
@@ -72,7 +72,7 @@ def main() -> int:
     return 0
 
 
-def _answers(
+def find_answers(
     revision: Revision,
     cases: list[Wanted],
     folder: Path,

@@ -46,15 +46,15 @@ class Score:
 
 def score(truth: Truth, ran: Ran) -> Score:
     rightly_refused = bool(truth.refusable) and truth.refusable in ran.refused and not ran.failed
-    relations = [_relation(truth, finding) for finding in ran.findings]
+    relations = [find_relation(truth, finding) for finding in ran.findings]
     foreign = [
         finding
         for finding, relation in zip(ran.findings, relations, strict=True)
         if relation == "foreign" and truth.count_foreign
     ]
     due = [cause for cause in truth.causes if cause.due]
-    named = [any(_is_name(cause, f) for f in ran.findings) for cause in due]
-    first = bool(ran.findings) and any(_is_name(cause, ran.findings[0]) for cause in due)
+    named = [any(is_name(cause, f) for f in ran.findings) for cause in due]
+    first = bool(ran.findings) and any(is_name(cause, ran.findings[0]) for cause in due)
     return Score(
         0 if rightly_refused else len(due),
         sum(named),
@@ -102,15 +102,15 @@ def _where(finding: Finding) -> str:
     return str(finding["location"])
 
 
-def _relation(truth: Truth, finding: Finding) -> str:
-    if any(_is_name(cause, finding) for cause in truth.causes):
+def find_relation(truth: Truth, finding: Finding) -> str:
+    if any(is_name(cause, finding) for cause in truth.causes):
         return "own"
     if _is_neutral(truth, finding):
         return "neutral"
     return "near" if any(_is_near(cause, finding) for cause in truth.causes) else "foreign"
 
 
-def _is_name(cause: Cause, finding: Finding) -> bool:
+def is_name(cause: Cause, finding: Finding) -> bool:
     name = (finding["cause"], finding["location"])
     if name in cause.names:
         return True
