@@ -69,6 +69,12 @@ class Finding:
     #: how much of what goes with its variables; once all is found
     explained: Explained | None = None
 
+    @property
+    def is_of_several_names(self) -> bool:
+        """Whether it has no name because several causes would do, most probably one of these."""
+        named = sum(r.probability for r in self.rivals if r.candidate.cause != "unknown")
+        return self.candidate.cause == "unknown" and named > self.probability / 2
+
 
 @dataclass(frozen=True)
 class RefusedCandidate:

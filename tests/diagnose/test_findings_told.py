@@ -49,12 +49,15 @@ def test_a_likelier_rival_takes_the_name_and_the_probability_is_of_either() -> N
     assert told.candidate.cause == "unknown"
     assert told.candidate.depends_on == ("q3", "t1")
     assert told.probability == pytest.approx(0.9)
+    shares = [(rival.candidate.cause, rival.probability) for rival in told.rivals]
+    assert shares == [("encoder_eccentricity", 0.6), ("encoder_scale", 0.3)]  # none is kept back
+    assert told.is_of_several_names and not found.is_of_several_names
 
 
 def test_an_unknown_structure_clearly_likelier_takes_it_too_a_little_likelier_not() -> None:
     strange = unknown(2, "q2", "q3")
     (told,) = withdraw_names([finding(NAMED, 0.05, rivals=[(strange, 0.9)])])
-    assert told.candidate.cause == "unknown"
+    assert told.candidate.cause == "unknown" and not told.is_of_several_names
     assert set(told.candidate.depends_on) == {"q2", "q3"}
 
 

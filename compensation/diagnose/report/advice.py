@@ -99,5 +99,5 @@ def _unrecorded(diagnosis: Diagnosis) -> str:
 
 def _named(candidate: Candidate) -> str:
     if candidate.cause == "unknown":
-        return f"a structure in {', '.join(candidate.depends_on)} that no cause has"
+        return f"a structure in {', '.join(candidate.depends_on)} without a name"
     return f"{candidate.cause.replace('_', ' ')} ({candidate.location})"

@@ -157,11 +157,17 @@ def describe_finding(diagnosis: Diagnosis, index: int) -> str:
     if of_curve is not None and is_curve(candidate):
         rms, _, order = measure_curve(diagnosis, index)
         return of_curve(candidate, rms, order)
-    effect = CATALOGUE[diagnosis.findings[index].candidate.cause]
+    finding = diagnosis.findings[index]
+    effect = CATALOGUE[finding.candidate.cause]
     text = effect.describe(candidate, diagnosis.search.last.amplitudes[index])
+    if finding.is_of_several_names:
+        text = (
+            f"a structure in {', '.join(candidate.depends_on)} that more than one cause of the "
+            "catalogue makes, and these readings do not tell which"
+        )
     if effect.by_weight and any(joint.mass_kg is None for joint in diagnosis.arm.joint):
         text += " (masses that arm.toml does not give are assumed)"
-    explained = diagnosis.findings[index].explained
+    explained = finding.explained
     if explained is not None and explained.guess and effect.cause != "unknown":
         on = " and ".join(explained.variables) or "the readings"
         share = f"{100 * explained.share:.0f} %"

@@ -249,11 +249,21 @@ def _withdraw_name(
     finding: Finding, rivals: Sequence[Rival], variables: tuple[str, ...]
 ) -> Finding:
     """What is told instead of a name: a structure in the variables of the cause and of *rivals*,
-    any of which it may be; so probable is it that it is one of them."""
+    any of which it may be; so probable is it that it is one of them. The name becomes one of the
+    alternatives."""
     names = dict.fromkeys([*variables, *(v for r in rivals for v in r.candidate.depends_on)])
     candidate = replace(finding.candidate, cause="unknown", depends_on=tuple(names))
     together = finding.probability + sum(rival.probability for rival in rivals)
-    return replace(finding, candidate=candidate, probability=min(together, 1.0))
+    alternatives = list(finding.rivals)
+    if finding.candidate.cause != "unknown":
+        alternatives.append(Rival(finding.candidate, finding.probability, 0.0))
+    alternatives.sort(key=lambda rival: -rival.probability)
+    return replace(
+        finding,
+        candidate=candidate,
+        probability=min(together, 1.0),
+        rivals=tuple(alternatives),
+    )
 
 
 def as_reported(fit: Fit, reported: Sequence[Finding]) -> Fit:
