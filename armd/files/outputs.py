@@ -1,4 +1,4 @@
-"""What a command may write over; the rule is that of docs/decisions/0019.
+"""What a command may write over; the rule is that of docs/decisions/0016.
 
 A command checks all its outputs with `check_outputs` before it begins. An input of the run is never
 written over. A file of the kind that the command writes is, for it can be had again; anything else

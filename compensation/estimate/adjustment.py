@@ -2,7 +2,7 @@
 
 The angles carry the noise, not the point touched. A column taken at the angles as read shares
 their noise with the residual, and least squares takes what the two share for knowledge: shorter
-levers scatter less, so the arm shrinks (docs/decisions/0026). Taken at adjusted angles, as Pope
+levers scatter less, so the arm shrinks (docs/decisions/0023). Taken at adjusted angles, as Pope
 (1972) asks of every adjustment of observations, columns and residuals share nothing.
 
 The residual is r = J ε for angles q + ε, and a column as read is c(q + ε) = c(q) + ∂J ε. The

@@ -3,7 +3,7 @@
 Calibration and diagnosis stand on this one. Nuisances are the placements (six columns each) and
 the targets nobody certified exactly (three columns each). A calibration steps towards its answer,
 so its columns are taken at adjusted angles; a diagnosis asks what an answer leaves, at the angles
-as read (docs/decisions/0026).
+as read (docs/decisions/0023).
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from armd.compensation.model.terms import Term
 MOST_STEPS = 40
 #: A step that promises less than this share of the cost may be judged by what it was made of:
 #: weights and adjusted angles held. How they follow is left out of the columns, and beside so small
-#: a promise that shows (docs/decisions/0027). One that promises more is judged with both following.
+#: a promise that shows (docs/decisions/0023). One that promises more is judged with both following.
 NEAR = 0.01
 #: A step that promises less (χ²) and does not keep it is not tried again with damping: forty short
 #: ones would crawl towards what no figure shows.

@@ -5,7 +5,7 @@ departure from the drawing. Between rounds the noise of a reading is found anew 
 residuals, and readings are weighted by it and by the robust loss. While the noise is not yet
 known, the drawing counts as one more reading of every unknown, good to its plausible departure:
 so a start far off cannot run away along what the readings hardly tell. Then it is let go but for
-what the readings do not know (docs/decisions/0026).
+what the readings do not know (docs/decisions/0023).
 """
 
 from __future__ import annotations
@@ -257,7 +257,7 @@ def fit(
 
 def _compute_shared_covariance(arm_problem: ArmAlone, covariance: F64) -> F64:
     """(C, C) what *covariance* lacks where sessions share a certificate: its error is one and the
-    same in all of them, and their number does not average it away (docs/decisions/0027)."""
+    same in all of them, and their number does not average it away (docs/decisions/0023)."""
     entry = arm_problem.certified_entries()
     entries, place = np.unique(entry, axis=0, return_inverse=True)
     if len(entries) == len(entry):

@@ -29,7 +29,7 @@ SIDE_PLAY_RAD = 4e-5
 #: either side, now and then by two: its average over so long is looked at, which that hardly moves.
 COARSE_BELOW_PER_TURN, COARSE_LATELY_S = 1 << 15, 0.01
 #: So many counts from a rest's mean it is a motion, one that is in its second count; more where
-#: rows are so far apart that the average is of few (docs/decisions/0015).
+#: rows are so far apart that the average is of few (docs/decisions/0013).
 COARSE_COUNTS, COARSE_COUNTS_ALONE = 1.1, 1.6
 #: Where several such joints turn at once none need be two counts away: the tip is away from the
 #: rest's mean by more than a count at reach.

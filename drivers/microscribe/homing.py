@@ -7,7 +7,7 @@ After a homing was lost (a pulled plug, a long silence) a press may as well be t
 has not noticed and goes on measuring. Then it is believed at once only if the arm's timer has run
 on, so that its counts still mean what they did, and they are those of its rest. Otherwise the
 stylus is to be lifted and put back: what it comes back to within half a degree in five joints is
-what holds it, and no hand. Why: docs/decisions/0012.
+what holds it, and no hand. Why: docs/decisions/0011.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ PAUSE_NS, PAUSE_CYCLES = 100_000_000, 4
 #: However long ago a joint was read last: if it has gone farther than it can in this time (and in
 #: so many usual cycles) it has leapt. It may have; another homing offset would look like that too.
 LEAP_NS, LEAP_CYCLES = 5_000_000, 2
-#: Usual is the quickest of so many spacings: one stall beside another is none (decision 14).
+#: Usual is the quickest of so many spacings: one stall beside another is none (decision 12).
 USUAL_OF = 4
 #: To leap, a joint has the quickest of so many cycles at the most, or of those before them: a host
 #: that is busy for seconds makes every cycle slow, and another offset would pass for a motion.

@@ -39,7 +39,7 @@ BAUD = 1_000_000
 SERVOS = 6
 IN_A_ROW = 100
 BYTE_S = 10 / BAUD
-#: A cycle that ends so late in a motion has no instant, and is left out (decision 13).
+#: A cycle that ends so late in a motion has no instant, and is left out (decision 12).
 UNTIMED_S = 2 * IN_DOUBT_NS * 1e-9
 
 

@@ -39,7 +39,7 @@ def test_both_name_the_same_rows(heavy: bool) -> None:
     told = as_json(diagnose([session], ARM), None)["findings"]
     diagnosed = [o["row"] for f in told if f["cause"] == "outliers" for o in f["rows"]]
     assert named == sorted(diagnosed)
-    # Of tails beside gross errors one may be named in every third data set (docs/decisions/0029).
+    # Of tails beside gross errors one may be named in every third data set (docs/decisions/0025).
     assert len(set(named) - set(wrong)) <= heavy and len(set(named) & set(wrong)) >= WRONG - 2
     # Tails are weighed down as before, and no outliers.
     assert (len(result.fit.down_weighted) > WRONG + 3) == heavy

@@ -57,5 +57,5 @@ def test_an_outlier_is_less_probable_than_the_page_states() -> None:
 
 
 def test_more_than_the_share_that_the_page_states_are_no_outliers() -> None:
-    most = round(stated(r"over (\d+) % are none") / 100 * N_READINGS)
+    most = round(stated(r"over (\d+) % are so far off") / 100 * N_READINGS)
     assert [n_named(n, 30.0)[0] for n in (1, most, most + 1)] == [1, most, 0]

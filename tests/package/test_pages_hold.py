@@ -1,5 +1,5 @@
-"""Every page of docs/ is reached from the README, its links lead somewhere, and the commands that
-its blocks show are commands that armd takes."""
+"""Every page of docs/ is reached from the README, its links lead somewhere, the files that it names
+exist, and the commands that its blocks show are commands that armd takes."""
 
 from __future__ import annotations
 
@@ -27,6 +27,17 @@ ROOT = Path(__file__).parents[2]
 PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for path in DOCS.glob("**/*.md"))]
 MOST_WORDS = 25_000
 MOST_WORDS_OF_A_PARAGRAPH = 120
+NAMING = [
+    "CONTRIBUTING.md",
+    "SECURITY.md",
+    *PAGES,
+    *sorted(str(path.relative_to(ROOT)) for path in DOCS.glob("**/*.rst")),
+    *sorted(str(path.relative_to(ROOT)) for path in DOCS.glob("**/*.ipynb")),
+]
+FOLDERS = ("armd", "compensation", "daemon", "deploy", "docs", "drivers", "simulator", "tests")
+NAMED = re.compile(rf"(?<![\w/.@-])((?:{'|'.join(FOLDERS)})/[\w./-]*\w)(?!\w|-?\*)")
+#: What a reader of extend.md is to write.
+TO_WRITE = re.compile(r"NAME|/viscous_drag\.py$")
 LINK = re.compile(r"\]\((?!https?:)([\w./-]+)(?:#[\w-]*)?\)")
 
 
@@ -97,6 +108,46 @@ def test_every_page_is_reached_from_the_readme() -> None:
 @pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page: str) -> None:
     assert [target for target in links(page) if not (ROOT / target).exists()] == []
+
+
+def missing_paths(text: str) -> list[str]:
+    """The files and folders of the project that a text names and that do not exist."""
+    named = sorted(set(NAMED.findall(text)))
+    return [name for name in named if not (ROOT / name).exists() and not TO_WRITE.search(name)]
+
+
+def missing_of_tour(text: str) -> list[str]:
+    """The files and folders that the tour names by their end, and that are not where it says.
+
+    An item that begins with a folder speaks of that folder, all other text of any.
+    """
+    missing = []
+    for line in text.splitlines():
+        item = re.match(r"- `([\w/]+)/`", line)
+        folders = [item[1]] if item and (ROOT / item[1]).is_dir() else FOLDERS
+        for name in re.findall(r"`([\w/]+(?:\.py|/))`", line):
+            below = any(any((ROOT / folder).rglob(name)) for folder in folders)
+            if not below and not (ROOT / name).exists():
+                missing.append(name)
+    return missing
+
+
+@pytest.mark.parametrize("page", NAMING)
+def test_files_that_a_page_names_exist(page: str) -> None:
+    assert missing_paths((ROOT / page).read_text(encoding="utf-8")) == []
+
+
+def test_the_tour_names_files_where_they_are() -> None:
+    assert missing_of_tour((DOCS / "developer/tour.md").read_text(encoding="utf-8")) == []
+
+
+def test_missing_files_are_found() -> None:
+    text = "`tests/package/`, drivers/gone.py, `daemon/NAME.py`, armd/*/alive, deploy/zenoh-*"
+    assert missing_paths(text) == ["drivers/gone.py"]
+    tour = (
+        "`poll/plan.py`, `gone/plan.py`\n- `drivers/poll/`: `plan.py`, `servos/`, `pipeline.py`\n"
+    )
+    assert missing_of_tour(tour) == ["gone/plan.py", "pipeline.py"]
 
 
 def page_words() -> int:

@@ -23,7 +23,7 @@ def make_expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tupl
 
     Each link expands in a straight line before it does so in a curve, and the readings that a
     calibration is made of would identify it. Where they span too little for that, what they show
-    of it is no cause to be found (docs/decisions/0033). About the mean temperature, so that the
+    of it is no cause to be found (docs/decisions/0029). About the mean temperature, so that the
     constants stay those of a calibration without a thermal model.
     """
     with_growth = baseline.is_given or goes_with_temperature(baseline.model.terms)

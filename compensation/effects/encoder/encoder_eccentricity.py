@@ -50,7 +50,7 @@ EFFECT = Effect(
     "a disc off its axis shows the angle wrong by e/R · sin(θ − φ), once a turn",
     "wobble of the last axis, encoder scale or ellipticity on a joint of short range, "
     "compliance of joint 2",
-    "turn the joint through its whole range at one seat, the others held",
+    "turn the joint through its whole range at one seat, hold the others",
     candidates,
     describe,
     as_coarse_as_the_arm=True,

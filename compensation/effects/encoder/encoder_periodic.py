@@ -53,7 +53,7 @@ EFFECT = Effect(
     "encoder_periodic",
     "graduation, interpolation or gear teeth repeat along the turn",
     "eccentricity of a neighbour when poses are few",
-    "measure one seat at small steps of this joint, several to the shortest period",
+    "measure one seat at small steps of this joint, several per shortest period",
     candidates,
     describe,
     as_coarse_as_the_arm=True,

@@ -37,7 +37,7 @@ EFFECT = Effect(
     "encoder_slip",
     "the disc or its hub slipped on the shaft, or counts were lost",
     "drift of the base, for joint 1",
-    "repeat a few poses measured before the moment named",
+    "repeat a few poses from before the named moment",
     candidates,
     describe,
     "the time of each reading (time_s)",

@@ -24,7 +24,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
 
 EFFECT = Effect(
     "time_skew",
-    "an encoder latched earlier or later than the others errs in proportion to its rate",
+    "one encoder is latched earlier or later: its error is proportional to its rate",
     "backlash, when all rates are alike",
     "measure one target in motion, slowly and fast",
     candidates,

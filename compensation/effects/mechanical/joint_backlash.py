@@ -24,7 +24,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
 
 EFFECT = Effect(
     "joint_backlash",
-    "play or friction between encoder and link leaves them apart by the side of approach",
+    "play or friction between encoder and link: the error depends on the side of approach",
     "an angle that is late (time skew), when rates differ little",
     "measure the same poses from both sides of each joint",
     candidates,

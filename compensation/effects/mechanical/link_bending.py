@@ -64,7 +64,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
 
 EFFECT = Effect(
     "link_bending",
-    "a tube under its own weight and what it carries is a beam",
+    "a tube bends under its own weight and its load",
     "compliance of the joint next to it",
     "repeat the poses with half a kilogram at the wrist",
     candidates,

@@ -32,7 +32,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
 
 EFFECT = Effect(
     "stylus_sag",
-    "a long or thin stylus is a beam clamped at one end",
+    "a long or thin stylus bends under its own weight",
     "bending of the last links",
     "measure one seat with the stylus upright, level and at the slopes between",
     candidates,

@@ -69,7 +69,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
 
 EFFECT = Effect(
     "self_heating",
-    "friction warms a bearing or a brake that is used much, away from every sensor",
+    "friction warms a much used bearing or brake far from every sensor",
     "a drift, an angle that is late where one session was fast",
     "turn the joint fast for ten minutes, then measure one seat again and again",
     candidates,

@@ -77,7 +77,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
 
 EFFECT = Effect(
     "sensor_swapped",
-    "two plugs exchanged, or the table of channels wrong",
+    "two plugs are exchanged, or the channel table is wrong",
     "a link with one wrong sensor; lag",
     "warm one link by hand and watch which sensor answers",
     candidates,

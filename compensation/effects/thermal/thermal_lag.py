@@ -135,7 +135,7 @@ def _minutes(candidate: Candidate) -> str:
 
 EFFECT = Effect(
     "thermal_lag",
-    "heat takes its time from the sensor to the whole of the link",
+    "heat takes time from the sensor to the whole link",
     "the artefact's expansion, and slow drift of the mount",
     "measure during a ramp of 4 K/h or more, up and down",
     candidates,

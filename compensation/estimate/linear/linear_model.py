@@ -249,7 +249,7 @@ class LinearModel:
     ) -> Solution:
         """Amplitudes from the products (b,) with a residual, and what is known of them.
 
-        Along directions known worse than a tenth of a departure (docs/decisions/0026) the drawing,
+        Along directions known worse than a tenth of a departure (docs/decisions/0023) the drawing,
         where the amplitudes are *drawn* (b,), counts as one more row, good to one; *along_all*:
         along all. A departure is the root of `nominal_variance`, which has to be finite. *damping*
         is relative to the best known direction.

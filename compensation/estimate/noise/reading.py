@@ -99,7 +99,7 @@ def estimate_noise(
     *whiten* (n, 3, 3) is what the fit weighed by, *residual_share* (n, 3, 3) what it left of each
     whitened reading. Restricted maximum likelihood: a component counts as the share of it that is
     left, and where noise and weights agree, after some rounds, this is its gradient
-    (docs/decisions/0029). *counts* (n,): how much each reading counts, copies of a posture together
+    (docs/decisions/0025). *counts* (n,): how much each reading counts, copies of a posture together
     as one or more. *freedom* (n,): 1 of a reading on a surface, whose columns lie along its normal,
     else 3.
     """

@@ -38,7 +38,7 @@ MONSTROUS = 300.0
 #: What it is of the middle one where it has moved that, too: one of thirty readings, of one pose.
 SUSPECT = 10.0
 #: No reading is better than this (mm): a count of 23 bits at one metre is seven times as much.
-#: Readings without any noise would make everything look known; see docs/decisions/0027.
+#: Readings without any noise would make everything look known; see docs/decisions/0023.
 LEAST_MM = 1e-4
 
 FALSE_OUTLIER_P = 1e-3  # chance of one false outlier in a whole data set

@@ -13,7 +13,7 @@ from armd.compensation.estimate.observations import Observations
 #: Placements closer than this in temperature count as one temperature.
 SAME_TEMPERATURE_K = 0.75
 #: Of many placements each is close to the next, however far the last is from the first: what spans
-#: more than this is no one temperature (docs/decisions/0028).
+#: more than this is no one temperature (docs/decisions/0024).
 MOST_SPAN_K = 3.0
 #: So many sets the lowest and the highest temperature's placements are left out in: few, as each
 #: set costs a fit, and more than two, as what stays has to tell the temperature.

@@ -3,7 +3,7 @@
 A change that is told joins what is known of all later checks, and the watch goes on after it. At
 every further alarm the last change is looked at anew with all readings since: more readings may
 name it otherwise, and only what it cannot be is another change. Where that leads back to what was
-looked at before, the search ends with the best of what it goes round between (decision 37): there
+looked at before, the search ends with the best of what it goes round between (decision 30): there
 are finitely many, so it always ends.
 """
 

@@ -3,7 +3,7 @@
 Beforehand the rate goes at random, as far in two days as in these days one after the other: the
 farther bends lie apart, the more a course bends at each, and how many there are changes nothing of
 what courses are likely. A long growth has as few as draw it as well as more would, and how much it
-bends its checks say (decision 37).
+bends its checks say (decision 30).
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from armd.compensation.interim.evidence.stack import OnsetSums, RunningSums, Sta
 #: About so many checks pass on average until a false alarm.
 RUN_LENGTH = 500.0
 #: The bound on that, the limit itself, is not tight: by simulation of the statistic a limit of 120
-#: gives one false alarm in 500 checks (decision 36).
+#: gives one false alarm in 500 checks (decision 30).
 LIMIT = float(np.log(120.0))
 #: Sizes a change may have, in typical ones; as likely as each other.
 SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)

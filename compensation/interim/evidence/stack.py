@@ -28,7 +28,7 @@ from armd.compensation.model.slow_factors import DAY_S
 #: other days, in other poses, on another artefact.
 TRUST = 2.0
 #: What a model does not have is there all along, and is no change: at one of these shares of its
-#: typical size, as likely as each other beforehand. The checks tell which (decision 36).
+#: typical size, as likely as each other beforehand. The checks tell which (decision 30).
 ALL_ALONG = (0.01, 0.03, 0.1, 0.3)
 #: Directions of it that all checks together see by less than this, in variances of one number,
 #: are none: so little that no later check, which may see more of them, makes a difference to what

@@ -52,7 +52,7 @@ def fit(
     checks that tell of them.
 
     How far a cause has moved is the difference of after and before: what it was before may be as
-    large as anything that is wrong all along, whatever the others are (decision 36).
+    large as anything that is wrong all along, whatever the others are (decision 30).
     """
     moved_columns = sorted(
         {

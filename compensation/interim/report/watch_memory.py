@@ -4,7 +4,7 @@
 
 It saves time and decides nothing. It is believed of these very checks in this order only, by the
 hashes that the history's lines have of them, if the same version of armd in the same state wrote it
-and its own hash is right; else all checks are watched anew, which says the same (decision 37).
+and its own hash is right; else all checks are watched anew, which says the same (decision 30).
 """
 
 from __future__ import annotations

@@ -219,7 +219,7 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
     apart = np.abs((apart + 2048) % 4096 - 2048)  # nobody can tell turns made in a long stall
     machine.judge_lost(max(0, 101 - len(valid)), "valid rows of joints that leap in a stall")
     assert apart.max() < 0.6 * stall_s * counts_per_s
-    # 72 counts over a gap may be another offset (decision 14): only there is a joint invalid
+    # 72 counts over a gap may be another offset (decision 12): only there is a joint invalid
     doubted = np.flatnonzero(rows["joint_invalid"] != 0)
     first = doubted[(doubted > 0) & (rows["joint_invalid"][doubted - 1] == 0)]
     assert (rows["monotonic_ns"][first] - rows["monotonic_ns"][first - 1] > 5_000_000).all()
