@@ -60,7 +60,8 @@ def _beyond(column: Column, facts: SessionFacts) -> Column | None:
 
 
 def _absorbed(term: Term, factor: Temperature, facts: SessionFacts) -> Iterator[Term]:
-    """Terms of what the calibration has that take away what it has absorbed of a *term*."""
+    """Terms of what the calibration has that take away what it has absorbed of a *term*; growth
+    that it could not know took up none."""
     if factor.lag_s or factor.zone_c or not set(factor.weights) <= set(facts.calibrated_c):
         return
     reference_c = facts.reference_c if factor.reference_c is None else factor.reference_c
@@ -68,6 +69,7 @@ def _absorbed(term: Term, factor: Temperature, facts: SessionFacts) -> Iterator[
         model_factor.order
         for model_term in facts.terms
         if model_term.parameter == term.parameter and len(model_term.basis) == 1
+        if term.parameter not in facts.open_growth
         if isinstance(model_factor := model_term.basis[0], Temperature)
         if model_factor.model_copy(update={"order": factor.order}) == factor
     )

@@ -1,16 +1,18 @@
-"""Growth that a given calibration could not know: every length without a thermal term of its own.
+"""Growth that a given calibration could not know.
 
 Each link does grow. A calibration made at one temperature has no term of that, nor has one whose
-own errors hid it. So each such length grows by 0 ± 20·10⁻⁶ per kelvin about the middle of the
-temperatures that the calibration was made at. This is one more way in which the calibration may be
-wrong, like its covariance, and counts against every cause alike; what the readings show of it is
+own errors hid it. So each length without a thermal term grows by 0 ± 20·10⁻⁶ per kelvin about the
+middle of the temperatures that the calibration was made at. Where one sensor left the others'
+temperature a calibration may have a coefficient for every length: of those whose own sensors stayed
+at one temperature it is known no better than its covariance says. This is one more way in which the
+calibration may be wrong, and counts against every cause alike; what the readings show of it is
 named once all else is found.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,8 +36,12 @@ LEFT_UM = "heldout_without_outliers_um"
 
 def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
     """A given calibration whose lengths without a thermal term grow as materials do, if it could
-    not know that; as it is where there are none, or a sensor's temperatures are not in it."""
-    terms = _without_a_term(baseline, arm) if baseline.is_given else []
+    not know that; and whose coefficients for lengths at one temperature are open, too. As it is
+    where there are none, or a sensor's temperatures are not in it."""
+    if not baseline.is_given:
+        return baseline
+    baseline = replace(baseline, growth=_list_guessed(baseline, arm))
+    terms = _without_a_term(baseline, arm)
     if not terms:
         return baseline
     model = baseline.model
@@ -51,7 +57,41 @@ def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
         model=replace(model, terms=(*model.terms, *terms)),
         terms=(*baseline.terms, *growth),
         root=block_diag(baseline.root, np.diag(may_grow)),
-        growth=growth,
+        growth=(*baseline.growth, *growth),
+    )
+
+
+def _list_guessed(baseline: Baseline, arm: Arm) -> tuple[int, ...]:
+    """Of the calibration's own terms, the growth of lengths whose sensors stayed at one temperature
+    while it was made."""
+    ranges = baseline.calibration.temperature_range_c
+    growing = {term.parameter for term in make_length_terms(arm, [1])}
+    orders: dict[str, list[int]] = {}
+    linear: dict[str, int] = {}
+    for i, term in enumerate(baseline.model.terms):
+        for factor in term.basis:
+            if isinstance(factor, Temperature):
+                orders.setdefault(term.parameter, []).append(factor.order)
+        if i in baseline.terms and term.parameter in growing and _is_plain(term, ranges):
+            linear[term.parameter] = i
+    return tuple(
+        i
+        for parameter, i in linear.items()
+        if orders[parameter] == [1]
+        and max(high - low for _, (low, high) in _weighted(baseline, baseline.model.terms[i]))
+        <= MOST_SPAN_K
+    )
+
+
+def _is_plain(term: Term, ranges: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether a term goes by temperatures alone that the calibration has, of the first order."""
+    return len(term.basis) == 1 and all(
+        isinstance(factor, Temperature)
+        and factor.order == 1
+        and not factor.lag_s
+        and not factor.zone_c
+        and set(factor.weights) <= set(ranges)
+        for factor in term.basis
     )
 
 
@@ -68,7 +108,8 @@ def without_growth(baseline: Baseline, parameters: Collection[str] | None = None
     # Directions of the root in which they do not grow.
     _, sizes, directions = np.linalg.svd(baseline.root[rows])
     remaining_root = baseline.root[remaining_rows] @ directions[int((sizes > 0.0).sum()) :].T
-    remaining_terms = [i for i in range(len(terms)) if i not in still]
+    own = range(len(baseline.calibration.terms))  # they stay, with the coefficient that they have
+    remaining_terms = [i for i in range(len(terms)) if i not in still or i in own]
     return replace(
         baseline,
         model=replace(baseline.model, terms=tuple(terms[i] for i in remaining_terms)),
@@ -99,8 +140,15 @@ def report_growth(baseline: Baseline) -> list[str]:
 
 
 def explain_missing_growth(baseline: Baseline) -> str:
-    """Why a calibration has no term for growth that it could not know, in a sentence."""
-    within = _widest_k(baseline)
+    """Why a calibration could not know the growth that is open, in a sentence."""
+    within, own = _widest_k(baseline), range(len(baseline.calibration.terms))
+    guessed = [baseline.model.terms[i] for i in baseline.growth if i in own]
+    if guessed:
+        spans = [high - low for term in guessed for _, (low, high) in _weighted(baseline, term)]
+        return (
+            f"The calibration's thermal model was made within {plain(max(spans))} K for "
+            f"{', '.join(term.parameter for term in guessed)}, too little to know their growth."
+        )
     if within <= MOST_SPAN_K:
         reason = f"was made within {plain(within)} K"
     else:

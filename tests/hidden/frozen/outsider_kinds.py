@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
@@ -31,6 +31,9 @@ THERMAL = ("one", "all", "warmed", "second", "lag", "bow", "clean")
 #: Noise units wanted of a thermal cause, clear of all that absorbs it.
 WANTED = (10.0, 30.0)
 ROWS = 84  # in each session of a thermal case
+#: Beginnings of kinds whose calibration may have no thermal model: it was made at one temperature,
+#: or what was wrong already hid how the links grow.
+WITHOUT_THERMAL_MODEL = ("narrow", "old_")
 
 
 @dataclass(frozen=True)
@@ -244,10 +247,18 @@ def write_case(folder: Path, kind: str, seed: int, drawn: Drawn) -> Truth:
     truth = Truth(
         kind, seed, f"{told.kind}: {told.words}", causes, "calibrate" if told.held else "",
         rounded(told.noise_um), rounded(problem.oracle_um()) if plain else None,
-        told.mess_names, told.mess_depends_on, refusable=told.mistaken.partition(" ")[0],
+        (*told.mess_names, *_list_hidden_growth(case)), told.mess_depends_on,
+        refusable=told.mistaken.partition(" ")[0],
     )  # fmt: skip
     write_truth(folder, truth)
     return truth
+
+
+def _list_hidden_growth(case: Case) -> Iterator[tuple[str, str]]:
+    """Yield the names of growth that the arm does have and its calibration may not."""
+    if case.truth.held and case.truth.kind.startswith(WITHOUT_THERMAL_MODEL):
+        for k in np.flatnonzero(case.machine.built.per_k.any(axis=1)):
+            yield "link_expansion", f"link {k + 1}"
 
 
 def _problem_of(drawn: Drawn) -> Problem:
