@@ -33,7 +33,7 @@ from armd.compensation.diagnose.predictive.curves import (
 from armd.compensation.diagnose.predictive.moments import Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
 from armd.compensation.diagnose.predictive.strength import Strength, make_features
-from armd.compensation.diagnose.predictive.sums import Functions, Sums
+from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 from armd.compensation.report.diagnosis.predictive_plot import (
     choose_for_finding,
     choose_overview,
@@ -233,7 +233,7 @@ def test_sums_of_several_variables_are_those_of_each() -> None:
     short = replace(second, order=second.order[:90], values=np.sort(rng.normal(size=90)))
     features = [make_features(bins) for bins in (first, short)]
     values = rng.normal(size=(N, 4))
-    sums = Sums([*map(Functions.from_features, features, (first, short), (N, N))])
+    sums = FunctionSums([*map(Functions.from_features, features, (first, short), (N, N))])
     for bins, of_rests, over_bins, over_all in zip(
         (first, short), features, sums.sum_over_bins(values), sums.sum_values(values), strict=True
     ):

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.predictive.strength import (
     make_lines,
     score_shapes,
 )
-from armd.compensation.diagnose.predictive.sums import Functions, Sums
+from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 from armd.compensation.diagnose.predictive.waves import make_waves
 
 
@@ -40,7 +40,7 @@ def score_of(residual: np.ndarray) -> tuple[Score, Misfit]:
 def strength_of(bins: Bins, residual: np.ndarray, joint: float = -np.inf) -> Strength:
     score, misfit = score_of(residual)
     functions = Functions.from_features(make_features(bins), bins, len(residual))
-    [(sums, scatter)] = score.sum_over(Sums([functions]))
+    [(sums, scatter)] = score.sum_over(FunctionSums([functions]))
     [strength] = compute_strengths(
         bins, sums[None], Scatter.stack([scatter]), misfit, np.array([joint])
     )
@@ -82,7 +82,7 @@ def test_a_difference_of_two_temperatures_is_of_the_pair() -> None:
         bins.append(replace(one, variable=f"t{i + 1}", order=order))
     residual = 6.0 * (values[0] - 0.6 * values[2]) + rng.normal(size=480)
     score, misfit = score_of(residual)
-    lines = Sums([Functions.from_columns(make_lines(bins, 480))])
+    lines = FunctionSums([Functions.from_columns(make_lines(bins, 480))])
     [(sums, scatter)] = score.sum_over(lines)
     pairs = compute_strengths_of_pairs(sums, scatter, misfit)
     assert int(np.argmax(pairs)) == 0
@@ -120,6 +120,6 @@ def test_a_curve_that_is_absorbed_but_for_a_hundredth_counts_by_what_is_left() -
     left = residual - absorbed[:, 0] * float(absorbed[:, 0] @ residual)
     score = Score(left, np.ones(480), absorbed)
     misfit = Misfit(float(left @ left), 479.0)
-    [(sums, scatter)] = score.sum_over(Sums([Functions.from_columns(line[:, None])]))
+    [(sums, scatter)] = score.sum_over(FunctionSums([Functions.from_columns(line[:, None])]))
     assert scatter.covariance[0, 0] < 0.02 * scatter.unabsorbed[0]
     assert score_shapes(sums, scatter, misfit) > 80.0

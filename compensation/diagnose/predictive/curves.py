@@ -39,7 +39,7 @@ from armd.compensation.diagnose.predictive.strength import (
     make_features,
     make_lines,
 )
-from armd.compensation.diagnose.predictive.sums import Functions, Sums
+from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 from armd.compensation.diagnose.predictive.waves import Waves, make_waves
 
 
@@ -109,18 +109,18 @@ class ResidualComparison:
 
 
 @dataclass(frozen=True)
-class Layout:
+class CurveLayout:
     """What curves are made over: the same for every model."""
 
     variables: list[Bins]
-    sums: Sums  # over each variable
+    sums: FunctionSums  # over each variable
     warm: list[int]  # which variables are the temperatures of the arm's sensors
-    lines: Sums  # over these temperatures together
+    lines: FunctionSums  # over these temperatures together
     waves: Waves
     normal: F32  # (B, r) random numbers that p-values are drawn by
 
 
-def make_layout(variables: list[Bins], rests: int) -> Layout:
+def make_layout(variables: list[Bins], rests: int) -> CurveLayout:
     """Over *variables* at so many *rests*."""
     warm = [
         i
@@ -131,11 +131,13 @@ def make_layout(variables: list[Bins], rests: int) -> Layout:
         (size for bins in variables if (size := len(bins.starts)) <= MOST_TOGETHER), default=0
     )
     normal = np.random.default_rng(CURVES_SEED).normal(size=(most_bins, CURVES))
-    return Layout(
+    return CurveLayout(
         variables,
-        Sums([Functions.from_features(make_features(bins), bins, rests) for bins in variables]),
+        FunctionSums(
+            [Functions.from_features(make_features(bins), bins, rests) for bins in variables]
+        ),
         warm,
-        Sums([Functions.from_columns(make_lines([variables[i] for i in warm], rests))]),
+        FunctionSums([Functions.from_columns(make_lines([variables[i] for i in warm], rests))]),
         make_waves(variables, rests),
         normal.astype(np.float32),
     )
@@ -176,7 +178,7 @@ def _compute_noise_scale(last: Refitted) -> F64:
     return scale
 
 
-def _make_curves(model: Refitted, layout: Layout, scale: F64) -> list[ResidualCurve]:
+def _make_curves(model: Refitted, layout: CurveLayout, scale: F64) -> list[ResidualCurve]:
     """Bins by bins, component by component, whose noise is so many times that found."""
     named, moves = make_components(model.fit.linear)  # (n, 3, K)
     count = moves.shape[2]
@@ -205,7 +207,7 @@ def _make_curves(model: Refitted, layout: Layout, scale: F64) -> list[ResidualCu
 
 
 def _compute_strengths(
-    model: Refitted, layout: Layout, named: list[Component], moves: F64
+    model: Refitted, layout: CurveLayout, named: list[Component], moves: F64
 ) -> list[list[Strength]]:
     """Of each variable, of each component."""
     misfit = compute_misfit(model)

@@ -16,7 +16,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.diagnose.predictive.replicates import Refitted
 from armd.compensation.diagnose.predictive.strength import Misfit, Scatter
-from armd.compensation.diagnose.predictive.sums import Functions, Sums
+from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Score:
     squared_norm: F64  # (n,) of the component's motion
     absorbed: F64  # (n, r) what absorbs takes of it, along apart directions
 
-    def sum_over(self, sums: Sums) -> list[tuple[F64, Scatter]]:
+    def sum_over(self, sums: FunctionSums) -> list[tuple[F64, Scatter]]:
         """Of each variable the sums (m + B,) over its functions, and how they scatter where there
         is noise alone; of too many bins, each by itself."""
         return [

@@ -48,7 +48,7 @@ class Functions:
         return np.concatenate([self.columns.T @ values, self.is_in @ values])
 
 
-class Sums:
+class FunctionSums:
     """Sums over the functions of several variables at once."""
 
     def __init__(self, variables: Sequence[Functions]) -> None:
