@@ -283,7 +283,7 @@ def _search(
                 rests,
                 baseline,
                 result,
-                search.parted,
+                search.survey.parted,
                 tuple(touched),
             )
         touched.append(moved)

@@ -47,7 +47,9 @@ def run(repeats: int = 3) -> dict[str, Any]:
     """Of 2000 readings the best of *repeats*, of 20 000 one run."""
     with tempfile.TemporaryDirectory() as name, _on_cores(CORES):
         folder = Path(name)
-        few, many = (_case(folder / str(size[0]), *size) for size in SIZES)
+        few, many = (
+            _case(folder / size, *SIZES[size]) for size in ("2000_readings", "20000_readings")
+        )
         _command(few)  # the first may compile
         figures = min((_command(few) for _ in range(repeats)), key=lambda one: one["seconds"])
         return {

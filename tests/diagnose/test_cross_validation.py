@@ -61,7 +61,7 @@ def searched(
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
     baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
     whole = search.Search(gather_rests([session], ARM), ARM, baseline)
-    return whole.run(), whole.parted
+    return whole.run(), whole.survey.parted
 
 
 def validated(result: SearchResult, parted: PartedSurvey | None) -> CrossValidated:

@@ -28,10 +28,12 @@ from armd.compensation.diagnose.predictive.curves import (
     ResidualCurve,
     _compute_noise_scale,
     _make_curves,
+    make_layout,
 )
 from armd.compensation.diagnose.predictive.moments import Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
-from armd.compensation.diagnose.predictive.strength import Strength
+from armd.compensation.diagnose.predictive.strength import Strength, make_features
+from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 from armd.compensation.report.diagnosis.predictive_plot import (
     choose_for_finding,
     choose_overview,
@@ -116,8 +118,9 @@ def test_every_recorded_variable_has_bins_and_no_other() -> None:
     assert set(found) == expected
     for bins in found.values():
         assert len(np.unique(bins.order)) == len(bins.order) <= rests.n
-        moments = Moments(bins.order, bins.starts, rests.n, 1)
-        assert moments.sum_over_bins(np.ones(rests.n)).sum() == len(bins.order)
+        assert Functions.from_features(make_features(bins), bins, rests.n).is_in.sum() == len(
+            bins.order
+        )
     still: Any = replace(
         rests.observations,
         states=replace(
@@ -182,7 +185,7 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
         rng = np.random.default_rng([seed, 5])
         fit = a_fit(rng)
         bins = ten_bins(rng)
-        for curve in _make_curves(refit(fit, fit.noise), [bins], even):
+        for curve in _make_curves(refit(fit, fit.noise), make_layout([bins], N), even):
             low.append(curve.p_value <= 0.1)
             high.append(curve.p_value > 0.3)
     # Of few bins the share is coarse: p-values stand on few steps, none too small too often.
@@ -193,7 +196,8 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     step = np.zeros((N, 3))
     step[bins.order[:48]] = 3.0 * fit.linear.joints[bins.order[:48], :, 1]
     planted = replace(fit, residual=fit.residual + step.ravel())
-    first, second = _make_curves(refit(planted, fit.noise), [bins], even)
+    layout = make_layout([bins], N)
+    first, second = _make_curves(refit(planted, fit.noise), layout, even)
     assert second.outside >= 0.4 and second.p_value <= 0.01
     assert (np.abs(second.mean[:4] - 3.0) < 1.0).all() and second.draws == 2 * DRAWS_AT_ONCE
     assert second.outside > first.outside and second.rms_um > 2 * first.rms_um
@@ -201,28 +205,46 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     # Where the last fit's residuals scatter more along a joint, so does its band.
     scale = _compute_noise_scale(refit(planted, fit.noise))
     assert scale[1] > 1.5 and scale[1] > 1.2 * scale[0]
-    wide = _make_curves(refit(planted, fit.noise), [bins], scale)[1]
+    wide = _make_curves(refit(planted, fit.noise), layout, scale)[1]
     assert wide.high == pytest.approx(scale[1] * second.high)
 
 
 def test_moments_of_sums_do_not_depend_on_how_the_sets_come() -> None:
     rng = np.random.default_rng(8)
-    order, starts = rng.permutation(N), 12 * np.arange(10)
-    drawn = rng.normal(size=(N, 40))
-    moments = Moments(order, starts, N, 2)
-    for some in np.split(drawn, 2, axis=1):
+    sums = rng.normal(size=(10, 40))
+    moments = Moments(10, 2)
+    for some in np.split(sums, 2, axis=1):
         moments.add(0, some)
         moments.add(1, 2.0 * some)
-    sums = drawn[order].reshape(10, 12, 40).sum(axis=1)
     assert moments.draws == 40
     assert moments.covariance(0) == pytest.approx(sums @ sums.T / 40)
     assert moments.covariance(1) == pytest.approx(4.0 * moments.covariance(0))
     assert np.allclose(moments.first_sums[1], 2.0 * sums[:, : moments.first_sums.shape[2]])
     # Too many bins to be taken together: each by itself.
-    many = Moments(np.arange(MOST_TOGETHER + 1), np.arange(MOST_TOGETHER + 1), MOST_TOGETHER + 1, 1)
+    many = Moments(MOST_TOGETHER + 1, 1)
     wide = rng.normal(size=(MOST_TOGETHER + 1, 20))
     many.add(0, wide)
     assert many.covariance(0) == pytest.approx((wide**2).mean(axis=1))
+
+
+def test_sums_of_several_variables_are_those_of_each() -> None:
+    rng = np.random.default_rng(13)
+    first, second = ten_bins(rng), replace(ten_bins(rng), starts=np.array([0, 7, 50]))
+    short = replace(second, order=second.order[:90], values=np.sort(rng.normal(size=90)))
+    features = [make_features(bins) for bins in (first, short)]
+    values = rng.normal(size=(N, 4))
+    sums = FunctionSums([*map(Functions.from_features, features, (first, short), (N, N))])
+    for bins, of_rests, over_bins, over_all in zip(
+        (first, short), features, sums.sum_over_bins(values), sums.sum_values(values), strict=True
+    ):
+        groups = np.split(values[bins.order], bins.starts[1:])
+        assert over_bins == pytest.approx(np.array([group.sum(axis=0) for group in groups]))
+        assert over_all[-len(groups) :] == pytest.approx(over_bins)
+        assert over_all[: -len(groups)] == pytest.approx(of_rests.T @ values[bins.order])
+    # Beside too many bins there is no feature.
+    each = replace(first, starts=np.arange(N))
+    alone = Functions.from_features(np.ones((N, 1)), each, N)
+    assert alone.count == 0 and not alone.is_together
 
 
 def test_components_are_how_the_tip_moves() -> None:

@@ -12,13 +12,15 @@ from armd.compensation.diagnose.predictive.bins import Bins
 from armd.compensation.diagnose.predictive.scores import Score
 from armd.compensation.diagnose.predictive.strength import (
     Misfit,
+    Scatter,
     Strength,
-    compute_strength,
+    compute_strengths,
     compute_strengths_of_pairs,
     make_features,
     make_lines,
-    score_shape,
+    score_shapes,
 )
+from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 from armd.compensation.diagnose.predictive.waves import make_waves
 
 
@@ -37,9 +39,12 @@ def score_of(residual: np.ndarray) -> tuple[Score, Misfit]:
 
 def strength_of(bins: Bins, residual: np.ndarray, joint: float = -np.inf) -> Strength:
     score, misfit = score_of(residual)
-    return compute_strength(
-        bins, *score.sum_over(make_features(bins), bins.order, bins.starts), misfit, joint
+    functions = Functions.from_features(make_features(bins), bins, len(residual))
+    [(sums, scatter)] = score.sum_over(FunctionSums([functions]))
+    [strength] = compute_strengths(
+        bins, sums[None], Scatter.stack([scatter]), misfit, np.array([joint])
     )
+    return strength
 
 
 def test_strength_is_of_what_varies_and_does_not_grow_with_the_bins() -> None:
@@ -77,11 +82,11 @@ def test_a_difference_of_two_temperatures_is_of_the_pair() -> None:
         bins.append(replace(one, variable=f"t{i + 1}", order=order))
     residual = 6.0 * (values[0] - 0.6 * values[2]) + rng.normal(size=480)
     score, misfit = score_of(residual)
-    lines = make_lines(bins, 480)
-    sums, scatter = score.sum_over(lines, np.arange(480), np.zeros(0, dtype=np.int64))
-    pairs = compute_strengths_of_pairs(bins, sums, scatter, misfit)
-    assert max(pairs, key=lambda name: pairs[name]) == "t1"
-    assert pairs["t1"] > 1.2 * strength_of(bins[0], residual[bins[0].order]).best
+    lines = FunctionSums([Functions.from_columns(make_lines(bins, 480))])
+    [(sums, scatter)] = score.sum_over(lines)
+    pairs = compute_strengths_of_pairs(sums, scatter, misfit)
+    assert int(np.argmax(pairs)) == 0
+    assert pairs[0] > 1.2 * strength_of(bins[0], residual).best
 
 
 def test_teeth_show_over_the_joint_or_the_neighbour_that_turns_them() -> None:
@@ -115,6 +120,6 @@ def test_a_curve_that_is_absorbed_but_for_a_hundredth_counts_by_what_is_left() -
     left = residual - absorbed[:, 0] * float(absorbed[:, 0] @ residual)
     score = Score(left, np.ones(480), absorbed)
     misfit = Misfit(float(left @ left), 479.0)
-    sums, scatter = score.sum_over(line[:, None], np.arange(480), np.zeros(0, dtype=np.int64))
+    [(sums, scatter)] = score.sum_over(FunctionSums([Functions.from_columns(line[:, None])]))
     assert scatter.covariance[0, 0] < 0.02 * scatter.unabsorbed[0]
-    assert score_shape(sums, scatter, misfit) > 80.0
+    assert score_shapes(sums, scatter, misfit) > 80.0

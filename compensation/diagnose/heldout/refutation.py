@@ -28,11 +28,12 @@ def select_refuted(diagnosis: Diagnosis) -> tuple[Candidate, ...]:
 def is_refuted(candidate: Candidate, refuted: Sequence[Candidate]) -> bool:
     """Whether a candidate is one of those *refuted*, or has no name and goes by the same: by
     temperatures, or by time."""
-    by = _goes_by(candidate)
-    nameless = candidate.cause == "unknown" and by != ""
     return any(
-        by == _goes_by(refuted_candidate)
-        and (nameless or candidate.place == refuted_candidate.place)
+        _goes_by(candidate) == _goes_by(refuted_candidate)
+        and (
+            candidate.place == refuted_candidate.place
+            or (candidate.cause == "unknown" and _goes_by(candidate) != "")
+        )
         for refuted_candidate in refuted
     )
 

@@ -32,13 +32,15 @@ from armd.compensation.diagnose.predictive.moments import Moments
 from armd.compensation.diagnose.predictive.replicates import Refitted, refit
 from armd.compensation.diagnose.predictive.scores import compute_misfit, compute_scores
 from armd.compensation.diagnose.predictive.strength import (
+    Scatter,
     Strength,
-    compute_strength,
+    compute_strengths,
     compute_strengths_of_pairs,
     make_features,
     make_lines,
 )
-from armd.compensation.diagnose.predictive.waves import make_waves
+from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
+from armd.compensation.diagnose.predictive.waves import Waves, make_waves
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,17 +108,55 @@ class ResidualComparison:
         }
 
 
+@dataclass(frozen=True)
+class CurveLayout:
+    """What curves are made over: the same for every model."""
+
+    variables: list[Bins]
+    sums: FunctionSums  # over each variable
+    warm: list[int]  # which variables are the temperatures of the arm's sensors
+    lines: FunctionSums  # over these temperatures together
+    waves: Waves
+    normal: F32  # (B, r) random numbers that p-values are drawn by
+
+
+def make_layout(variables: list[Bins], rests: int) -> CurveLayout:
+    """Over *variables* at so many *rests*."""
+    warm = [
+        i
+        for i, bins in enumerate(variables)
+        if bins.kind == "temperature" and bins.variable != "artefact_c"
+    ]
+    most_bins = max(
+        (size for bins in variables if (size := len(bins.starts)) <= MOST_TOGETHER), default=0
+    )
+    normal = np.random.default_rng(CURVES_SEED).normal(size=(most_bins, CURVES))
+    return CurveLayout(
+        variables,
+        FunctionSums(
+            [Functions.from_features(make_features(bins), bins, rests) for bins in variables]
+        ),
+        warm,
+        FunctionSums([Functions.from_columns(make_lines([variables[i] for i in warm], rests))]),
+        make_waves(variables, rests),
+        normal.astype(np.float32),
+    )
+
+
 def compare(diagnosis: Diagnosis) -> list[ResidualComparison]:
     """Every variable with every component, by the noise that the last fit found; what stands out
     of noise most under the model under test stands first."""
     search = diagnosis.search
     last = search.last
     variables = bin_all_variables(last.linear.rests)
+    if not variables:
+        return []
+    layout = make_layout(variables, last.linear.rests.n)
     fitted = refit(last, last.noise)
     scale = _compute_noise_scale(fitted)
-    after = _make_curves(fitted, variables, scale)
+    after = _make_curves(fitted, layout, scale)
     alike = not last.findings and search.first is last
-    before = after if alike else _make_curves(refit(search.first, last.noise), variables, scale)
+    before = after if alike else _make_curves(refit(search.first, last.noise), layout, scale)
     named, _ = make_components(last.linear)
     places = [(bins, component) for bins in variables for component in named]
     comparisons = [
@@ -138,62 +178,61 @@ def _compute_noise_scale(last: Refitted) -> F64:
     return scale
 
 
-def _make_curves(model: Refitted, variables: list[Bins], scale: F64) -> list[ResidualCurve]:
+def _make_curves(model: Refitted, layout: CurveLayout, scale: F64) -> list[ResidualCurve]:
     """Bins by bins, component by component, whose noise is so many times that found."""
     named, moves = make_components(model.fit.linear)  # (n, 3, K)
-    squared_norm = (moves**2).sum(axis=1)
     count = moves.shape[2]
-    drawn = [Moments(bins.order, bins.starts, len(moves), count) for bins in variables]
+    drawn = [Moments(len(bins.starts), count) for bins in layout.variables]
     for residual_mm in model.draw_replicates():
         for k in range(count):  # one after the other: all together are large
             along = np.einsum("ni,nir->nr", scale[k] * moves[:, :, k], residual_mm)
-            for moments in drawn:
-                moments.add(k, along)
+            for moments, sums in zip(drawn, layout.sums.sum_over_bins(along), strict=True):
+                moments.add(k, sums)
     measured = np.einsum("nij,ni->nj", moves, model.residual_mm)
-    max_bins = max(
-        (size for bins in variables if (size := len(bins.starts)) <= MOST_TOGETHER), default=0
-    )
-    normal: F32 = (
-        np.random.default_rng(CURVES_SEED).normal(size=(max_bins, CURVES)).astype(np.float32)
-    )
     curves = []
-    for bins, moments, strong in zip(
-        variables, drawn, _compute_strengths(model, variables, named, moves), strict=True
+    for bins, moments, levers, sums, strong in zip(
+        layout.variables,
+        drawn,
+        layout.sums.sum_over_bins((moves**2).sum(axis=1)),  # (B, K)
+        layout.sums.sum_over_bins(measured),
+        _compute_strengths(model, layout, named, moves),
+        strict=True,
     ):
-        levers = np.maximum(moments.sum_over_bins(squared_norm), LEAST_SQUARE)  # (B, K)
-        sums = moments.sum_over_bins(measured)
+        levers = np.maximum(levers, LEAST_SQUARE)
         curves += [
-            _make_curve(bins, levers[:, k], sums[:, k], moments, k, normal, strong[k])
+            _make_curve(bins, levers[:, k], sums[:, k], moments, k, layout.normal, strong[k])
             for k in range(count)
         ]
     return curves
 
 
 def _compute_strengths(
-    model: Refitted, variables: list[Bins], named: list[Component], moves: F64
+    model: Refitted, layout: CurveLayout, named: list[Component], moves: F64
 ) -> list[list[Strength]]:
-    """Of each of the bins, of each component."""
-    warm = [
-        bins for bins in variables if bins.kind == "temperature" and bins.variable != "artefact_c"
-    ]
-    lines = make_lines(warm, len(moves))
-    rests, none = np.arange(len(moves)), np.zeros(0, dtype=np.int64)
-    curves, waves = [make_features(bins) for bins in variables], make_waves(variables, len(moves))
+    """Of each variable, of each component."""
     misfit = compute_misfit(model)
-    strengths: list[list[Strength]] = [[] for _ in variables]
-    for component, score in zip(named, compute_scores(model, moves), strict=True):
-        joint: dict[str, float] = {}
-        if len(warm) > 1:
-            joint |= compute_strengths_of_pairs(warm, *score.sum_over(lines, rests, none), misfit)
+    number = {bins.variable: i for i, bins in enumerate(layout.variables)}
+    joint = np.full((len(layout.variables), len(named)), -np.inf)
+    by_component = []
+    for k, (component, score) in enumerate(zip(named, compute_scores(model, moves), strict=True)):
+        by_component.append(score.sum_over(layout.sums))
+        if len(layout.warm) > 1:
+            [lines] = score.sum_over(layout.lines)
+            joint[layout.warm, k] = compute_strengths_of_pairs(*lines, misfit)
         if component.name.startswith("angle"):
-            joint |= waves.strengths(score, component.name.replace("angle joint ", "q"), misfit)
-        for bins, curve, strengths_of_bins in zip(variables, curves, strengths, strict=True):
-            also = joint.get(bins.variable, -np.inf)
-            strengths_of_bins.append(
-                compute_strength(
-                    bins, *score.sum_over(curve, bins.order, bins.starts), misfit, also
-                )
+            name = component.name.replace("angle joint ", "q")
+            for variable, strength in layout.waves.strengths(score, name, misfit).items():
+                joint[number[variable], k] = strength
+    strengths = []
+    for bins, joint_of_bins, scored in zip(
+        layout.variables, joint, zip(*by_component, strict=True), strict=True
+    ):
+        values, scatters = zip(*scored, strict=True)
+        strengths.append(
+            compute_strengths(
+                bins, np.array(values), Scatter.stack(scatters), misfit, joint_of_bins
             )
+        )
     return strengths
 
 

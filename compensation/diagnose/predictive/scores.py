@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.arrays import F64, I64
-from armd.compensation.diagnose.constants import MOST_TOGETHER
+from armd.arrays import F64
 from armd.compensation.diagnose.predictive.replicates import Refitted
 from armd.compensation.diagnose.predictive.strength import Misfit, Scatter
+from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 
 
 @dataclass(frozen=True)
@@ -27,44 +27,38 @@ class Score:
     squared_norm: F64  # (n,) of the component's motion
     absorbed: F64  # (n, r) what absorbs takes of it, along apart directions
 
-    def sum_over(self, features: F64, order: I64, starts: I64) -> tuple[F64, Scatter]:
-        """Sums (m + B,) over features (k, m) and bins of the rests in *order*, and how they scatter
-        where there is noise alone; of too many bins, each by itself and no feature."""
-        together = features.shape[1] + len(starts) <= MOST_TOGETHER
-        columns = features if together else features[:, :0]
-        squared_norm = self.squared_norm[order]
-        weighed = columns * squared_norm[:, None]
-
-        def compute_sums(values: F64) -> F64:
-            parts = [columns.T @ values]
-            if len(starts):
-                parts.append(np.add.reduceat(values, starts, axis=0))
-            return np.concatenate(parts)
-
-        absorbed = compute_sums(self.absorbed[order])
-        count = columns.shape[1]
-        if not together:
-            free = compute_sums(squared_norm)
-            return compute_sums(self.product[order]), Scatter(
-                free - (absorbed**2).sum(axis=1), free
+    def sum_over(self, sums: FunctionSums) -> list[tuple[F64, Scatter]]:
+        """Of each variable the sums (m + B,) over its functions, and how they scatter where there
+        is noise alone; of too many bins, each by itself."""
+        return [
+            (product, self._compute_scatter(functions, squared_norm, absorbed))
+            for functions, product, squared_norm, absorbed in zip(
+                sums.variables,
+                *map(sums.sum_values, (self.product, self.squared_norm, self.absorbed)),
+                strict=True,
             )
-        information = np.zeros((count + len(starts),) * 2)
-        information[:, :count] = compute_sums(weighed)
+        ]
+
+    def _compute_scatter(self, functions: Functions, squared_norm: F64, absorbed: F64) -> Scatter:
+        """By sums (m + B,) of the squared norm, and (m + B, r) of what absorbs takes."""
+        if not functions.is_together:
+            return Scatter(squared_norm - (absorbed**2).sum(axis=1), squared_norm)
+        information, count = np.diag(squared_norm), functions.count  # bins share no rest
+        information[:, :count] = functions.sum_values(
+            functions.columns * self.squared_norm[:, None]
+        )
         information[:count, count:] = information[count:, :count].T
-        if len(starts):
-            diagonal = count + np.arange(len(starts))
-            information[diagonal, diagonal] = np.add.reduceat(squared_norm, starts)
         free = np.diag(information).copy()
-        return compute_sums(self.product[order]), Scatter(information - absorbed @ absorbed.T, free)
+        return Scatter(information - absorbed @ absorbed.T, free)
 
     def sum_along(self, shapes: F64) -> tuple[F64, Scatter]:
-        """Of each shape (s, n, m) the sums (s, m), and how they scatter."""
-        turned = shapes.transpose(0, 2, 1)
-        information = turned @ (shapes * self.squared_norm[:, None])
+        """Of each shape (s, m, n) the sums (s, m), and how they scatter."""
+        information = (shapes * self.squared_norm) @ shapes.transpose(0, 2, 1)
         free = np.diagonal(information, axis1=1, axis2=2).copy()
-        absorbed = turned @ self.absorbed
+        rows = shapes.reshape(-1, shapes.shape[2])  # one product of all takes half of one each
+        absorbed = (rows @ self.absorbed).reshape(*shapes.shape[:2], -1)
         remaining = information - absorbed @ absorbed.transpose(0, 2, 1)
-        return turned @ self.product, Scatter(remaining, free)
+        return shapes @ self.product, Scatter(remaining, free)
 
 
 def compute_scores(model: Refitted, moves: F64) -> Iterator[Score]:

@@ -10,9 +10,8 @@ error every set of many bins takes a part by chance.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -101,68 +100,77 @@ def list_shapes(bins: Bins, count: int) -> list[I64]:
 
 @dataclass(frozen=True)
 class Scatter:
-    """How sums (m,) of noise scatter."""
+    """How sums (…, m) of noise scatter."""
 
-    covariance: F64  # (m, m); or variances (m,) of sums taken as independent
-    unabsorbed: F64  # (m,) variances if nothing absorbed any of them
+    covariance: F64  # (…, m, m); or variances (…, m) of sums taken as independent
+    unabsorbed: F64  # (…, m) variances if nothing absorbed any of them
+
+    @property
+    def is_independent(self) -> bool:
+        """Whether the sums are taken as independent."""
+        return self.covariance.ndim == self.unabsorbed.ndim
+
+    @classmethod
+    def stack(cls, scatters: Iterable[Scatter]) -> Scatter:
+        """Of several vectors of sums, each by itself."""
+        pairs = [(scatter.covariance, scatter.unabsorbed) for scatter in scatters]
+        return cls(*map(np.array, zip(*pairs, strict=True)))
 
     def select(self, places: I64) -> Scatter:
-        """Of some of the sums."""
-        return Scatter(self.covariance[np.ix_(places, places)], self.unabsorbed[places])
+        """Of some of the sums, or of several choices (…, k) among them."""
+        rows, columns = places[..., :, None], places[..., None, :]
+        return Scatter(self.covariance[..., rows, columns], self.unabsorbed[..., places])
 
     def combine(self, shape: F64) -> Scatter:
-        """Of sums (…, k) of these sums that are apart from each other, by rows (…, k, m)."""
-        covariance = shape @ self.covariance @ np.swapaxes(shape, -1, -2)
-        return Scatter(covariance, shape**2 @ self.unabsorbed)
+        """Of sums (s, k) of these sums that are apart from each other, by rows (s, k, m)."""
+        covariance = shape @ self.covariance[..., None, :, :] @ np.swapaxes(shape, -1, -2)
+        return Scatter(covariance, (shape**2 @ self.unabsorbed[..., None, :, None])[..., 0])
 
 
-def compute_strength(
-    bins: Bins, values: F64, scatter: Scatter, misfit: Misfit, joint: float = -np.inf
-) -> Strength:
-    """Of a variable's *values* (m + B,); *joint*: what it explains with another of its kind."""
-    if scatter.covariance.ndim == 1:
-        return _compute_strength_of_many(values, scatter, misfit)
-    count = len(values) - len(bins.starts)
+def compute_strengths(
+    bins: Bins, values: F64, scatter: Scatter, misfit: Misfit, joint: F64
+) -> list[Strength]:
+    """Of a variable's *values* (K, m + B), of each component; *joint* (K,): what the variable
+    explains with another of its kind."""
+    if scatter.is_independent:
+        return _make_strengths(_score_many_bins(values, scatter, misfit))
+    count = values.shape[1] - len(bins.starts)
     tried = [
-        score_shape(values[places], scatter.select(places), misfit)
+        score_shapes(values[:, places], scatter.select(places), misfit)
         for places in list_shapes(bins, count)
     ]
+    every: I64 = np.arange(count, values.shape[1])
     if bins.kind == "time":
-        every = np.arange(count, len(values))
-        tried.append(_score_best_step(values[every], scatter.select(every), misfit))
+        tried.append(_score_best_step(values[:, every], scatter.select(every), misfit))
     if bins.kind == "name":
-        tried.append(
-            _score_largest_bin(
-                values[count:], scatter.select(np.arange(count, len(values))), misfit
-            )
-        )
-    return Strength(max(joint, *tried), tried[0])
+        tried.append(_score_largest_bin(values[:, every], scatter.select(every), misfit))
+    return _make_strengths([*tried, joint])
 
 
-def _compute_strength_of_many(values: F64, scatter: Scatter, misfit: Misfit) -> Strength:
-    """Of more bins than are taken together."""
+def _make_strengths(tried: Sequence[F64]) -> list[Strength]:
+    """By the scores (K,) of each shape; the first is flat."""
+    best = np.max(tried, axis=0)
+    return [Strength(*pair) for pair in zip(best.tolist(), tried[0].tolist(), strict=True)]
+
+
+def _score_many_bins(values: F64, scatter: Scatter, misfit: Misfit) -> tuple[F64, F64]:
+    """(K,) of a flat shape, and of every bin, of more bins than are taken together."""
     is_clear = scatter.covariance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
-    total = max(float(scatter.covariance.sum()), LEAST_POSITIVE)
-    flat = float(misfit.compute_gain(float(values.sum()) ** 2 / total) - misfit.compute_price(1))
-    explained = float((values[is_clear] ** 2 / scatter.covariance[is_clear]).sum())
-    every = float(misfit.compute_gain(explained) - misfit.compute_price(int(is_clear.sum())))
-    return Strength(max(every, flat), flat)
+    total = np.maximum(scatter.covariance.sum(axis=1), LEAST_POSITIVE)
+    flat = misfit.compute_gain(values.sum(axis=1) ** 2 / total) - misfit.compute_price(1)
+    variance = np.where(is_clear, scatter.covariance, np.inf)
+    every = misfit.compute_gain((values**2 / variance).sum(axis=1))
+    return flat, every - misfit.compute_price(is_clear.sum(axis=1))
 
 
-def score_shape(values: F64, scatter: Scatter, misfit: Misfit, searched: int = 1) -> float:
-    """Of a shape with *values* (m,), the best of so many *searched*."""
-    single = Scatter(scatter.covariance[None], scatter.unabsorbed[None])
-    return float(score_shapes(values[None], single, misfit, searched)[0])
-
-
-def score_shapes(values: F64, scatter: Scatter, misfit: Misfit, searched: int) -> F64:
-    """(s,) of each of some shapes with *values* (s, m), the best of so many *searched*."""
+def score_shapes(values: F64, scatter: Scatter, misfit: Misfit, searched: int = 1) -> F64:
+    """(…,) of each of some shapes with *values* (…, m), the best of so many *searched*."""
     scale = np.sqrt(np.maximum(scatter.unabsorbed, LEAST_POSITIVE))
-    root, turned = np.linalg.eigh(scatter.covariance / (scale[:, :, None] * scale[:, None]))
+    root, turned = np.linalg.eigh(scatter.covariance / (scale[..., :, None] * scale[..., None, :]))
     is_clear = root > LEAST_VARIANCE_SHARE
-    along = np.einsum("sij,si->sj", turned, values / scale)
-    explained = np.where(is_clear, along**2 / np.where(is_clear, root, 1.0), 0.0).sum(axis=1)
-    return misfit.compute_gain(explained) - misfit.compute_price(is_clear.sum(axis=1), searched)
+    along = np.einsum("...ij,...i->...j", turned, values / scale)
+    explained = np.where(is_clear, along**2 / np.where(is_clear, root, 1.0), 0.0).sum(axis=-1)
+    return misfit.compute_gain(explained) - misfit.compute_price(is_clear.sum(axis=-1), searched)
 
 
 def make_lines(variables: Sequence[Bins], rests: int) -> F64:
@@ -176,40 +184,42 @@ def make_lines(variables: Sequence[Bins], rests: int) -> F64:
     return lines
 
 
-def compute_strengths_of_pairs(
-    variables: Sequence[Bins], values: F64, scatter: Scatter, misfit: Misfit
-) -> dict[str, float]:
-    """Of straight lines (1 + S,) over two variables together, for the one of each pair that
+def compute_strengths_of_pairs(values: F64, scatter: Scatter, misfit: Misfit) -> F64:
+    """(S,) of straight lines (1 + S,) over two variables together, for the one of each pair that
     explains more by itself: a difference of two temperatures is explained by neither."""
+    count = len(values) - 1
 
-    def score_lines(places: list[int], searched: int = 1) -> float:
-        return score_shape(values[places], scatter.select(np.array(places)), misfit, searched)
+    def score_lines(lines: I64, searched: int) -> F64:
+        places = np.insert(1 + lines, 0, 0, axis=1)  # beside a flat one
+        return score_shapes(values[places], scatter.select(places), misfit, searched)
 
-    by_itself = [score_lines([0, i]) for i in range(1, len(values))]
-    strengths: dict[str, float] = {}
-    for i, j in combinations(range(len(variables)), 2):
-        name = variables[i if by_itself[i] >= by_itself[j] else j].variable
-        together = score_lines([0, i + 1, j + 1], len(variables) - 1)
-        strengths[name] = max(strengths.get(name, -np.inf), together)
+    by_itself = score_lines(np.arange(count)[:, None], 1)
+    first, second = np.triu_indices(count, 1)
+    explains_more = np.where(by_itself[first] >= by_itself[second], first, second)
+    strengths = np.full(count, -np.inf)
+    together = score_lines(np.stack([first, second], axis=1), count - 1)
+    np.maximum.at(strengths, explains_more, together)
     return strengths
 
 
-def _score_best_step(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
-    """Of the best step between two of the bins."""
-    count = len(sums)
+def _score_best_step(sums: F64, scatter: Scatter, misfit: Misfit) -> F64:
+    """(K,) of the best step between two of the bins."""
+    count = sums.shape[1]
     if count < 2:
-        return -np.inf
+        return np.full(len(sums), -np.inf)
     before = np.tri(count - 1, count)
     sides = np.stack([before, 1.0 - before], axis=1)
-    return float(score_shapes(sides @ sums, scatter.combine(sides), misfit, count - 1).max())
+    values = np.einsum("sib,kb->ksi", sides, sums)
+    best: F64 = score_shapes(values, scatter.combine(sides), misfit, count - 1).max(axis=1)
+    return best
 
 
-def _score_largest_bin(sums: F64, scatter: Scatter, misfit: Misfit) -> float:
-    """Of the one bin that stands out most by itself: a target that was loosened."""
-    variance = np.diag(scatter.covariance)
+def _score_largest_bin(sums: F64, scatter: Scatter, misfit: Misfit) -> F64:
+    """(K,) of the one bin that stands out most by itself: a target that was loosened."""
+    variance = np.diagonal(scatter.covariance, axis1=1, axis2=2)
     is_clear = variance > LEAST_VARIANCE_SHARE * scatter.unabsorbed
     explained = np.where(is_clear, sums**2 / np.maximum(variance, LEAST_POSITIVE), 0.0)
-    return float(misfit.compute_gain(float(explained.max())) - misfit.compute_price(1, len(sums)))
+    return misfit.compute_gain(explained.max(axis=1)) - misfit.compute_price(1, sums.shape[1])
 
 
 def _scale_to_unit(values: F64) -> F64:

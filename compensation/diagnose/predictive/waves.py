@@ -22,8 +22,8 @@ from armd.compensation.diagnose.predictive.strength import Misfit, score_shapes
 class Waves:
     """Of all joints' angles."""
 
-    single: dict[str, F64]  # of each variable (WAVES, n, 3): flat, cosine and sine of each order
-    pairs: dict[tuple[str, str], F64]  # (2 WAVES, n, 3) of the sum and of the difference
+    single: dict[str, F64]  # of each variable (WAVES, 3, n): flat, cosine and sine of each order
+    pairs: dict[tuple[str, str], F64]  # (2 WAVES, 3, n) of the sum and of the difference
 
     def strengths(self, score: Score, joint: str, misfit: Misfit) -> dict[str, float]:
         """Of the variables, for a component along a *joint*'s motion, as "q2"; of its angle with a
@@ -62,6 +62,6 @@ def make_waves(bins: Sequence[Bins], rests: int) -> Waves:
 
 def _make_waves(turn: F64) -> F64:
     phase = np.arange(1, WAVES + 1)[:, None] * turn
-    waves = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=2)
-    waves[:, np.isnan(turn)] = 0.0
+    waves = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
+    waves[:, :, np.isnan(turn)] = 0.0
     return waves

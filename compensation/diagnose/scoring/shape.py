@@ -10,6 +10,7 @@ when it is too large for that; otherwise the shape itself is what is found, as `
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,3 +128,9 @@ def _joints(candidate: Candidate, n_joints: int) -> list[int]:
         return [int(name[1:]) for name in candidate.depends_on if re.fullmatch(r"q\d+", name)]
     joint = candidate.location.joint
     return [] if joint is None else [joint]
+
+
+def with_their_causes(findings: Sequence[Candidate]) -> list[Candidate]:
+    """No shape without the finding whose shape it is."""
+    named = {locate_shape(c) for c in findings}
+    return [c for c in findings if not is_shape(c) or c.location in named]

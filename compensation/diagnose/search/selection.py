@@ -30,7 +30,6 @@ from armd.compensation.diagnose.scoring.evidence import Scores, score
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clip_about, compute_unclipped_gain
 from armd.compensation.diagnose.scoring.scatter import compute_log_p_by_scatter
-from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
 from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.effects.effect import Candidate, join_finding
 
@@ -44,12 +43,6 @@ def choose_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
 def make_key(findings: Sequence[Candidate]) -> str:
     """What a set of findings is known by."""
     return "".join(sorted(repr((c.place, c.setting)) for c in findings))
-
-
-def with_their_causes(findings: Sequence[Candidate]) -> list[Candidate]:
-    """No shape without the finding whose shape it is."""
-    named = {locate_shape(c) for c in findings}
-    return [c for c in findings if not is_shape(c) or c.location in named]
 
 
 def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | None:

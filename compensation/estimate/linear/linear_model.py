@@ -206,10 +206,15 @@ class LinearModel:
         """Coordinates (b, …) along that basis of what the blocks take of other columns, from their
         products (b, …) with these: products of what is left are those less these coordinates'."""
         if self.layout.n > MANY:
-            diagonal = 1.0 / self.variance + HELD * self.length**2
-            return compute_inverse_root(self.gram, diagonal)[0].multiply_transposed(across)
+            return self._projecting_root.multiply_transposed(across)
         coordinates: F64 = self.factor.T @ across
         return coordinates
+
+    @cached_property
+    def _projecting_root(self) -> Root:
+        """`factor` of many columns."""
+        diagonal = 1.0 / self.variance + HELD * self.length**2
+        return compute_inverse_root(self.gram, diagonal)[0]
 
     def explain(self, across: F64) -> F64:
         """Amplitudes (b, …) that explain other columns best, from their products (b, …)."""

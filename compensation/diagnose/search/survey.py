@@ -1,0 +1,108 @@
+"""Fits of findings to one set of rests, and the whole catalogue scored about them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from armd.compensation.diagnose.constants import STEP_WORK
+from armd.compensation.diagnose.fitting.alternating_fit import fit_by_turns
+from armd.compensation.diagnose.fitting.refit import with_findings_unsolved
+from armd.compensation.diagnose.problem.acting_causes import with_acting
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Baseline, Rests
+from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
+from armd.compensation.diagnose.scoring.candidates import (
+    PartedSurvey,
+    ScoredCandidates,
+    find_weakest,
+    score_candidates,
+)
+from armd.compensation.diagnose.scoring.projection import make_projection
+from armd.compensation.diagnose.scoring.shape import with_their_causes
+from armd.compensation.diagnose.scoring.threshold import is_significant
+from armd.compensation.diagnose.search.refusals import Refusals
+from armd.compensation.diagnose.search.work import WorkBudget
+from armd.compensation.effects import catalogue
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.setup.mount_drift import steady_drift
+from armd.compensation.model.arm import Arm
+
+
+class Survey:
+    """What a search knows between its steps: the candidates, how many tests they are, the fits."""
+
+    def __init__(
+        self,
+        rests: Rests,
+        arm: Arm,
+        baseline: Baseline,
+        work: WorkBudget,
+        barred: Callable[[Candidate], bool],
+    ) -> None:
+        """*work*: what is computed at most, here and elsewhere. *barred*: whether a candidate is
+        not looked for."""
+        self.rests = rests
+        self.arm = arm
+        self.baseline = baseline
+        self.work = work
+        self.facts = gather_facts(rests, arm, baseline)
+        every = catalogue.candidates(self.facts)
+        self.refusals = Refusals([c for c in every if not barred(c)])
+        self.tests = 1
+        self._steady = [steady_drift(self.facts)] if self.facts.timed else []
+        self._sought: tuple[Sequence[Candidate], Signatures] | None = None
+        #: the last survey beside findings, if any; many megabytes
+        self.parted: PartedSurvey | None = None
+
+    def fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
+        """A fit that starts where *before* ended."""
+        findings = with_their_causes(findings)
+        amplitudes_of = {}
+        if before is not None:
+            amplitudes_of = dict(zip(map(id, before.findings), before.amplitudes, strict=True))
+        start = [amplitudes_of.get(id(c), np.zeros(len(c.columns))) for c in findings]
+        model = self.baseline.model if before is None else before.model
+        noise = None if before is None else before.noise
+        about = self.facts, self.rests, self.arm, self.baseline, model
+        return fit_by_turns(*about, findings, start, noise_extra=self._steady, noise=noise)
+
+    def prune(self, current: Fit) -> Fit:
+        """Without findings that are not significant any more, the weakest first."""
+        while current.findings:
+            weakest_index, log_p = find_weakest(make_projection(current, self.arm))
+            if is_significant(log_p, self.tests):
+                break
+            remaining = [c for i, c in enumerate(current.findings) if i != weakest_index]
+            current = self.fit(remaining, current)
+        return current
+
+    def fit_steps(self, first: Fit, last: Fit) -> list[Fit]:
+        """With none, the first, the first two … of the *last* fit's findings: with none the
+        *first*, with all the *last*."""
+        if not last.findings:
+            return [last]
+        self.baseline = last.baseline
+        between = range(1, len(last.findings))
+        return [first, *(self.fit(last.findings[:i], last) for i in between), last]
+
+    def score(self, current: Fit) -> ScoredCandidates:
+        """The whole catalogue against what is left; where it is another one it is counted."""
+        candidates, refused = self.refusals.candidates, self.refusals.places
+        counted = self._sought is not None and self._sought[0] is candidates
+        if self._sought is None or not counted:
+            self._sought = candidates, compile_candidates(candidates, current.linear, self.arm)
+        signatures = with_acting(self._sought[1], current, self.facts, refused, self.arm)
+        self.parted = None  # many megabytes
+        if current.findings:
+            nothing = with_findings_unsolved(current, [], self.arm)
+            self.parted = PartedSurvey.from_fit(nothing, signatures, self.arm)
+            scored = self.parted.with_findings(current)
+        else:
+            scored = score_candidates(make_projection(current, self.arm), signatures)
+        if not counted:
+            self.tests = max(int((scored.scores.freedom > 0).sum()), 1)
+        self.work.add(scored.n_products, STEP_WORK)
+        return scored
