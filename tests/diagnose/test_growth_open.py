@@ -138,3 +138,72 @@ def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
         assert bool(report_growth(opened)) == is_open
     assert len(opened.terms) == len(make_length_terms(ARM, [1]))
     assert "missed its own readings by 60 µm" in report_growth(opened)[0]
+
+
+def guess_growth(known: Calibration, link: int, by_per_k: float) -> Calibration:
+    """The same as if all sensors but t1 had stayed from 20 to 22 °C, and this link's coefficients
+    were off *by_per_k* and as uncertain: at 21 °C its lengths are right all the same."""
+    ranges = {
+        name: (low, high) if name == "t1" else (20.0, 22.0)
+        for name, (low, high) in known.temperature_range_c.items()
+    }
+    names, constants, terms = known.covariance_of, dict(known.constants), list(known.terms)
+    covariance = np.array(known.covariance).reshape(len(names), len(names))
+    for i, term in enumerate(known.terms):
+        (factor,) = term.basis
+        assert isinstance(factor, Temperature)
+        if f"t{link}" not in factor.weights:
+            continue
+        off = by_per_k * known.constants[term.parameter]
+        moved_mm = -off * (21.0 - known.reference_temperature_c)
+        terms[i] = term.model_copy(update={"coefficient": term.coefficient + off})
+        constants[term.parameter] += moved_mm
+        moves = np.zeros(len(names))
+        moves[names.index(f"term {i}")] = off
+        moves[names.index(term.parameter)] = moved_mm
+        covariance += np.outer(moves, moves)
+    return known.model_copy(
+        update={
+            "temperature_range_c": ranges,
+            "constants": constants,
+            "terms": terms,
+            "covariance": covariance.ravel().tolist(),
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def known() -> Calibration:
+    """Of four temperatures, with coefficients of the first order."""
+    calibration = calibrate(measured(SEED, SHOP_C), ARM).calibration
+    assert {factor.order for term in calibration.terms for factor in term.basis} == {1}  # type: ignore[union-attr]
+    return calibration
+
+
+@pytest.mark.slow
+def test_coefficients_of_lengths_at_one_temperature_are_open(known: Calibration) -> None:
+    baseline = from_calibration(guess_growth(known, 3, 15e-6), ARM, is_given=True)
+    opened = with_growth_open(baseline, ARM)
+    names = [opened.model.terms[i].parameter for i in opened.growth]
+    assert set(names) == {t.parameter for t in known.terms} - {"d_1", "a_1"}
+    assert (opened.model, opened.terms) == (baseline.model, baseline.terms)
+    np.testing.assert_array_equal(opened.root, baseline.root)
+    closed = without_growth(opened)
+    assert closed.model.terms == baseline.model.terms  # none loses its coefficient
+    assert [closed.model.terms[i].parameter for i in closed.terms] == [
+        term.parameter for term in known.terms if term.parameter in ("d_1", "a_1")
+    ]
+    assert not closed.growth
+
+
+@pytest.mark.slow
+def test_a_coefficient_guessed_at_one_temperature_is_corrected(known: Calibration) -> None:
+    guessed = guess_growth(known, 3, 15e-6)
+    diagnosis = diagnose(measured(SEED, SHOP_C), ARM, guessed)
+    (finding,) = diagnosis.findings
+    assert finding.candidate.place == ("link_expansion", "link 3")
+    (amplitude,) = diagnosis.search.last.amplitudes
+    assert amplitude == pytest.approx(-15e-6, rel=0.1)
+    assert "too little to know their growth" in write_verdict(diagnosis)
+    wrong, mended, right = errors_um(guessed, diagnosis.extended, known)
+    assert mended < 1.05 * right < 0.5 * wrong

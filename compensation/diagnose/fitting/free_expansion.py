@@ -40,7 +40,8 @@ def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
     where there are none, or a sensor's temperatures are not in it."""
     if not baseline.is_given:
         return baseline
-    baseline = replace(baseline, growth=_list_guessed(baseline, arm))
+    if guessed := _list_guessed(baseline, arm):
+        baseline = replace(baseline, growth=guessed)
     terms = _without_a_term(baseline, arm)
     if not terms:
         return baseline
