@@ -131,7 +131,7 @@ def _serial(sample: zenoh.Sample) -> str:
     return str(sample.key_expr).split("/")[1]
 
 
-async def tell(
+async def show_repeatedly(
     fleet: Fleet, show: Callable[[Fleet], None], every_s: float, seconds: float | None
 ) -> None:
     """*show* again and again, until *seconds* are over or for ever."""

@@ -78,9 +78,9 @@ def test_a_time_that_ros_cannot_write_is_told_by_the_bridges_own() -> None:
 def test_a_variance_below_zero_is_no_uncertainty() -> None:
     point = np.zeros(1, POINT)[0]
     point["orientation"], point["covariance_mm2"] = [0, 0, 0, 1], [-1, 0, 0, 1, 0, 1]
-    fields = lines.of_point(point, Tips(TIPLESS), None, "S")
+    fields = lines.convert_point(point, Tips(TIPLESS), None, "S")
     assert fields is not None and np.isnan(fields["u_x_um"])
-    assert ",,,," in lines.csv(fields)
+    assert ",,,," in lines.format_csv(fields)
 
 
 @pytest.mark.parametrize("answer", [b"\xff", b"[]", b'{"constants": []}', b"[" * 3000])
@@ -177,10 +177,10 @@ def test_a_point_whose_numbers_are_none_becomes_no_line() -> None:
     for name in ("position_mm", "orientation"):
         bad = point.copy()
         bad[name][0, 1] = np.inf
-        assert lines.of_point(bad[0], tips, None, "S") is None
+        assert lines.convert_point(bad[0], tips, None, "S") is None
     point["correction_mm"][0, 2] = np.inf
-    fields = lines.of_point(point[0], tips, None, "S")
-    assert fields is not None and json.loads(lines.jsonl(fields))["correction_mm"] is None
+    fields = lines.convert_point(point[0], tips, None, "S")
+    assert fields is not None and json.loads(lines.format_jsonl(fields))["correction_mm"] is None
 
 
 def test_a_raw_frame_of_before_1970_is_none() -> None:

@@ -53,14 +53,16 @@ def message_doors(folder: Path) -> Iterator[Door]:
     machine = Bench(folder / "messages")
     machine.type("00001 StartSession()", "00002 EnableUser()",
                  "00003 OnPtMeasReport(X(),Y(),Z(),IJK(),ER(),Q())")  # fmt: skip
-    table = lines.template("{x:.3f};{sd_x_um};{u_x_um};{tip};{calibration};{count};{flag_names}")
+    table = lines.parse_template(
+        "{x:.3f};{sd_x_um};{u_x_um};{tip};{calibration};{count};{flag_names}"
+    )
 
     def measurement(data: bytes) -> None:
         content = json_object(keys.MEASUREMENT, data)
         if content is None:
             return
-        page_messages.measurement(content)
-        fields = lines.of_measurement(content, tips, "S")
+        page_messages.format_measurement(content)
+        fields = lines.convert_measurement(content, tips, "S")
         for form in (*lines.PRESETS.values(), table):
             if fields is not None:
                 form(fields)
@@ -79,7 +81,7 @@ def message_doors(folder: Path) -> Iterator[Door]:
         if content is None:
             return
         Fleet().note_event("S", content)
-        page_messages.event(content)
+        page_messages.format_event(content)
 
     def joints(data: bytes) -> None:
         if is_sound(keys.JOINTS, data):

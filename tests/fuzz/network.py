@@ -184,10 +184,10 @@ def binary() -> Iterator[Door]:
         array = arm.decode(payloads)
         Point.from_array(array)
         for row in array:
-            fields = lines.of_point(row, tips, None, "S")
+            fields = lines.convert_point(row, tips, None, "S")
             for form in lines.PRESETS.values() if fields is not None else ():
                 form(fields or {}).encode()
-            json.loads(page_messages.live(row, [0.1]))
+            json.loads(page_messages.format_live(row, [0.1]))
         ros2()._tell_points(array)
         recorder = Recorder(io.BytesIO(), info, None)
         recorder.take_points(payloads)

@@ -15,7 +15,7 @@ from foxglove import messages as schemas
 from pydantic import BaseModel, ConfigDict, Field
 
 from armd import keys
-from armd.daemon.bridges.export.source import MeasurementLine, info_of
+from armd.daemon.bridges.export.source import MeasurementLine, read_info
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import Recording
@@ -70,7 +70,7 @@ def write_foxglove(recording: Recording, path: Path) -> tuple[int, int]:
 
     Raises `BadInput` for a damaged recording.
     """
-    info = info_of(recording)
+    info = read_info(recording)
     serial = info["arm"]["serial_number"]
     draw = _Drawing(serial, Tips(info))
     context = foxglove.Context()

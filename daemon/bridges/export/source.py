@@ -176,13 +176,13 @@ def _from_recording(path: Path) -> Measurements:
         _measurement(path, topic, json_data(path, message.data))
         for message in recording.messages({topic})
     )
-    info = info_of(recording)
+    info = read_info(recording)
     serial = info["arm"]["serial_number"]
     left_out = [] if recording.missing is None else [recording.missing]
     return Measurements(measurements, serial, info, left_out)
 
 
-def info_of(recording: Recording) -> dict[str, Any]:
+def read_info(recording: Recording) -> dict[str, Any]:
     """The recorded daemon's `info`; raises `BadInput` where it does not name the arm and its tips.
     (A replay reads more of it, and checks that itself.)"""
     if not names_arm_and_tips(recording.info):

@@ -72,7 +72,7 @@ def write_geometry(arm: Arm, parameters: F64, prefix: str, frame: str) -> str:
     return Xml.tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def left_out(calibration: str | None) -> str:
+def describe_omissions(calibration: str | None) -> str:
     """What of a *calibration* file a URDF has no place for, as a sentence; nothing: an empty one.
 
     A term moves a parameter by the arm's state: its temperature, posture or time.

@@ -15,7 +15,7 @@ MeasuredById = Mapping[str, Mapping[str, Any]]
 """As published, by the id that the page has of each."""
 
 
-def feature(measured: MeasuredById, query: Mapping[str, str]) -> dict[str, Any]:
+def fit_feature(measured: MeasuredById, query: Mapping[str, str]) -> dict[str, Any]:
     """What *query* asks for: `of=plane:ID,ID,…`; with `and=…` likewise, their distance and angle.
 
     Raises `BadInput` for what is no feature, `ArmdError` for points that determine none.

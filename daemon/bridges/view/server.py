@@ -14,7 +14,7 @@ from urllib.parse import parse_qs
 
 from armd import Arm
 from armd.daemon.bridges.listening import Address, listen
-from armd.daemon.bridges.process import in_thread, ready
+from armd.daemon.bridges.process import report_ready, run_in_thread
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.bridges.view import page_messages, sessions
 from armd.daemon.bridges.view.access import Access
@@ -26,7 +26,7 @@ from armd.daemon.bridges.view.http import (
     NotServed,
     Request,
     answer,
-    head,
+    format_head,
     read_request,
 )
 from armd.daemon.files.tip_history import history, put_in_force
@@ -106,7 +106,7 @@ class PageServer:
         """Until cancelled; raises `BadInput` if it cannot listen there."""
         server, endpoint = await listen(address, self._connection, context)
         async with server:
-            ready("view", endpoint)
+            report_ready("view", endpoint)
             try:
                 async with asyncio.TaskGroup() as tasks:
                     tasks.create_task(self._feed.run())
@@ -180,14 +180,14 @@ class PageServer:
         if path == "/feature":
             return await self._feature(request)
         if path == "/guided" and self._guided is not None:
-            choices = await in_thread(self._guided.choices)
+            choices = await run_in_thread(self._guided.choices)
             return answer(HTTPStatus.OK, JSON, json.dumps(choices).encode())
         if path == "/tips":
             serial = self._feed.serial
-            tips = [] if serial is None else await in_thread(lambda: history(serial))
+            tips = [] if serial is None else await run_in_thread(lambda: history(serial))
             return answer(HTTPStatus.OK, JSON, json.dumps(tips[-TIPS_TOLD:]).encode())
         if path.startswith(sessions.PREFIX) and (folder := self._sessions) is not None:
-            kind, data = await in_thread(lambda: sessions.read(folder, path))
+            kind, data = await run_in_thread(lambda: sessions.read(folder, path))
             return answer(HTTPStatus.OK, kind, data, sessions.GUARDS)
         if path.startswith("/measurements."):
             return await self._table(path)
@@ -199,7 +199,9 @@ class PageServer:
         # Kept by the browser, and asked for again each time: an upgrade is seen at once.
         headers = {"Cache-Control": "no-cache", "ETag": file.tag, "Vary": "Accept-Encoding"}
         if request.headers.get("if-none-match") == file.tag:
-            return head(HTTPStatus.NOT_MODIFIED, file.kind, headers | {"Connection": "close"})
+            return format_head(
+                HTTPStatus.NOT_MODIFIED, file.kind, headers | {"Connection": "close"}
+            )
         if "gzip" in request.headers.get("accept-encoding", ""):
             return answer(
                 HTTPStatus.OK, file.kind, file.packed, headers | {"Content-Encoding": "gzip"}
@@ -215,7 +217,7 @@ class PageServer:
         if arm is None:
             raise NotServed(HTTPStatus.SERVICE_UNAVAILABLE, "found no daemon to ask")
         try:
-            text = await in_thread(lambda: _table(arm, suffix))
+            text = await run_in_thread(lambda: _table(arm, suffix))
         except ArmdError as error:
             raise NotServed(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from error
         name = "".join(c if c.isalnum() or c in "-_" else "_" for c in arm.serial)
@@ -227,12 +229,12 @@ class PageServer:
         measurements = dict(self._feed.measurements)
 
         def fitted() -> object:
-            from armd.daemon.bridges.view.features import feature  # scipy, only when wanted
+            from armd.daemon.bridges.view.features import fit_feature  # scipy, only when wanted
 
-            return feature(measurements, request.query)
+            return fit_feature(measurements, request.query)
 
         try:
-            return answer(HTTPStatus.OK, JSON, json.dumps(await in_thread(fitted)).encode())
+            return answer(HTTPStatus.OK, JSON, json.dumps(await run_in_thread(fitted)).encode())
         except ArmdError as error:
             content = json.dumps({"error": str(error)}).encode()
             return answer(HTTPStatus.CONFLICT, JSON, content)
@@ -277,7 +279,7 @@ class PageServer:
         arm = self._feed.arm
         if arm is None:
             raise ArmdError("the daemon is not there")
-        return {"done": await in_thread(lambda: _obeyed(arm, name, parameters))}
+        return {"done": await run_in_thread(lambda: _obeyed(arm, name, parameters))}
 
     async def _tell(self, request: Request, writer: asyncio.StreamWriter) -> None:
         """Server-Sent Events until the page is closed."""
@@ -291,9 +293,9 @@ class PageServer:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         hello = {
             "version": self._files.version, "writing": bool(self._deeds),
-            "flags": page_messages.flags(),
+            "flags": page_messages.describe_flags(),
         }  # fmt: skip
-        writer.write(head(HTTPStatus.OK, "text/event-stream", {"Connection": "close"}))
+        writer.write(format_head(HTTPStatus.OK, "text/event-stream", {"Connection": "close"}))
         writer.write(f"retry: 1000\nevent: hello\ndata: {json.dumps(hello)}\n\n".encode())
         loop = asyncio.get_running_loop()
         read, spoke_s = 0, loop.time()

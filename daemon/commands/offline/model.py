@@ -16,7 +16,7 @@ from armd.compensation.geometry.geometry import Geometry, geometry_at
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.daemon.bridges.ros2 import urdf
-from armd.daemon.bridges.ros2.node import legal
+from armd.daemon.bridges.ros2.node import make_legal_name
 from armd.daemon.catalogue.universal_robots import (
     FIRST_LINE,
     LINKS,
@@ -97,7 +97,7 @@ def _write_urdf(
     args: argparse.Namespace, arm: Arm, loaded: LoadedCalibration | None, geometry: Geometry
 ) -> tuple[bytes | str, list[str]]:
     if args.like is None:
-        prefix = legal(arm.serial_number)
+        prefix = make_legal_name(arm.serial_number)
         text = urdf.write_geometry(arm, geometry.parameters, prefix, f"{prefix}_base")
         return text, [f"a new URDF from {prefix}_base to {prefix}_ball"]
     edited = correct_urdf(args.like, arm, geometry.parameters, args.base_link, args.tip_link)

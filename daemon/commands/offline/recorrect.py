@@ -23,7 +23,7 @@ from armd.compensation.model.state import States
 from armd.compensation.report.layout.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.bridges.export import source
 from armd.daemon.bridges.export.source import MeasurementLine, Measurements
-from armd.daemon.bridges.export.tables import uncertainty_mm
+from armd.daemon.bridges.export.tables import compute_uncertainty_mm
 from armd.daemon.commands.live.export import instant_ns
 from armd.daemon.commands.offline.given import add_arm
 from armd.daemon.config import load_config
@@ -260,7 +260,7 @@ def _write_table(
     for i, m in enumerate(chosen):
         numbers = [
             *old[i], *new.position_mm[i], *(new.position_mm[i] - old[i]), change.distance_mm[i],
-            change.at_most_mm[i], *uncertainty_mm(m), *new.uncertainty_mm[i],
+            change.at_most_mm[i], *compute_uncertainty_mm(m), *new.uncertainty_mm[i],
         ]  # fmt: skip
         writer.writerow(
             [
