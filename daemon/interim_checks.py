@@ -130,14 +130,14 @@ class InterimChecks:
 
     def _read(self, path: Path) -> LastCheck:
         result = json_data(path, read_input(path, MOST_BYTES))
-        last = parsed(result)
+        last = parse_result(result)
         arm = result.get("arm", self._serial_number)  # older results do not tell
         if arm != self._serial_number:
             return LastCheck(fault=f"{path} is of arm {arm}, expected one of {self._serial_number}")
         return last
 
 
-def parsed(result: dict[str, Any]) -> LastCheck:
+def parse_result(result: dict[str, Any]) -> LastCheck:
     """What the daemon needs of a result of `armd interim`."""
     if result["schema"] != "armd.interim/1":
         raise ValueError(f"schema {result['schema']!r}")
@@ -157,7 +157,7 @@ def parsed(result: dict[str, Any]) -> LastCheck:
     return LastCheck("", name, started, changed, judged, since_then, checks)
 
 
-def complaint(
+def explain_complaints(
     last: LastCheck | None,
     in_use: Mapping[str, Any],
     now_unix_s: float,

@@ -70,12 +70,12 @@ def read_title(text: str) -> str:
     return text.splitlines()[0].removeprefix("# ").removesuffix(".")
 
 
-def with_serial_number(text: str, serial_number: str) -> str:
+def set_serial_number(text: str, serial_number: str) -> str:
     line = f"serial_number = {_quote(serial_number)}"
     return re.sub(r"(?m)^serial_number = .*$", lambda _: line, text, count=1)
 
 
-def with_joint(text: str, k: int, values: Mapping[str, float | int]) -> str:
+def set_joint(text: str, k: int, values: Mapping[str, float | int]) -> str:
     """*text* with keys of joint *k* (from 1) replaced; a key that is not there is added."""
     head, *joints = re.split(r"(?m)^(?=\[\[joint\]\]$)", text)
     block, end, others_text = joints[k - 1].partition("\n\n")

@@ -24,7 +24,7 @@ from armd.compensation.data.foreign.words import (
     OF_A_JOINT,
     word_and_unit,
 )
-from armd.daemon.catalogue.chain_rows import DH, ChainRows, to_standard_rows, with_hayati
+from armd.daemon.catalogue.chain_rows import DH, ChainRows, convert_to_hayati, to_standard_rows
 from armd.errors import BadInput
 from armd.files.toml_text import toml_text
 from armd.terminal.suggest import few, hint
@@ -99,7 +99,7 @@ def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]
     rows = ChainRows(joints, after)
     if convention == "modified":
         rows = to_standard_rows(rows, remarks)
-    rows = with_hayati(rows, remarks)
+    rows = convert_to_hayati(rows, remarks)
     return _write_text(rows, remarks), remarks
 
 

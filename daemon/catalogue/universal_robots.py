@@ -13,7 +13,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
 from armd.daemon.catalogue.axes import make_turn
-from armd.daemon.catalogue.urdf.roll_pitch_yaw import matrix_to_rpy
+from armd.daemon.catalogue.urdf.roll_pitch_yaw import convert_matrix_to_rpy
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -32,7 +32,7 @@ def write_kinematics_yaml(arm: Arm, parameters: F64, name: str, identity: str) -
         rotation = rotations[k] @ make_turn(2, float(np.degrees(theta)))
         origin = origins[k] + d * rotations[k][:, 2]
         step = before_turn.T @ rotation
-        numbers = [*(1e-3 * before_turn.T @ (origin - before_origin)), *matrix_to_rpy(step)]
+        numbers = [*(1e-3 * before_turn.T @ (origin - before_origin)), *convert_matrix_to_rpy(step)]
         lines.append(f"  {link}:")
         lines += [
             f"    {key}: {_format_number(float(value))}"

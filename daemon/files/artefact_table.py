@@ -24,7 +24,7 @@ FROM = ("from", "a", "first", "von", "sphere1", "ball1", "target1", "point1", "b
 TO = ("to", "b", "second", "bis", "sphere2", "ball2", "target2", "point2", "and")
 
 
-def artefact_of_table(path: Path) -> tuple[Artefact, list[str]]:
+def read_artefact_table(path: Path) -> tuple[Artefact, list[str]]:
     """The artefact that a certificate's table describes, and what was assumed, a sentence each.
 
     Columns: a name and x, y, z, or two names and a length; optionally an uncertainty. Raises

@@ -150,7 +150,7 @@ def keep_standard_streams_open() -> None:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
 
 
-def say(line: str) -> None:
+def print_line(line: str) -> None:
     """Print a line on standard output, if that can be written to."""
     try:
         print(line, flush=True)

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from bench_daemon import processors_awake
 
-from armd.daemon.host.priority import go_first
+from armd.daemon.host.priority import raise_priority
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.lateness import IN_DOUBT_NS
@@ -47,7 +47,7 @@ def run() -> dict[str, Any]:
     """Of each family: six servos at 1 Mbaud for a minute, with the processors kept awake as
     `armd run` keeps them."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
-    go_first()
+    raise_priority()
     try:
         with processors_awake():
             return {family: _measure(family) for family in ("feetech", "dynamixel")}
@@ -85,7 +85,9 @@ def _bare_client(family: str) -> np.ndarray | None:
         subprocess.run(["gcc", "-O2", str(source), "-o", str(client)], check=True)
         with _servos(family, folder, BARE_SECONDS + 30.0) as arm:
             command = [client, arm.port, str(BARE_SECONDS), *turns]
-            told = subprocess.run(command, check=True, capture_output=True, preexec_fn=go_first)
+            told = subprocess.run(
+                command, check=True, capture_output=True, preexec_fn=raise_priority
+            )
     return np.frombuffer(told.stdout, float)
 
 

@@ -20,7 +20,7 @@ from armd.daemon.bridges.export.source import MeasurementLine
 from armd.daemon.bridges.ros2 import urdf
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.cli import main
-from armd.daemon.commands.live.fleet import table_of
+from armd.daemon.commands.live.fleet import make_table
 from armd.daemon.commands.screen import Screen
 from armd.daemon.host.metrics import render
 from armd.drivers.replay import raw
@@ -55,7 +55,7 @@ def test_half_a_character_that_is_no_escape_is_malformed() -> None:
 
 
 def test_a_fleet_shows_a_state_of_another_version_and_obeys_no_word() -> None:
-    text = shown(table_of(fleet_of(HEALTH | {"state": "DANCING", "reason": "[/x]\x1b[2J"})))
+    text = shown(make_table(fleet_of(HEALTH | {"state": "DANCING", "reason": "[/x]\x1b[2J"})))
     assert "DANCING" in text and "[/x]\\x1b[2J" in text and "\x1b" not in text
 
 

@@ -33,7 +33,7 @@ from armd.daemon.bridges.stream import Reader
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.bridges.view import page_messages
 from armd.daemon.bridges.view.feed import describe_arm
-from armd.daemon.commands.live.fleet import table_of
+from armd.daemon.commands.live.fleet import make_table
 from armd.daemon.commands.screen import Screen
 from armd.daemon.config import load_config
 from armd.daemon.files.recorder import Recorder
@@ -150,7 +150,7 @@ def screens() -> Iterator[Door]:
         if content is None:
             return
         fleet = fleet_of(content)
-        shown(table_of(fleet))
+        shown(make_table(fleet))
         render(fleet.healths()).encode()
         screen = Screen(arm_answering(b""), Console(file=io.StringIO()))
         screen._health = content
@@ -162,7 +162,7 @@ def screens() -> Iterator[Door]:
             return
         fleet = Fleet()
         fleet.note_event("S", content)
-        shown(table_of(fleet))
+        shown(make_table(fleet))
         screen = Screen(arm_answering(b""), Console(file=io.StringIO()))
         screen._events = [content["text"]]
         shown(screen._panel(1.0))

@@ -17,7 +17,7 @@ from armd.arrays import Vector
 from armd.compensation.data.foreign.points import read_points
 from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.data.sessions.columns import APPROACH
-from armd.daemon.files.measurement_log import SUFFIX, log_files, serial_of
+from armd.daemon.files.measurement_log import SUFFIX, list_log_files, parse_serial
 from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import INFO_ATTACHMENT, Recording
 from armd.errors import BadInput
@@ -106,10 +106,10 @@ def from_path(path: Path) -> Measurements:
     """A file of JSON lines, a measurement log's folder, a recording, or a table that `armd export`
     wrote; raises `BadInput`."""
     if path.is_dir():
-        files = log_files(path)
+        files = list_log_files(path)
         if not files:
             raise BadInput(path, "the folder", f"no *{SUFFIX}", "a measurement log")
-        return _from_lines(files, serial_of(path))
+        return _from_lines(files, parse_serial(path))
     if path.suffix == RECORDING:
         return _from_recording(path)
     if path.suffix == TABLE:

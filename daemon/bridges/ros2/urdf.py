@@ -13,7 +13,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import frames
-from armd.daemon.catalogue.urdf.roll_pitch_yaw import matrix_to_rpy
+from armd.daemon.catalogue.urdf.roll_pitch_yaw import convert_matrix_to_rpy
 from armd.files.schema import json_data, validate
 from armd.terminal.counted import counted
 from armd.terminal.suggest import few
@@ -117,7 +117,7 @@ def _placed(
     Xml.SubElement(joint, "parent", link=parent)
     Xml.SubElement(joint, "child", link=child)
     Xml.SubElement(
-        joint, "origin", xyz=_words(offset_mm * 1e-3), rpy=_words(matrix_to_rpy(rotation))
+        joint, "origin", xyz=_words(offset_mm * 1e-3), rpy=_words(convert_matrix_to_rpy(rotation))
     )
     return joint
 

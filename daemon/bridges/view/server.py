@@ -29,7 +29,7 @@ from armd.daemon.bridges.view.http import (
     format_head,
     read_request,
 )
-from armd.daemon.files.tip_history import history, put_in_force
+from armd.daemon.files.tip_history import activate_tip, read_history
 from armd.errors import ArmdError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ Do = Callable[[Request], Awaitable[object]]
 
 def _obeyed(arm: Arm, name: str, parameters: dict[str, str]) -> str:
     if name == "keep_tip":  # with the offset that its last calibration found
-        return put_in_force(arm, **parameters)
+        return activate_tip(arm, **parameters)
     return arm.command(name, **parameters)
 
 
@@ -184,7 +184,7 @@ class PageServer:
             return answer(HTTPStatus.OK, JSON, json.dumps(choices).encode())
         if path == "/tips":
             serial = self._feed.serial
-            tips = [] if serial is None else await run_in_thread(lambda: history(serial))
+            tips = [] if serial is None else await run_in_thread(lambda: read_history(serial))
             return answer(HTTPStatus.OK, JSON, json.dumps(tips[-TIPS_TOLD:]).encode())
         if path.startswith(sessions.PREFIX) and (folder := self._sessions) is not None:
             kind, data = await run_in_thread(lambda: sessions.read(folder, path))

@@ -17,7 +17,7 @@ from armd.daemon.catalogue.known_arms import (
     find_spelling,
     load_known_arm,
     read_arm_text,
-    with_joint,
+    set_joint,
 )
 from armd.daemon.catalogue.servos.lerobot_file import (
     COUNTS,
@@ -87,7 +87,7 @@ def take_over(
             "min_deg": round(min(ends), 3),
             "max_deg": round(max(ends), 3),
         }
-        text = with_joint(text, k, values)
+        text = set_joint(text, k, values)
     offsets = ", ".join(f"{motor.id}: {motor.homing_offset}" for motor in motors.values())
     note = (
         "# Zeros, limits and directions are of the LeRobot calibration "

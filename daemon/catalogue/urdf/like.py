@@ -26,8 +26,11 @@ from armd.daemon.catalogue.urdf.places import (
     edit_tag,
     find_joints,
 )
-from armd.daemon.catalogue.urdf.roll_pitch_yaw import matrix_to_quaternion, matrix_to_rpy
-from armd.daemon.catalogue.urdf.urdf import list_joints_between, walk
+from armd.daemon.catalogue.urdf.roll_pitch_yaw import (
+    convert_matrix_to_quaternion,
+    convert_matrix_to_rpy,
+)
+from armd.daemon.catalogue.urdf.urdf import follow_joints, list_joints_between
 from armd.daemon.catalogue.urdf.xml_tree import read_robot
 from armd.errors import ArmdError, BadInput
 from armd.files.inputs import read_input
@@ -64,7 +67,7 @@ def correct_urdf(
     root = read_robot(path, content)
     joints, ends = list_joints_between(path, root, base_link, tip_link)
     chain = JointChain.from_joints(path, joints)
-    walk(path, joints, "", ends)  # refuses what is no chain of turning joints
+    follow_joints(path, joints, "", ends)  # refuses what is no chain of turning joints
     turning = [k for k, axis in enumerate(chain.axes) if axis is not None]
     if len(turning) != arm.n_joints:
         names = ", ".join(joints[k].get("name", "") for k in turning)
@@ -185,9 +188,9 @@ def _format_rotation(origin: Element | None, rotation: F64) -> tuple[str, F64, F
     attributes = {} if origin is None else origin.attrib
     if "quat_xyzw" in attributes:
         old = np.array(attributes["quat_xyzw"].split(), dtype=np.float64)
-        return "quat_xyzw", old, matrix_to_quaternion(rotation)
+        return "quat_xyzw", old, convert_matrix_to_quaternion(rotation)
     old = np.array(attributes.get("rpy", "0 0 0").split(), dtype=np.float64)
-    return "rpy", old, matrix_to_rpy(rotation, old)
+    return "rpy", old, convert_matrix_to_rpy(rotation, old)
 
 
 def _list_changed(old: F64, new: F64, same: float) -> list[float | None]:

@@ -17,7 +17,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.parameters import MOST_JOINTS
-from armd.daemon.catalogue.axes import axes_to_rows, choose_across, format_point
+from armd.daemon.catalogue.axes import choose_across, convert_axes_to_rows, format_point
 from armd.daemon.catalogue.urdf.joints import (
     TURNING,
     describe_joint,
@@ -86,7 +86,7 @@ def compute_denavit_hartenberg(chain: Chain) -> tuple[F64, F64, F64]:
     frame's rotation (3, 3)."""
     z = chain.axes[0]
     x = choose_across(z)
-    rows, tip = axes_to_rows(chain.origins, chain.axes, chain.tip, x)
+    rows, tip = convert_axes_to_rows(chain.origins, chain.axes, chain.tip, x)
     return rows, tip, np.column_stack([x, np.cross(z, x), z])
 
 
@@ -94,7 +94,7 @@ def read_chain(path: Path, tip_link: str | None = None, base_link: str | None = 
     """Raises `BadInput`."""
     root = read_robot(path)
     joints, ends = list_joints_between(path, root, base_link, tip_link)
-    return walk(path, joints, root.get("name", ""), ends)
+    return follow_joints(path, joints, root.get("name", ""), ends)
 
 
 def list_joints_between(
@@ -136,7 +136,7 @@ def list_joints_between(
     return links, (link, end)
 
 
-def walk(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> Chain:
+def follow_joints(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> Chain:
     """Axes and tip at zero angles of these joints, in the frame of the first one's parent."""
     rotation, position = np.eye(3), np.zeros(3)
     origins, axes, limits, names = [], [], [], []

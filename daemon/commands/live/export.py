@@ -12,7 +12,7 @@ import armd
 from armd.daemon.bridges.export import formats, source
 from armd.daemon.bridges.export.source import Measurements
 from armd.daemon.bridges.tips import Tips
-from armd.daemon.files.measurement_log import log_folder, logs_folder
+from armd.daemon.files.measurement_log import locate_log_folder, locate_logs_folder
 from armd.drivers.replay.recording import Recording
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     check_outputs({"-o": (args.output, kind)}, [args.source], args.force)
     if suffix == source.RECORDING:
         return _to_foxglove(args)
-    since_ns = instant_ns(args.since) if args.since else None
+    since_ns = parse_instant_ns(args.since) if args.since else None
     with aside(args).status("reading the measurements …"):
         collection = _find(args)
     chosen = [m for m in collection.measurements if since_ns is None or m.stamp_ns >= since_ns]
@@ -113,8 +113,8 @@ def _find(args: argparse.Namespace) -> Measurements:
 
 def _find_own_log(serial: str | None) -> Path:
     if serial:
-        return log_folder(serial)
-    folders = logs_folder()
+        return locate_log_folder(serial)
+    folders = locate_logs_folder()
     log_folders = sorted(path for path in folders.glob("*") if path.is_dir())
     if len(log_folders) == 1:
         return log_folders[0]
@@ -124,7 +124,7 @@ def _find_own_log(serial: str | None) -> Path:
     )
 
 
-def instant_ns(text: str) -> int:
+def parse_instant_ns(text: str) -> int:
     """Without an offset it is UTC, as armd writes all its times; raises `BadInput`."""
     try:
         ns = round(float(text) * 1e9)

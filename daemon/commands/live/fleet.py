@@ -17,7 +17,7 @@ import armd
 from armd.daemon.bridges import process
 from armd.daemon.bridges.fleet import Fleet, Listening, show_repeatedly
 from armd.daemon.bridges.listening import parse_address
-from armd.daemon.commands.screen import COLOURS, temperatures
+from armd.daemon.commands.screen import COLOURS, format_temperatures
 from armd.daemon.host.metrics import MetricsServer
 from armd.errors import BadInput
 from armd.printable import printable
@@ -110,10 +110,10 @@ class _Screen(Live):
         super().__init__(console=make_moving_console(), auto_refresh=False)
 
     def show(self, fleet: Fleet) -> None:
-        self.update(table_of(fleet), refresh=True)
+        self.update(make_table(fleet), refresh=True)
 
 
-def table_of(fleet: Fleet) -> Table:
+def make_table(fleet: Fleet) -> Table:
     """Return what is known of the arms; no word of theirs is markup or obeyed by the terminal."""
     table = Table("arm", "state", "points/s", "lost", "temperatures", "calibration")
     for row in fleet.rows():
@@ -122,7 +122,7 @@ def table_of(fleet: Fleet) -> Table:
         cells = (
             f"{row['points_hz']:.0f}",
             row["lost"],
-            temperatures(row) or "none",
+            format_temperatures(row) or "none",
             (row["calibration"] or "none")[:8],
         )
         table.add_row(_as_text(row["serial"]), state, *map(_as_text, cells))

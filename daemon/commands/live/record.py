@@ -20,7 +20,7 @@ from typing import Any
 import armd
 from armd import keys
 from armd.client import Arm
-from armd.daemon.files.recorder import TOPICS, Recorder, default_path
+from armd.daemon.files.recorder import TOPICS, Recorder, choose_default_path
 from armd.daemon.state import State
 from armd.errors import BadInput
 from armd.files.outputs import RECORDING, add_force, check_output_folder, check_outputs
@@ -172,7 +172,7 @@ def _record_lake(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool
 
 def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
     with ExitStack() as opened:
-        output = args.output or default_path(arm.serial)
+        output = args.output or choose_default_path(arm.serial)
         opened.enter_context(explain_os_errors(output))
         # Buffered: mcap would buffer a raw file itself, and not flush the last few bytes. What a
         # killed recorder loses is the chunk in progress either way.

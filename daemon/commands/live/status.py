@@ -10,7 +10,7 @@ import json
 from typing import Any
 
 import armd
-from armd.daemon.commands.screen import in_use, temperatures
+from armd.daemon.commands.screen import format_sources, format_temperatures
 from armd.daemon.host.root import WARNING
 from armd.daemon.state import State
 from armd.errors import BadInput
@@ -45,8 +45,8 @@ def _write_lines(health: dict[str, Any]) -> list[str]:
     lines = [
         f"{health['serial']}  {health['state']}: {health['reason']}",
         f"points       {health['rates']['points_hz']:g} Hz, {health['points']['published']}",
-        f"sensors      {temperatures(health) or 'none'}",
-        f"in use       {in_use(health)}",
+        f"sensors      {format_temperatures(health) or 'none'}",
+        f"in use       {format_sources(health)}",
         f"drops        {', '.join(f'{n} {name}' for name, n in drops.items()) or 'none'}",
     ]
     if last := health.get("interim"):

@@ -113,20 +113,20 @@ def _use_tip(args: argparse.Namespace, words: list[str]) -> int:
 
 
 def _apply(args: argparse.Namespace, words: list[str]) -> int:
-    from armd.daemon.files.tip_history import put_in_force
+    from armd.daemon.files.tip_history import activate_tip
 
     with armd.connect(words[1] if len(words) > 1 else None, args.endpoint) as arm:
-        print(printable(f"{arm.serial}: {put_in_force(arm, words[0])}"))
+        print(printable(f"{arm.serial}: {activate_tip(arm, words[0])}"))
     return 0
 
 
 def _list_tips(args: argparse.Namespace, words: list[str]) -> int:
-    from armd.daemon.files.tip_history import history
+    from armd.daemon.files.tip_history import read_history
     from armd.daemon.measure.in_use import ask_in_use
 
     with armd.connect(words[0] if words else None, args.endpoint) as arm:
         info, in_use = arm.info(), ask_in_use(arm)
-        last = {entry["name"]: entry for entry in history(arm.serial)}
+        last = {entry["name"]: entry for entry in read_history(arm.serial)}
     table = Table(
         "", "tip", "offset, mm", "radius, mm", _make_when_column(), "U (k = 2), mm", "verdict"
     )
@@ -165,13 +165,13 @@ def _format_minute(entry: dict[str, Any]) -> str:
 
 
 def _print_history(args: argparse.Namespace, words: list[str]) -> int:
-    from armd.daemon.files.tip_history import history, history_file
+    from armd.daemon.files.tip_history import locate_history_file, read_history
 
     serial = words[0] if words else None
     if serial is None:
         with armd.connect(None, args.endpoint) as arm:
             serial = arm.serial
-    entries = history(serial, args.name)
+    entries = read_history(serial, args.name)
     table = Table(
         _make_when_column(),
         "tip",
@@ -195,12 +195,12 @@ def _print_history(args: argparse.Namespace, words: list[str]) -> int:
     console = Console()
     console.print(table)
     times = "calibration" if len(entries) == 1 else "calibrations"
-    console.print(f"{len(entries)} {times}; {history_file(serial)}", soft_wrap=True)
+    console.print(f"{len(entries)} {times}; {locate_history_file(serial)}", soft_wrap=True)
     return 0
 
 
 def _calibrate(args: argparse.Namespace, words: list[str]) -> int:
-    from armd.daemon.files.tip_history import history, keep
+    from armd.daemon.files.tip_history import keep, read_history
     from armd.daemon.measure.tip_calibration import calibrate_tip, measure_moved_mm
 
     folder = Path(words[0])
@@ -214,7 +214,7 @@ def _calibrate(args: argparse.Namespace, words: list[str]) -> int:
     entry = calibration.as_json()
     earlier = [
         past
-        for past in history(calibration.serial, calibration.name)
+        for past in read_history(calibration.serial, calibration.name)
         if past["session"] != entry["session"]
     ]
     moved, uncertainty, since = measure_moved_mm(calibration, earlier[-1] if earlier else None)

@@ -24,8 +24,8 @@ from armd.compensation.model.state import States
 from armd.daemon.commands.offline.given import (
     add_arm,
     add_session_settings,
+    find_session_settings,
     load_given,
-    session_settings,
 )
 from armd.errors import BadInput
 from armd.files.inputs import read_input
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     check_outputs({"-o": (args.output, COMMANDED)}, inputs, args.force)
     model, model_under_test = load_given(args)
     arm, calibration = model.content, model_under_test.loaded if model_under_test else None
-    unit, started_unix_s = session_settings(table, args.angle_unit, args.started)
+    unit, started_unix_s = find_session_settings(table, args.angle_unit, args.started)
     corrector = Corrector(arm, calibration, unit, started_unix_s)
     readings = load_readings(table, corrector.columns, [])
     repeated = [name for name in _name_columns(arm) if readings.has(name)]

@@ -14,8 +14,8 @@ from armd.compensation.data.tables.recorded import is_recorded
 from armd.daemon.commands.offline.given import (
     add_arm,
     add_session_settings,
+    find_session_settings,
     load_given,
-    session_settings,
 )
 from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     inputs = [readings, readings.parent / "session.toml", args.arm, args.calibration]
     check_outputs({"-o": (args.output, POINTS)}, inputs, args.force)
     arm, calibration = load_given(args)
-    unit, started_unix_s = session_settings(readings, args.angle_unit, args.started)
+    unit, started_unix_s = find_session_settings(readings, args.angle_unit, args.started)
     loaded = calibration.loaded if calibration else None
     corrector = Corrector(arm.content, loaded, unit, started_unix_s)
     header = read_header(readings)

@@ -24,11 +24,11 @@ from armd.compensation.report.layout.written import add_pages, list_page_outputs
 from armd.daemon.bridges.export import source
 from armd.daemon.bridges.export.source import MeasurementLine, Measurements
 from armd.daemon.bridges.export.tables import compute_uncertainty_mm
-from armd.daemon.commands.live.export import instant_ns
+from armd.daemon.commands.live.export import parse_instant_ns
 from armd.daemon.commands.offline.given import add_arm
 from armd.daemon.config import load_config
-from armd.daemon.files.measurement_log import log_files
-from armd.daemon.live.arm_in_use import with_offset
+from armd.daemon.files.measurement_log import list_log_files
+from armd.daemon.live.arm_in_use import replace_offset
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
         [*args.measurements, args.arm, args.calibration, args.config],
         args.force,
     )
-    since_ns = instant_ns(args.since) if args.since else None
+    since_ns = parse_instant_ns(args.since) if args.since else None
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm)
     with aside(args).status("reading the measurements …"):
@@ -151,7 +151,7 @@ def _hash_inputs(args: argparse.Namespace) -> dict[str, str]:
         *args.measurements,
         *map(Path, filter(None, (args.arm, args.calibration, args.config))),
     ]
-    files = [file for path in paths for file in (log_files(path) if path.is_dir() else [path])]
+    files = [file for path in paths for file in (list_log_files(path) if path.is_dir() else [path])]
     hashes = {}
     for file in files:
         with file.open("rb") as data:
@@ -188,7 +188,7 @@ def _recorrect_measurements(
     for offset in dict.fromkeys(offsets):
         with_tip: tuple[Arm, LoadedCalibration | None] = (arm, calibration)
         if offset is not None:
-            with_tip = with_offset(arm, calibration, offset)
+            with_tip = replace_offset(arm, calibration, offset)
         its_arm, its_calibration = with_tip
         assert its_calibration is not None
         rows = np.array([row_offset == offset for row_offset in offsets])

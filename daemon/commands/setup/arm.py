@@ -20,7 +20,7 @@ from armd.daemon.catalogue.known_arms import (
     load_known_arm,
     read_arm_text,
     read_title,
-    with_serial_number,
+    set_serial_number,
     write_daemon_text,
 )
 from armd.daemon.catalogue.servos.lerobot import take_over
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         text, bus = read_arm_text(args.name), KNOWN[find_spelling(args.name)]
     if args.serial_number is not None:
-        text = with_serial_number(text, args.serial_number)
+        text = set_serial_number(text, args.serial_number)
         validate("--serial-number", tomllib.loads(text), Arm)
     if args.output is None:
         sys.stdout.write(text)

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from armd.daemon.config import load_config
-from armd.daemon.doctor.examine import examine_port
+from armd.daemon.doctor.examine import diagnose_port
 from armd.daemon.doctor.expected import compare
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.machine import ThisMachine, can_buses
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     patients = []
     for port in ports:
         with make_moving_console(stderr=True).status(f"asking on {port} …"):
-            patients.append(examine_port(port, machine))
+            patients.append(diagnose_port(port, machine))
     if driver is not None:
         compare(patients[0], args.config, driver)
     elif not args.port:

@@ -165,7 +165,7 @@ def run(args: argparse.Namespace) -> int:
     n = len(table.rows)
     content = _make_content(args, arm, import_columns, artefact, remarks)
     reflector = [REFLECTOR] if REFLECTOR in import_columns.texts else []
-    names = ["time_s", "placement", "target", *reflector, *arm_columns(import_columns.numbers)]
+    names = ["time_s", "placement", "target", *reflector, *list_arm_columns(import_columns.numbers)]
     columns = {name: (import_columns.numbers | import_columns.texts)[name] for name in names}
     with aside(args).status("writing the session …"):
         _write(args, arm, content, columns)
@@ -176,7 +176,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def arm_columns(numbers: dict[str, list[float]]) -> list[str]:
+def list_arm_columns(numbers: dict[str, list[float]]) -> list[str]:
     """What is not the time, the angles first."""
     return [name for name in numbers if name != "time_s"]
 
@@ -212,11 +212,11 @@ def _make_content(
 
 def _load_artefact(args: argparse.Namespace) -> dict[str, Any]:
     """The `[artefact]` of a TOML file, or of a certificate's table."""
-    from armd.daemon.files.artefact_table import artefact_of_table
+    from armd.daemon.files.artefact_table import read_artefact_table
     from armd.daemon.files.session_folder import load_artefact
 
     if args.artefact.suffix.lower() in TABLES:
-        artefact, remarks = artefact_of_table(args.artefact)
+        artefact, remarks = read_artefact_table(args.artefact)
         for sentence in () if args.quiet else remarks:
             print(f"armd: {cut(printable(sentence))}")
     else:

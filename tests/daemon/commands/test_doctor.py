@@ -19,7 +19,7 @@ import serial
 from armd.daemon import cli
 from armd.daemon.commands.setup import doctor
 from armd.daemon.config import load_config
-from armd.daemon.doctor.examine import examine_port
+from armd.daemon.doctor.examine import diagnose_port
 from armd.daemon.doctor.expected import compare
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.machine import ThisMachine, can_buses
@@ -73,7 +73,7 @@ def test_what_is_wrong_with_servos_is_told_and_how_to_mend_it(
     tables = {i: sts3215() for i in (1, 2, 4, 6)}
     tables[5] = sts3215(firmware=(3, 9), torque=1, delay=250)
     with FakeServos("feetech", tables) as bus:
-        found = examine_port(bus.port, ThisMachine())
+        found = diagnose_port(bus.port, ThisMachine())
     doctor._print([found], True)
     patient = found.as_json()
     assert bus.writes == []
@@ -133,7 +133,7 @@ def test_servos_that_cannot_be_used_are_named(capsys: pytest.CaptureFixture[str]
     tables[2][3:5] = (1284).to_bytes(2, "little")
     tables[3] = bytearray(20)  # too short for what it is asked
     with FakeServos("feetech", tables, weak=4) as bus:
-        found = examine_port(bus.port, ThisMachine())
+        found = diagnose_port(bus.port, ThisMachine())
     doctor._print([found], True)
     assert bus.writes == []
     told = [(finding.kind, finding.text) for finding in found.findings]
