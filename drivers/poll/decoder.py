@@ -12,7 +12,7 @@ from typing import Any
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.exchange import Exchange, GatheredCycle, Said, contradicts
+from armd.drivers.poll.exchange import Exchange, GatheredCycle, Said, is_contradiction
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.protocol.packet import ReadRequest, Status
 from armd.drivers.poll.sampler import ServoSampler
@@ -175,7 +175,9 @@ class ServoDecoder:
             statuses = [
                 sent_status for packet in packets for sent_status in self.family.statuses(packet, 0)
             ]
-            twice = {status.id for status in statuses if contradicts(status, self._last_answers)}
+            twice = {
+                status.id for status in statuses if is_contradiction(status, self._last_answers)
+            }
             return [*self.roster.contradicted(twice, frame.monotonic_ns)]
         self.exchange.take(packets, frame.monotonic_ns)  # what it tells is said at its end
         return []

@@ -70,11 +70,11 @@ def _bare_client(family: str) -> np.ndarray | None:
         return None
     ids = range(1, SERVOS + 1)
     if family == "feetech":
-        asked = [feetech.sync_read(ids, 56, n) for n in (2, 3)]
-        sizes = [SERVOS * feetech.status_size(n) for n in (2, 3)]
+        asked = [feetech.make_sync_read(ids, 56, n) for n in (2, 3)]
+        sizes = [SERVOS * feetech.compute_status_size(n) for n in (2, 3)]
     else:
-        asked = [dynamixel.fast_sync_read(ids, 132, n) for n in (4, 5)]
-        sizes = [dynamixel.fast_status_size(SERVOS, n) for n in (4, 5)]
+        asked = [dynamixel.make_fast_sync_read(ids, 132, n) for n in (4, 5)]
+        sizes = [dynamixel.compute_fast_status_size(SERVOS, n) for n in (4, 5)]
     turns = [
         text for n, request in zip(sizes, asked, strict=True) for text in (str(n), request.hex())
     ]
@@ -95,11 +95,11 @@ def _line_hz(family: str) -> float:
     """The mean of two cycles in a row, of which one asks for a byte more."""
     pause_s = TURN_ROUND_NS[family] * 1e-9
     if family == "feetech":
-        asked, answers = 8 + SERVOS, [SERVOS * feetech.status_size(n) for n in (2, 3)]
+        asked, answers = 8 + SERVOS, [SERVOS * feetech.compute_status_size(n) for n in (2, 3)]
         pauses_s = SERVOS * pause_s
     else:  # by one fast read
         asked = 14 + SERVOS
-        answers = [dynamixel.fast_status_size(SERVOS, n) for n in (4, 5)]
+        answers = [dynamixel.compute_fast_status_size(SERVOS, n) for n in (4, 5)]
         pauses_s = pause_s
     return 1 / ((asked + sum(answers) / 2) * BYTE_S + pauses_s)
 

@@ -11,7 +11,7 @@ from armd.compensation.model.kinematics import forward
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.microscribe import wire
-from armd.drivers.microscribe.geometry import rows_and_tip
+from armd.drivers.microscribe.geometry import compute_rows_and_tip
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.table import open_driver
 from support.simulated_arm import SimulatedArm
@@ -39,7 +39,7 @@ def events_of(items: list[Item]) -> list[str]:
 
 
 def nominal() -> Arm:
-    rows, tip = rows_and_tip(wire.words(PARAMETERS), 3)
+    rows, tip = compute_rows_and_tip(wire.decode_words(PARAMETERS), 3)
     return Arm.model_validate(
         {
             "schema": "armd.arm/1",

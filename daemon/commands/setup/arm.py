@@ -26,7 +26,7 @@ from armd.daemon.catalogue.known_arms import (
 from armd.daemon.catalogue.servos.lerobot import take_over
 from armd.drivers.microscribe.factory import read_factory
 from armd.drivers.microscribe.wire import BAUDS
-from armd.drivers.ports import serial_ports
+from armd.drivers.ports import list_serial_ports
 from armd.errors import BadInput
 from armd.files.outputs import ARM, add_force, check_same
 from armd.files.schema import validate
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
 def _set_up_microscribe(args: argparse.Namespace) -> int:
     if args.serial_number is not None:
         raise BadInput("armd arm", "--serial-number", args.serial_number, "nothing: it has its own")
-    ports = [args.port] if args.port else [str(port) for port in serial_ports()]
+    ports = [args.port] if args.port else [str(port) for port in list_serial_ports()]
     if len(ports) != 1:
         raise BadInput("armd arm", "--port", f"{len(ports)} serial ports", "the MicroScribe's")
     if args.output is not None:
@@ -145,7 +145,7 @@ def _write_daemon_file(output: Path, bus: Bus, port: str | None) -> None:
             sep="\n  ",
         )
         return
-    ports = serial_ports() if port is None else [Path(port)]
+    ports = list_serial_ports() if port is None else [Path(port)]
     if len(ports) != 1:
         reason = "no serial port is plugged in" if not ports else f"{len(ports)} ports are there"
         print(f"{path}: not written, {reason}; with --port PORT it is. Its [driver]:", end="\n  ")

@@ -16,7 +16,7 @@ from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.machine import ThisMachine, can_buses
 from armd.drivers.config import ServoConfig
 from armd.drivers.poll.protocol.families import FAMILIES
-from armd.drivers.ports import serial_ports
+from armd.drivers.ports import list_serial_ports
 from armd.errors import BadInput
 from armd.terminal.plain import make_moving_console
 
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     machine = ThisMachine()
     driver = _read_servos(args.config) if args.config else None
     port = args.port if driver is None else driver.port
-    ports = [port] if port else [str(port) for port in serial_ports()]
+    ports = [port] if port else [str(port) for port in list_serial_ports()]
     patients = []
     for port in ports:
         with make_moving_console(stderr=True).status(f"asking on {port} …"):

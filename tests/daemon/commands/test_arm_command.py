@@ -17,7 +17,7 @@ from armd.compensation.model.kinematics import frames
 from armd.daemon import cli
 from armd.daemon.catalogue.known_arms import KNOWN, load_known_arm, read_arm_text
 from armd.daemon.config import load_config
-from armd.drivers.ports import serial_ports
+from armd.drivers.ports import list_serial_ports
 
 LEROBOT = {
     "shoulder_pan": {
@@ -239,7 +239,7 @@ def test_ports_have_their_lasting_names(tmp_path: Path) -> None:
     for device in ("ttyACM0", "ttyUSB3", "ttyS0"):
         (tmp_path / device).touch()
     (named / "usb-maker_adapter").symlink_to("../../ttyUSB3")
-    assert serial_ports(tmp_path) == [tmp_path / "ttyACM0", named / "usb-maker_adapter"]
+    assert list_serial_ports(tmp_path) == [tmp_path / "ttyACM0", named / "usb-maker_adapter"]
 
 
 # --- LeRobot ---------------------------------------------------------------------------------
