@@ -15,7 +15,7 @@ from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from armd import __version__
-from armd.compensation.freed import seldom_collected
+from armd.compensation.freed import collect_seldom
 from armd.daemon.commands.groups import COMMANDS, FOLDERS, format_grouped_help
 from armd.daemon.commands.terminal import drop_output
 from armd.daemon.commands.usage import USAGE
@@ -113,7 +113,7 @@ def _run(arguments: list[str]) -> int:
     if chosen is not None and chosen not in COMMANDS and chosen not in added:
         guess = did_you_mean(chosen, [*COMMANDS, *added]) or " (armd --help lists them)"
         raise BadInput("command line", "COMMAND", repr(chosen), f"a command of armd{guess}")
-    with seldom_collected() if FOLDERS.get(str(chosen)) == "offline" else nullcontext():
+    with collect_seldom() if FOLDERS.get(str(chosen)) == "offline" else nullcontext():
         return _run_chosen(chosen, arguments, added)
 
 

@@ -29,9 +29,9 @@ from armd.compensation.model.calibration import (
     Calibration,
     LoadedCalibration,
     Noise,
-    constants_of,
+    name_constants,
 )
-from armd.compensation.model.kinematics import forward, frames, jacobian
+from armd.compensation.model.kinematics import compute_frames, compute_jacobian, compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.row_algebra import (
     compute_least_turns,
@@ -93,9 +93,9 @@ def call_for_sessions(arm: Arm) -> None:
     To import numba and fetch them from its cache takes longer than most of these commands do.
     """
     q, constants = np.zeros((1, 1)), np.zeros(ParameterLayout(1).count)
-    frames(q, constants)
-    forward(q, constants)
-    jacobian(q, constants)
+    compute_frames(q, constants)
+    compute_pose(q, constants)
+    compute_jacobian(q, constants)
     turn_towards(q, constants[None], np.zeros((1, 3)), 1, 0.1, 0.1)
     levers = np.ones((1, 3, 1))
     compute_stretched_covariance(levers, levers, compute_least_turns(levers, 0.1), 1.0, np.ones(1))
@@ -131,7 +131,7 @@ def made_up_calibration(arm: Arm) -> LoadedCalibration:
         arm=arm.serial_number,
         created="2000-01-01T00:00:00Z",
         reference_temperature_c=arm.reference_temperature_c,
-        constants=constants_of(arm.nominal(), arm.n_joints),
+        constants=name_constants(arm.nominal(), arm.n_joints),
         noise=Noise(reading_mm=1e-3),
     )
     return LoadedCalibration(content, sha256="", path=Path("made-up.json"))

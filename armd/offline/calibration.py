@@ -103,8 +103,8 @@ class Calibration(Displayed):
             arm = self.identified.arm.content
             nominal = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
         names = [*content.constants, *(f"term {i}" for i in range(len(content.terms)))]
-        units = [parameters.unit(name) for name in content.constants]
-        units += [f"{parameters.unit(term.parameter)}/basis" for term in content.terms]
+        units = [parameters.find_unit(name) for name in content.constants]
+        units += [f"{parameters.find_unit(term.parameter)}/basis" for term in content.terms]
         return ArrowTable(
             {
                 "name": names,

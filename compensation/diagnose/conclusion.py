@@ -63,7 +63,7 @@ def describe_readings(searched: SearchOutcome, arm: Arm) -> list[str]:
     return remarks
 
 
-def conclude(
+def make_diagnosis(
     searched: SearchOutcome,
     heldout: HeldoutJudgement,
     arm: Arm,
@@ -103,7 +103,7 @@ def conclude(
             g if i in written.gains else replace(g, without_outliers_um=pair)
             for i, (g, pair) in enumerate(zip(measured, pairs, strict=True))
         ]
-    result = replace(result, findings=lower_odds(result.findings, written.doubts))
+    result = replace(result, findings=reduce_odds(result.findings, written.doubts))
     remarks += work.in_words()
     if not last.noise.settled:
         remarks.append("The estimate of the noise did not settle: all probabilities are in doubt.")
@@ -196,7 +196,7 @@ def _write_extension(
     return record_open_constants(calibration, last, numbers, arm, sessions)
 
 
-def lower_odds(findings: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
+def reduce_odds(findings: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
     """With the odds of what readings held out speak against lowered."""
     lowered = []
     for i, finding in enumerate(findings):

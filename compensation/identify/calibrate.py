@@ -17,7 +17,7 @@ from armd.compensation.estimate.folds import make_placement_folds
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.noise.sensor import estimate_sensor_noise_c
 from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.orientations import with_orientation_rows, with_orientations
+from armd.compensation.estimate.orientations import add_orientation_rows, add_orientations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.find_second_group import find_second_group
 from armd.compensation.identify.admission.inconsistent_session import (
@@ -56,7 +56,7 @@ from armd.compensation.identify.thermal.comparison import Comparison, Trial
 from armd.compensation.identify.thermal.temperatures import are_far_apart
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, Noise, constants_of
+from armd.compensation.model.calibration import Calibration, Noise, name_constants
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
 from armd.errors import ArmdError
@@ -110,7 +110,7 @@ def _calibrate(
     drawn = evaluate_model(observations, arm.nominal(), tips.terms, arm.reference_temperature_c)
     require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)
     require_some(observations, files)
-    all_observations = with_orientations(observations)
+    all_observations = add_orientations(observations)
     simple = not tips.terms and all_observations.n == observations.n
     if simple:  # else nobody knows where each reading's tip is
         refuse_mistakes(sessions, observations)
@@ -180,7 +180,7 @@ def _calibrate(
         base = final if simple else final_whole
         folds, by = make_placement_folds(observations)
         if not simple:  # an orientation is left out with its reading
-            folds = [with_orientation_rows(observations, fold) for fold in folds]
+            folds = [add_orientation_rows(observations, fold) for fold in folds]
         columns = base.unknowns.columns(
             base.linearisation.jacobian, base.linearisation.basis, base.terms
         )
@@ -267,7 +267,7 @@ def as_calibration(identification: Identification, provenance: dict[str, Any]) -
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         reference_temperature_c=identification.reference_c,
         temperature_range_c=ranges,
-        constants=constants_of(identification.constants, arm.n_joints),
+        constants=name_constants(identification.constants, arm.n_joints),
         terms=identification.terms,
         covariance_of=identification.unknowns.names,
         covariance=identification.covariance.tolist(),

@@ -59,17 +59,17 @@ class Lag:
 
     def follow(self, time_s: F64, values: F64) -> F64:
         """Delayed values (n, S) of *values* (n, S) at ascending times (n,) in s."""
-        return followed(time_s, values, self.lag_s, self._memory)
+        return follow_lag(time_s, values, self.lag_s, self._memory)
 
 
-def followed(time_s: F64, values: F64, lag_s: float, memory: F64) -> F64:
+def follow_lag(time_s: F64, values: F64, lag_s: float, memory: F64) -> F64:
     """As `Lag.follow`; *memory* (S, 3) is what `advance` keeps, NaN before the first value."""
     delayed = np.empty(values.shape)
     _follow(time_s, np.ascontiguousarray(values), lag_s, memory, delayed)
     return delayed
 
 
-def lagged(time_s: F64, values: F64, series: I64, lag_s: float) -> F64:
+def apply_lag(time_s: F64, values: F64, series: I64, lag_s: float) -> F64:
     """*values* (n, S) delayed by *lag_s* within each series; rows may stand in any order."""
     if lag_s == 0:
         return values

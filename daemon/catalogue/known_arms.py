@@ -12,7 +12,7 @@ from importlib.resources import files
 import numpy as np
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.catalogue.axes import format_point
 from armd.errors import BadInput
 from armd.files.schema import load_toml
@@ -115,7 +115,7 @@ def describe_geometry(text: str) -> str:
     """The convention of an arm.toml's rows, and where its tip is at zero angles: what a person
     compares with the arm on the bench."""
     arm = Arm.model_validate(tomllib.loads(text))
-    tip_mm = forward(np.zeros((1, arm.n_joints)), arm.nominal())[0][0]
+    tip_mm = compute_pose(np.zeros((1, arm.n_joints)), arm.nominal())[0][0]
     return (
         "rows are in the standard convention, Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta); the tip at"
         f" zero angles: {format_point(tip_mm)} mm in the base frame"

@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from armd.compensation.data.foreign.cells import number
+from armd.compensation.data.foreign.cells import parse_number
 from armd.compensation.data.foreign.table import ForeignTable, read_table
 from armd.compensation.data.foreign.words import (
     ANGLES,
     LENGTHS,
     NUMBERS,
     OF_A_JOINT,
-    word_and_unit,
+    split_unit,
 )
 from armd.daemon.catalogue.chain_rows import DH, ChainRows, convert_to_hayati, to_standard_rows
 from armd.errors import BadInput
@@ -162,11 +162,11 @@ def _find_columns(table: ForeignTable) -> Columns:
     columns: dict[str, tuple[int, float]] = {}
     remarks = list(table.assumed)
     previous, names = False, None
-    by_word = {word_and_unit(name)[0]: name for name in ROW[:-2]}
+    by_word = {split_unit(name)[0]: name for name in ROW[:-2]}
     by_word |= {word: name for name, words in OF_A_JOINT.items() for word in words}
     for index, header in enumerate(table.header):
         without_index = _INDEX.sub("", _PREVIOUS.sub("", header))
-        word, unit = word_and_unit(without_index)
+        word, unit = split_unit(without_index)
         if header in ROW:
             name = header
         elif word in NUMBERS:
@@ -243,7 +243,7 @@ def _read_value(
     cell = table.rows[row][column]
     if name == "temperature":
         return cell
-    value = number(cell)
+    value = parse_number(cell)
     if name == "theta_deg" and (variable := _VARIABLE.fullmatch(cell)):
         value = float((variable[1] or "0").replace(" ", ""))
     if value is None:

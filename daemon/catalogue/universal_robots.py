@@ -11,7 +11,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import frames
+from armd.compensation.model.kinematics import compute_frames
 from armd.daemon.catalogue.axes import make_turn
 from armd.daemon.catalogue.urdf.roll_pitch_yaw import convert_matrix_to_rpy
 
@@ -25,7 +25,9 @@ FIRST_LINE = "# Written by armd model"
 def write_kinematics_yaml(arm: Arm, parameters: F64, name: str, identity: str) -> str:
     """The file's text; *name* of the arm for its comment, *identity* for its hash."""
     lines = [f"{FIRST_LINE}: {name}", "kinematics:"]
-    origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
+    origins, rotations = (
+        part[0] for part in compute_frames(np.zeros((1, arm.n_joints)), parameters)
+    )
     before_turn, before_origin = np.eye(3), np.zeros(3)
     for k, link in enumerate(LINKS):
         theta, d = parameters[arm.layout.joint(k + 1)][:2]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from armd.compensation.data.foreign.table import ForeignTable, read_table
-from armd.compensation.data.foreign.words import LENGTHS, WORDS, word_and_unit
+from armd.compensation.data.foreign.words import LENGTHS, WORDS, split_unit
 from armd.compensation.data.sessions.format import Artefact
 from armd.errors import BadInput
 from armd.files.schema import validate
@@ -35,7 +35,7 @@ def read_artefact_table(path: Path) -> tuple[Artefact, list[str]]:
     content: dict[str, Any] = {"name": path.stem}
     columns: dict[str, int] = {}
     for column, header in enumerate(table.header):
-        word = word_and_unit(header)[0]
+        word = split_unit(header)[0]
         for name, words in (("length", LENGTH), ("from", FROM), ("to", TO)):
             if word in words:
                 columns.setdefault(name, column)
@@ -67,14 +67,14 @@ def read_artefact_table(path: Path) -> tuple[Artefact, list[str]]:
 
 def _find_uncertainty_factor(header: str) -> float | None:
     """What a standard uncertainty is of a column's numbers, or None for another column."""
-    word, _ = word_and_unit(header)
+    word, _ = split_unit(header)
     if word == "u":  # a capital U is the expanded one (GUM 6.2)
         return 0.5 if header.strip()[:1] == "U" else 1.0
     return UNCERTAINTY.get(word)
 
 
 def _read_mm(table: ForeignTable, row: int, column: int) -> float:
-    unit = word_and_unit(table.header[column])[1] or "mm"
+    unit = split_unit(table.header[column])[1] or "mm"
     if unit not in LENGTHS:
         location = f"column {table.header[column]}"
         raise BadInput(table.path, location, f"the unit {unit!r}", f"one of {few(LENGTHS)}")

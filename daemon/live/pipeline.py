@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from armd import POINT, Flag
 from armd.arrays import F64, I64
-from armd.compensation.kernel.kernel import uncorrected
+from armd.compensation.kernel.kernel import compute_uncorrected
 from armd.compensation.kernel.memory import FlatModel
 from armd.compensation.kernel.model import Model
 from armd.compensation.kernel.points import fill
@@ -247,7 +247,7 @@ def _correct(
     still_since_ns, sizes, rows = ints[start:end], ints[room:first], ints[first:]
     flat = FlatModel(sizes, numbers, work)
     _angles(samples, encoders, q)
-    uncorrected(q, flat, tip)
+    compute_uncorrected(q, flat, tip)
     follow(samples, q, tip, memory["motion"], rate, approach, still_since_ns)
     fill(q, rate, approach, flat, factor, rows, floor_mm2, points)
     finish(samples, q, still_since_ns, memory["flags"], points)

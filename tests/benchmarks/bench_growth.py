@@ -27,8 +27,8 @@ from measured import measured
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import (
     Calibration,
-    constants_of,
     load_calibration,
+    name_constants,
     save_calibration,
 )
 from armd.files.toml_text import toml_text
@@ -140,7 +140,7 @@ def _write_model(folder: Path) -> None:
         "created": "2026-01-01T00:00:00Z",
         "reference_temperature_c": 20.0,
         "temperature_range_c": {f"t{k}": [10.0, 40.0] for k in range(1, 7)},
-        "constants": constants_of(arm.nominal(), 6),
+        "constants": name_constants(arm.nominal(), 6),
         "terms": [_expansion(f"a_{k}", f"t{k}") for k in range(1, 7)],
         "covariance_of": names,
         "covariance": (1e-6 * np.eye(len(names))).tolist(),

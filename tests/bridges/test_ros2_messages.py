@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.bridges.ros2 import messages, urdf
 from armd.daemon.bridges.ros2.node import escape, make_legal_name
 from support.small_arm_toml import ARM, CALIBRATION
@@ -151,7 +151,7 @@ def test_the_drawn_arm_ends_where_the_arm_does(calibrated: bool) -> None:
         assert not np.allclose(parameters, arm.nominal())
     rng = np.random.default_rng(3)
     for q in rng.uniform(-2, 2, (20, arm.n_joints)):
-        expected, last = forward(q[None], parameters)
+        expected, last = compute_pose(q[None], parameters)
         angles = {f"joint_{k}": float(angle) for k, angle in enumerate(q, 1)}
         position, rotation = drawn_tip(robot, angles)
         assert position * 1e3 == pytest.approx(expected[0], abs=1e-6)

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 from armd import POINT, Flag
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import constants_of
+from armd.compensation.model.calibration import name_constants
 from armd.daemon.bridges.listening import listen
 from armd.daemon.bridges.view import page_messages
 from armd.daemon.bridges.view.access import Access, read_token
@@ -129,7 +129,7 @@ def test_the_geometry_is_the_calibrations_and_the_tips(tmp_path: Path) -> None:
     drawn = page_messages.compute_geometry(info, None)
     assert np.allclose(drawn["rows"], nominal[:30].reshape(6, 5), atol=1e-15)
     identified = nominal + np.arange(39) * 1e-3
-    calibration = {"constants": constants_of(identified, 6)}
+    calibration = {"constants": name_constants(identified, 6)}
     found = page_messages.compute_geometry(info, calibration)
     flat = [*np.ravel(found["rows"]), *found["tip"], *found["base"]]
     assert np.array_equal(flat, identified)

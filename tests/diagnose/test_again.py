@@ -18,9 +18,9 @@ from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.search import repeated_search as module
 from armd.compensation.diagnose.search.repeated_search import (
     has_clearly_lower_noise,
+    has_fewer_findings,
     is_likely_beside,
     limit_to_repeated,
-    tells_less,
 )
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.identify.calibrate import calibrate
@@ -50,10 +50,12 @@ def test_a_tenth_less_noise_is_not_clearly_less(one: float, other: float, clearl
 
 def test_less_is_told_only_where_no_more_is_left() -> None:
     one, two = (finding(DISC, 0.9),), (finding(DISC, 0.9), finding(SCALE, 0.9))
-    assert tells_less(result(6.4, *one), result(6.0, *two))
-    assert not tells_less(result(9.0, *one), result(6.0, *two))  # what it lacks is in its noise
-    assert not tells_less(result(6.0, *two), result(6.0, *two))
-    assert not tells_less(result(6.0), result(6.0, *two))  # something is there
+    assert has_fewer_findings(result(6.4, *one), result(6.0, *two))
+    assert not has_fewer_findings(
+        result(9.0, *one), result(6.0, *two)
+    )  # what it lacks is in its noise
+    assert not has_fewer_findings(result(6.0, *two), result(6.0, *two))
+    assert not has_fewer_findings(result(6.0), result(6.0, *two))  # something is there
 
 
 def test_what_both_found_is_no_surer_than_either() -> None:

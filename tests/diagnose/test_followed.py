@@ -16,7 +16,7 @@ from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
 from support import synthetic
@@ -41,7 +41,7 @@ def given() -> Calibration:
         arm=ARM.serial_number,
         created="2026-03-01T09:00:00+00:00",
         reference_temperature_c=20.0,
-        constants=constants_of(ARM.nominal(), ARM.n_joints),
+        constants=name_constants(ARM.nominal(), ARM.n_joints),
         terms=[],
         covariance_of=names,
         covariance=np.diag(np.square([TWIST_RAD, 2e-3, 2e-3])).tolist(),

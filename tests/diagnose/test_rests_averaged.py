@@ -8,7 +8,7 @@ import numpy as np
 
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.estimate.placements.fit_poses import fit_poses
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from support import synthetic
 
 #: What an observation has for each reading.
@@ -28,6 +28,6 @@ def test_three_readings_of_each_rest_are_one_row_of_every_column() -> None:
     for name in EACH:
         assert name in named
         assert len(getattr(observations, name)) == 60, name
-    position = forward(observations.states.q, np.tile(arm.nominal(), (60, 1)))[0]
+    position = compute_pose(observations.states.q, np.tile(arm.nominal(), (60, 1)))[0]
     residual = fit_poses(observations, position).residual(observations, position)
     assert np.abs(residual).max() < 1e-2

@@ -18,9 +18,9 @@ from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.search.repeated_search import (
-    counts_instead,
-    loses_a_cause,
-    tells_less,
+    has_fewer_findings,
+    has_lost_cause,
+    may_replace,
 )
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
@@ -142,12 +142,12 @@ def test_a_cause_lost_to_the_doubt_that_it_made_itself_is_not_given_up(years: Ye
     older = allow_absorbed_error(before.last, ARM)
     assert older is not None
     again = searched(rests, older, SHIFT)
-    assert tells_less(again, before)
-    assert loses_a_cause(again, before, ARM)
-    assert not counts_instead(again, before, ARM)
-    assert not loses_a_cause(before, before, ARM)
+    assert has_fewer_findings(again, before)
+    assert has_lost_cause(again, before, ARM)
+    assert not may_replace(again, before, ARM)
+    assert not has_lost_cause(before, before, ARM)
     nameless = searched(rests, given, replace(eccentric(4), cause="unknown"), SHIFT)
-    assert not loses_a_cause(again, nameless, ARM)
+    assert not has_lost_cause(again, nameless, ARM)
 
 
 def test_a_knock_that_only_an_older_disc_made_is_given_up(years: Years) -> None:
@@ -158,7 +158,7 @@ def test_a_knock_that_only_an_older_disc_made_is_given_up(years: Years) -> None:
     before = searched(rests, given, eccentric(4), SHIFT)
     older = allow_absorbed_error(before.last, ARM)
     assert older is not None
-    assert counts_instead(searched(rests, older, eccentric(4)), before, ARM)
+    assert may_replace(searched(rests, older, eccentric(4)), before, ARM)
 
 
 def searched(rests: Rests, baseline: Baseline, *found: Candidate) -> Any:

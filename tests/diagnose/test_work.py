@@ -23,7 +23,7 @@ from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.search_outcome import is_farther_off
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
+from armd.compensation.effects.encoder.encoder_eccentricity import make_harmonic_columns
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
@@ -85,10 +85,10 @@ def test_a_search_without_work_left_ends_and_reports_it(
 ) -> None:
     """A disc that is plain to see; the same answer each time."""
     candidates = [
-        Candidate("encoder_eccentricity", location.joint(k), harmonic_columns(k, 1, 1e-4), ())
+        Candidate("encoder_eccentricity", location.joint(k), make_harmonic_columns(k, 1, 1e-4), ())
         for k in range(1, 7)
     ]
-    monkeypatch.setattr(search.catalogue, "candidates", lambda _facts: iter(candidates))
+    monkeypatch.setattr(search.catalogue, "list_all_candidates", lambda _facts: iter(candidates))
     wave = Harmonic(kind="sin", joint=3, order=1)
     term = Term(parameter="theta_3", basis=[wave], coefficient=2e-4)
     session = synthetic.session(

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon import cli
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.identity import Expectation
@@ -208,10 +208,10 @@ def run(
 
 def test_factory_rows_are_the_makers_chain() -> None:
     angles = np.random.default_rng(3).uniform(-np.pi, np.pi, (300, 5))
-    ours = forward(angles, nominal().nominal())[0]
+    ours = compute_pose(angles, nominal().nominal())[0]
     assert np.abs(ours - [compute_tip_mm(pose) for pose in angles]).max() < 1e-11
     captured = np.array([13903, 6238, 6868, 4098, 3193]) / TURNS * 2 * np.pi
-    tip = forward(captured[None], nominal().nominal())[0][0]
+    tip = compute_pose(captured[None], nominal().nominal())[0][0]
     assert tip == pytest.approx((54.19662, -51.84271, 212.20047), abs=1e-5)
 
 

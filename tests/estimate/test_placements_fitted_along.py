@@ -13,7 +13,7 @@ from armd.compensation.estimate.placements.poses import (
     make_pose_columns,
     make_target_columns,
 )
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from support import synthetic
 
 ARM = synthetic.arm()
@@ -33,7 +33,7 @@ def measured(known: bool) -> tuple[Placements, np.ndarray]:
         for name in ("a", "b")
     ]  # fmt: skip
     observations = gather(sessions, ARM)
-    position = forward(observations.states.q, np.tile(ARM.nominal(), (N, 1)))[0]
+    position = compute_pose(observations.states.q, np.tile(ARM.nominal(), (N, 1)))[0]
     poses = fit_poses(observations, position)
     placed = poses.compute_target_points(observations)
     whitening = rng.normal(size=(N, 3, 3)) + 3.0 * np.eye(3)
@@ -113,7 +113,7 @@ def test_seats_of_hundreds_of_placements_are_found() -> None:
         ARM, truth, rng, readings=1200, targets=3, placements=300, spread_mm=80.0, known=False
     )
     observations = gather([session], ARM)
-    position = forward(observations.states.q, np.tile(truth, (1200, 1)))[0]
+    position = compute_pose(observations.states.q, np.tile(truth, (1200, 1)))[0]
     poses = fit_poses(observations, position)
     assert np.abs(poses.residual(observations, position)).max() < 1e-6
     one = observations.placement == 0

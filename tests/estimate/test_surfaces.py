@@ -27,7 +27,7 @@ from armd.compensation.estimate.surface_kinds import (
 )
 from armd.compensation.estimate.surfaces import choose_side, measure_heights, project_on_normals
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.state import States
 from armd.errors import BadInput
 from armd.files.schema import validate
@@ -234,7 +234,7 @@ def test_columns_are_the_residuals_slopes() -> None:
     """Central differences of the residual along the normal, by constants, poses and radii."""
     observations = bodies_touched(1)[0]
     constants = ARM.nominal()
-    position = forward(observations.states.q, np.tile(constants, (observations.n, 1)))[0]
+    position = compute_pose(observations.states.q, np.tile(constants, (observations.n, 1)))[0]
     poses = fit_poses(observations, position)
     at = linearise(observations, constants, [], poses, 20.0)
     normal = poses.compute_normals(observations, position)
@@ -266,7 +266,7 @@ def test_a_pin_along_the_shaft_asks_for_the_approach(approach: bool) -> None:
     surfaces = [{"name": "ball", "kind": "cylinder", "radius_mm": 25.0}]
     artefact = validate("artefact", {"name": "pin", "surface": surfaces}, Artefact)
     q = np.tile(one.states.q[0], (24, 1))
-    frame = forward(q[:1], ARM.nominal()[None])[1][0]
+    frame = compute_pose(q[:1], ARM.nominal()[None])[1][0]
     shaft = frame @ np.array(ARM.tip.offset_mm)
     upright = np.linalg.svd(shaft[None])[2][[1, 2, 0]]  # rows: two across the shaft, the shaft
     angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)

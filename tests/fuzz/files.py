@@ -11,7 +11,7 @@ import numpy as np
 from fuzz.doors import Door, command
 from fuzz.messages import WHOLE
 
-from armd.compensation.model.calibration import content_hash
+from armd.compensation.model.calibration import hash_content
 from armd.daemon.bridges.ros2 import urdf
 from armd.files.toml_text import toml_text
 from support.small_arm_toml import ARM, CALIBRATION
@@ -74,7 +74,7 @@ def sealed(data: bytes) -> bytes:
     would write it; what is no JSON stays as it is."""
     try:
         content = json.loads(data)
-        content["content_sha256"] = content_hash(content)
+        content["content_sha256"] = hash_content(content)
         return json.dumps(content).encode()
     except (ValueError, TypeError, RecursionError, AttributeError):
         return data

@@ -22,7 +22,7 @@ from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
-from armd.compensation.model.kinematics import frames
+from armd.compensation.model.kinematics import compute_frames
 from armd.errors import BadInput
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
@@ -160,8 +160,8 @@ def test_without_limits_poses_stay_where_the_arm_was_seen(measured: Measured) ->
     assert (poses.q >= seen.min(axis=0) - 1e-3).all()
     assert (poses.q <= seen.max(axis=0) + 1e-3).all()
     constants = measured.calibration.vector(arm.n_joints)
-    lowest = min(0.0, float(frames(seen, constants)[0][:, :, 2].min()))
-    assert frames(poses.q, constants)[0][:, :, 2].min() > lowest - 0.5
+    lowest = min(0.0, float(compute_frames(seen, constants)[0][:, :, 2].min()))
+    assert compute_frames(poses.q, constants)[0][:, :, 2].min() > lowest - 0.5
 
 
 @pytest.mark.slow

@@ -19,8 +19,8 @@ from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Term
 from support import synthetic
@@ -54,7 +54,7 @@ def test_a_noise_free_fit_returns_the_truth(n_joints: int) -> None:
     identifiable = np.abs(found.solution.null).max(axis=1) < 1e-6
     assert identifiable.sum() >= 4 * n_joints - 6
     for name, e, wanted in zip(names, error, identifiable, strict=True):
-        size = 100.0 if parameters.unit(name) == "mm" else 1.0
+        size = 100.0 if parameters.find_unit(name) == "mm" else 1.0
         assert not wanted or abs(e) < 1e-6 * size, name
     # Combinations that are identifiable return too: the arm measures like the true one elsewhere.
     fresh = gather([tracked(arm, truth, rng)], arm)
@@ -222,8 +222,10 @@ def test_poses_of_an_unweighted_fit_are_its_minimum() -> None:
     rng = np.random.default_rng(51)
     truth = disturbed(ARM, rng)
     observations = gather([session(ARM, truth, rng, readings=90, known=False)], ARM)
-    basis = basis_values([], observations.states, ARM, 20.0, ARM.nominal())
-    position = forward(observations.states.q, parameter_rows(ARM.nominal(), [], basis))[0]
+    basis = compute_basis_values([], observations.states, ARM, 20.0, ARM.nominal())
+    position = compute_pose(
+        observations.states.q, compute_parameter_rows(ARM.nominal(), [], basis)
+    )[0]
     poses = fit_poses(observations, position)
     least = np.sum(poses.residual(observations, position) ** 2)
     for _ in range(20):

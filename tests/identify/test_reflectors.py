@@ -17,7 +17,7 @@ from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.reflectors import make_reflector_terms
 from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.cli import main
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
@@ -66,7 +66,7 @@ def test_unknown_reflectors_are_found_and_the_arm_with_them(tmp_path: Path) -> N
     true = replace(true_arm(1), tip_offset=NEST["B"]).tip(q, Conditions.at_rest(200, 6))
     constants = found.fit.constants.copy()
     constants[found.fit.observations.arm.layout.tip] = found.reflectors[1].offset_mm
-    tips = forward(q, np.tile(constants, (200, 1)))[0]
+    tips = compute_pose(q, np.tile(constants, (200, 1)))[0]
     one, other = (np.linalg.norm(np.diff(points, axis=0), axis=1) for points in (tips, true))
     assert np.sqrt(np.mean((one - other) ** 2)) < 0.01
 

@@ -11,7 +11,10 @@ from armd.compensation.identify.evaluation.evaluate import evaluate, evaluate_mo
 from armd.compensation.identify.fit import compute_rms_um
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.per_temperature import make_regression
-from armd.compensation.identify.thermal.temperatures import group_temperatures, leave_out_in_turn
+from armd.compensation.identify.thermal.temperatures import (
+    group_temperatures,
+    validate_by_temperature,
+)
 from armd.compensation.identify.thermal.terms import make_angle_terms, make_length_terms
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
@@ -242,7 +245,7 @@ def test_every_reading_is_left_out_once_and_each_end_keeps_some(placements: int)
     ]
     observations = gather(sessions, ARM)
     groups = group_temperatures(observations)
-    sets = leave_out_in_turn(observations, groups)
+    sets = validate_by_temperature(observations, groups)
     assert (np.sum([left.rows for left in sets], axis=0) == 1).all()
     for left in sets:
         own = groups[left.group][1]

@@ -13,7 +13,7 @@ from test_interim_history import true_calibration
 from armd.compensation.interim.changes.change import Change, ChangeScenario
 from armd.compensation.interim.checks.columns import Cause, list_causes
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.report.amend import amend_calibration
+from armd.compensation.interim.report.amend import extend_calibration
 from armd.compensation.interim.report.average import (
     MOST_ROWS,
     _list_terms,
@@ -64,7 +64,7 @@ def written(
 ) -> Calibration:
     every = average_amplitudes(of, causes, ways, ())
     instants = [BEGUN_UNIX_S] * len(every.changes)
-    made = amend_calibration(calibration, BEGUN_UNIX_S, causes, every.changes, instants,
+    made = extend_calibration(calibration, BEGUN_UNIX_S, causes, every.changes, instants,
                    every.amplitudes, BEGUN_UNIX_S + 86400.0 * CHECKS, {})  # fmt: skip
     return save_calibration(path, made).content
 

@@ -34,8 +34,8 @@ from armd.compensation.interim.report.watch_memory import (
     NOTHING,
     WATCHED,
     hash_sources,
-    recall,
-    remember,
+    read_memory,
+    write_memory,
 )
 from support.selection import parametrize_default
 
@@ -108,12 +108,12 @@ CHECKS: Any = tuple(FakeCheck(i) for i in range(5))
 def folder(tmp_path: Path) -> Path:
     epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=QUIET))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
-    remember(tmp_path, judgement)
+    write_memory(tmp_path, judgement)
     return tmp_path
 
 
 def test_what_is_remembered_is_of_these_checks_in_this_order(folder: Path) -> None:
-    found = recall(folder)
+    found = read_memory(folder)
     assert found.recall_looks(CHECKS) == found.recall_looks([*CHECKS, FakeCheck(9)]) == QUIET  # type: ignore[list-item]
     others: list[Any] = [
         CHECKS[:2],  # a history put back to what it was: its last check is watched again
@@ -169,11 +169,11 @@ def test_what_is_in_doubt_is_not_believed(folder: Path, how: str) -> None:
     path = folder / WATCHED
     text = path.read_text()
     path.write_text(broken(text, how))
-    assert recall(folder) == NOTHING
+    assert read_memory(folder) == NOTHING
     path.unlink()
-    assert recall(folder) == NOTHING
+    assert read_memory(folder) == NOTHING
     path.write_text(text)
-    assert recall(folder) != NOTHING
+    assert read_memory(folder) != NOTHING
 
 
 def test_any_edit_makes_another_state_of_the_code(tmp_path: Path) -> None:
@@ -210,9 +210,9 @@ def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late
         checks=[*map(FakeCheck, others)], detected=SimpleNamespace(looked=looked)
     )
     judgement: Any = SimpleNamespace(epochs=(epoch,))
-    remember(tmp_path, judgement)
+    write_memory(tmp_path, judgement)
     every: Any = [*map(FakeCheck, range(of.n))]
-    before = recall(tmp_path).recall_looks(every)
+    before = read_memory(tmp_path).recall_looks(every)
     assert all(look.until <= late for look in before.looks)
     found, anew = find(of, causes, before), find(of, causes)
     assert found.statistic == pytest.approx(anew.statistic, abs=1e-9)
@@ -238,16 +238,16 @@ def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: EpochLooks) -> N
     """A statistic over the limit, or a bad check that is none of these: its hash may be right."""
     epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=looked))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
-    remember(tmp_path, judgement)
-    assert recall(tmp_path) == NOTHING
+    write_memory(tmp_path, judgement)
+    assert read_memory(tmp_path) == NOTHING
 
 
 def test_where_it_cannot_be_written_nothing_is_lost(tmp_path: Path) -> None:
     (tmp_path / WATCHED).mkdir()
     epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=QUIET))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
-    remember(tmp_path, judgement)
-    assert recall(tmp_path) == NOTHING
+    write_memory(tmp_path, judgement)
+    assert read_memory(tmp_path) == NOTHING
 
 
 def weighings(monkeypatch: pytest.MonkeyPatch, search: Callable[[], ChangesFound]) -> int:

@@ -13,7 +13,7 @@ from test_interim_evidence import a_stack
 
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, find_spoilt
-from armd.compensation.interim.evidence.likelihood import LIMIT, log_marginal, run, weigh
+from armd.compensation.interim.evidence.likelihood import LIMIT, compute_log_marginal, run, weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import UNSETTLED, watch
 
@@ -54,7 +54,7 @@ def by_hand(of: Stack, causes: list[Cause], doubted: list[int]) -> float:
     """Log odds of a change, over all ways in which the *doubted* checks may be bad."""
 
     def marginal(checks: list[int]) -> float:
-        return log_marginal(of, of.sum_checks(checks))
+        return compute_log_marginal(of, of.sum_checks(checks))
 
     clean = [i for i in range(of.n) if i not in doubted]
     nothing, change = [], []

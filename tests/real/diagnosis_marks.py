@@ -30,7 +30,7 @@ from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.fit import Unknowns, fit
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 from armd.compensation.model.pose_factors import Curve
 from armd.compensation.model.slow_factors import After, Time
 from armd.compensation.model.terms import Term
@@ -182,7 +182,7 @@ def _with_terms(
         start.reference_temperature_c,
     )
     update = {
-        "constants": constants_of(found.constants, arm.n_joints),
+        "constants": name_constants(found.constants, arm.n_joints),
         "terms": terms,
         "covariance_of": [],
         "covariance": [],

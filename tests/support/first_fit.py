@@ -32,7 +32,7 @@ def first_fit(
     arm = load_arm(case.arm)
     sessions = [load_session(path, arm) for path in case.sessions]
     baseline, rests = make_model_under_test(sessions, arm, None)[0], gather_rests(sessions, arm)
-    candidates = list(catalogue.candidates(gather_facts(rests, arm, baseline)))
+    candidates = list(catalogue.list_all_candidates(gather_facts(rests, arm, baseline)))
     return case, fit(rests, arm, baseline, baseline.model), arm, candidates
 
 

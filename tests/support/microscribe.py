@@ -7,7 +7,7 @@ from contextlib import closing
 import numpy as np
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.microscribe import wire
@@ -58,7 +58,7 @@ def held_against_truth(arm: SimulatedArm, rows: np.ndarray) -> tuple[np.ndarray,
     much later (ms) its stamp says that it was."""
     truth = arm.truth()
     instants = truth["seq"].astype(np.int64)
-    tips = forward(rows["count"] / np.array(TURNS) * 2 * np.pi, nominal().nominal())[0]
+    tips = compute_pose(rows["count"] / np.array(TURNS) * 2 * np.pi, nominal().nominal())[0]
     nearest = np.empty(len(rows), int)
     for i, (tip, at_ns) in enumerate(zip(tips, rows["monotonic_ns"], strict=True)):
         first, last = np.searchsorted(instants, [at_ns - 100_000_000, at_ns + 100_000_000])

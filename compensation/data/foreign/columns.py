@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from armd.compensation.data.foreign.places import TEXTS, Places, find_places, without_joint
+from armd.compensation.data.foreign.places import TEXTS, Places, find_places, refuse_missing_joint
 from armd.compensation.data.foreign.table import ForeignTable
 from armd.compensation.data.foreign.times import check_unit, read_times
 from armd.compensation.data.foreign.words import (
@@ -18,9 +18,9 @@ from armd.compensation.data.foreign.words import (
     RATES,
     TEMPERATURE,
     TEMPERATURES,
-    joint_name,
-    numbered,
-    word_and_unit,
+    find_joint_name,
+    parse_numbered,
+    split_unit,
 )
 from armd.compensation.data.sessions.columns import QUATERNION, ROLL_PITCH_YAW, number_columns
 from armd.compensation.model.arm import Arm
@@ -71,7 +71,7 @@ def find_columns(table: ForeignTable, arm: Arm, options: Given) -> FoundColumns:
     places = find_places(table, arm, options.columns, names, options.targets)
     for k in range(1, arm.n_joints + 1):
         if f"q{k}" not in places.column_of:
-            raise without_joint(places, k)
+            raise refuse_missing_joint(places, k)
     columns = FoundColumns(_angle_unit(table, places.column_of, options.angle_unit))
     for name, column in places.column_of.items():
         header = table.header[column]
@@ -99,7 +99,7 @@ def _take_times(
     columns: FoundColumns, places: Places, column: int, since: datetime.datetime | None
 ) -> str:
     table = places.table
-    unit = word_and_unit(table.header[column])[1]
+    unit = split_unit(table.header[column])[1]
     check_unit(table, column, unit)
     times = read_times(table, column, unit, places.day, since)
     columns.numbers["time_s"], columns.started = times.seconds, times.started
@@ -151,8 +151,8 @@ def _say_unused(columns: FoundColumns, places: Places) -> None:
 
 
 def _is_temperature(header: str) -> bool:
-    word, unit = word_and_unit(header)
-    like = numbered(word)
+    word, unit = split_unit(header)
+    like = parse_numbered(word)
     return (
         (like is not None and like.kind == "temperature")
         or word in TEMPERATURE[1:]
@@ -169,7 +169,7 @@ def _angle_unit(table: ForeignTable, places: Mapping[str, int], option: str | No
     if option is not None:
         return option
     columns = [column for name, column in places.items() if is_angle(name)]
-    units = {column: word_and_unit(table.header[column])[1] for column in columns}
+    units = {column: split_unit(table.header[column])[1] for column in columns}
     for column, unit in units.items():
         if unit and unit not in ANGLES:
             expected = f"one of {few(ANGLES)}, or --angle-unit"
@@ -187,7 +187,7 @@ def _angle_unit(table: ForeignTable, places: Mapping[str, int], option: str | No
     largest = max(filter(math.isfinite, values), default=0.0)
     lerobot = any(
         table.header[column].lower().endswith(LEROBOT_POSITION)
-        or joint_name(table.header[column]) in LEROBOTS_OWN
+        or find_joint_name(table.header[column]) in LEROBOTS_OWN
         for column in columns
     )
     if lerobot and largest <= MOST_NORMALISED:
@@ -213,7 +213,7 @@ def _in_unit(
     options: Given,
 ) -> tuple[str, list[float]]:
     """`, in inches` or the like, and the values as a session has them."""
-    unit = word_and_unit(header)[1]
+    unit = split_unit(header)[1]
     factor, shift = 1.0, 0.0
     if name in ("x_mm", "y_mm", "z_mm"):
         unit = options.length_unit or unit or "mm"

@@ -12,7 +12,7 @@ from armd.arrays import F64, I64
 from armd.compensation.data.foreign.places import find_places
 from armd.compensation.data.foreign.table import ForeignTable
 from armd.compensation.data.foreign.times import OF_A_DAY, Times, check_unit, read_times
-from armd.compensation.data.foreign.words import word_and_unit
+from armd.compensation.data.foreign.words import split_unit
 from armd.compensation.data.sessions.columns import number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
@@ -84,7 +84,7 @@ def _times(table: ForeignTable, arm: Arm) -> tuple[Times | None, list[int]]:
     column = places.column_of.get("time_s")
     if column is None:
         return None, []
-    unit = word_and_unit(table.header[column])[1]
+    unit = split_unit(table.header[column])[1]
     check_unit(table, column, unit)
     columns = [column] if places.day is None else [column, places.day]
     return read_times(table, column, unit, places.day, None), columns

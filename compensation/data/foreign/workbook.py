@@ -18,7 +18,7 @@ from armd.compensation.data.foreign.cells import (
     MOST_LETTERS,
     Cells,
     check_size,
-    with_points,
+    use_points,
 )
 from armd.errors import BadInput
 from armd.files.inputs import read_input
@@ -63,7 +63,7 @@ def read_workbook(path: Path, sheet: str | None) -> tuple[Cells, list[str]]:
     except Exception as error:
         raise _no_workbook(path, error) from error
     check_size(path, cells)
-    return with_points(cells, assumed), assumed  # as text a cell keeps the comma it came with
+    return use_points(cells, assumed), assumed  # as text a cell keeps the comma it came with
 
 
 def _rows(path: Path, sheet: Any) -> Iterator[list[str]]:

@@ -40,7 +40,7 @@ def check_is_session(folder: Path) -> None:
     )
 
 
-def readings_path(folder: Path) -> Path:
+def find_readings(folder: Path) -> Path:
     """The table of readings in a session's folder; raises `BadInput` if there is not one."""
     present = [folder / name for name in READINGS if (folder / name).exists()]
     if len(present) != 1:

@@ -58,7 +58,7 @@ Day = Annotated[
 ]
 
 
-def measured_at(instant: datetime.datetime) -> datetime.datetime:
+def check_instant(instant: datetime.datetime) -> datetime.datetime:
     """*instant*, if somebody can have measured then; raises `ValueError` with what is expected."""
     if not FIRST_YEAR <= instant.year <= LAST_YEAR:
         raise ValueError(f"an instant of the years {FIRST_YEAR} to {LAST_YEAR}")
@@ -248,7 +248,7 @@ class SessionFile(Strict):
 
     schema_: Literal["armd.session/1"] = Field(alias="schema")
     arm: Name
-    started: Annotated[AwareDatetime, AfterValidator(measured_at)]
+    started: Annotated[AwareDatetime, AfterValidator(check_instant)]
     operator: Name | None = None
     angle_unit: AngleUnit = "rad"
     artefact: Artefact

@@ -15,7 +15,7 @@ from armd.compensation.diagnose.constants import MOST_FOLLOW_ROUNDS, STAYS
 from armd.compensation.diagnose.fitting.fit import compute_kinematic_part, make_normal_equations
 from armd.compensation.diagnose.fitting.nuisance import gather_nuisance
 from armd.compensation.diagnose.fitting.refit import solve_with_columns
-from armd.compensation.diagnose.problem.baseline import apply_step, with_findings
+from armd.compensation.diagnose.problem.baseline import add_findings, apply_step
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
@@ -82,7 +82,7 @@ def _about_its_solution(last: Fit, arm: Arm) -> Fit:
     about the calibration, and what was clipped stays clipped."""
     baseline, identified = last.baseline, last.layout.identified
     step = -last.solution[identified]
-    model = with_findings(
+    model = add_findings(
         apply_step(baseline.model, baseline, baseline.root @ step), last.findings, last.amplitudes
     )
     linear = linearise(last.linear.rests, model, arm)

@@ -26,13 +26,13 @@ from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 #: What readings left out of a calibration missed by is in its provenance by this name.
 LEFT_UM = "heldout_without_outliers_um"
 
 
-def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
+def release_growth(baseline: Baseline, arm: Arm) -> Baseline:
     """A given calibration whose lengths without a thermal term grow as materials do, if it could
     not know that; as it is where there are none, or a sensor's temperatures are not in it."""
     terms = _without_a_term(baseline, arm) if baseline.is_given else []
@@ -55,7 +55,7 @@ def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
     )
 
 
-def without_growth(baseline: Baseline, parameters: Collection[str] | None = None) -> Baseline:
+def drop_growth(baseline: Baseline, parameters: Collection[str] | None = None) -> Baseline:
     """The same with no growth of these *parameters* beyond the calibration's terms, or of any: all
     else as uncertain as it is if that is known to be nothing."""
     terms = baseline.model.terms
@@ -102,9 +102,9 @@ def explain_missing_growth(baseline: Baseline) -> str:
     """Why a calibration has no term for growth that it could not know, in a sentence."""
     within = _widest_k(baseline)
     if within <= MOST_SPAN_K:
-        reason = f"was made within {plain(within)} K"
+        reason = f"was made within {format_plain(within)} K"
     else:
-        reason = f"missed its own readings by {plain(baseline.calibration.provenance[LEFT_UM])} µm"
+        reason = f"missed its own readings by {format_plain(baseline.calibration.provenance[LEFT_UM])} µm"
     return f"The calibration {reason} and has no thermal model of all links."
 
 

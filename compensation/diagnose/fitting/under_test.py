@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.diagnose.fitting.free_expansion import with_growth_open
-from armd.compensation.diagnose.problem.baseline import from_calibration, with_size_kept
+from armd.compensation.diagnose.fitting.free_expansion import release_growth
+from armd.compensation.diagnose.problem.baseline import fix_size, from_calibration
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.identify.admission.inconsistent_session import (
@@ -33,9 +33,9 @@ def make_model_under_test(
     if calibration is not None:
         observations = gather(sessions, arm, calibration.artefact)
         sits = evaluate(sessions, arm, calibration).reflectors if has_reflectors(sessions) else ()
-        baseline = with_growth_open(from_calibration(calibration, arm, True, sits), arm)
+        baseline = release_growth(from_calibration(calibration, arm, True, sits), arm)
         if observations.on_surface.any() and not _knows_scale(observations):
-            baseline = with_size_kept(baseline, arm)
+            baseline = fix_size(baseline, arm)
         if has_reflectors(sessions):  # nobody knows where each reading's tip is
             return baseline, None
         return baseline, fit_and_find_inconsistent_session(sessions, observations)

@@ -57,7 +57,7 @@ def rebuild_candidate(
     return None
 
 
-def with_acting(
+def add_acting(
     signatures: Signatures,
     fit: Fit,
     facts: SessionFacts,

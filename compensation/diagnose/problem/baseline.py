@@ -56,7 +56,7 @@ def from_calibration(
     )
 
 
-def with_size_kept(baseline: Baseline, arm: Arm) -> Baseline:
+def fix_size(baseline: Baseline, arm: Arm) -> Baseline:
     """A baseline that is held, the arm's size as given: its covariance where all lengths together
     stay. An arm that may shrink errs less on surfaces of which nothing is certified."""
     lengths = np.where(arm.layout.are_lengths, baseline.model.constants, 0.0)
@@ -108,7 +108,7 @@ def apply_step(model: ModelState, baseline: Baseline, step: F64) -> ModelState:
     return replace(model, constants=constants, terms=tuple(terms))
 
 
-def with_findings(
+def add_findings(
     model: ModelState, findings: Sequence[Candidate], amplitudes: Sequence[F64]
 ) -> ModelState:
     """The model with the findings' terms appended."""

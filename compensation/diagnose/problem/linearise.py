@@ -14,7 +14,7 @@ from armd.compensation.estimate.linearise import Linearisation, linearise_as_rea
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.surface_kinds import FREEDOM, PLANE
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.parameters import ParameterLayout
 from armd.errors import BadInput
@@ -23,7 +23,9 @@ from armd.errors import BadInput
 def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     """Fit placements and unknown seats under *model*; everything else becomes columns."""
     observations = _corrected(rests, model.artefact)
-    values = basis_values(model.terms, observations.states, arm, model.reference_c, model.constants)
+    values = compute_basis_values(
+        model.terms, observations.states, arm, model.reference_c, model.constants
+    )
     if not np.isfinite(values).all():
         files = ", ".join(str(session.path) for session in rests.sessions)
         needs = "those that the model under test needs"

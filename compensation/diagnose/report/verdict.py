@@ -27,7 +27,7 @@ from armd.compensation.diagnose.problem.rests import count_spare_rows
 from armd.compensation.diagnose.report.sizes import is_size_known
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.wording import clock, plain
+from armd.compensation.wording import format_clock, format_plain
 from armd.terminal.counted import counted
 
 
@@ -266,13 +266,15 @@ def _named(candidate: Candidate) -> str:
 
 def format_um(value: float) -> str:
     """Micrometres as a person writes them: three digits, no exponent."""
-    return plain(value, UM_DIGITS)
+    return format_plain(value, UM_DIGITS)
 
 
 def describe_moved(touched: MovedArtefact) -> str:
     """What was moved, where and when."""
     move = CATALOGUE["artefact_moved"].describe(touched.candidate, touched.amplitudes)
-    instant = "" if np.isnan(touched.instant_unix_s) else f", {clock(touched.instant_unix_s)}"
+    instant = (
+        "" if np.isnan(touched.instant_unix_s) else f", {format_clock(touched.instant_unix_s)}"
+    )
     return (
         f"In {touched.session}, {touched.placement}, before row {touched.row}{instant}, {move}: "
         "its readings count as two placements; the arm did not cause it."

@@ -16,7 +16,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.in_order import in_order
+from armd.compensation.data.in_order import map_in_order
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.cells import (
@@ -31,7 +31,7 @@ from armd.compensation.diagnose.scoring.cells import (
 )
 from armd.compensation.diagnose.scoring.evidence import Sums
 from armd.compensation.diagnose.scoring.memory import Lasting
-from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
+from armd.compensation.diagnose.scoring.shape import Shapes, make_shapes
 from armd.compensation.estimate.linear.blocks import Piece
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
@@ -109,7 +109,7 @@ class Projection:
         """The same rows with a fit's findings and their shapes among what absorbs; none were."""
         start = fit.layout.identified.stop
         stop = fit.layout.mount.start
-        shapes = with_shapes(fit, self.arm)
+        shapes = make_shapes(fit, self.arm)
         added = np.hstack([fit.nuisance.columns.to_dense(slice(start, stop)), shapes.matrix])
         variance = np.concatenate([fit.nuisance.variance[start:stop], shapes.variance])
         white = fit.noise.whiten(added)
@@ -199,7 +199,7 @@ class Projection:
             by_axis = columns.reshape(-1, 3, columns.shape[1])
             return signatures.of_pairs(self._at_rests[:, cell.rests], by_axis, cell.rests)
 
-        return zip(self.cells, in_order(sum_cell, self.cells), strict=True)
+        return zip(self.cells, map_in_order(sum_cell, self.cells), strict=True)
 
     def sums_with(self, sums: Sums) -> Sums:
         """Products with all candidates' columns, where *sums* holds those with the first
@@ -265,7 +265,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     n, size = observations.n, len(fit.residual)
     part_of = np.zeros(n, dtype=np.int64) if part_of is None else part_of
     parts = int(part_of.max(initial=0)) + 1
-    shapes = with_shapes(fit, arm)
+    shapes = make_shapes(fit, arm)
     variance = np.concatenate([fit.nuisance.variance, shapes.variance])
     white = fit.nuisance.columns.whitened(fit.noise.whitener, fit.noise.distance_mm)
     # The certified distances are in no placement: they are a part that always stays.

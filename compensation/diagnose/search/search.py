@@ -24,8 +24,8 @@ from armd.compensation.diagnose.constants import (
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
 from armd.compensation.diagnose.fitting.alternating_fit import fit_by_turns
 from armd.compensation.diagnose.fitting.neighbourhood import find_refusal
-from armd.compensation.diagnose.fitting.refit import solve_again, with_findings_unsolved
-from armd.compensation.diagnose.problem.acting_causes import list_acting_through, with_acting
+from armd.compensation.diagnose.fitting.refit import set_findings, solve_again
+from armd.compensation.diagnose.problem.acting_causes import add_acting, list_acting_through
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
@@ -45,7 +45,7 @@ from armd.compensation.diagnose.search.findings import (
     judge,
     weigh_findings,
 )
-from armd.compensation.diagnose.search.growth import with_growth
+from armd.compensation.diagnose.search.growth import fit_with_growth
 from armd.compensation.diagnose.search.refusals import Refusals
 from armd.compensation.diagnose.search.replacing import make_required
 from armd.compensation.diagnose.search.revisit import (
@@ -61,12 +61,12 @@ from armd.compensation.diagnose.search.selection import (
     choose_next_set,
     find_strongest_left,
     make_key,
-    with_their_causes,
+    select_with_causes,
 )
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, join_finding
-from armd.compensation.effects.setup.mount_drift import steady_drift
+from armd.compensation.effects.setup.mount_drift import make_steady_drift
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
 from armd.terminal.counted import counted
@@ -99,9 +99,9 @@ class Search:
         self.arm = arm
         self.baseline = baseline
         self.facts = gather_facts(rests, arm, baseline)
-        every = catalogue.candidates(self.facts)
+        every = catalogue.list_all_candidates(self.facts)
         self._refusals = Refusals([c for c in every if not barred(c)])
-        self._steady = [steady_drift(self.facts)] if self.facts.timed else []
+        self._steady = [make_steady_drift(self.facts)] if self.facts.timed else []
         self._progress = progress
         self._tests = 1
         self._sought: tuple[Sequence[Candidate], Signatures] | None = None
@@ -165,7 +165,7 @@ class Search:
         reported = self._limit_by_rival_sets(limited, current, scored)
         searched = as_reported(current, reported)
         last = searched
-        if grown := with_growth(searched, self._refusals.candidates, self.arm, self._tests):
+        if grown := fit_with_growth(searched, self._refusals.candidates, self.arm, self._tests):
             growth, last = grown
             remaining = [i for i, c in enumerate(searched.findings) if c in last.findings]
             if len(remaining) < len(reported):
@@ -237,7 +237,7 @@ class Search:
                 if rival is None or rival.cause == "unknown":
                     continue
                 remaining = [c for c in current.findings if c is not finding.candidate]
-                findings = with_their_causes(join_finding(remaining, rival))
+                findings = select_with_causes(join_finding(remaining, rival))
                 if make_key(findings) in tried_keys:
                     continue
                 tried_keys.add(make_key(findings))
@@ -308,7 +308,7 @@ class Search:
 
     def _fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
         """A fit that starts where *before* ended."""
-        findings = with_their_causes(findings)
+        findings = select_with_causes(findings)
         amplitudes_of = {}
         if before is not None:
             amplitudes_of = dict(zip(map(id, before.findings), before.amplitudes, strict=True))
@@ -337,7 +337,7 @@ class Search:
             if best == candidate.place:
                 continue
             if places[best] > math.log(CLEARLY) + scored.log_posterior_of(i, scores):
-                findings = with_their_causes([c for c in current.findings if c is not candidate])
+                findings = select_with_causes([c for c in current.findings if c is not candidate])
                 without = solve_again(current, findings, self.arm)
                 rival = choose(make_projection(without, self.arm), scores, self._tests)
                 if rival is None or rival.place == candidate.place:
@@ -356,10 +356,10 @@ class Search:
         counted = self._sought is not None and self._sought[0] is candidates
         if self._sought is None or not counted:
             self._sought = candidates, compile_candidates(candidates, current.linear, self.arm)
-        signatures = with_acting(self._sought[1], current, self.facts, refused, self.arm)
+        signatures = add_acting(self._sought[1], current, self.facts, refused, self.arm)
         self.parted = None  # many megabytes
         if current.findings:
-            nothing = with_findings_unsolved(current, [], self.arm)
+            nothing = set_findings(current, [], self.arm)
             self.parted = PartedSurvey.from_fit(nothing, signatures, self.arm)
             scored = self.parted.with_findings(current)
         else:

@@ -23,8 +23,8 @@ from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.signatures import identify_kind
 from armd.compensation.diagnose.scoring.candidates import (
     ScoredCandidates,
+    add_own_shapes,
     score_candidates,
-    with_own_shapes,
 )
 from armd.compensation.diagnose.scoring.evidence import Scores, score
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
@@ -46,7 +46,7 @@ def make_key(findings: Sequence[Candidate]) -> str:
     return "".join(sorted(repr((c.place, c.setting)) for c in findings))
 
 
-def with_their_causes(findings: Sequence[Candidate]) -> list[Candidate]:
+def select_with_causes(findings: Sequence[Candidate]) -> list[Candidate]:
     """No shape without the finding whose shape it is."""
     named = {locate_shape(c) for c in findings}
     return [c for c in findings if not is_shape(c) or c.location in named]
@@ -202,7 +202,7 @@ def _if_bent(
     causes = [candidates[i] for i in named.values()]
     if not causes:
         return best
-    shaped, gained = with_own_shapes(causes, projection)
+    shaped, gained = add_own_shapes(causes, projection)
     numbers = [best, *named.values(), *named.values()]
     likely = weight[numbers]
     likely[-len(shaped) :] += gained

@@ -7,7 +7,7 @@ from armd.compensation.effects.effect import Candidate, Effect, SessionFacts
 from armd.terminal.counted import counted
 
 
-def candidates(_: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(_: SessionFacts) -> Iterator[Candidate]:
     """None: `diagnose.diagnose` looks for readings, not for a signature."""
     return iter(())
 
@@ -22,6 +22,6 @@ EFFECT = Effect(
     "a ball not seated, a button pressed too early, a bumped table",
     "heavy tails of the noise",
     "measure the named readings again",
-    candidates,
+    list_candidates,
     describe,
 )

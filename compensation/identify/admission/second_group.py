@@ -81,7 +81,7 @@ class SecondGroup:
 
     def reason(self) -> str:
         """What differs in which rows, by how much."""
-        distance = with_uncertainty(self.length_mm, self.length_uncertainty_mm)
+        distance = format_uncertainty(self.length_mm, self.length_uncertainty_mm)
         remainder = counted(self.n_rest, "other reading")
         if self.differs is Differs.PLACE:
             return (
@@ -92,7 +92,7 @@ class SecondGroup:
         return (
             f"{self.name_rows()}: measured with another tip than the {remainder} (reflector, ball"
             f" or stylus exchanged or seated otherwise), {distance} mm from it:"
-            f" ({', '.join(with_uncertainty(mm, u) for mm, u in steps)}) mm in the last frame"
+            f" ({', '.join(format_uncertainty(mm, u) for mm, u in steps)}) mm in the last frame"
         )
 
     def in_words(self) -> str:
@@ -136,7 +136,7 @@ class SecondGroup:
         }
 
 
-def with_uncertainty(value_mm: float, uncertainty_mm: float) -> str:
+def format_uncertainty(value_mm: float, uncertainty_mm: float) -> str:
     """`5.662 ± 0.004`: two digits of the uncertainty at most, and µm at best."""
     digits = int(np.clip(np.ceil(-np.log10(max(uncertainty_mm, 1e-12))), 0, 3))
     return f"{value_mm:.{digits}f} ± {max(uncertainty_mm, 10.0**-digits):.{digits}f}"

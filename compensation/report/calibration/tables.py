@@ -66,7 +66,7 @@ def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
     unknown = dict(zip(fit.unknowns.names, _compute_null_share(fit), strict=True))
     rows, faint = [], []
     for name in fit.unknowns.constants:
-        angle = parameters.unit(name) == "rad"
+        angle = parameters.find_unit(name) == "rad"
         factor, kind = (np.degrees(1.0), "°") if angle else (1.0, "mm")
         small = units.angle if angle else units.length
         difference, sigma = identified[name] - nominal[name], deviation[name]
@@ -96,7 +96,7 @@ def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
                 [
                     describe_term(term), f"{term.coefficient:.4g}",
                     _format_uncertainty(term),
-                    f"{parameters.unit(term.parameter)} per unit of its basis",
+                    f"{parameters.find_unit(term.parameter)} per unit of its basis",
                 ]
                 for term in fit.terms
             ],

@@ -12,7 +12,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import frames
+from armd.compensation.model.kinematics import compute_frames
 from armd.daemon.catalogue.urdf.roll_pitch_yaw import convert_matrix_to_rpy
 from armd.files.schema import json_data, validate
 from armd.terminal.counted import counted
@@ -43,7 +43,9 @@ def _content(calibration: str) -> Calibration:
 def write_geometry(arm: Arm, parameters: F64, prefix: str, frame: str) -> str:
     """XML of the arm with these parameters (P,); names of its links begin with *prefix*."""
     robot = Xml.Element("robot", name=prefix)
-    origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
+    origins, rotations = (
+        part[0] for part in compute_frames(np.zeros((1, arm.n_joints)), parameters)
+    )
     tip = parameters[arm.layout.tip]
     # A joint's row is Rz(q) and then what is constant: joint k stands where row k−1 has led.
     steps = [(rotations[0], origins[0])] + [

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.features.fit import SHAPES, Feature, fit
-from armd.compensation.features.relate import Relation, angle, distance
+from armd.compensation.features.relate import Relation, compute_angle, compute_distance
 from armd.errors import ArmdError, BadInput
 
 MeasuredById = Mapping[str, Mapping[str, Any]]
@@ -24,7 +24,10 @@ def fit_feature(measured: MeasuredById, query: Mapping[str, str]) -> dict[str, A
     if "and" not in query:
         return first.as_json()
     second = _fitted(measured, query["and"])
-    return {"distance": _related(distance, first, second), "angle": _related(angle, first, second)}
+    return {
+        "distance": _related(compute_distance, first, second),
+        "angle": _related(compute_angle, first, second),
+    }
 
 
 def _fitted(measured: MeasuredById, text: str) -> Feature:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, RootModel
 
-from armd.compensation.data.foreign.words import joint_name
+from armd.compensation.data.foreign.words import find_joint_name
 from armd.errors import BadInput
 from armd.files.inputs import MOST_JSON_BYTES, read_input
 from armd.files.schema import Strict, json_data, validate
@@ -67,7 +67,9 @@ class Normalised:
         self._motors = {}
         for name, header in headers.items():
             exact = [m for key, m in motors.items() if _is_same_name(key, header)]
-            alike = [m for key, m in motors.items() if joint_name(key) == joint_name(header)]
+            alike = [
+                m for key, m in motors.items() if find_joint_name(key) == find_joint_name(header)
+            ]
             if len(exact or alike) != 1:
                 raise BadInput(path, f"the motor of {header!r}", few(motors), "one of its name")
             self._motors[name] = (exact or alike)[0]

@@ -15,7 +15,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.catalogue.frame_poses import FramePose, find_least_rotation, measure_difference
 from armd.daemon.catalogue.urdf.base import JointChain, compute_joint_frames, place_base
 from armd.daemon.catalogue.urdf.joints import describe_joint
@@ -103,7 +103,7 @@ def find_robot_joints(path: Path, content: bytes) -> list[JointPlaces]:
 
 def _compute_tip_turn(chain: JointChain, arm: Arm, base: FramePose) -> F64:
     """Rotation (3, 3) from armd's last frame to the tip's link, as drawn."""
-    last = base.rotation @ forward(np.zeros((1, arm.n_joints)), arm.nominal())[1][0]
+    last = base.rotation @ compute_pose(np.zeros((1, arm.n_joints)), arm.nominal())[1][0]
     turned: F64 = last.T @ chain.links()[-1].rotation
     return turned
 
@@ -111,7 +111,7 @@ def _compute_tip_turn(chain: JointChain, arm: Arm, base: FramePose) -> F64:
 def _locate_tip(
     q: F64, chain: JointChain, arm: Arm, parameters: F64, base: FramePose
 ) -> tuple[F64, F64]:
-    position, rotation = forward(q, parameters)
+    position, rotation = compute_pose(q, parameters)
     turned = base.rotation @ rotation @ _compute_tip_turn(chain, arm, base)
     return base.origin + position @ base.rotation.T, turned
 

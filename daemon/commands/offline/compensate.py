@@ -15,7 +15,7 @@ import numpy.typing as npt
 from armd import Flag
 from armd.arrays import Mask
 from armd.compensation.data.correction.correction import Corrector
-from armd.compensation.data.sessions.columns import APPROACH, angles, truths
+from armd.compensation.data.sessions.columns import APPROACH, read_angles, read_truths
 from armd.compensation.data.sessions.format import AngleUnit
 from armd.compensation.data.tables.readings import Readings, load_readings
 from armd.compensation.inverse.compensate import OK, CommandedAngles, compensate
@@ -72,12 +72,12 @@ def run(args: argparse.Namespace) -> int:
         problem = f"{repeated[0]} already"
         raise BadInput(table, "the header", problem, "a table without columns of commands")
     lines = _split_lines(readings)
-    angles(readings, arm, unit)  # none may be missing
+    read_angles(readings, arm, unit)  # none may be missing
     batch = corrector.take(readings)
     corrector.ended(table)
     moving = _follows_rates(readings, batch.states)
     with aside(args).status("compensating …"):
-        found_angles = compensate(arm, calibration, batch.states, truths(readings), moving)
+        found_angles = compensate(arm, calibration, batch.states, read_truths(readings), moving)
     write_whole(args.output, _join_text(lines, found_angles, arm, unit))
     flags = corrector.correct(batch)[1]
     _print(args, found_angles, corrector.remarks, flags)

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from armd.arrays import F64
 from armd.compensation.features.fit import SHAPES, Feature, fit
-from armd.compensation.features.relate import angle, distance
+from armd.compensation.features.relate import compute_angle, compute_distance
 from armd.compensation.features.shapes import Shape
 from armd.compensation.report.layout.written import add_pages
 from armd.daemon.bridges.export.source import MeasurementLine, from_path
@@ -204,7 +204,9 @@ def _format_expanded(uncertainties: list[float] | None, digits: int, unit: str) 
 
 def _relate_features(kind: str, first: Feature, second: Feature) -> tuple[str, dict[str, Any]]:
     try:
-        relation = distance(first, second) if kind == "distance" else angle(first, second)
+        relation = (
+            compute_distance(first, second) if kind == "distance" else compute_angle(first, second)
+        )
     except ArithmeticError as error:
         raise BadInput(
             "the command line", f"armd feature {kind}", str(error), "two directions"

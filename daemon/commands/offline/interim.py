@@ -26,7 +26,7 @@ from armd.compensation.interim.report.judgement import Judgement
 from armd.compensation.interim.report.next_check import NextCheck, plan_next_check
 from armd.compensation.interim.report.result import as_json, describe_judgement
 from armd.compensation.interim.report.single import list_single_readings
-from armd.compensation.interim.report.watch_memory import recall, remember
+from armd.compensation.interim.report.watch_memory import read_memory, write_memory
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.compensation.report.layout.about import About, add_about, read_about
@@ -170,7 +170,7 @@ def _judge_history(
 ) -> tuple[Judgement, dict[str, Any], NextCheck]:
     """Judge a history, some of which was loaded *before*; its changes' calibrations and the result
     are written beside it."""
-    judgement = judge(history.load(folder, before), recall(folder))
+    judgement = judge(history.load(folder, before), read_memory(folder))
     judgement = replace(judgement, far_off=tuple(list_single_readings(folder, judgement)))
     files: list[tuple[str, str] | None] = []
     for finding in (finding for epoch in judgement.epochs for finding in epoch.reported_changes):
@@ -187,7 +187,7 @@ def _judge_history(
         with_growth = GROWTH, saved.sha256
     result = as_json(judgement, files, after.as_json(), with_growth)
     write_changed(folder / chain.REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    remember(folder, judgement)
+    write_memory(folder, judgement)
     return judgement, result, after
 
 

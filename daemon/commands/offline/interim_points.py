@@ -15,7 +15,7 @@ from armd.compensation.interim.checks import chain, keeping
 from armd.compensation.interim.points.figures import compute_figures
 from armd.compensation.interim.points.history import keep_tables, load_checks, read_tables
 from armd.compensation.interim.points.judge import PointEpoch, judge_points
-from armd.compensation.interim.points.result import describe_points, points_as_json
+from armd.compensation.interim.points.result import describe_points, format_points
 from armd.compensation.report.layout.about import About
 from armd.compensation.report.layout.written import write_pages
 from armd.daemon.files.session_folder import load_artefact
@@ -125,7 +125,7 @@ def _render_page(
 
 def _judge_history(folder: Path) -> tuple[list[PointEpoch], dict[str, Any]]:
     epochs = judge_points(load_checks(folder))
-    result = points_as_json(epochs)
+    result = format_points(epochs)
     write_changed(folder / chain.REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
     return epochs, result
 

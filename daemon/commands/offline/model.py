@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from armd.compensation.geometry.corrections import Correction, list_corrections
-from armd.compensation.geometry.geometry import Geometry, geometry_at
+from armd.compensation.geometry.geometry import Geometry, compute_geometry
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.daemon.bridges.ros2 import urdf
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     if suffix == ".yaml" and arm.n_joints != len(LINKS):
         expected = "six, as Universal Robots' arms have"
         raise BadInput(args.arm, "joint", counted(arm.n_joints, "joint"), expected)
-    geometry = geometry_at(arm, loaded.content if loaded else None, args.at_c)
+    geometry = compute_geometry(arm, loaded.content if loaded else None, args.at_c)
     content, remarks = WRITERS[suffix](args, arm, loaded, geometry)
     write_whole(args.output, content)
     _print(args, loaded, geometry, remarks)

@@ -15,8 +15,8 @@ from armd.compensation.inverse.compensate import compensate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import (
     Calibration,
-    constants_of,
     load_calibration,
+    name_constants,
     save_calibration,
 )
 from armd.compensation.model.state import States
@@ -67,7 +67,7 @@ def make(folder: Path, n: int, terms: list[dict[str, Any]] = TERMS, off: float =
     values += off * scale * np.random.default_rng(n).normal(size=layout.count)
     calibration = {
         "arm": "ARM-1", "created": "2026-01-01T00:00:00+00:00", "reference_temperature_c": 20.0,
-        "constants": constants_of(values, arm.n_joints), "terms": terms,
+        "constants": name_constants(values, arm.n_joints), "terms": terms,
         "temperature_range_c": {"t1": (10.0, 30.0)},
     }  # fmt: skip
     save_calibration(folder / "cal.json", Calibration.model_validate(calibration))

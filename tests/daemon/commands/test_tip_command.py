@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import armd
 from armd.compensation.identify.tip import fit_in_seat, fit_on_sphere
-from armd.compensation.model.kinematics import forward, joint_jacobian
+from armd.compensation.model.kinematics import compute_joint_jacobian, compute_pose
 from armd.daemon.cli import main
 from armd.daemon.files.kept_tips import load_active_tips, locate_tips_file
 from armd.daemon.files.tip_history import locate_history_file, read_history
@@ -102,14 +102,14 @@ def measured(folder, offset_mm, noise_mm=0.002, seed=4, n=12):
         while not measuring.complete:
             q = rng.uniform(-2, 2, (1, 6))
             for _ in range(60):
-                way = goal - forward(q, true)[0]
-                step = np.linalg.pinv(joint_jacobian(q, true), rcond=1e-3) @ way[:, :, None]
+                way = goal - compute_pose(q, true)[0]
+                step = np.linalg.pinv(compute_joint_jacobian(q, true), rcond=1e-3) @ way[:, :, None]
                 q = q + np.clip(step[:, :, 0], -0.3, 0.3)
-            if np.linalg.norm(forward(q, true)[0] - goal) > 1e-9:
+            if np.linalg.norm(compute_pose(q, true)[0] - goal) > 1e-9:
                 continue
             q += rng.normal(0, noise_mm / 500, q.shape)
             number += 1
-            tip, rotation = forward(q, p)
+            tip, rotation = compute_pose(q, p)
             told = measuring.offer(
                 {
                     "seq": number,

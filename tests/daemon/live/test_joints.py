@@ -15,7 +15,7 @@ import zenoh
 
 from armd import POINT
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.config import Limits
 from armd.daemon.live.pipeline import Pipeline
 from armd.daemon.network.publisher import Publisher, encode_joint_messages
@@ -77,7 +77,7 @@ def test_one_per_point_and_only_while_somebody_listens(tmp_path: Path) -> None:
             point = by_seq[seq]
             assert stamp_ns == point["stamp_ns"]
             # Without calibration the point is the nominal geometry's at these very angles.
-            tip, _ = forward(np.array([angles]), model.nominal())
+            tip, _ = compute_pose(np.array([angles]), model.nominal())
             assert tip[0] == pytest.approx(point["position_mm"], abs=1e-6)
             assert len(rates) == model.n_joints
         ok, info = daemon.get("info")
