@@ -137,7 +137,13 @@ class ShapeFit:
 FREE: dict[Shape, ShapeFit] = {
     "point": ShapeFit(3, 3, False, False, _away, _same(lambda _: np.eye(3)), _largest),
     "line": ShapeFit(
-        4, 2, True, False, _line, _same(lambda start: np.stack(find_across(start.direction))), _around
+        4,
+        2,
+        True,
+        False,
+        _line,
+        _same(lambda start: np.stack(find_across(start.direction))),
+        _around,
     ),
     "plane": ShapeFit(
         3, 1, True, False, _plane, _same(lambda start: start.direction[None]), _spread

@@ -5,8 +5,8 @@ coefficients, the encoders and the sensors). Live it is brought to few columns w
 arrives, so that a sample comes cheap; here it is taken whole, and put together once for neighbours
 of equal temperatures.
 
-Derivatives are worked out for a block of samples, whatever their temperatures (`compute_block_jacobian`);
-the products of a run of equal temperatures go four rows of Σ at a time.
+Derivatives are worked out for a block of samples, whatever their temperatures
+(`compute_block_jacobian`); the products of a run of equal temperatures go four rows of Σ at a time.
 """
 
 from __future__ import annotations

@@ -104,7 +104,8 @@ def explain_missing_growth(baseline: Baseline) -> str:
     if within <= MOST_SPAN_K:
         reason = f"was made within {format_plain(within)} K"
     else:
-        reason = f"missed its own readings by {format_plain(baseline.calibration.provenance[LEFT_UM])} µm"
+        residual_um = format_plain(baseline.calibration.provenance[LEFT_UM])
+        reason = f"missed its own readings by {residual_um} µm"
     return f"The calibration {reason} and has no thermal model of all links."
 
 

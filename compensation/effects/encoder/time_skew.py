@@ -19,7 +19,8 @@ def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    return f"the angle of {candidate.location} is {format_plain(abs(amplitudes[0]) * 1e6)} µs out of step"
+    delay_us = format_plain(abs(amplitudes[0]) * 1e6)
+    return f"the angle of {candidate.location} is {delay_us} µs out of step"
 
 
 EFFECT = Effect(

@@ -18,7 +18,8 @@ def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    return f"{candidate.location} twists by {format_plain(abs(amplitudes[0]) * 1e6)} µrad per Nm of gravity"
+    twist_urad = format_plain(abs(amplitudes[0]) * 1e6)
+    return f"{candidate.location} twists by {twist_urad} µrad per Nm of gravity"
 
 
 EFFECT = Effect(

@@ -59,7 +59,8 @@ def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    return f"{candidate.location} bends by {format_plain(abs(amplitudes[0]) * 1e6)} µrad per Nm at its end"
+    angle_urad = format_plain(abs(amplitudes[0]) * 1e6)
+    return f"{candidate.location} bends by {angle_urad} µrad per Nm at its end"
 
 
 EFFECT = Effect(

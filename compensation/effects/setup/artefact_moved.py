@@ -34,7 +34,8 @@ def list_candidates(_: SessionFacts) -> Iterator[Candidate]:
 
 def describe(_: Candidate, amplitudes: F64) -> str:
     shift, turn = (float(np.linalg.norm(part)) * 1e3 for part in (amplitudes[:3], amplitudes[3:]))
-    return f"the artefact was moved by {format_plain(shift)} µm and turned by {format_plain(turn)} mrad"
+    size = f"moved by {format_plain(shift)} µm and turned by {format_plain(turn)} mrad"
+    return f"the artefact was {size}"
 
 
 EFFECT = Effect(

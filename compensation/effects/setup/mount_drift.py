@@ -73,7 +73,8 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
         )
     shift = float(np.linalg.norm(amplitudes[:3])) * 1e3
     turn = float(np.linalg.norm(amplitudes[3:])) / ARC_SECOND
-    return f"the base stepped by {format_plain(shift)} µm and {format_plain(turn)}″{describe_instant(candidate)}"
+    size = f"{format_plain(shift)} µm and {format_plain(turn)}″"
+    return f"the base stepped by {size}{describe_instant(candidate)}"
 
 
 EFFECT = Effect(

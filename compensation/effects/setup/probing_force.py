@@ -29,8 +29,8 @@ def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    along_um, across_um = np.abs([amplitudes[0], amplitudes.sum()]) * 1e3
-    return f"the tip yields {format_plain(across_um)} µm across the stylus and {format_plain(along_um)} µm along it"
+    along_um, across_um = map(format_plain, np.abs([amplitudes[0], amplitudes.sum()]) * 1e3)
+    return f"the tip yields {across_um} µm across the stylus and {along_um} µm along it"
 
 
 EFFECT = Effect(

@@ -27,7 +27,8 @@ def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    return f"the stylus hangs by {format_plain(1e3 * abs(amplitudes[0]))} µm at its tip when it is level"
+    sag_um = format_plain(1e3 * abs(amplitudes[0]))
+    return f"the stylus hangs by {sag_um} µm at its tip when it is level"
 
 
 EFFECT = Effect(

@@ -100,7 +100,8 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
         return _read_by_session(candidate, amplitudes)
     if is_drift(candidate):
         extent_mm = max(compute_swing(candidate, amplitudes, f"tip_{axis}") for axis in "xyz")
-        return f"the tip {describe_course(candidate)}, by {format_plain(extent_mm * 1e3)} µm in the time seen"
+        extent_um = format_plain(extent_mm * 1e3)
+        return f"the tip {describe_course(candidate)}, by {extent_um} µm in the time seen"
     moved = ", ".join(format_plain(value, 3, "+") for value in amplitudes * 1e3)
     return f"the tip has moved by ({moved}) µm in the last frame{describe_instant(candidate)}"
 

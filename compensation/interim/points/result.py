@@ -107,7 +107,8 @@ def _reading(moved: Sequence[Moved]) -> str:
     """By how much, in a sentence: what is sure, the surest first."""
     listed = [figure for figure in moved if figure.significant][:IN_WORDS] or list(moved[:1])
     sizes = ", ".join(
-        f"{figure.name} by {format_plain(figure.change_um, sign='+')} ± {format_plain(figure.half_width_um)} µm"
+        f"{figure.name} by {format_plain(figure.change_um, sign='+')}"
+        f" ± {format_plain(figure.half_width_um)} µm"
         for figure in listed
     )
     n_more = sum(figure.significant for figure in moved) - len(listed)
@@ -134,9 +135,11 @@ def describe_points(epochs: Sequence[PointEpoch]) -> list[str]:
     for epoch in epochs:
         for change, moved in zip(epoch.detected.changes, epoch.moved, strict=True):
             low, high = epoch.between_unix_s(change)
-            how = "Growing since" if change.course.gradual else "Changed between"
+            how, link = (
+                ("Growing since", "or") if change.course.gradual else ("Changed between", "and")
+            )
             lines.append(
-                f"{how} {format_minute(low)} {'or' if change.course.gradual else 'and'} {format_minute(high)}"
+                f"{how} {format_minute(low)} {link} {format_minute(high)}"
                 f" (95 %): {_reading(moved)} (95 %) [probability {change.probability:.2f}]."
             )
     bad = [epoch.checks[i].name for epoch in epochs for i in epoch.detected.bad]

@@ -108,8 +108,8 @@ def describe_growth(grown: FittedGrowth) -> str:
     )
     which = "" if grown.separable else "together (these checks cannot separate them) "
     return (
-        f"The calibration was made within {format_plain(grown.made_within_k)} K and contains no thermal "
-        f"expansion. The checks show it: the links expand {which}in µm per metre and kelvin (95 %):"
+        f"The calibration was made within {format_plain(grown.made_within_k)} K and contains no "
+        f"thermal expansion. The checks show it: the links expand {which}in µm per metre and kelvin (95 %):"
         f" {sizes}. This is no change of the arm. With it, checks held out in turn err by "
         f"{format_plain(after_um)} µm instead of {format_plain(before_um)} µm."
     )
@@ -201,9 +201,8 @@ def describe_judgement(judgement: Judgement) -> list[str]:
             f" {describe_change(reported)} [probability {reported.change.probability:.2f}]."
         )
         if not math.isnan(reported.tip_rms_um):
-            lines.append(
-                f"Over the arm's reach that is {format_plain(reported.tip_rms_um)} µm RMS at the tip."
-            )
+            tip_um = format_plain(reported.tip_rms_um)
+            lines.append(f"Over the arm's reach that is {tip_um} µm RMS at the tip.")
         if reported.rivals:
             rivals = ", ".join(
                 f"{name_cause(rival)} {share:.2f}" for rival, share in reported.rivals[:4]
