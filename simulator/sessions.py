@@ -30,7 +30,7 @@ from armd.files.outputs import (
 from armd.files.writing import write_whole
 from armd.simulator.campaigns import calibration, hidden, interim, paper, verification
 from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Measured, carry_out, make_session_files
+from armd.simulator.measured.measuring import Measured, make_session_files, measure_campaign
 from armd.simulator.measured.noise import Noise
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
@@ -170,7 +170,7 @@ def _interim(args: argparse.Namespace) -> int:
     noise = Noise().scaled(args.noise)
     measured = []
     with show_bar(aside(args), MEASURING) as show_share:
-        for session in interim.carry_out(history, args.seed, noise):
+        for session in interim.measure_checks(history, args.seed, noise):
             measured.append(session)
             show_share(MEASURING, len(measured) / days)
     campaign = interim.plan_interim(args.seed, noise, history.artefact)
@@ -204,7 +204,7 @@ def write_campaign(
     Raises `BadInput`, and writes nothing, if one of the files is there with another content:
     somebody may have measured it.
     """
-    measured = list(carry_out(campaign, np.random.default_rng([seed, 0x5E55])))
+    measured = list(measure_campaign(campaign, np.random.default_rng([seed, 0x5E55])))
     _write_measured(folder, campaign.arm_toml, measured, force)
     return measured
 

@@ -192,7 +192,7 @@ CAUSES: dict[str, Planting] = {
     "time_skew": Planting(
         "µs", 80.0, "joint", plant_imperfection(lambda p, _r, _: LateLatch(p.number, p.size))
     ),
-    "mount_drift": Planting("×", 1.0, "base", plant_imperfection(allow_drift(arm.mount))),
+    "mount_drift": Planting("×", 1.0, "base", plant_imperfection(allow_drift(arm.plant_mount))),
     "tip_offset": Planting("µm", 7.0, "tip", plant_imperfection(arm.make_tip_change)),
     "outliers": Planting("µm", 60.0, "rows", surroundings.plant_outliers),
     "unknown": Planting("by kind", 5.0, "-", plant_imperfection(arm.make_unknown)),

@@ -23,7 +23,7 @@ from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.nominal import TIP_RADIUS_MM
-from armd.simulator.truth.rotations import random_unit
+from armd.simulator.truth.rotations import draw_directions
 
 #: Least cosine of the shaft with the way out of a surface: flatter, it would touch it.
 LEAST_COSINE = 0.3
@@ -151,7 +151,7 @@ class Workshop:
         azimuth = self.rng.uniform(-np.pi, np.pi)
         radius, height = self.rng.uniform(420.0, 650.0), self.rng.uniform(-50.0, 450.0)
         where = np.array([radius * np.cos(azimuth), radius * np.sin(azimuth), height])
-        turn = Rotation.from_rotvec(tilted * random_unit(self.rng, 1)[0])
+        turn = Rotation.from_rotvec(tilted * draw_directions(self.rng, 1)[0])
         turn = turn * Rotation.from_rotvec([0.0, 0.0, self.rng.uniform(0.0, 2.0 * np.pi)])
         return np.asarray(turn.as_matrix()), where
 

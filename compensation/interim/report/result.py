@@ -109,8 +109,8 @@ def describe_growth(grown: FittedGrowth) -> str:
     which = "" if grown.separable else "together (these checks cannot separate them) "
     return (
         f"The calibration was made within {format_plain(grown.made_within_k)} K and contains no "
-        f"thermal expansion. The checks show it: the links expand {which}in µm per metre and kelvin (95 %):"
-        f" {sizes}. This is no change of the arm. With it, checks held out in turn err by "
+        f"thermal expansion. The checks show it: the links expand {which}in µm per metre and "
+        f"kelvin (95 %): {sizes}. This is no change of the arm. With it, checks held out in turn err by "
         f"{format_plain(after_um)} µm instead of {format_plain(before_um)} µm."
     )
 
