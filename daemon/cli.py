@@ -19,10 +19,10 @@ from armd.compensation.freed import collect_seldom
 from armd.daemon.commands.groups import COMMANDS, FOLDERS, format_grouped_help
 from armd.daemon.commands.terminal import drop_output
 from armd.daemon.commands.usage import USAGE
-from armd.errors import ArmdError, BadInput, describe_os_error, fit_lines
+from armd.errors import ArmdError, BadInput, describe_os_error, shorten_lines
 from armd.terminal.loudness import add_loudness, report_own_fault, show_log
 from armd.terminal.parser import Parser
-from armd.terminal.suggest import did_you_mean
+from armd.terminal.suggest import suggest
 
 if TYPE_CHECKING:
     from armd.daemon.commands.added import AddedCommand
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             gc.freeze()
         return code
     except ArmdError as error:
-        print(f"armd: {fit_lines(error)}", file=sys.stderr)
+        print(f"armd: {shorten_lines(error)}", file=sys.stderr)
         return 2
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
@@ -111,7 +111,7 @@ def _run(arguments: list[str]) -> int:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     added = _added(chosen, arguments)
     if chosen is not None and chosen not in COMMANDS and chosen not in added:
-        guess = did_you_mean(chosen, [*COMMANDS, *added]) or " (armd --help lists them)"
+        guess = suggest(chosen, [*COMMANDS, *added]) or " (armd --help lists them)"
         raise BadInput("command line", "COMMAND", repr(chosen), f"a command of armd{guess}")
     with collect_seldom() if FOLDERS.get(str(chosen)) == "offline" else nullcontext():
         return _run_chosen(chosen, arguments, added)
@@ -168,9 +168,9 @@ def _run_command(
     chosen: str, namespace: argparse.Namespace, added: Mapping[str, AddedCommand]
 ) -> int:
     if not namespace.quiet and sys.stderr is not None and sys.stderr.isatty():
-        from armd.terminal.aside import tell_of_compiling  # rich takes long to load
+        from armd.terminal.aside import report_compiling  # rich takes long to load
 
-        tell_of_compiling()
+        report_compiling()
     if chosen in added:
         return added[chosen].run(namespace)
     return int(importlib.import_module(name_module(chosen)).run(namespace))

@@ -23,7 +23,7 @@ from armd.compensation.interim.checks.chain import (
     read_chain,
 )
 from armd.files.inputs import read_input
-from armd.files.schema import json_data
+from armd.files.schema import load_json_data
 
 #: How often the folder is looked at, s.
 LOOK_S = 5.0
@@ -129,7 +129,7 @@ class InterimChecks:
             self.last = LastCheck(fault=f"{path} cannot be read: {' '.join(str(error).split())}")
 
     def _read(self, path: Path) -> LastCheck:
-        result = json_data(path, read_input(path, MOST_BYTES))
+        result = load_json_data(path, read_input(path, MOST_BYTES))
         last = parse_result(result)
         arm = result.get("arm", self._serial_number)  # older results do not tell
         if arm != self._serial_number:

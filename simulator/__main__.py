@@ -13,7 +13,7 @@ from pathlib import Path
 if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from armd.errors import ArmdError, BadInput, describe_os_error, fit_lines
+from armd.errors import ArmdError, BadInput, describe_os_error, shorten_lines
 from armd.files.inputs import read_input
 from armd.files.outputs import ARM, check_same
 from armd.files.schema import decode_toml, load_toml
@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return run_on_wire(options)
     except ArmdError as error:
         for fault in (error, *getattr(error, "more", ())):
-            print(f"armd: {fit_lines(fault)}", file=sys.stderr)
+            print(f"armd: {shorten_lines(fault)}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # whoever started it has left
         return 141

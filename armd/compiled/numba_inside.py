@@ -67,7 +67,7 @@ def is_cached_in(folder: Path, dispatcher: Any) -> bool:
     return folder in Path(dispatcher.stats.cache_path).parents
 
 
-def widen_constants(dispatcher: Any) -> Any:
+def compile_once(dispatcher: Any) -> Any:
     """*dispatcher*, compiled once for all constants that compiled functions call it with.
 
     Numba would compile it anew for each of them. LLVM sees them too where it writes the function
@@ -102,7 +102,7 @@ class _Once(Listener):  # type: ignore[misc]
 
 
 @contextmanager
-def unoptimised() -> Iterator[None]:
+def skip_optimisation() -> Iterator[None]:
     """Within this `with`, functions are compiled in less time, for one call that says what their
     results are: `export` optimises all of them again, as a whole.
 
@@ -158,7 +158,7 @@ def export(path: Path, functions: Sequence[Exportable]) -> None:
                 returned = dispatcher.overloads[arguments].signature.return_type
                 forwarder = _forwarder(dispatcher, len(kinds))
                 forwarder.releases = dispatcher.targetoptions.get("nogil", False)
-                symbol = library.symbol(function.name, kinds)
+                symbol = library.name_symbol(function.name, kinds)
                 compiler.export(symbol, returned(*arguments))(forwarder)
         try:
             with _released():
@@ -206,7 +206,7 @@ def _forwarder(dispatcher: Any, n: int) -> Any:
 
 
 def _numba_type(kind: Hashable) -> Any:
-    """Numba's type of what has this `library.kind`."""
+    """Numba's type of what has this `library.describe_kind`."""
     match kind:
         case (np.dtype() as dtype, int(ndim), int(flags)):
             layout, aligned, readonly = (

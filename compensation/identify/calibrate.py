@@ -60,7 +60,7 @@ from armd.compensation.model.calibration import Calibration, Noise, name_constan
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
 from armd.errors import ArmdError
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 ThermalMethod = Literal["polynomial", "zones", "components", "per-temperature"]
 
@@ -172,8 +172,8 @@ def _calibrate(
         notes.append(f"the fit did not settle within {final.steps} steps")
     if final.region.any() and not second:
         notes.append(
-            f"{counted(int(final.region.sum()), 'reading')} far off like others near in posture: no"
-            " outliers, they count fully; `armd diagnose` looks for why"
+            f"{format_count(int(final.region.sum()), 'reading')} far off like others near in posture:"
+            " no outliers, they count fully; `armd diagnose` looks for why"
         )
     by = "temperature"
     if not per_temperature:
@@ -317,9 +317,8 @@ def _choose_terms(
     if options.thermal_method != "polynomial":
         name = {"zones": "two zones", "components": "principal components"}[options.thermal_method]
         if name not in comparison.models:
-            raise ArmdError(
-                f"{name}: {counted(len(comparison.groups), 'temperature')}, expected at least 3"
-            )
+            count = format_count(len(comparison.groups), "temperature")
+            raise ArmdError(f"{name}: {count}, expected at least 3")
         return 1, comparison.models[name]
     if options.thermal_order is not None:
         terms = make_length_terms(arm, range(1, options.thermal_order + 1))

@@ -27,7 +27,7 @@ from armd.compensation.model.slow_factors import Period, SlowFactor
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.schema import Strict, json_data, validate
+from armd.files.schema import Strict, load_json_data, validate
 from armd.files.writing import write_whole
 
 #: A diagnosis writes dozens; a sample pays 5 ns for each that depends on the pose.
@@ -222,7 +222,7 @@ def _canonical(value: Any) -> Iterator[str]:
 
 def _parse(path: str | Path, data: bytes) -> Calibration:
     """The content of a file, checked; a value that cannot be is told rather than a wrong hash."""
-    content = json_data(path, data)
+    content = load_json_data(path, data)
     if not isinstance(content, dict):
         raise BadInput(path, "the file", type(content).__name__, "an object, { … }")
     listed = content.get("terms", [])

@@ -17,7 +17,7 @@ from armd.compensation.model.kinematics import compute_frames
 from armd.compensation.report.layout.drawing import make_views, set_view
 from armd.compensation.report.layout.page import Page
 from armd.compensation.report.sessions import InputFile, add_origin
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 
 def make_design_report(
@@ -32,7 +32,7 @@ def make_design_report(
     page = Page(f"Next experiment with {arm.serial_number}")
     criterion = experiment.criterion
     page.add_verdict(
-        f"MEASURE {counted(len(rows), 'pose').upper()}",
+        f"MEASURE {format_count(len(rows), 'pose').upper()}",
         f"To {criterion.words}: {experiment.climate.words}.",
         None,
     )

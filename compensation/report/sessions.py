@@ -14,8 +14,8 @@ from armd.arrays import F64
 from armd.compensation.data.sessions.session import Session, make_distinct_names
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.layout.page import Page, make_report_number
-from armd.files.inputs import digest_input
-from armd.terminal.counted import counted
+from armd.files.inputs import hash_input
+from armd.terminal.counted import format_count
 
 NOT_STATED = "not stated"
 
@@ -31,7 +31,7 @@ class InputFile(NamedTuple):
         """Of the file *path*; None for none."""
         if not path:
             return None
-        return cls(Path(path).name, digest_input(path))
+        return cls(Path(path).name, hash_input(path))
 
 
 def add_origin(
@@ -64,8 +64,8 @@ def add_session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None
         page.add_text("The arm has no temperature sensors.")
         return
     page.add_text(
-        f"Temperatures: the lowest and the highest of the {counted(len(arm.sensors), 'sensor')} of"
-        " the arm, and of the artefact, over all readings of the session."
+        f"Temperatures: the lowest and the highest of the {format_count(len(arm.sensors), 'sensor')}"
+        " of the arm, and of the artefact, over all readings of the session."
     )
 
 

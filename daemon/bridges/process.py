@@ -15,7 +15,7 @@ from typing import Protocol, TypeVar, cast
 
 import armd
 from armd import Arm
-from armd.printable import printable
+from armd.printable import to_printable
 
 #: For a daemon that starts at the same time.
 WAIT_S = 60.0
@@ -42,7 +42,7 @@ def report_ready(name: str, endpoint: str) -> None:
 
 def warn(text: str) -> None:
     """On standard error, for whoever wonders why nothing happens."""
-    print(printable(f"armd: {text}"), file=sys.stderr, flush=True)
+    print(to_printable(f"armd: {text}"), file=sys.stderr, flush=True)
 
 
 def serve(args: argparse.Namespace, bridge: ServeArm) -> int:

@@ -16,7 +16,7 @@ from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.catalogue.axes import format_point
 from armd.errors import BadInput
 from armd.files.schema import load_toml
-from armd.terminal.suggest import did_you_mean
+from armd.terminal.suggest import suggest
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def find_spelling(name: str) -> str:
     key = by_letters.get(key.replace("-", "").replace(" ", ""), key)
     if key not in KNOWN:
         names = [*KNOWN, "microscribe"]
-        expected = f"one of {', '.join(names)}{did_you_mean(key, names)}"
+        expected = f"one of {', '.join(names)}{suggest(key, names)}"
         raise BadInput("armd arm", "NAME", repr(name), expected)
     return key
 

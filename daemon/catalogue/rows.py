@@ -26,8 +26,8 @@ from armd.compensation.data.foreign.words import (
 )
 from armd.daemon.catalogue.chain_rows import DH, ChainRows, convert_to_hayati, to_standard_rows
 from armd.errors import BadInput
-from armd.files.toml_text import toml_text
-from armd.terminal.suggest import few, hint
+from armd.files.toml_text import format_toml
+from armd.terminal.suggest import format_names, suggest_names
 
 #: Keys of a joint that a table may have.
 ROW = tuple(OF_A_JOINT)
@@ -76,10 +76,10 @@ def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]
     remarks = columns.remarks
     if not any(name in columns.by_key for name in LENGTH_KEYS):
         expected = "a column d_mm or a_mm: an arm without lengths reaches nowhere"
-        raise BadInput(path, "the header", few(table.header), expected)
+        raise BadInput(path, "the header", format_names(table.header), expected)
     if "alpha_deg" not in columns.by_key:
         expected = "a column alpha_deg too, with 0 where an axis is parallel to the one before"
-        raise BadInput(path, "the header", few(table.header), expected)
+        raise BadInput(path, "the header", format_names(table.header), expected)
     convention = convention or _find_convention(table, columns)
     for name in ("theta_deg", "d_mm", "a_mm"):
         if name not in columns.by_key:
@@ -119,7 +119,7 @@ def _write_text(rows: ChainRows, remarks: list[str]) -> str:
         del content["temperature_sensor"]
     if content["gravity"] == [0.0, 0.0, -1.0]:
         del content["gravity"]
-    return toml_text(content)
+    return format_toml(content)
 
 
 def _find_convention(table: ForeignTable, columns: Columns) -> str:
@@ -174,7 +174,10 @@ def _find_columns(table: ForeignTable) -> Columns:
             continue
         elif (key := by_word.get(word)) is None:
             raise BadInput(
-                table.path, "the header", repr(header), f"a key of a joint{hint(header, ROW)}"
+                table.path,
+                "the header",
+                repr(header),
+                f"a key of a joint{suggest_names(header, ROW)}",
             )
         else:
             name = key
@@ -232,7 +235,7 @@ def _get_factor(table: ForeignTable, header: str, name: str, unit: str) -> float
     if not units or not unit:
         return 1.0
     if unit not in units:
-        expected = f"one of {few(units)}"
+        expected = f"one of {format_names(units)}"
         raise BadInput(table.path, f"column {header}", f"the unit {unit!r}", expected)
     return units[unit]
 

@@ -20,7 +20,7 @@ from rich.text import Text
 from armd import Arm, Flag, Point, keys
 from armd.closing import Closing
 from armd.daemon.state import State
-from armd.printable import printable
+from armd.printable import to_printable
 
 COLOURS = {
     State.READY: "green",
@@ -80,11 +80,13 @@ class Screen(Closing):
             table.add_row("flags", format_flags(self._point.flags) or "none")
         if self._health:
             state = self._health.get("state", "")
-            line = Text(printable(state), COLOURS.get(state, ""))
-            line.append(f" {printable(self._health.get('reason', ''))}", "default")
+            line = Text(to_printable(state), COLOURS.get(state, ""))
+            line.append(f" {to_printable(self._health.get('reason', ''))}", "default")
             table.add_row("state", line)
-            table.add_row("sensors", Text(printable(format_temperatures(self._health) or "none")))
-            table.add_row("in use", Text(printable(format_sources(self._health))))
+            table.add_row(
+                "sensors", Text(to_printable(format_temperatures(self._health) or "none"))
+            )
+            table.add_row("in use", Text(to_printable(format_sources(self._health))))
         refused = self._arm.refused
         n_rejected = refused.malformed + refused.foreign
         stream = f"{rate_hz:.0f} points/s · {self._arm.lost.total} lost"
@@ -92,8 +94,8 @@ class Screen(Closing):
             "stream", stream + (f" · {n_rejected} of somebody else" if n_rejected else "")
         )
         for event in self._events:
-            table.add_row("event", Text(printable(event)))  # "[/x]" is no markup of ours
-        title = Text(f"armd · {printable(self._arm.serial)}")
+            table.add_row("event", Text(to_printable(event)))  # "[/x]" is no markup of ours
+        title = Text(f"armd · {to_printable(self._arm.serial)}")
         end = Text("Ctrl-C ends it", "dim")
         return Panel(
             table, title=title, title_align="left", width=WIDTH, subtitle=end,

@@ -11,7 +11,7 @@ from armd.compensation.data.foreign.words import LENGTHS, WORDS, split_unit
 from armd.compensation.data.sessions.format import Artefact
 from armd.errors import BadInput
 from armd.files.schema import validate
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 #: Columns of uncertainty, and the standard one's share of it: certificates state U with k = 2.
 UNCERTAINTY = {
@@ -51,7 +51,7 @@ def read_artefact_table(path: Path) -> tuple[Artefact, list[str]]:
         content["distance"] = [_read_distance(table, i, columns) for i in range(len(table.rows))]
     else:
         expected = "columns name, x, y, z, or from, to, length"
-        raise BadInput(path, "the header", few(table.header), expected)
+        raise BadInput(path, "the header", format_names(table.header), expected)
     for name, column in columns.items():
         remarks.append(f"{name} of the artefact is the column {table.header[column]!r}")
     if "uncertainty" in columns:
@@ -77,7 +77,9 @@ def _read_mm(table: ForeignTable, row: int, column: int) -> float:
     unit = split_unit(table.header[column])[1] or "mm"
     if unit not in LENGTHS:
         location = f"column {table.header[column]}"
-        raise BadInput(table.path, location, f"the unit {unit!r}", f"one of {few(LENGTHS)}")
+        raise BadInput(
+            table.path, location, f"the unit {unit!r}", f"one of {format_names(LENGTHS)}"
+        )
     value = LENGTHS[unit] * table.number(row, column)
     if not math.isfinite(value):
         raise table.fault(row, column, "a number")

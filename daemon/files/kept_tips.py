@@ -18,7 +18,7 @@ from pydantic import Field
 from armd.daemon.config import Tip
 from armd.errors import BadInput
 from armd.files.inputs import MOST_TOML_BYTES, read_input
-from armd.files.schema import Strict, json_data, validate
+from armd.files.schema import Strict, load_json_data, validate
 from armd.files.state_folder import find_state_folder
 from armd.files.writing import write_whole
 
@@ -91,4 +91,4 @@ def _parse_number(word: str) -> float | str:
 def _read(path: Path) -> KeptTips:
     if not path.exists():
         return KeptTips()
-    return validate(path, json_data(path, read_input(path, MOST_TOML_BYTES)), KeptTips)
+    return validate(path, load_json_data(path, read_input(path, MOST_TOML_BYTES)), KeptTips)

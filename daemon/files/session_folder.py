@@ -17,7 +17,7 @@ from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.files.schema import load_toml, validate
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 SEAT = "seat"
 
@@ -68,7 +68,9 @@ class SessionFolder:
         if measurement["standard_deviation_mm"] is None:
             return f"{target}: one point, whose scatter nobody knows"
         spread_um = 1000 * math.hypot(*measurement["standard_deviation_mm"])
-        return f"{target}: {counted(measurement['count'], 'point')}, scatter {spread_um:.1f} µm"
+        return (
+            f"{target}: {format_count(measurement['count'], 'point')}, scatter {spread_um:.1f} µm"
+        )
 
 
 def make_reading_row(

@@ -13,7 +13,7 @@ from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.daemon.config import Config, Tip
 from armd.daemon.files.kept_tips import keep_tip, load_active_tips
 from armd.daemon.live.pipeline import Pipeline, Prepared
-from armd.errors import ArmdError, BadInput, cut
+from armd.errors import ArmdError, BadInput, shorten_text
 
 
 class InUse(NamedTuple):
@@ -76,7 +76,9 @@ class ArmInUse:
         that is none of them."""
         tips = self.in_use.tips
         if name and name not in tips:
-            raise ArmdError(f"no tip {cut(name)!r}; there are: {', '.join(tips) or 'none'}")
+            raise ArmdError(
+                f"no tip {shorten_text(name)!r}; there are: {', '.join(tips) or 'none'}"
+            )
         return self._change(self.in_use._replace(tip=name or None))
 
     def with_kept(self, name: str, tip: Tip) -> Takeover:

@@ -22,8 +22,8 @@ from armd.compensation.kernel.model import Model
 from armd.compensation.kernel.points import fill
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compiled.jit import jit, settled
-from armd.compiled.library import kind
+from armd.compiled.jit import jit, settle
+from armd.compiled.library import describe_kind
 from armd.daemon.config import Limits
 from armd.daemon.live.flags import Flagger, finish
 from armd.daemon.live.motion import Motion, follow
@@ -179,8 +179,8 @@ class Pipeline:
             samples, start, self._room, self._memory, self._floats, self._n_numbers, self._ints,
             factor, floor_mm2, points,
         )  # fmt: skip
-        if self._settled is None or kind(samples) != self._kind:
-            self._settled, self._kind = settled(_correct, *arguments), kind(samples)
+        if self._settled is None or describe_kind(samples) != self._kind:
+            self._settled, self._kind = settle(_correct, *arguments), describe_kind(samples)
         self._settled(*arguments)
 
     def _new_points(self, n: int) -> PointArray:

@@ -31,7 +31,7 @@ from armd.compensation.model.calibration import (
     name_constants,
     save_calibration,
 )
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from support.synthetic import STARTED
 from support.synthetic import arm as synthetic_arm
 
@@ -132,7 +132,7 @@ def _stages(folder: Path, rows: int) -> dict[str, dict[str, float]]:
 def _write_model(folder: Path) -> None:
     arm = synthetic_arm()
     (folder / "session").mkdir()
-    (folder / "arm.toml").write_text(toml_text(arm.model_dump(by_alias=True, exclude_none=True)))
+    (folder / "arm.toml").write_text(format_toml(arm.model_dump(by_alias=True, exclude_none=True)))
     names = [f"{letter}_{k}" for letter in "da" for k in range(1, 7)]
     content = {
         "schema": "armd.calibration/1",
@@ -154,7 +154,7 @@ def _write_model(folder: Path) -> None:
         "angle_unit": "rad",
         "artefact": {"name": "tracker", "target": [{"name": "reflector"}]},
     }
-    (folder / "session/session.toml").write_text(toml_text(session))
+    (folder / "session/session.toml").write_text(format_toml(session))
 
 
 def _expansion(parameter: str, sensor: str) -> dict[str, Any]:

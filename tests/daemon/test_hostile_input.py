@@ -26,7 +26,7 @@ from armd.daemon.host.metrics import render
 from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame
 from armd.errors import ArmdError
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from armd.received import is_sound
 from armd.simulator.__main__ import main as simulate
 from support.careless_network import HEALTH, fleet_of
@@ -150,7 +150,7 @@ def test_a_folder_may_have_any_name_and_messages_escape_it(
     """It is the file system's, and its owner cannot always rename it: used, and shown escaped."""
     folder = tmp_path / HIDDEN
     folder.mkdir()
-    (folder / "arm.toml").write_text(toml_text(ARM))
+    (folder / "arm.toml").write_text(format_toml(ARM))
     assert main(["check", str(folder / "arm.toml")]) == 0
     said = "".join(capsys.readouterr())
     assert "a\\x1b[2J\\u202eb" in said and "\x1b" not in said and "\u202e" not in said

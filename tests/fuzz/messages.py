@@ -18,7 +18,7 @@ from armd.daemon.bridges.fleet import Fleet
 from armd.daemon.bridges.ros2.bridge import Bridge
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.bridges.view import page_messages
-from armd.received import is_sound, json_object
+from armd.received import is_sound, parse_object
 from support.careless_network import EVENT, HEALTH, MEASUREMENT, fleet_of
 
 WHOLE = MEASUREMENT | {
@@ -58,7 +58,7 @@ def message_doors(folder: Path) -> Iterator[Door]:
     )
 
     def measurement(data: bytes) -> None:
-        content = json_object(keys.MEASUREMENT, data)
+        content = parse_object(keys.MEASUREMENT, data)
         if content is None:
             return
         page_messages.format_measurement(content)
@@ -70,14 +70,14 @@ def message_doors(folder: Path) -> Iterator[Door]:
         ros2()._tell_measurement(content)
 
     def health(data: bytes) -> None:
-        content = json_object(keys.HEALTH, data)
+        content = parse_object(keys.HEALTH, data)
         if content is None:
             return
         json.dumps(fleet_of(content).rows(), allow_nan=False)
         ros2()._tell_health(content)
 
     def event(data: bytes) -> None:
-        content = json_object(keys.EVENT, data)
+        content = parse_object(keys.EVENT, data)
         if content is None:
             return
         Fleet().note_event("S", content)
@@ -88,7 +88,7 @@ def message_doors(folder: Path) -> Iterator[Door]:
             ros2()._tell_joints(data)
 
     def info(data: bytes) -> None:
-        content = json_object(keys.INFO, data)
+        content = parse_object(keys.INFO, data)
         if content is not None:
             Tips(content)
 

@@ -47,8 +47,8 @@ from armd.daemon.service import Service
 from armd.daemon.unexpected import Unexpected
 from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame
-from armd.files.toml_text import toml_text
-from armd.received import is_sound, json_object
+from armd.files.toml_text import format_toml
+from armd.received import is_sound, parse_object
 from support.careless_network import EVENT, HEALTH
 from support.small_arm_toml import ARM
 
@@ -146,7 +146,7 @@ def screens() -> Iterator[Door]:
         check_printed(console.file.getvalue())
 
     def health(data: bytes) -> None:
-        content = json_object(keys.HEALTH, data)
+        content = parse_object(keys.HEALTH, data)
         if content is None:
             return
         fleet = fleet_of(content)
@@ -157,7 +157,7 @@ def screens() -> Iterator[Door]:
         shown(screen._panel(1.0))
 
     def event(data: bytes) -> None:
-        content = json_object(keys.EVENT, data)
+        content = parse_object(keys.EVENT, data)
         if content is None:
             return
         fleet = Fleet()
@@ -347,7 +347,7 @@ def listeners() -> Iterator[Door]:
 def network_doors(folder: Path) -> Iterator[Door]:
     folder.mkdir(parents=True)
     for name, text in (
-        ("arm.toml", toml_text(ARM)), ("armd.toml", LISTENING), ("cal.json", SEALED.decode()),
+        ("arm.toml", format_toml(ARM)), ("armd.toml", LISTENING), ("cal.json", SEALED.decode()),
     ):  # fmt: skip
         (folder / name).write_text(text)
     config = load_config(folder / "armd.toml")

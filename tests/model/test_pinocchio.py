@@ -23,7 +23,7 @@ from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.daemon.catalogue.known_arms import KNOWN, read_arm_text
 from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from armd.daemon.cli import main
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from armd.offline.model import Model
 from support.own_urdf import OWN
 from support.selection import parametrize_default
@@ -180,7 +180,7 @@ def test_a_chain_of_twenty_joints(tmp_path: Path) -> None:
         "schema": "armd.arm/1", "serial_number": "LONG", "joint": [joint] * 20,
         "tip": {"offset_mm": [10.0, 20.0, 80.0]},
     }  # fmt: skip
-    (tmp_path / "arm.toml").write_text(toml_text(content))
+    (tmp_path / "arm.toml").write_text(format_toml(content))
     arm = load_arm(tmp_path / "arm.toml")
     calibration = calibrate(tmp_path, arm, [])
     write(tmp_path / "arm.toml", calibration, tmp_path / "new.urdf")

@@ -14,7 +14,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
 from armd.compensation.model.kinematics import compute_joint_jacobian
 from armd.drivers.can import objects
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from armd.simulator.canbus.parts import Encoder
 from armd.simulator.live.electronics import ArmParts, Electronics
 from armd.simulator.live.operator import Operator
@@ -90,7 +90,7 @@ def half_counts_mm(arm: Arm) -> float:
 def write_files(folder: Path) -> tuple[Arm, Calibration]:
     arm = an_arm()
     content = arm.model_dump(mode="json", by_alias=True, exclude_none=True)
-    (folder / "arm.toml").write_text(toml_text(content))
+    (folder / "arm.toml").write_text(format_toml(content))
     calibration = calibrated(arm)
     save_calibration(folder / "calibration.json", calibration)
     return arm, calibration

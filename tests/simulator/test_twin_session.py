@@ -24,7 +24,7 @@ from armd.compensation.model.calibration import (
     save_calibration,
 )
 from armd.compensation.model.kinematics import compute_joint_jacobian
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from armd.simulator.__main__ import main
 from armd.simulator.twin.files import to_arm_data, to_calibration_data
 from armd.simulator.twin.model import TwinModel
@@ -101,7 +101,7 @@ class Measured:
         self.folder, self.arm = folder, an_arm()
         self.arm_path, self.cal_path = folder / "arm.toml", folder / "cal.json"
         content = self.arm.model_dump(mode="json", by_alias=True, exclude_none=True)
-        self.arm_path.write_text(toml_text(content))
+        self.arm_path.write_text(format_toml(content))
         save_calibration(self.cal_path, a_calibration(self.arm, rng))
         self.session = folder / "session"
         self._write(rng, unit)

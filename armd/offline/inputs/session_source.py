@@ -28,7 +28,7 @@ from armd.compensation.data.tables.readings import (
 )
 from armd.compensation.model.arm import Arm
 from armd.files.schema import load_toml
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 
 
 class SessionSource(Protocol):
@@ -109,7 +109,7 @@ class TableSource:
         text = io.BytesIO()
         pa.csv.write_csv(self._table, text)
         digest = hashlib.sha256()
-        toml = toml_text(self._content()).encode()
+        toml = format_toml(self._content()).encode()
         for name, data in (("session.toml", toml), (READINGS[0], text.getvalue())):
             digest.update(f"{name}\0{len(data)}\0".encode())
             digest.update(data)

@@ -25,7 +25,7 @@ from armd.compensation.data.foreign.words import (
 from armd.compensation.data.sessions.columns import QUATERNION, ROLL_PITCH_YAW, number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 Value = TypeVar("Value")
 
@@ -116,8 +116,10 @@ def _refuse_empty(table: ForeignTable, name: str, column: int) -> None:
 def _complete(table: ForeignTable, columns: FoundColumns, targets: Sequence[str]) -> None:
     """Placement and target for all rows where no column has them; raises `BadInput`."""
     if "target" not in columns.texts and len(targets) > 1:
-        expected = f"the column of targets ({few(targets)}): --column target=HEADER"
-        raise BadInput(table.path, "target", f"no such column among {few(table.header)}", expected)
+        expected = f"the column of targets ({format_names(targets)}): --column target=HEADER"
+        raise BadInput(
+            table.path, "target", f"no such column among {format_names(table.header)}", expected
+        )
     n = len(table.rows)
     for name in TEXTS:
         if name not in columns.texts:
@@ -137,15 +139,15 @@ def _say_unused(columns: FoundColumns, places: Places) -> None:
         columns.remarks.append(f"left out: {', '.join(unused)}")
     warm = [header for header in unused if _is_temperature(header)]
     if warm:
-        sensors = f"only {few(arm.sensors)}" if arm.sensors else "none"
+        sensors = f"only {format_names(arm.sensors)}" if arm.sensors else "none"
         columns.remarks.append(
-            f"{few(warm)}: temperatures without a sensor; the arm.toml has {sensors}"
+            f"{format_names(warm)}: temperatures without a sensor; the arm.toml has {sensors}"
             " ([[temperature_sensor]], and temperature = of each joint)"
         )
     missing = [name for name in arm.sensors if name not in columns.numbers]
     if missing:
         columns.remarks.append(
-            f"no column for the sensor{'s' * (len(missing) > 1)} {few(missing)}: missing"
+            f"no column for the sensor{'s' * (len(missing) > 1)} {format_names(missing)}: missing"
             f" temperatures (--column {missing[0]}=HEADER)"
         )
 
@@ -172,7 +174,7 @@ def _angle_unit(table: ForeignTable, places: Mapping[str, int], option: str | No
     units = {column: split_unit(table.header[column])[1] for column in columns}
     for column, unit in units.items():
         if unit and unit not in ANGLES:
-            expected = f"one of {few(ANGLES)}, or --angle-unit"
+            expected = f"one of {format_names(ANGLES)}, or --angle-unit"
             raise BadInput(
                 table.path, f"column {table.header[column]}", f"the unit {unit!r}", expected
             )
@@ -239,7 +241,9 @@ def _in_unit(
 
 def _look_up_unit(table: ForeignTable, header: str, unit: str, units: Mapping[str, Value]) -> Value:
     if unit not in units:
-        raise BadInput(table.path, f"column {header}", f"the unit {unit!r}", f"one of {few(units)}")
+        raise BadInput(
+            table.path, f"column {header}", f"the unit {unit!r}", f"one of {format_names(units)}"
+        )
     return units[unit]
 
 

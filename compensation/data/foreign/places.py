@@ -25,7 +25,7 @@ from armd.compensation.data.foreign.words import (
 )
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
-from armd.terminal.suggest import few, hint
+from armd.terminal.suggest import format_names, suggest_names
 
 TEXTS = ("placement", "target")
 _ROS_NAME, _ROS_POSITION = re.compile(r"(.*)name_?(\d+)"), "{}position{}"
@@ -76,9 +76,11 @@ def find_places(
     places = Places(table, arm, names)
     for name, header in assigned.items():
         if name not in names:
-            raise BadInput("the command line", "--column", name, f"a column{hint(name, names)}")
+            raise BadInput(
+                "the command line", "--column", name, f"a column{suggest_names(name, names)}"
+            )
         if header not in table.header:
-            expected = f"a column of the table{hint(header, table.header)}"
+            expected = f"a column of the table{suggest_names(header, table.header)}"
             raise BadInput(table.path, "--column", repr(header), expected)
         column = table.header.index(header)
         if column in places.column_of.values():
@@ -141,17 +143,20 @@ def _put_sensors(places: Places, family: Mapping[int, int], assigned: Mapping[st
         _put_sensors_in_order(places, family, assigned)
         return
     if len(family) >= len(sensors) and not set(by_number) <= set(family):
-        headers = few(places.table.header[column] for column in family.values())
-        expected = f"the numbers of {few(sensors)}, or which is which: --column {sensors[0]}=HEADER"
+        headers = format_names(places.table.header[column] for column in family.values())
+        expected = (
+            f"the numbers of {format_names(sensors)}, or which is which:"
+            f" --column {sensors[0]}=HEADER"
+        )
         raise BadInput(places.table.path, "the temperatures", headers, expected)
     for k, column in family.items():
         names = by_number.get(k, [])
         header = places.table.header[column]
         if len(names) > 1:
-            actual = f"{few(names)} for {header!r}"
+            actual = f"{format_names(names)} for {header!r}"
             raise BadInput(places.table.path, "the sensors", actual, f"--column {names[0]}=HEADER")
         if 0 in family and 0 not in by_number:
-            expected = f"numbers as in {few(sensors)}: --column {sensors[0]}=HEADER"
+            expected = f"numbers as in {format_names(sensors)}: --column {sensors[0]}=HEADER"
             raise BadInput(places.table.path, f"column {header}", "numbers from 0", expected)
         if names and names[0] not in assigned:
             places.put(names[0], column)
@@ -164,8 +169,10 @@ def _put_sensors_in_order(
     first = 0 if 0 in family else 1
     within = [k for k in family if 0 <= k - first < len(sensors)]
     if within and len(within) < len(family):
-        headers = few(places.table.header[column] for column in family.values())
-        expected = f"which is which: --column {sensors[0]}=HEADER (the arm has {few(sensors)})"
+        headers = format_names(places.table.header[column] for column in family.values())
+        expected = (
+            f"which is which: --column {sensors[0]}=HEADER (the arm has {format_names(sensors)})"
+        )
         raise BadInput(places.table.path, "the temperatures", headers, expected)
     for k in within:
         if sensors[k - first] not in assigned:
@@ -293,8 +300,10 @@ def refuse_missing_joint(places: Places, k: int) -> BadInput:
     expected = f"a column for joint {k}: --column q{k}=HEADER"
     pairs = [f"{value} is {name}" for value, name in _named_in_cells(table).items()]
     if pairs:
-        expected += f" ({few(pairs)}, by the names in the table)"
-    return BadInput(table.path, f"q{k}", f"no such column among {few(table.header)}", expected)
+        expected += f" ({format_names(pairs)}, by the names in the table)"
+    return BadInput(
+        table.path, f"q{k}", f"no such column among {format_names(table.header)}", expected
+    )
 
 
 def _named_in_cells(table: ForeignTable) -> dict[str, str]:

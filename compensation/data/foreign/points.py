@@ -13,7 +13,7 @@ from armd.compensation.data.foreign.table import ForeignTable, read_table
 from armd.compensation.data.foreign.times import check_unit, read_times
 from armd.compensation.data.foreign.words import DATE, LENGTHS, WORDS, split_unit
 from armd.errors import BadInput
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 AXES = ("x_mm", "y_mm", "z_mm")
 TAKEN = (*AXES, "target", "placement")
@@ -52,7 +52,9 @@ def read_points(path: Path, *, timed: bool = False) -> PointTable:
     for name in AXES:
         if name not in columns:
             expected = "columns x_mm, y_mm, z_mm"
-            raise BadInput(path, name, f"no such column among {few(table.header)}", expected)
+            raise BadInput(
+                path, name, f"no such column among {format_names(table.header)}", expected
+            )
     position = np.column_stack([_millimetres(table, columns[name]) for name in AXES])
     names = {
         name: [row[columns[name]] for row in table.rows]
@@ -88,7 +90,7 @@ def _millimetres(table: ForeignTable, column: int) -> list[float]:
     header = table.header[column]
     unit = split_unit(header)[1] or "mm"
     if unit not in LENGTHS:
-        expected = f"one of {few(LENGTHS)}"
+        expected = f"one of {format_names(LENGTHS)}"
         raise BadInput(table.path, f"column {header}", f"the unit {unit!r}", expected)
     values = [LENGTHS[unit] * table.number(row, column) for row in range(len(table.rows))]
     for row, value in enumerate(values):

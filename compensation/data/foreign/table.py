@@ -20,7 +20,7 @@ from armd.compensation.data.foreign.text import read_text
 from armd.compensation.data.foreign.words import UNITLESS, UNITS, split_unit
 from armd.compensation.data.foreign.workbook import EXCEL, read_workbook
 from armd.errors import BadInput
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 #: What is read as a table, by the suffix of its name.
 TABLES = (".csv", ".tsv", ".txt", ".xlsx")
@@ -52,7 +52,9 @@ class ForeignTable:
         prefix = f"{prefix.rstrip('_')}_"
         arm_columns = {name.removeprefix(prefix) for name in self.header if name.startswith(prefix)}
         if not arm_columns:
-            raise BadInput(self.path, "--prefix", repr(prefix), f"one of {few(self.header)}")
+            raise BadInput(
+                self.path, "--prefix", repr(prefix), f"one of {format_names(self.header)}"
+            )
         columns, header = [], []
         for column, name in enumerate(self.header):
             bare = name.removeprefix(prefix)
@@ -148,7 +150,7 @@ def _with_units(
         ]
         return header, filled[0] + 1
     if not any(map(is_number, row)) and has_mostly_numbers(below):
-        actual = f"no numbers ({few(filter(None, row))})"
+        actual = f"no numbers ({format_names(filter(None, row))})"
         expected = "a reading, or units that armd knows: deg, rad, mm, s, °C, …"
         raise BadInput(path, f"line {filled[0] + 1}", actual, expected)
     return header, first

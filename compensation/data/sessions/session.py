@@ -43,8 +43,8 @@ from armd.compensation.model.state import States
 from armd.errors import BadInput
 from armd.files.inputs import open_input
 from armd.files.schema import load_toml
-from armd.printable import printable
-from armd.terminal.suggest import hint
+from armd.printable import to_printable
+from armd.terminal.suggest import suggest_names
 
 TEXTS = ["placement", "target", "reflector"]
 #: Of a piece's arrays in memory: what is asked of whole columns is several times faster so.
@@ -270,7 +270,7 @@ def _session(
     time_s = read_times(readings)
     q, turns = fold_turns(read_angles(readings, arm, file.angle_unit, order=order), arm)
     rate = read_rates(readings, arm.n_joints)
-    name = printable(folder.resolve().name)
+    name = to_printable(folder.resolve().name)
     reflector, reflectors = readings.names("reflector") if readings.has("reflector") else (None, [])
     temperature_c, artefact_c, remarks = celsius.take(readings, time_s, name)
     return Session(
@@ -308,7 +308,7 @@ def _targets(readings: Readings, codes: I64, names: list[str], artefact: Artefac
     for code, name in enumerate(names):
         if name not in index_of:
             row = int(np.argmax(codes == code))
-            expected = f"a target of the artefact{hint(name, index_of)}"
+            expected = f"a target of the artefact{suggest_names(name, index_of)}"
             if not index_of:
                 expected = "a [[artefact.target]] of this name in session.toml"
             raise readings.fault(row, "target", repr(name), expected)

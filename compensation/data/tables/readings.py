@@ -25,8 +25,8 @@ from armd.compensation.data.tables.header import check_header
 from armd.compensation.data.tables.within import LARGEST, is_within
 from armd.errors import BadInput
 from armd.files.inputs import check_input, open_input
-from armd.printable import invisible
-from armd.terminal.suggest import did_you_mean, few
+from armd.printable import escape_invisible
+from armd.terminal.suggest import format_names, suggest
 
 MISSING = ("", "nan", "NaN", "NAN")
 #: Of tables as Excel writes them where a comma is the decimal point.
@@ -93,7 +93,7 @@ class Readings:
                 raise self.fault(row - 1, name, "nothing", f"the name of a {name}")
         indices = to_codes(encoded)
         for code, text in enumerate(names):
-            if hidden := invisible(text):
+            if hidden := escape_invisible(text):
                 row = int(np.argmax(indices == code))
                 raise self.fault(row, name, f"the character {hidden}", "a name that can be read")
         return indices, names
@@ -110,8 +110,12 @@ class Readings:
 
     def _must_have(self, name: str) -> None:
         if not self.has(name):
-            suggestion = did_you_mean(name, self.header).replace("did you mean", "is it")
-            actual = "no such column" if suggestion else f"no such column among {few(self.header)}"
+            suggestion = suggest(name, self.header).replace("did you mean", "is it")
+            actual = (
+                "no such column"
+                if suggestion
+                else f"no such column among {format_names(self.header)}"
+            )
             raise BadInput(self.path, f"column {name}", actual, f"this column{suggestion}")
 
 

@@ -69,7 +69,7 @@ from armd.compensation.effects.effect import Candidate, join_finding
 from armd.compensation.effects.setup.mount_drift import make_steady_drift
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: What is found otherwise, or is no cause.
 NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
@@ -129,7 +129,7 @@ class Search:
             if len(current.findings) >= MOST_FINDINGS:
                 break
             if not self._work.may_go_on:
-                self._work.skip(f"more than {counted(len(current.findings), 'cause')}")
+                self._work.skip(f"more than {format_count(len(current.findings), 'cause')}")
                 break
             best = choose_finding(scored, self._tests)
             findings = (

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from armd.arrays import F64
 from armd.compensation.effects.effect import Candidate, Effect, SessionFacts
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 
 def list_candidates(_: SessionFacts) -> Iterator[Candidate]:
@@ -13,7 +13,7 @@ def list_candidates(_: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(_: Candidate, amplitudes: F64) -> str:
-    count = counted(len(amplitudes), "reading")
+    count = format_count(len(amplitudes), "reading")
     return f"{count} far from where all others put them: measure again"
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.errors import BadInput
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: So many stretches of rows of a session are named; the rest are counted.
 MOST_STRETCHES = 4
@@ -82,7 +82,7 @@ class SecondGroup:
     def reason(self) -> str:
         """What differs in which rows, by how much."""
         distance = format_uncertainty(self.length_mm, self.length_uncertainty_mm)
-        remainder = counted(self.n_rest, "other reading")
+        remainder = format_count(self.n_rest, "other reading")
         if self.differs is Differs.PLACE:
             return (
                 f"in {self.name_rows()} the artefact, the tracker or the arm's base stood"

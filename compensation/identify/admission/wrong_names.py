@@ -28,7 +28,7 @@ from armd.compensation.identify.admission.mistakes import (
     AssumedModel,
 )
 from armd.errors import BadInput
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: What readings miss their targets by is skewed: under a drawing one in a hundred misses by three
 #: to four medians. One that lies at its own target is not FAR, one that lies at another is NEAR.
@@ -143,6 +143,7 @@ def _make_fault(session: Session, part: Observations, misnamed_readings: WrongNa
     return BadInput(
         path,
         "column target",
-        f"{counted(len(words), 'reading')} of another target: {'; '.join(words[:MOST_TOLD])}{tail}",
+        f"{format_count(len(words), 'reading')} of another target: "
+        f"{'; '.join(words[:MOST_TOLD])}{tail}",
         "each reading under the name of the target it touched",
     )

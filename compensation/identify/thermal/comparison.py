@@ -35,7 +35,7 @@ from armd.compensation.model import parameters
 from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.terms import Term
 from armd.errors import ArmdError
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 MOST_ORDER = 4
 #: A larger model must lower the held-out error by this much to be worth it.
@@ -189,7 +189,7 @@ class Comparison:
         if not orders or max(orders) not in self._regression_orders:
             needed = (thermal_order or 1) + 2
             raise ArmdError(
-                f"per temperature: found {counted(len(self.groups), 'temperature')},"
+                f"per temperature: found {format_count(len(self.groups), 'temperature')},"
                 f" expected at least {needed} for order {thermal_order or 1}, one of them left out"
                 " in turn"
             )

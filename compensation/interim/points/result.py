@@ -12,7 +12,7 @@ from armd.compensation.interim.points.figures import ARM
 from armd.compensation.interim.points.find import PointChange
 from armd.compensation.interim.points.judge import Moved, PointEpoch
 from armd.compensation.wording import format_minute, format_plain
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 NEXT = "the same check again: the same targets, as often, in the same places of the arm's volume"
 CONFIRM = (
@@ -112,7 +112,7 @@ def _reading(moved: Sequence[Moved]) -> str:
         for figure in listed
     )
     n_more = sum(figure.significant for figure in moved) - len(listed)
-    return sizes + (f", and {counted(n_more, 'further figure')}" if n_more > 0 else "")
+    return sizes + (f", and {format_count(n_more, 'further figure')}" if n_more > 0 else "")
 
 
 def describe_points(epochs: Sequence[PointEpoch]) -> list[str]:
@@ -123,14 +123,14 @@ def describe_points(epochs: Sequence[PointEpoch]) -> list[str]:
     lines = []
     if not latest.detected.changes:
         lines.append(
-            f"In control: {counted(count, 'check')}, the last {last.name} of"
+            f"In control: {format_count(count, 'check')}, the last {last.name} of"
             f" {format_minute(last.first_unix_s)}."
         )
         if len(latest.checks) < FIRST_CHECKS:
             n_more = FIRST_CHECKS - len(latest.checks)
             lines.append(
-                f"Few checks yet: only a large change shows. {counted(n_more, 'more check')} will"
-                " tell how far checks of this arm scatter."
+                f"Few checks yet: only a large change shows. {format_count(n_more, 'more check')}"
+                " will tell how far checks of this arm scatter."
             )
     for epoch in epochs:
         for change, moved in zip(epoch.detected.changes, epoch.moved, strict=True):

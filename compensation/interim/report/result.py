@@ -13,7 +13,7 @@ from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
 from armd.compensation.interim.report.growth import SURE, FittedGrowth
 from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
 from armd.compensation.wording import ARC_SECOND, format_minute, format_plain
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: Of a statistic: whatever comes behind depends on which checks were watched at one time.
 DECIMALS = 6
@@ -110,8 +110,8 @@ def describe_growth(grown: FittedGrowth) -> str:
     return (
         f"The calibration was made within {format_plain(grown.made_within_k)} K and contains no "
         f"thermal expansion. The checks show it: the links expand {which}in µm per metre and "
-        f"kelvin (95 %): {sizes}. This is no change of the arm. With it, checks held out in turn err by "
-        f"{format_plain(after_um)} µm instead of {format_plain(before_um)} µm."
+        f"kelvin (95 %): {sizes}. This is no change of the arm. With it, checks held out "
+        f"in turn err by {format_plain(after_um)} µm instead of {format_plain(before_um)} µm."
     )
 
 
@@ -190,7 +190,7 @@ def describe_judgement(judgement: Judgement) -> list[str]:
     lines = []
     if not judgement.changed:
         lines.append(
-            f"In control: {counted(count, 'check')}, the last "
+            f"In control: {format_count(count, 'check')}, the last "
             f"{last.line.name} of {format_minute(last.reduced.first_unix_s)}."
         )
     for reported in (reported for epoch in judgement.epochs for reported in epoch.reported_changes):

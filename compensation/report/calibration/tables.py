@@ -13,7 +13,7 @@ from armd.compensation.model.terms import Term
 from armd.compensation.report.layout.page import Page
 from armd.compensation.report.layout.units import Unit, Units
 from armd.compensation.report.sessions import NOT_STATED
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: Correlations stronger than this are worth knowing.
 WORTH_KNOWING = 0.9
@@ -135,7 +135,7 @@ def add_correlations(page: Page, fit: Identification) -> None:
     if not determined.all():
         page.add_text(
             f"Not determined, and so not listed: correlations of the"
-            f" {counted(int((~determined).sum()), 'unknown')} known only in combination."
+            f" {format_count(int((~determined).sum()), 'unknown')} known only in combination."
         )
     if not pairs:
         page.add_text(f"None beyond ±{WORTH_KNOWING}.")

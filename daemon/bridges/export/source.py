@@ -22,7 +22,7 @@ from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import INFO_ATTACHMENT, Recording
 from armd.errors import BadInput
 from armd.files.inputs import open_input
-from armd.files.schema import KeyTwice, decode_json_text, json_data
+from armd.files.schema import KeyTwice, decode_json_text, load_json_data
 from armd.received import names_arm_and_tips
 
 RECORDING = ".mcap"
@@ -173,7 +173,7 @@ def _from_recording(path: Path) -> Measurements:
     recording = Recording(path)
     topic = TOPICS[keys.MEASUREMENT]
     measurements = _in_order(
-        _measurement(path, topic, json_data(path, message.data))
+        _measurement(path, topic, load_json_data(path, message.data))
         for message in recording.messages({topic})
     )
     info = read_info(recording)

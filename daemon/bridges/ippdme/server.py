@@ -26,7 +26,7 @@ from armd.daemon.bridges.listening import Address, Client, listen
 from armd.daemon.bridges.process import report_ready, run_in_thread
 from armd.daemon.bridges.tips import CmmTip, Tips, parse_vector
 from armd.errors import BadInput
-from armd.printable import printable
+from armd.printable import to_printable
 
 TICK_S = 0.02
 #: Buttons of the arm, from 0, that are keys of the host's instead of a hit.
@@ -100,7 +100,7 @@ class DmeServer:
         toolbox = Toolbox(tips, self._aliases, info["tip"])
         systems = CoordinateSystems(locate_state_file(self._arm.serial))
         if systems.lost is not None:
-            print(printable(f"armd: {systems.lost}"), file=sys.stderr, flush=True)
+            print(to_printable(f"armd: {systems.lost}"), file=sys.stderr, flush=True)
         self._machine = Machine(
             tips, toolbox, systems, self._select_tip, compute_reach_mm(info, tips)
         )

@@ -14,9 +14,9 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import compute_frames
 from armd.daemon.catalogue.urdf.roll_pitch_yaw import convert_matrix_to_rpy
-from armd.files.schema import json_data, validate
-from armd.terminal.counted import counted
-from armd.terminal.suggest import few
+from armd.files.schema import load_json_data, validate
+from armd.terminal.counted import format_count
+from armd.terminal.suggest import format_names
 
 RADIUS_M = 0.02  # of a cylinder: what an arm's tube looks like
 SHORTEST_M = 1e-3  # of a link that is drawn
@@ -37,7 +37,7 @@ def write(info: Mapping[str, Any], calibration: str | None, namespace: str, fram
 def _content(calibration: str) -> Calibration:
     """Of a file that the daemon has in use; raises `BadInput` for an answer that is none."""
     source = "the daemon's calibration"
-    return validate(source, json_data(source, calibration.encode()), Calibration)
+    return validate(source, load_json_data(source, calibration.encode()), Calibration)
 
 
 def write_geometry(arm: Arm, parameters: F64, prefix: str, frame: str) -> str:
@@ -86,8 +86,8 @@ def describe_omissions(calibration: str | None) -> str:
         return ""
     names = dict.fromkeys(term.effect or f"of {term.parameter}" for term in terms)
     return (
-        f"without {counted(len(terms), 'term')} of the calibration ({few(names)}), for which a URDF"
-        " has no place: its tip is where the constants alone put it, not the corrected one"
+        f"without {format_count(len(terms), 'term')} of the calibration ({format_names(names)}),"
+        " for which a URDF has no place: its tip is where the constants alone put it, not the corrected one"
     )
 
 

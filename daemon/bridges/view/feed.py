@@ -18,7 +18,7 @@ from armd.daemon.bridges.view import page_messages
 from armd.daemon.bridges.view.board import KEPT, Board
 from armd.daemon.bridges.view.history import TemperatureHistory
 from armd.errors import ArmdError
-from armd.received import json_object
+from armd.received import parse_object
 from armd.stream import Stream
 
 #: The page is told so often where the tip is; nobody sees more.
@@ -185,7 +185,7 @@ def describe_arm(
     """Ask the daemon what changes seldom; its info, and what the page is told. Raises `ArmdError`
     for no answer and for one that is none of armd's."""
     info, text = arm.info(), arm.calibration_file()
-    calibration = None if text is None else json_object(keys.CALIBRATION, text.encode())
+    calibration = None if text is None else parse_object(keys.CALIBRATION, text.encode())
     try:
         return info, page_messages.format_arm(info, calibration, health, since_ms)
     except (KeyError, TypeError) as error:

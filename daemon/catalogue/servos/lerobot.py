@@ -30,7 +30,7 @@ from armd.daemon.catalogue.servos.lerobot_file import (
     select_motors,
 )
 from armd.errors import BadInput
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 #: What a homing offset may be, by kind: eleven bits beside the sign in a Feetech's register 31, and
 #: what the e-Manual says of a Dynamixel's register 20.
@@ -152,7 +152,7 @@ def _check_sweeps(
     remarks = []
     for key in short:
         if key not in chain:
-            raise BadInput(path, "--short-sweep", repr(key), f"one of {few(chain)}")
+            raise BadInput(path, "--short-sweep", repr(key), f"one of {format_names(chain)}")
     for (key, motor), joint in zip(chain.items(), joints, strict=True):
         location = f"{key}.range_min … range_max"
         swept = f"a sweep of {motor.sweep_deg:.0f}° ({motor.range_min} … {motor.range_max})"

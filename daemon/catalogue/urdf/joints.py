@@ -14,7 +14,7 @@ from armd.daemon.catalogue.urdf.roll_pitch_yaw import (
     convert_rpy_to_matrix,
 )
 from armd.errors import BadInput
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 TURNING = ("revolute", "continuous")
 #: What an origin or an axis may say: whatever else stands there would be passed over in silence.
@@ -68,7 +68,9 @@ def _find_only(path: Path, joint: Element, tag: str, attributes: set[str]) -> El
             *(e.tag for e in element),
         ]
         if strange:
-            raise BadInput(path, place, few(strange), f"{' or '.join(sorted(attributes))} alone")
+            raise BadInput(
+                path, place, format_names(strange), f"{' or '.join(sorted(attributes))} alone"
+            )
         return element
     return None
 

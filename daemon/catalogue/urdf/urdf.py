@@ -29,7 +29,7 @@ from armd.daemon.catalogue.urdf.joints import (
 from armd.daemon.catalogue.urdf.xml_tree import read_robot
 from armd.errors import BadInput
 from armd.files.schema import validate
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
 
@@ -120,7 +120,7 @@ def list_joints_between(
         joints[link] = joint
     link = tip_link or _find_last_link(path, joints)
     if link not in joints:
-        raise BadInput(path, "the tip's link", repr(link), f"one of {few(joints)}")
+        raise BadInput(path, "the tip's link", repr(link), f"one of {format_names(joints)}")
     links: list[Element] = []
     end = link
     while link in joints and link != base_link:
@@ -131,7 +131,7 @@ def list_joints_between(
         link = "" if parent is None else parent.get("link", "")
     if base_link not in (None, link):
         above = [joint.find("parent").get("link", "") for joint in links]  # type: ignore[union-attr]
-        expected = f"a link above {end}: one of {few(above)}"
+        expected = f"a link above {end}: one of {format_names(above)}"
         raise BadInput(path, "the base link", repr(base_link), expected)
     return links, (link, end)
 
@@ -168,7 +168,7 @@ def _find_last_link(path: Path, joints: dict[str, Element]) -> str:
         return ends[0]
     if not joints:
         raise BadInput(path, "the chain", "no joints", "a robot with joints")
-    problem = f"{len(ends)} ends: {few(ends)}" if ends else "no end"
+    problem = f"{len(ends)} ends: {format_names(ends)}" if ends else "no end"
     raise BadInput(path, "the chain", problem, "--tip-link to say which link touches")
 
 

@@ -18,8 +18,8 @@ from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.terminal.arguments import add_endpoint
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 
 #: Beside the texts, how a recording's file is known that was written before.
 WRITTEN_BEFORE: dict[str, Callable[[bytes], bool]] = {
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     if suffix == source.RECORDING:
         return _to_foxglove(args)
     since_ns = parse_instant_ns(args.since) if args.since else None
-    with aside(args).status("reading the measurements …"):
+    with make_aside(args).status("reading the measurements …"):
         collection = _find(args)
     chosen = [m for m in collection.measurements if since_ns is None or m.stamp_ns >= since_ns]
     tips = Tips(collection.info or NO_INFO)
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     without = sum(m.position_mm is None for m in chosen)
     left_out = "their fields empty" if suffix == ".csv" else "left out"
     remark = f", {without} of them without a position: {left_out}" if without else ""
-    print(f"armd: {args.output}: {counted(len(chosen), 'measurement')}{remark}")
+    print(f"armd: {args.output}: {format_count(len(chosen), 'measurement')}{remark}")
     for sentence in collection.left_out:
         print(f"armd: {sentence}")
     return 0
@@ -92,9 +92,9 @@ def _to_foxglove(args: argparse.Namespace) -> int:
         needs = "it installed: pip install foxglove-sdk"
         raise BadInput(args.output, "the package foxglove-sdk", "nothing", needs) from error
     recording = Recording(path)
-    with aside(args).status("writing the recording …"):
+    with make_aside(args).status("writing the recording …"):
         points, measurements = write_foxglove(recording, args.output)
-    written = f"{counted(points, 'point')}, {counted(measurements, 'measurement')}"
+    written = f"{format_count(points, 'point')}, {format_count(measurements, 'measurement')}"
     print(f"armd: {args.output}: {written}, for Foxglove")
     if recording.missing is not None:
         print(f"armd: {recording.missing}")

@@ -20,7 +20,7 @@ from armd.daemon.bridges.listening import parse_address
 from armd.daemon.commands.screen import COLOURS, format_temperatures
 from armd.daemon.host.metrics import MetricsServer
 from armd.errors import BadInput
-from armd.printable import printable
+from armd.printable import to_printable
 from armd.terminal.plain import make_moving_console
 from armd.zenoh_session import open_session
 
@@ -117,8 +117,8 @@ def make_table(fleet: Fleet) -> Table:
     """Return what is known of the arms; no word of theirs is markup or obeyed by the terminal."""
     table = Table("arm", "state", "points/s", "lost", "temperatures", "calibration")
     for row in fleet.rows():
-        state = Text(printable(row["state"]), COLOURS.get(row["state"], ""))
-        state.append(f" {printable(row['reason'])}", "default")
+        state = Text(to_printable(row["state"]), COLOURS.get(row["state"], ""))
+        state.append(f" {to_printable(row['reason'])}", "default")
         cells = (
             f"{row['points_hz']:.0f}",
             row["lost"],
@@ -127,9 +127,9 @@ def make_table(fleet: Fleet) -> Table:
         )
         table.add_row(_as_text(row["serial"]), state, *map(_as_text, cells))
     for serial, text in list(fleet.events)[-EVENTS_SHOWN:]:
-        table.add_row(_as_text(serial), Text(printable(text), "dim"))
+        table.add_row(_as_text(serial), Text(to_printable(text), "dim"))
     return table
 
 
 def _as_text(cell: object) -> Text:
-    return Text(printable(cell))
+    return Text(to_printable(cell))

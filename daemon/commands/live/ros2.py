@@ -14,7 +14,7 @@ from armd.daemon.bridges.ros2.node import NAME, make_legal_name
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.printable import printable
+from armd.printable import to_printable
 from armd.terminal.arguments import add_arm
 
 RATE_HZ = 100.0
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
             text = urdf.write(arm.info(), calibration, settings.namespace, settings.frame)
         write_whole(args.urdf, text)
         if sentence := urdf.describe_omissions(calibration):  # of the result: said with -q, too
-            print(f"armd: {args.urdf}: {printable(sentence)}", file=sys.stderr)
+            print(f"armd: {args.urdf}: {to_printable(sentence)}", file=sys.stderr)
         return 0
     if args.router is None:
         raise _make_option_fault(

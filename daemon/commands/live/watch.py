@@ -11,7 +11,7 @@ import armd
 from armd import Arm, Point, keys
 from armd.daemon.commands.screen import Screen, generate_refreshes
 from armd.daemon.commands.terminal import drop_output
-from armd.terminal.arguments import add_arm, seconds
+from armd.terminal.arguments import add_arm, parse_seconds
 from armd.terminal.plain import make_moving_console
 
 REFRESH_S = 0.1
@@ -20,7 +20,9 @@ REFRESH_S = 0.1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm(parser)
     parser.add_argument("--json", action="store_true", help="one line per point")
-    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument(
+        "--seconds", type=parse_seconds, metavar="S", help="stop by itself (at Ctrl-C)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:

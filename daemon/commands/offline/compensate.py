@@ -31,9 +31,9 @@ from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.outputs import OutputKind, add_force, check_outputs, has_columns
 from armd.files.writing import write_whole
-from armd.printable import printable
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.printable import to_printable
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 
 COMMANDED = OutputKind(
     "a table of commands", has_columns("q1_command", "change_mm", "residual_mm", "status")
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     batch = corrector.take(readings)
     corrector.ended(table)
     moving = _follows_rates(readings, batch.states)
-    with aside(args).status("compensating …"):
+    with make_aside(args).status("compensating …"):
         found_angles = compensate(arm, calibration, batch.states, read_truths(readings), moving)
     write_whole(args.output, _join_text(lines, found_angles, arm, unit))
     flags = corrector.correct(batch)[1]
@@ -133,19 +133,19 @@ def _print(
     flags: npt.NDArray[np.uint32],
 ) -> None:
     for remark in remarks:
-        print(printable(f"armd: {remark}"), file=sys.stderr)
+        print(to_printable(f"armd: {remark}"), file=sys.stderr)
     for flag, words in (
         (Flag.TEMPERATURE_RANGE, "a temperature or time outside what was calibrated"),
         (Flag.TEMPERATURE_STALE, "no temperature of a sensor in use: the last one is held"),
     ):
         if n := int((flags & int(flag) != 0).sum()):
-            line = f"armd: {args.table}: {counted(n, 'row')} with {words}"
-            print(printable(line), file=sys.stderr)
+            line = f"armd: {args.table}: {format_count(n, 'row')} with {words}"
+            print(to_printable(line), file=sys.stderr)
     counts = Counter(commanded.status)
     fine = counts.pop(OK, 0)
     other_counts = "".join(f", {n} {status}" for status, n in sorted(counts.items()))
     largest = np.nanmax(np.where(commanded.is_ok, commanded.change_mm, np.nan), initial=0.0)
     print(
-        f"{args.output}: {counted(len(commanded.status), 'row')}: {fine} ok{other_counts};"
+        f"{args.output}: {format_count(len(commanded.status), 'row')}: {fine} ok{other_counts};"
         f" the tip would have been off by up to {largest:.4f} mm"
     )

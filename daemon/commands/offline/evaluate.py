@@ -19,8 +19,8 @@ from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.offline.evaluate import evaluate
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 from armd.terminal.plain import make_plain_console
 
 #: More readings are not held at once only to say what may be wrong with them.
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     inputs = [args.arm, args.calibration, *args.session]
     check_outputs({"--json": (args.json, RESULT)}, inputs, args.force)
     model, model_under_test = load_given(args)
-    with aside(args).status("reading …") as status:
+    with make_aside(args).status("reading …") as status:
         evaluation = evaluate(
             args.session, model, model_under_test, fit_tip=args.fit_tip, progress=status.update
         )
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         calibration = model_under_test.content if model_under_test else None
         console.print(_describe_why(args, model.content, calibration, result))
     if result["n_unused"]:
-        unused = counted(result["n_unused"], "reading")
+        unused = format_count(result["n_unused"], "reading")
         console.print(f"{unused} without a temperature that the calibration needs")
     return 0
 

@@ -21,8 +21,8 @@ from armd.daemon.commands.offline import repeatability
 from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.printable import printable
-from armd.terminal.arguments import positive
+from armd.printable import to_printable
+from armd.terminal.arguments import parse_positive
 
 RELATIONS = ("distance", "angle")
 REPEATABILITY = "repeatability"
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tip-radius-mm",
         metavar="R",
-        type=positive,
+        type=parse_positive,
         help="of a circle, sphere or cylinder: tell the radius of the surface touched, too",
     )
     parser.add_argument(
@@ -216,7 +216,7 @@ def _relate_features(kind: str, first: Feature, second: Feature) -> tuple[str, d
     figures[f"standard_uncertainty_{key}"] = relation.standard_uncertainty  # type: ignore[assignment]
     uncertain = relation.standard_uncertainty
     words = "not known" if uncertain is None else f"{2 * uncertain:.4f} {unit}"
-    return printable(f"{kind} {relation.value:.4f} {unit}, U (k = 2) {words}"), figures
+    return to_printable(f"{kind} {relation.value:.4f} {unit}, U (k = 2) {words}"), figures
 
 
 def _offset_surface(feature: Feature, tip_mm: float, inside: bool) -> tuple[str, dict[str, Any]]:

@@ -35,7 +35,7 @@ from armd.daemon.commands.offline import interim_points
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_changed, write_whole
-from armd.terminal.aside import aside, show_bar
+from armd.terminal.aside import make_aside, show_bar
 
 #: In a history's folder: the calibration with the growth of the links, where the one in
 #: use could not know it.
@@ -111,7 +111,7 @@ def _add(args: argparse.Namespace) -> int:
     keeping.check_new(folder, lines, dated)
     remarks = refuse_unfit(sessions, arm, calibration.content)
     causes = list_causes(arm, calibration.content)
-    console, new = aside(args), []
+    console, new = make_aside(args), []
     with show_bar(console, "evaluating the checks") as report_progress:
         for number, session in enumerate(sessions, 1):
             new.append(keeping.NewCheck(session, reduce(session, arm, calibration.content, causes)))
@@ -147,7 +147,7 @@ def _report_history(args: argparse.Namespace) -> int:
     folder = Path(args.history)
     if chain.is_of_points(folder):
         return interim_points.report(args, to_file, about)
-    with aside(args).status("judging the history …"):
+    with make_aside(args).status("judging the history …"):
         judgement, result, after = _judge_history(folder)
     if args.poses:
         write_whole(args.poses, _write_poses(after))

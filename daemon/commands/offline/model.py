@@ -27,9 +27,9 @@ from armd.daemon.catalogue.urdf.like import correct_urdf
 from armd.errors import BadInput
 from armd.files.outputs import ARM, RESULT, OutputKind, add_force, check_outputs, has_columns
 from armd.files.writing import write_whole
-from armd.printable import printable
-from armd.terminal.counted import counted
-from armd.terminal.suggest import few
+from armd.printable import to_printable
+from armd.terminal.counted import format_count
+from armd.terminal.suggest import format_names
 
 COLUMNS = list(Correction.__dataclass_fields__)
 #: A URDF is somebody's work: it is never written over unasked.
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     loaded = load_calibration(args.calibration, arm) if args.calibration else None
     if suffix == ".yaml" and arm.n_joints != len(LINKS):
         expected = "six, as Universal Robots' arms have"
-        raise BadInput(args.arm, "joint", counted(arm.n_joints, "joint"), expected)
+        raise BadInput(args.arm, "joint", format_count(arm.n_joints, "joint"), expected)
     geometry = compute_geometry(arm, loaded.content if loaded else None, args.at_c)
     content, remarks = WRITERS[suffix](args, arm, loaded, geometry)
     write_whole(args.output, content)
@@ -106,7 +106,7 @@ def _write_urdf(
             f"{args.like}: its tip is up to {edited.nominal_mm:.3g} mm from where {args.arm} has it"
             " without a calibration; is it the URDF that was imported?"
         )
-        print(f"armd: {printable(drawn)}", file=sys.stderr)
+        print(f"armd: {to_printable(drawn)}", file=sys.stderr)
     begin, end = edited.ends
     return edited.content, [
         f"the joints from {begin} to {end} of {args.like}; the tip moves by up to "
@@ -196,13 +196,13 @@ def _print(
         sentence for sentence in remarks if sentence.startswith("without") or not args.quiet
     ]
     for sentence in shown_remarks:
-        print(f"armd: {printable(sentence)}")
+        print(f"armd: {to_printable(sentence)}")
     if geometry.terms:
         left_out = geometry.left_out
         print(
-            f"armd: without {counted(len(geometry.terms), 'term')} of the calibration"
-            f" ({printable(few(_effects(geometry)))}); the geometry is the best without them, and"
-            f" its tip differs by {left_out.rms_mm:.6f} mm RMS, {left_out.max_mm:.6f} mm at most"
+            f"armd: without {format_count(len(geometry.terms), 'term')} of the calibration"
+            f" ({to_printable(format_names(_effects(geometry)))}); the geometry is the best without"
+            f" them, and its tip differs by {left_out.rms_mm:.6f} mm RMS, {left_out.max_mm:.6f} mm at most"
         )
     if geometry.by_temperature is not None and geometry.range_c is not None:
         low, high = geometry.range_c

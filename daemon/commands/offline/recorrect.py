@@ -32,8 +32,8 @@ from armd.daemon.live.arm_in_use import replace_offset
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 
 COLUMNS = (
     "seq", "stamp_ns", "x_old_mm", "y_old_mm", "z_old_mm", "x_new_mm", "y_new_mm", "z_new_mm",
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     since_ns = parse_instant_ns(args.since) if args.since else None
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm)
-    with aside(args).status("reading the measurements …"):
+    with make_aside(args).status("reading the measurements …"):
         collections = [source.from_path(path) for path in args.measurements]
     nameless = sum(
         _count_nameless(path, collection, arm, args.arm)
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     without = [m for m in chosen if m.angles_rad is None]
     chosen = [m for m in chosen if m.angles_rad is not None]
     location = ", ".join(map(str, args.measurements))
-    with aside(args).status(f"correcting {counted(len(chosen), 'measurement')} again …"):
+    with make_aside(args).status(f"correcting {format_count(len(chosen), 'measurement')} again …"):
         new = _recorrect_measurements(chosen, arm, calibration, _load_tips(args.config), location)
     old = np.array([m.position_mm or (np.nan,) * 3 for m in chosen]).reshape(-1, 3)
     distance = np.linalg.norm(new.position_mm - old, axis=1)
@@ -117,10 +117,12 @@ def run(args: argparse.Namespace) -> int:
     )
     left_out = [sentence for collection in collections for sentence in collection.left_out]
     if without:
-        none = counted(len(without), "measurement")
+        none = format_count(len(without), "measurement")
         left_out.insert(0, f"{none} without angles left out (pressed while invalid)")
     if nameless:
-        remark = f"{counted(nameless, 'measurement')} without the serial number of an arm (of an"
+        remark = (
+            f"{format_count(nameless, 'measurement')} without the serial number of an arm (of an"
+        )
         left_out.append(f"{remark} older armd) taken for {arm.serial_number}'s")
     write_whole(args.output, _write_table(chosen, old, new, change, calibration))
     celsius = [c for m in chosen for c in m.temperatures_c.values() if c is not None]

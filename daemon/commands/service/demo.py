@@ -25,7 +25,7 @@ from armd.daemon.commands.service.comparison import (
     match_numbers,
 )
 from armd.daemon.commands.service.stage import CAN, SERIAL, Stage, make_servo_wire
-from armd.terminal.arguments import parse_integer, seconds, seed
+from armd.terminal.arguments import parse_integer, parse_seconds, parse_seed
 from armd.terminal.plain import make_moving_console
 
 WARM_UP_K = 10.0
@@ -38,7 +38,9 @@ JOINTS, SERVO_JOINTS = 6, 5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument(
+        "--seconds", type=parse_seconds, metavar="S", help="stop by itself (at Ctrl-C)"
+    )
     wire = parser.add_mutually_exclusive_group()
     wire.add_argument("--can", action="store_true", help="as CANopen nodes instead of a pty")
     wire.add_argument(
@@ -52,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="of the arm: 3 to 9 (6; --servo: 5); others are not calibrated first",
     )
-    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="which arm (1)")
+    parser.add_argument("--seed", type=parse_seed, default=1, metavar="N", help="which arm (1)")
 
 
 def run(args: argparse.Namespace) -> int:

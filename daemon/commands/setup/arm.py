@@ -31,7 +31,7 @@ from armd.errors import BadInput
 from armd.files.outputs import ARM, add_force, check_same
 from armd.files.schema import validate
 from armd.files.writing import check_place, write_whole
-from armd.printable import printable
+from armd.printable import to_printable
 
 MICROSCRIBE = "MicroScribe 3D, 3DX, 3DL, G or G2: the factory's geometry, read from the arm"
 
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
         takeover = take_over(args.file, args.arm, args.prefix, args.short_sweep)
         text, bus = takeover.text, takeover.bus
         for sentence in () if args.quiet else takeover.remarks:
-            print(f"armd: {printable(sentence)}", file=sys.stderr)
+            print(f"armd: {to_printable(sentence)}", file=sys.stderr)
     elif args.name == "microscribe":
         return _set_up_microscribe(args)
     else:
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     write_whole(args.output, text)
     print(f"{args.output}: {read_title(text)}")
     if not args.quiet:
-        print(printable(f"armd: {describe_geometry(text)}"), file=sys.stderr)
+        print(to_printable(f"armd: {describe_geometry(text)}"), file=sys.stderr)
     if bus is not None:
         _write_daemon_file(args.output, bus, args.port)
     return 0

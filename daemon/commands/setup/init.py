@@ -24,7 +24,7 @@ from armd.errors import BadInput
 from armd.files.outputs import ARM, OutputKind, add_force, check_output_folder, check_same
 from armd.files.schema import validate
 from armd.files.writing import write_whole
-from armd.terminal.suggest import hint
+from armd.terminal.suggest import suggest_names
 
 #: What a person is asked who gives no option, and what Enter means.
 QUESTIONS = {
@@ -134,7 +134,7 @@ def _choose_arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
     else:
         name = args.start_from.lower().replace("_", "-")
         if name not in KNOWN:
-            expected = f"FILE.urdf, FILE.csv, or a known arm{hint(name, KNOWN)}"
+            expected = f"FILE.urdf, FILE.csv, or a known arm{suggest_names(name, KNOWN)}"
             raise BadInput("the command line", "--from", args.start_from, expected)
         text, bus = read_arm_text(name), KNOWN[name]
         remarks.append(describe_geometry(text))

@@ -34,7 +34,7 @@ from armd.daemon.measure.plan.verify_stations import (
     TESTS,
 )
 from armd.errors import BadInput
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 COMMAND_LINE = "the command line"
 #: Rounds over an artefact in each of its placements, or as many more as a certificate wants.
@@ -223,7 +223,9 @@ def _plan_interim_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> 
             raise BadInput(COMMAND_LINE, name, f"it with {option}", expected)
     seats, poses = list(wishes.targets or INTERIM_SEATS), _read_interim_table(arm, wishes)
     if len(seats) != (n_seats := len(INTERIM_SEATS)):
-        raise BadInput(COMMAND_LINE, "--targets", counted(len(seats), "name"), f"{n_seats}: seats")
+        raise BadInput(
+            COMMAND_LINE, "--targets", format_count(len(seats), "name"), f"{n_seats}: seats"
+        )
     check_artefact = make_seats_artefact(seats)
     return check_artefact, make_stations(poses, check_artefact, (wishes.placements or ["1"])[0])
 

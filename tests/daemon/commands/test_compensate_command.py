@@ -21,7 +21,7 @@ from armd.compensation.model.calibration import (
 )
 from armd.compensation.model.state import States
 from armd.daemon.cli import main
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from support.plain_kinematics import tip_pose
 from support.selection import parametrize_default
 
@@ -60,7 +60,7 @@ def make(folder: Path, n: int, terms: list[dict[str, Any]] = TERMS, off: float =
         "schema": "armd.arm/1", "serial_number": "ARM-1", "temperature_sensor": [{"name": "t1"}],
         "joint": joints, "tip": {"offset_mm": [20.0, 0.0, 60.0], "radius_mm": 1.0},
     }  # fmt: skip
-    (folder / "arm.toml").write_text(toml_text(content))
+    (folder / "arm.toml").write_text(format_toml(content))
     arm = load_arm(folder / "arm.toml")
     values, layout = arm.nominal(), arm.layout
     scale = np.where(layout.are_lengths, 0.5, 1e-3)

@@ -17,7 +17,7 @@ from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
 from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from armd.daemon.cli import main
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from support.own_urdf import OWN
 from support.plain_kinematics import rotation, tip_pose, translation
 from support.plain_urdf import tip_poses
@@ -60,7 +60,7 @@ def ur(folder: Path) -> Arm:
         "schema": "armd.arm/1", "serial_number": "UR-1", "temperature_sensor": [{"name": "t1"}],
         "joint": joints, "tip": {"offset_mm": [3.0, 0.0, 80.0], "radius_mm": 1.0},
     }  # fmt: skip
-    (folder / "arm.toml").write_text(toml_text(content))
+    (folder / "arm.toml").write_text(format_toml(content))
     return load_arm(folder / "arm.toml")
 
 

@@ -60,13 +60,13 @@ def test_samples_of_another_kind_never_reach_what_was_settled_for_others(monkeyp
     settled_for = []
 
     def settled(function, samples, *_):
-        kind = library.kind(samples)
+        kind = library.describe_kind(samples)
         settled_for.append(kind)
-        return lambda samples, *_: calls.append(library.kind(samples) == kind)
+        return lambda samples, *_: calls.append(library.describe_kind(samples) == kind)
 
     calls: list[bool] = []
     pipeline = calibrated()
-    monkeypatch.setattr("armd.daemon.live.pipeline.settled", settled)
+    monkeypatch.setattr("armd.daemon.live.pipeline.settle", settled)
     for samples in (still(1), still(9), still(9)[::2], still(2), still(2)):
         pipeline.correct(samples)
     assert calls == [True] * 5
