@@ -27,7 +27,7 @@ from armd.point import POINT, Lost, Point
 from armd.printable import to_printable
 from armd.received import FORMS, Gate, Refused, parse_object
 from armd.stream import POLL_S, Handle, Stream, subscribe
-from armd.zenoh_session import ENDPOINT, find_arm, open_session, translate_errors
+from armd.zenoh_session import ENDPOINT, convert_errors, find_arm, open_session
 
 
 class Arm(Closing):
@@ -162,7 +162,7 @@ class Arm(Closing):
             expected = f"{keys.MEASUREMENT!r} or {keys.EVENT!r}"
             raise ArmdError(f"past: found {what!r}, expected {expected}")
         key = keys.key(self.serial, what)
-        with translate_errors(self._session, key):
+        with convert_errors(self._session, key):
             replies = list(self._session.get(key, consolidation=zenoh.ConsolidationMode.NONE))
         payloads = [reply.ok.payload.to_bytes() for reply in replies if reply.ok]
         messages = [parse_object(what, payload) for payload in payloads]
@@ -239,7 +239,7 @@ class Arm(Closing):
 
     def _ask_bytes(self, topic_key: str, parameters: str = "") -> bytes:
         key = keys.key(self.serial, topic_key)
-        with translate_errors(self._session, key):
+        with convert_errors(self._session, key):
             for reply in self._session.get(f"{key}?{parameters}" if parameters else key):
                 if reply.ok is not None:
                     return reply.ok.payload.to_bytes()

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 SELDOM = (10_000, 20, 20)
 
 
-def release_freed() -> None:
+def drop_freed() -> None:
     """What the C library keeps of freed memory, where it is one that can be asked (glibc).
 
     It takes arrays of up to 32 MB from one heap, which shrinks at its end only: a small object that

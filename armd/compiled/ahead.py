@@ -37,11 +37,11 @@ from armd.compensation.model.row_algebra import (
     compute_least_turns,
     compute_stretched_covariance,
     compute_whitening,
-    turn_towards,
+    rotate_towards,
 )
 from armd.compensation.model.state import Lag, States
 from armd.compiled import library
-from armd.compiled.rehearsal import rehearse
+from armd.compiled.rehearsal import run_rehearsal
 from armd.daemon.config import Config, load_config
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.drivers.microscribe.wire import N_JOINTS
@@ -81,7 +81,7 @@ def call_everything(path: Path, part: str = "") -> None:
 
 def call_for_live_points(config: Config) -> None:
     """The compiled calls of `armd run`."""
-    rehearse(config, ArmInUse(config))
+    run_rehearsal(config, ArmInUse(config))
     if config.driver.kind != "replay":  # which opens its file; others open no port before they read
         with closing(open_driver(config.driver, config.expectation)):
             pass
@@ -96,7 +96,7 @@ def call_for_sessions(arm: Arm) -> None:
     compute_frames(q, constants)
     compute_pose(q, constants)
     compute_jacobian(q, constants)
-    turn_towards(q, constants[None], np.zeros((1, 3)), 1, 0.1, 0.1)
+    rotate_towards(q, constants[None], np.zeros((1, 3)), 1, 0.1, 0.1)
     levers = np.ones((1, 3, 1))
     compute_stretched_covariance(levers, levers, compute_least_turns(levers, 0.1), 1.0, np.ones(1))
     compute_whitening(np.eye(3)[None], np.ones(1))
@@ -226,7 +226,7 @@ def make_library(args: argparse.Namespace, numbers: Sequence[int]) -> int:
         call(args.files, numbers, args.demo)
     args.into.mkdir(parents=True, exist_ok=True)
     try:
-        numba_inside.export(args.into / library.name_file(args.demo), FUNCTIONS)
+        numba_inside.write_library(args.into / library.name_file(args.demo), FUNCTIONS)
     except ArmdError as error:
         print(f"armd: {error}", file=sys.stderr)
         return 2

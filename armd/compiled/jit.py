@@ -119,7 +119,7 @@ def jit(function: F) -> F:
     return cast(F, Compiled(function, {}))
 
 
-def settle(function: Callable[..., Any], *args: Any) -> Callable[..., Any]:
+def select_compiled(function: Callable[..., Any], *args: Any) -> Callable[..., Any]:
     """`Compiled.settled` of a function under `jit`, whose type hides what it is."""
     return cast(Compiled, function).settled(*args)
 

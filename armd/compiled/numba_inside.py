@@ -104,7 +104,7 @@ class _Once(Listener):  # type: ignore[misc]
 @contextmanager
 def skip_optimisation() -> Iterator[None]:
     """Within this `with`, functions are compiled in less time, for one call that says what their
-    results are: `export` optimises all of them again, as a whole.
+    results are: `write_library` optimises all of them again, as a whole.
 
     Before anything else is compiled in this process: numba chooses how it writes machine code once.
     """
@@ -136,7 +136,7 @@ class Exportable(Protocol):
     def by_numba(self) -> Any: ...
 
 
-def export(path: Path, functions: Sequence[Exportable]) -> None:
+def write_library(path: Path, functions: Sequence[Exportable]) -> None:
     """Write *functions*, for all kinds of arguments they were called with so far, to *path*.
 
     For any processor of this kind: what is delivered to another is the same, and so are results.

@@ -205,7 +205,7 @@ def read_calibration(path: PathText) -> Calibration:
     return Calibration(load_calibration(Path(path)))
 
 
-def wrap_calibration(content: Content, identified: Identified | None = None) -> Calibration:
+def convert_calibration(content: Content, identified: Identified | None = None) -> Calibration:
     """Return what `read_calibration` would read from the file of *content*."""
     loaded = save_calibration("calibration", content, write=lambda _path, _data: None)
     return Calibration(loaded, identified)

@@ -17,7 +17,7 @@ from armd.arrays import F64
 from armd.compensation.data.correction.correction import Corrector as FileCorrector
 from armd.compensation.data.correction.correction import Taken
 from armd.compensation.data.correction.point_columns import COLUMNS, make_point_columns
-from armd.compensation.data.in_order import keep_freed_memory, map_in_order
+from armd.compensation.data.in_order import keep_freed_memory, run_in_order
 from armd.compensation.data.sessions.format import AngleUnit, check_instant
 from armd.compensation.data.tables.header import check_header
 from armd.compensation.data.tables.readings import Readings, convert_columns
@@ -148,7 +148,7 @@ class Corrector(Displayed):
             return corrector.correct(piece, uncertainty=self._uncertainty)
 
         pieces = [
-            make_point_columns(*figures) for figures in map_in_order(correct_piece, take_pieces())
+            make_point_columns(*figures) for figures in run_in_order(correct_piece, take_pieces())
         ]
         corrector.ended(path)
         self.remarks = corrector.remarks

@@ -14,7 +14,7 @@ from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.design.observability import (
     ReadingColumns,
     compute_constant_columns,
-    decompose_constants,
+    factorise_constants,
 )
 from armd.compensation.design.reaching import solve_postures
 from armd.compensation.estimate.placements.poses import make_rigid_columns
@@ -116,7 +116,7 @@ def draw_places(
         q, target = q[reached], target[reached]
         tip, constants = compute_constant_columns(arm, q, parameters)
         lone = ReadingColumns(constants, make_rigid_columns(tip - tip.mean(axis=0)), tip)
-        s, v = decompose_constants(lone)
+        s, v = factorise_constants(lone)
         drawn.append((q, target, turn))
         information.append((v * s**2) @ v.T)
     if len(drawn) < LEAST_PLACEMENTS:

@@ -131,7 +131,7 @@ class Weakest:
 Criterion = Between | Weakest
 
 
-def separate_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearModel) -> Between:
+def compare_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearModel) -> Between:
     """Which of the finding and its rivals it is, by the *prior* information.
 
     Pairs that stay one signal even to the *richest* information are left out where others do not.

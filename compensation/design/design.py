@@ -22,8 +22,8 @@ from armd.compensation.design.conditions import (
 from armd.compensation.design.criterion import (
     ASKED,
     Criterion,
+    compare_causes,
     find_weakest,
-    separate_causes,
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -80,7 +80,7 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
     if doubt is None:
         criterion = find_weakest(last, arm, prior, pool, drawn)
     else:
-        criterion = separate_causes(doubt, last, prior, pool)
+        criterion = compare_causes(doubt, last, prior, pool)
     greedy = [_greedy(prior, whitened, criterion, poses or FEW) for whitened, _ in rows]
     reached = [
         _merit(prior.measured(whitened[chosen]), criterion)

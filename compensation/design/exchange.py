@@ -69,7 +69,7 @@ def choose_readings(candidates: Candidates, count: int, group: I64, seed: int = 
             for g, share in enumerate(shares)
         ]
         starts.append(np.concatenate(drawn).tolist())
-    ends = [exchange_readings(candidates, start, group) for start in starts]
+    ends = [replace_readings(candidates, start, group) for start in starts]
     return max(ends, key=lambda chosen: compute_log_determinant(candidates, chosen))
 
 
@@ -93,7 +93,7 @@ def split_count(count: int, sizes: I64) -> I64:
     return shares
 
 
-def exchange_readings(candidates: Candidates, chosen: list[int], group: I64) -> list[int]:
+def replace_readings(candidates: Candidates, chosen: list[int], group: I64) -> list[int]:
     """Exchange one of *chosen* after the other for the best of its group, while that helps."""
     chosen, unchanged = list(chosen), 0
     for trial in range(MOST_TRIALS):

@@ -24,7 +24,7 @@ from armd.compensation.design.observability import (
     compute_structural_rank,
     compute_tracker_columns,
     count_directions,
-    decompose_constants,
+    factorise_constants,
 )
 from armd.compensation.estimate.gauge import ROUNDING, describe_unidentifiable, list_free_constants
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
@@ -201,13 +201,13 @@ def _make_artefact_campaign(
     places = draw_places(arm, parameters, local, within, keeps, rng)
     columns = compute_artefact_columns(arm, parameters, places, artefact)
     fixed = compute_length_rows(artefact, local, len(places.turn), _noise_mm(arm))
-    rank = count_directions(decompose_constants(columns, fixed)[0])
+    rank = count_directions(factorise_constants(columns, fixed)[0])
     return _Campaign(places, columns, fixed, rank)
 
 
 def _assess_readings(arm: Arm, campaign: _Campaign, chosen: I64) -> tuple[F64, int, list[str]]:
     """Singular values (structural rank,), rank, and in words what is not known though it can be."""
-    s, directions = decompose_constants(campaign.columns.rows(chosen), campaign.fixed)
+    s, directions = factorise_constants(campaign.columns.rows(chosen), campaign.fixed)
     s = s[: campaign.structural_rank]
     s = np.where(s > ROUNDING * s[0], s, 0.0)
     is_determined = s >= LEAST_KNOWN * _noise_mm(arm)

@@ -69,7 +69,7 @@ def eliminate_nuisances(columns: ReadingColumns, fixed: F64 | None = None) -> tu
     return basis, free_columns - basis @ (basis.T @ free_columns)  # twice: what rounding left
 
 
-def decompose_constants(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
+def factorise_constants(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
     """Singular values (C,) descending, and directions (C, C) as columns, nuisances eliminated."""
     free_columns = eliminate_nuisances(columns, fixed)[1]
     _, s, vt = np.linalg.svd(np.linalg.qr(free_columns, mode="r"), full_matrices=True)
@@ -97,7 +97,7 @@ def compute_structural_rank(arm: Arm, parameters: F64, seed: int = 0) -> int:
     themselves; special geometry can.
     """
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (GAUGE_POSTURES, arm.n_joints))
-    return count_directions(decompose_constants(compute_tracker_columns(arm, q, parameters))[0])
+    return count_directions(factorise_constants(compute_tracker_columns(arm, q, parameters))[0])
 
 
 def compute_observability_indices(singular_values: F64, poses: int) -> dict[str, float]:

@@ -23,12 +23,12 @@ from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.fitting.free_expansion import report_growth
 from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.heldout.gain import compute_gain, compute_gains, group_readings
-from armd.compensation.diagnose.heldout.open_constants import record_open_constants
+from armd.compensation.diagnose.heldout.open_constants import keep_open_constants
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.search_outcome import SearchOutcome
-from armd.compensation.estimate.observations import TURN_MM, gather
+from armd.compensation.estimate.observations import TURN_MM, collect_observations
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import report_misnamed
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
@@ -57,7 +57,7 @@ def describe_readings(searched: SearchOutcome, arm: Arm) -> list[str]:
         return remarks
     remarks += report_misnamed(
         searched.sessions,
-        gather(searched.sessions, arm, baseline.calibration.artefact),
+        collect_observations(searched.sessions, arm, baseline.calibration.artefact),
         AssumedModel.from_calibration(arm, baseline.calibration),
     )
     return remarks
@@ -193,7 +193,7 @@ def _write_extension(
     left_out = [c for i, c in enumerate(last.findings) if i not in numbers]
     model = follow_solution(model, arm)
     calibration = extend_calibration(model, arm, sessions, command, left_out, written.growth)
-    return record_open_constants(calibration, last, numbers, arm, sessions)
+    return keep_open_constants(calibration, last, numbers, arm, sessions)
 
 
 def reduce_odds(findings: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:

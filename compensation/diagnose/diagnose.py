@@ -48,7 +48,7 @@ from armd.compensation.diagnose.heldout.validation import (
 )
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
-from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
+from armd.compensation.diagnose.problem.rests import collect_rests, require_spare
 from armd.compensation.diagnose.search.moved_artefact import (
     find_moved_artefact,
     score_without_base_steps,
@@ -69,7 +69,7 @@ from armd.compensation.diagnose.search_outcome import (
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.noise.regions import find_regions
 from armd.compensation.estimate.noise.robust import DOWNWEIGHT_CHI2, find_far_off, select_outliers
-from armd.compensation.freed import release_freed
+from armd.compensation.freed import drop_freed
 from armd.compensation.identify.admission.inconsistent_session import InconsistentSession
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
@@ -110,7 +110,7 @@ def _diagnose(
         sound_holdout = make_sound(holdout, arm)
         holdout, remarks = sound_holdout.sessions, remarks + list(sound_holdout.remarks)
     for group in filter(None, (sessions, holdout)):
-        require_spare(gather_rests(group, arm).observations, ", ".join(str(s.path) for s in group))
+        require_spare(collect_rests(group, arm).observations, ", ".join(str(s.path) for s in group))
     work = WorkBudget.of_readings(sum(session.n for session in sessions))
     searched, of_sessions = _search_sessions(sessions, arm, calibration, progress, work)
     remarks += of_sessions
@@ -149,7 +149,7 @@ def _conclude_search(
 ) -> Diagnosis:
     """What a search found, judged by readings held out; *remarks*: what to say of these."""
     remarks = [*remarks, *describe_readings(searched, arm)]
-    release_freed()
+    drop_freed()
     progress("gain", GAIN_BEGINS)
     result, sessions = searched.result, searched.sessions
     calibration = searched.baseline.calibration
@@ -169,7 +169,7 @@ def _conclude_search(
         searched.parted = None
         squares, groups = checked.squares, checked.groups
         measured = compute_gains(squares, groups, np.ones(len(groups), dtype=bool))
-        release_freed()
+        drop_freed()
         progress("held out", HELD_OUT_BEGINS)
         written = validate_by_placement(result, arm, measured)
     heldout = HeldoutJudgement(squares, groups, measured, written, outlying, outlier_p)
@@ -227,7 +227,7 @@ def _is_explained(
     """Whether a few causes explain the session that does not fit the others."""
     parted = tuple(sessions)
     for _ in range(MOST_TOUCHED + 1):
-        rests = gather_rests(parted, arm)
+        rests = collect_rests(parted, arm)
         baseline = begin or make_model_under_test(parted, arm, calibration)[0]
         begin = None
         progress(f"session {inconsistent.path.name}", 0.0)
@@ -256,11 +256,11 @@ def _search(
     *refuted*."""
     sessions, touched = tuple(original_sessions), list[MovedArtefact]()
     while True:
-        rests = gather_rests(sessions, arm)
+        rests = collect_rests(sessions, arm)
         if begin is None or touched:
             begin, _ = make_model_under_test(sessions, arm, calibration)
         baseline = begin
-        release_freed()
+        drop_freed()
         progress("search", 0.0)
         held_out, barred = partial(compare_heldout, arm=arm), partial(is_refuted, refuted=refuted)
         search = Search(rests, arm, baseline, progress, held_out, work, barred)

@@ -17,7 +17,7 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.adjustment import adjust_angles
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.orientations import compute_turn_columns, observe
+from armd.compensation.estimate.orientations import compute_observed, compute_turn_columns
 from armd.compensation.estimate.placements.fit_poses import fit_steady_poses
 from armd.compensation.estimate.placements.poses import (
     Poses,
@@ -106,7 +106,7 @@ def linearise(
         basis = compute_basis_values(terms, states, arm, reference_c, constants)
     rows = compute_parameter_rows(constants, terms, basis)
     turned = observations.turned
-    position = observe(states.q, rows, turned)
+    position = compute_observed(states.q, rows, turned)
     placed = poses.place_tips(observations, position)
     q, points = states.q.copy(), ~turned
     q[points] = adjust_angles(states.q[points], rows[points], placed[points])
@@ -136,7 +136,7 @@ def linearise_as_read(
     q, turned = observations.states.q, observations.turned
     position, columns = compute_jacobian(q, rows)
     if turned.any():
-        position = observe(q, rows, turned)
+        position = compute_observed(q, rows, turned)
         columns[turned] = compute_turn_columns(q[turned], rows[turned])
     poses = fit_steady_poses(observations, position)
     columns_at = q, position, columns

@@ -146,7 +146,7 @@ class Observations:
         )
 
 
-def gather(
+def collect_observations(
     sessions: Sequence[Session],
     arm: Arm,
     artefact: ArtefactCorrection | None = None,

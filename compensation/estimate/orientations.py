@@ -59,7 +59,7 @@ def find_oriented_rows(observations: Observations) -> I64:
     return np.flatnonzero(np.isfinite(observations.measured_turn[:, 0, 0]))
 
 
-def observe(q: F64, rows: F64, turned: Mask) -> F64:
+def compute_observed(q: F64, rows: F64, turned: Mask) -> F64:
     """What readings measure (n, 3) mm, base frame, by angles (n, N) and parameters (n, P): the tip,
     or of *turned* (n,) the last frame's rotation vector at its lever."""
     position, rotation = compute_pose(q, rows)

@@ -16,7 +16,7 @@ from armd.compensation.data.soundness.soundness import fit_to_identify
 from armd.compensation.estimate.folds import make_placement_folds
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.noise.sensor import estimate_sensor_noise_c
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.orientations import add_orientation_rows, add_orientations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.find_second_group import find_second_group
@@ -99,7 +99,7 @@ def _calibrate(
     sessions, arm, notes = sound.sessions, sound.arm, list(sound.remarks)
     unknown = list_free_constants(arm)
     observations, groups = choose_readings(
-        gather(sessions, arm), files, options.thermal_order, notes
+        collect_observations(sessions, arm), files, options.thermal_order, notes
     )
     tips = make_reflector_terms(observations, arm.nominal()[arm.layout.tip])
     require_one_kind(tips, files)
@@ -172,8 +172,8 @@ def _calibrate(
         notes.append(f"the fit did not settle within {final.steps} steps")
     if final.region.any() and not second:
         notes.append(
-            f"{format_count(int(final.region.sum()), 'reading')} far off like others near in posture:"
-            " no outliers, they count fully; `armd diagnose` looks for why"
+            f"{format_count(int(final.region.sum()), 'reading')} far off like others near in"
+            " posture: no outliers, they count fully; `armd diagnose` looks for why"
         )
     by = "temperature"
     if not per_temperature:

@@ -10,7 +10,7 @@ from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise.reading import Weighting
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.orientations import observe
+from armd.compensation.estimate.orientations import compute_observed
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.unknowns import Unknowns
@@ -161,7 +161,7 @@ class Descent:
             *self.unknowns.put(trial.x, self.constants, self.terms), self.basis
         )
         tip = (
-            observe(place.linearisation.q, rows, self.observations.turned)
+            compute_observed(place.linearisation.q, rows, self.observations.turned)
             - place.linearisation.there_mm
         )
         residual = trial.poses.residual(self.observations, place.linearisation.position_mm + tip)
@@ -175,7 +175,7 @@ class Descent:
         if self._refits_poses(with_prior):
             # Far off, poses are not linear: about a beam's own axis they turn by any angle.
             rows = compute_parameter_rows(constants, terms, self.basis)
-            position = observe(self.observations.states.q, rows, self.observations.turned)
+            position = compute_observed(self.observations.states.q, rows, self.observations.turned)
             poses = fit_poses(self.observations, position, self.weighting.weight, poses)
         linearisation = linearise(
             self.observations, constants, terms, poses, self.reference_c, self.basis

@@ -40,7 +40,7 @@ from armd.compensation.estimate.noise.robust import (
     to_three_components,
 )
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.orientations import observe
+from armd.compensation.estimate.orientations import compute_observed
 from armd.compensation.estimate.placements.fit_poses import fit_steady_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
@@ -163,7 +163,7 @@ def fit(
     states = observations.states
     basis = compute_basis_values(terms, states, observations.arm, reference_c, constants)
     rows = compute_parameter_rows(constants, terms, basis)
-    position = observe(states.q, rows, observations.turned)
+    position = compute_observed(states.q, rows, observations.turned)
     poses = fit_steady_poses(observations, position)
     residual_mm = poses.residual(observations, position)
     freedom = observations.freedom

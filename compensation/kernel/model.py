@@ -12,7 +12,7 @@ from armd.compensation.kernel import kernel
 from armd.compensation.kernel.covariance import Uncertainty
 from armd.compensation.kernel.memory import Amounts, fold
 from armd.compensation.kernel.points import fill
-from armd.compensation.kernel.program import compile_terms, flatten_program, sort_by_parameter
+from armd.compensation.kernel.program import compile_terms, order_by_parameter, pack_program
 from armd.compensation.kernel.row_variances import compute_row_variances
 from armd.compensation.kernel.slow_factors import SlowFactors
 from armd.compensation.model.arm import Arm
@@ -42,7 +42,7 @@ class Model:
         )
         terms = [] if content is None else content.terms
         slow = [term for term in terms if term.slow]
-        pose = sort_by_parameter([term for term in terms if not term.slow], n)
+        pose = order_by_parameter([term for term in terms if not term.slow], n)
         self._slow_parts = [_slow_part(term) for term in (*slow, *pose)]
         self._slow = SlowFactors([*slow, *pose], arm, self._reference_c)
         self._amounts = Amounts(
@@ -63,7 +63,7 @@ class Model:
         )
         #: Whether a term depends on the date, so that the model must be folded as time goes on.
         self.dated = any(isinstance(factor, Dated) for t in terms for factor in t.basis)
-        self.flat = flatten_program(compile_terms(pose, arm), self.constants)
+        self.flat = pack_program(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
         now_s = math.nan if self.dated else 0.0  # positions are NaN until the date is known
         self.fold(np.full(len(arm.sensors), self._reference_c), now_s)

@@ -16,14 +16,14 @@ from armd.compensation.model.pose_factors import PoseFactor
 from armd.compensation.model.terms import Term
 
 
-def sort_by_parameter(terms: Sequence[Term], n_joints: int) -> list[Term]:
+def order_by_parameter(terms: Sequence[Term], n_joints: int) -> list[Term]:
     """Terms in the order of the parameters they change, as a `Program` wants its pose terms."""
     layout = ParameterLayout(n_joints)
     return sorted(terms, key=lambda term: layout.index(term.parameter))
 
 
 def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
-    """The program of pose terms, which stand in the order of `sort_by_parameter`."""
+    """The program of pose terms, which stand in the order of `order_by_parameter`."""
     layout = arm.layout
     parameter = np.array(layout.indices(term.parameter for term in terms), dtype=np.int64)
     groups = [*range(0, layout.tip.start, PER_JOINT), layout.tip.start, layout.base.start]
@@ -63,7 +63,7 @@ def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
     )
 
 
-def flatten_program(program: Program, constants: F64) -> FlatModel:
+def pack_program(program: Program, constants: F64) -> FlatModel:
     """A model for the kernel, for samples one by one, still to be folded; *constants* (P,).
 
     One by one, because a live sample comes alone, to cold caches: 64 wide the scratch is 50 KB.

@@ -16,7 +16,7 @@ from armd.arrays import F64, I64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.instants import name_delay
 from armd.compensation.model.slow_factors import DAY_S, SlowFactor
-from armd.compensation.model.state import advance, follow_lag
+from armd.compensation.model.state import follow_lag, update_lag
 from armd.compensation.model.terms import Term
 from armd.compiled.jit import jit
 
@@ -119,7 +119,7 @@ def evaluate(celsius: F64, unix_s: float, more_c: float, program: SlowProgram, r
                     mean += weights[d, s] * (celsius[s] + more_c if row == 2 + s else celsius[s])
             if lag_s[d] != 0.0:
                 if row == 0:
-                    mean = advance(mean, unix_s, lag_s[d], memory, d)
+                    mean = update_lag(mean, unix_s, lag_s[d], memory, d)
                 elif math.isnan(unix_s):
                     mean = math.nan
             means[d] = mean

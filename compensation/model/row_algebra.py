@@ -15,7 +15,7 @@ from armd.compensation.model.kinematics import compute_twists, place_tip
 from armd.compiled.jit import jit, unlocked
 
 
-def turn_towards(
+def rotate_towards(
     q: F64, p: F64, there_mm: F64, turns: int, least_lever: float, most_turn_rad: float
 ) -> F64:
     """Angles (n, N) near *q* that put the tip at *there_mm* (n, 3), after so many Newton steps.
@@ -33,7 +33,7 @@ def turn_towards(
 
 def compute_least_turns(levers: F64, least_lever: float) -> F64:
     """(n, N, 3) rad/mm: the smallest turn that moves the tip so, from *levers* (n, 3, N) mm/rad,
-    with *least_lever* as `turn_towards` has it."""
+    with *least_lever* as `rotate_towards` has it."""
     n, _, n_joints = levers.shape
     turns = np.empty((n, n_joints, 3))
     fill_least_turns(np.ascontiguousarray(levers), least_lever**2, turns)

@@ -64,8 +64,9 @@ def add_session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None
         page.add_text("The arm has no temperature sensors.")
         return
     page.add_text(
-        f"Temperatures: the lowest and the highest of the {format_count(len(arm.sensors), 'sensor')}"
-        " of the arm, and of the artefact, over all readings of the session."
+        "Temperatures: the lowest and the highest of the"
+        f" {format_count(len(arm.sensors), 'sensor')} of the arm, and of the artefact, over all"
+        " readings of the session."
     )
 
 

@@ -91,7 +91,7 @@ class Client(asyncio.Protocol):
             self._transport.close()
 
 
-async def listen(
+async def open_listener(
     address: Address, client: Callable[[], asyncio.Protocol], tls: ssl.SSLContext | None = None
 ) -> tuple[asyncio.Server, str]:
     """A server, and where it listens; raises `BadInput` if it cannot."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from armd import POINT, Arm, keys
 from armd.daemon.bridges import lines
-from armd.daemon.bridges.listening import Address, Client, listen
+from armd.daemon.bridges.listening import Address, Client, open_listener
 from armd.daemon.bridges.process import report_ready, run_in_thread
 from armd.daemon.bridges.tips import Tips
 
@@ -56,7 +56,7 @@ class LineStream:
         info = await run_in_thread(self._arm.info)
         self._tips = Tips(info)
         self._tip: str | None = info["tip"]
-        server, endpoint = await listen(address, lambda: Reader(self._readers, self._header))
+        server, endpoint = await open_listener(address, lambda: Reader(self._readers, self._header))
         async with server:
             if self._hz is None:
                 await self._tell_measurements(endpoint)

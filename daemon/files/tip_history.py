@@ -59,7 +59,7 @@ def keep(serial: str, entry: dict[str, Any]) -> Path:
     return path
 
 
-def activate_tip(arm: Arm, name: str) -> str:
+def use_tip(arm: Arm, name: str) -> str:
     """A running daemon measures with the last calibration of a tip, and keeps it; returns what it
     says. Raises `BadInput` for a tip that has none, or a doubtful one, and `ArmdError` where the
     daemon refuses."""

@@ -22,10 +22,10 @@ from armd.compensation.kernel.model import Model
 from armd.compensation.kernel.points import fill
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compiled.jit import jit, settle
+from armd.compiled.jit import jit, select_compiled
 from armd.compiled.library import describe_kind
 from armd.daemon.config import Limits
-from armd.daemon.live.flags import Flagger, finish
+from armd.daemon.live.flags import Flagger, set_flags
 from armd.daemon.live.motion import Motion, follow
 from armd.daemon.live.temperature_age import TemperatureWatch
 from armd.drivers.sample import SampleArray, Temperatures
@@ -180,7 +180,10 @@ class Pipeline:
             factor, floor_mm2, points,
         )  # fmt: skip
         if self._settled is None or describe_kind(samples) != self._kind:
-            self._settled, self._kind = settle(_correct, *arguments), describe_kind(samples)
+            self._settled, self._kind = (
+                select_compiled(_correct, *arguments),
+                describe_kind(samples),
+            )
         self._settled(*arguments)
 
     def _new_points(self, n: int) -> PointArray:
@@ -250,7 +253,7 @@ def _correct(
     compute_uncorrected(q, flat, tip)
     follow(samples, q, tip, memory["motion"], rate, approach, still_since_ns)
     fill(q, rate, approach, flat, factor, rows, floor_mm2, points)
-    finish(samples, q, still_since_ns, memory["flags"], points)
+    set_flags(samples, q, still_since_ns, memory["flags"], points)
 
 
 @jit

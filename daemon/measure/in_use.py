@@ -58,7 +58,7 @@ class MeasuredWith:
         return folder / ARM, folder / CALIBRATION
 
 
-def ask_in_use(connection: Connection) -> MeasuredWith:
+def get_in_use(connection: Connection) -> MeasuredWith:
     """Asked of a running daemon."""
     info, text = connection.info(), connection.calibration_file()
     try:

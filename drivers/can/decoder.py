@@ -19,7 +19,7 @@ from armd.drivers.can.sync_time import SyncTime
 from armd.drivers.can.thermometers import Thermometers
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures
-from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, warm_up
+from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, load_compiled
 
 COUNTED = ("malformed", "unknown", "error_frames", "foreign_sync")
 
@@ -82,7 +82,7 @@ class CanDecoder:
 
     def warm_up(self) -> None:
         """Compile, or load from the cache: before the first sample, not while it waits."""
-        warm_up()
+        load_compiled()
 
     def may_sync(self, now_ns: int) -> bool:
         """Whether a SYNC now leaves no doubt which answers are its own."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armd.compiled.jit import jit, settle
+from armd.compiled.jit import jit, select_compiled
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, SampleArray, sample_dtype
 from armd.drivers.serial.clock import ClockMapping, can_promise, compute_host_ns
@@ -72,7 +72,7 @@ class SampleAssembler:
             unwrapper.memory, out, self._jumped,
         )  # fmt: skip
         if self._go_on is None:
-            self._go_on = settle(_unpack_and_go_on, *arguments)
+            self._go_on = select_compiled(_unpack_and_go_on, *arguments)
         trouble = self._go_on(*arguments)
         return None if trouble == NONE else self._with_events(sample_bytes.rows, out, trouble)
 

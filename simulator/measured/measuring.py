@@ -20,7 +20,7 @@ from armd.simulator.measured.artefact import Artefact
 from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.placement import Placement, place
 from armd.simulator.measured.plan import Climate, SessionPlan
-from armd.simulator.measured.poses import Reach, compute_tip_jacobian, settle_on
+from armd.simulator.measured.poses import Reach, compute_tip_jacobian, solve_posture
 from armd.simulator.truth import nominal
 from armd.simulator.truth.effects.effect import Conditions, Posture
 from armd.simulator.truth.heat import HeatField
@@ -151,7 +151,7 @@ def take_readings(
     moved = rig.noise.seating(rng, n) + rig.noise.wander(rng, time_s)
     thrown = np.zeros((n, 3)) if rig.spoil is None else rig.spoil(rng, n)
     moved = moved + thrown
-    phi = settle_on(arm, phi, goal + moved, conditions)
+    phi = solve_posture(arm, phi, goal + moved, conditions)
     encoder_noise = rig.noise.encoders(rng, phi.shape) + rig.interpolation(phi)
     jacobian = compute_tip_jacobian(arm.posture(phi, conditions))
     encoder = arm.encoder_angles(phi, conditions) + encoder_noise

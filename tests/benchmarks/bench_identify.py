@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.estimate.noise.reading import ReadingNoise
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import compute_centres
 from armd.compensation.estimate.unknowns import Unknowns
@@ -57,7 +57,7 @@ def _run(repeats: int) -> dict[str, Any]:
         )
         for celsius in TEMPERATURES_C
     ]  # fmt: skip
-    observations = gather(sessions, arm)
+    observations = collect_observations(sessions, arm)
     unknowns = Unknowns(names, range(24))
     seconds = []
     for _ in range(repeats + 1):  # the first compiles or loads

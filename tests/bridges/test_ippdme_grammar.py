@@ -17,9 +17,9 @@ from armd.daemon.bridges.ippdme.grammar import (
     Text,
     Word,
     format_decimal,
+    format_quoted,
     parse,
     parse_number,
-    quote,
 )
 
 BASIC = st.from_regex(r"[A-Za-z][A-Za-z0-9]{0,8}", fullmatch=True)
@@ -140,7 +140,7 @@ def test_what_we_write_is_a_number_of_the_standard(value: float, places: int) ->
 
 @given(st.text(max_size=300))
 def test_what_we_quote_is_a_string_of_the_standard(text: str) -> None:
-    command = parse(f"00001 KeyPress({quote(text)})")
+    command = parse(f"00001 KeyPress({format_quoted(text)})")
     assert isinstance(command.args[0], Text)
 
 

@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 from armd import POINT, Flag
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import name_constants
-from armd.daemon.bridges.listening import listen
+from armd.daemon.bridges.listening import open_listener
 from armd.daemon.bridges.view import page_messages
 from armd.daemon.bridges.view.access import Access, read_token
 from armd.daemon.bridges.view.board import KEPT, MOST_BYTES, Board
@@ -327,7 +327,7 @@ async def serving(
     access: Access | None = None, sessions: Path | None = None, tls: ssl.SSLContext | None = None
 ) -> AsyncIterator[tuple[PageServer, int]]:
     server = PageServer(access or Access(), None, NOWHERE, sessions)
-    listening, where = await listen(("127.0.0.1", 0), server._connection, tls)
+    listening, where = await open_listener(("127.0.0.1", 0), server._connection, tls)
     async with listening:
         yield server, int(where.rpartition(":")[2])
 
@@ -431,7 +431,7 @@ def test_the_history_of_tips_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     async def scenario() -> None:
         server = PageServer(Access(), "SIM-0001", NOWHERE, None)
-        listening, where = await listen(("127.0.0.1", 0), server._connection)
+        listening, where = await open_listener(("127.0.0.1", 0), server._connection)
         port = int(where.rpartition(":")[2])
         async with listening:
             asked = f"GET /tips HTTP/1.1\nHost: localhost:{port}"

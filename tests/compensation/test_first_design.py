@@ -22,10 +22,10 @@ from armd.compensation.design.observability import (
     compute_observability_indices,
     compute_structural_rank,
     compute_tracker_columns,
-    decompose_constants,
+    factorise_constants,
 )
 from armd.compensation.estimate.gauge import list_free_constants
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.certificate import LEAST_PLACEMENTS
 from armd.compensation.identify.fit import fit
@@ -98,7 +98,7 @@ def test_the_criterion_is_the_determinant_of_the_calibrations_own_unknowns() -> 
     difference = []
     for _ in range(4):
         chosen = rng.choice(80, 20, replace=False)
-        s = decompose_constants(columns.rows(chosen))[0][:13]
+        s = factorise_constants(columns.rows(chosen))[0][:13]
         difference.append(
             compute_log_determinant(candidates, chosen.tolist()) - 2 * np.log(s).sum()
         )
@@ -260,7 +260,7 @@ def campaign_errors(arm: Arm, q: np.ndarray, seeds: range) -> np.ndarray:
         measured.truth_mm[:] = compute_pose(q, truth)[0] + rng.normal(0.0, 0.1, (len(q), 3))
         unknowns = Unknowns(list_free_constants(arm))
         with threadpool_limits(limits=1, user_api="blas"):
-            found = fit(gather([measured], arm), arm.nominal(), [], unknowns, 20.0)
+            found = fit(collect_observations([measured], arm), arm.nominal(), [], unknowns, 20.0)
         fresh = rng.uniform(-2.5, 2.5, (300, arm.n_joints))
         wrong = compute_pose(fresh, found.constants)[0] - compute_pose(fresh, truth)[0]
         tip = compute_pose(fresh, truth)[0] - compute_pose(fresh, truth)[0].mean(axis=0)

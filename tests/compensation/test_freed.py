@@ -13,7 +13,7 @@ from armd.compensation.freed import collect_seldom
 HEAP = """
 import os
 import numpy as np
-from armd.compensation.freed import release_freed
+from armd.compensation.freed import drop_freed
 
 def resident_mb():
     with open("/proc/self/statm") as statm:
@@ -24,7 +24,7 @@ blocks = [np.ones(size) for _ in range(50) for size in (500_000, 100_000)]
 freed, above = blocks[::2], blocks[1::2]  # no older hole holds so many
 del blocks, freed
 before = resident_mb()
-release_freed()
+drop_freed()
 print(before - resident_mb(), sum(one.sum() for one in above))
 """
 

@@ -15,7 +15,7 @@ from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.acting_causes import (
     add_acting,
     find_acting,
-    rebuild_candidate,
+    update_candidate,
 )
 from armd.compensation.diagnose.problem.baseline import add_findings
 from armd.compensation.diagnose.problem.linearise import linearise
@@ -62,7 +62,7 @@ def test_an_offset_is_the_derivative_of_all_that_was_found(
     found = problem.found(*causes)
     model = add_findings(problem.baseline.model, found.findings, found.amplitudes)
     offset = problem.offset(f"t{sensor + 1}")
-    made = rebuild_candidate(offset, problem.facts, find_acting(found))
+    made = update_candidate(offset, problem.facts, find_acting(found))
     assert made is not None
     linear = linearise(problem.rests, model, ARM)
     own = make_finding_columns(linear, [made], ARM)[0][: 3 * problem.rests.n, 0]
@@ -134,4 +134,4 @@ def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
     monkeypatch.setattr(candidates, "score_candidates", lambda *_: Asked())
     find_weakest(about)
     assert Asked.of == [(0, 1), (1,)]
-    assert rebuild_candidate(last.findings[1], own.facts, find_acting(without)).is_like(offset)  # type: ignore[union-attr]
+    assert update_candidate(last.findings[1], own.facts, find_acting(without)).is_like(offset)  # type: ignore[union-attr]

@@ -12,7 +12,7 @@ from armd.compensation.diagnose.diagnosis import Finding
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.search import repeated_search as module
@@ -83,7 +83,7 @@ def test_a_set_repeated_counts_only_if_hardly_less_likely_than_the_first() -> No
         for name in ("before", "later")
     ]
     given = from_calibration(calibrate(sessions[:1], ARM).calibration, ARM, is_given=True)
-    rests = gather_rests(planted(sessions[1:], wave(2, 60.0)), ARM)
+    rests = collect_rests(planted(sessions[1:], wave(2, 60.0)), ARM)
     true, false = (searched(rests, given, eccentric(joint)) for joint in (2, 4))
     assert not is_likely_beside(false, true, ARM)
     assert is_likely_beside(true, false, ARM)

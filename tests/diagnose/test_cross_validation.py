@@ -10,7 +10,7 @@ from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnosis import SearchResult
 from armd.compensation.diagnose.heldout.cross_validation import CrossValidated, validate_in_turn
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
 from armd.compensation.diagnose.search import search
 from armd.compensation.effects import location
@@ -62,7 +62,7 @@ def searched(
     )  # fmt: skip
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
     baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
-    whole = search.Search(gather_rests([session], ARM), ARM, baseline)
+    whole = search.Search(collect_rests([session], ARM), ARM, baseline)
     return whole.run(), whole.parted
 
 

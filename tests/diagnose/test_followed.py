@@ -12,7 +12,7 @@ from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.identify.evaluation.evaluate import evaluate
@@ -57,7 +57,7 @@ def measured(twist: float, rng: np.random.Generator, name: str) -> Session:
 
 def fitted(baseline: Baseline, sessions: Sequence[Session], findings: list[Candidate]) -> Fit:
     start = [np.zeros(len(c.columns)) for c in findings]
-    return fit(gather_rests(sessions, ARM), ARM, baseline, baseline.model, findings, start)
+    return fit(collect_rests(sessions, ARM), ARM, baseline, baseline.model, findings, start)
 
 
 def rms_um(sessions: Sequence[Session], model: Calibration) -> float:

@@ -11,7 +11,7 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis, Finding
 from armd.compensation.diagnose.fitting.free_expansion import (
     drop_growth,
-    release_growth,
+    open_growth,
     report_growth,
 )
 from armd.compensation.diagnose.problem.baseline import from_calibration
@@ -89,7 +89,7 @@ def test_a_disc_is_found_beside_it_and_both_are_written(kept: Calibration) -> No
 def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibration) -> None:
     """And 10 K warmer by 10 × 20e-6 of each length less, whichever constants were identified."""
     plain = from_calibration(kept, ARM, is_given=True)
-    opened = release_growth(plain, ARM)
+    opened = open_growth(plain, ARM)
     n = len(plain.parameters)
     np.testing.assert_array_equal(opened.root[:n, : plain.root.shape[1]], plain.root)
     assert not opened.root[:n, plain.root.shape[1] :].any()
@@ -112,14 +112,14 @@ def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibrati
 def test_one_of_several_temperatures_stays_as_it_is() -> None:
     known = from_calibration(calibrate(measured(SEED, SHOP_C), ARM).calibration, ARM, is_given=True)
     assert known.terms
-    assert release_growth(known, ARM) is known
-    assert report_growth(release_growth(known, ARM)) == []
+    assert open_growth(known, ARM) is known
+    assert report_growth(open_growth(known, ARM)) == []
     silent = known.calibration.model_copy(
         update={"terms": [], "covariance": [], "covariance_of": []}
     )
     without = from_calibration(silent, ARM, is_given=True)  # it saw 11 K, and no growth
-    assert release_growth(without, ARM) is without
-    assert report_growth(release_growth(without, ARM)) == []
+    assert open_growth(without, ARM) is without
+    assert report_growth(open_growth(without, ARM)) == []
 
 
 @pytest.mark.slow
@@ -133,7 +133,7 @@ def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
             update={"provenance": {**silent.provenance, "heldout_without_outliers_um": left_um}}
         )
         baseline = from_calibration(missed, ARM, is_given=True)
-        opened = release_growth(baseline, ARM)
+        opened = open_growth(baseline, ARM)
         assert (opened is not baseline) == is_open
         assert bool(report_growth(opened)) == is_open
     assert len(opened.terms) == len(make_length_terms(ARM, [1]))

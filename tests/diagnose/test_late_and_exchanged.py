@@ -15,7 +15,7 @@ from armd.compensation.diagnose.problem.acting_causes import (
     add_acting,
     find_acting,
     list_acting_through,
-    rebuild_candidate,
+    update_candidate,
 )
 from armd.compensation.diagnose.problem.baseline import add_findings
 from armd.compensation.diagnose.problem.linearise import linearise
@@ -90,7 +90,7 @@ def test_all_that_was_found_to_go_by_a_link_is_late_with_it(
     problem: Problem, causes: tuple[str, ...]
 ) -> None:
     found = problem.found(*causes)
-    made = rebuild_candidate(lag(problem), problem.facts, find_acting(found))
+    made = update_candidate(lag(problem), problem.facts, find_acting(found))
     assert made is not None
     expected = tip(problem, found, late(problem)) - tip(problem, found, read(problem))
     np.testing.assert_allclose(
@@ -103,12 +103,12 @@ def test_all_that_was_found_to_go_by_a_link_is_late_with_it(
 
 def test_a_lag_is_made_anew_at_its_own_time_constant(problem: Problem) -> None:
     found = problem.found(GRADIENT)
-    made = rebuild_candidate(lag(problem, 700.0), problem.facts, find_acting(found))
+    made = update_candidate(lag(problem, 700.0), problem.facts, find_acting(found))
     assert made is not None
     assert made.setting == (("time constant", 700.0, "s"),)
     assert made.elsewhere is not None
     assert made.through == made.elsewhere(600.0).through == find_acting(found)
-    again = rebuild_candidate(made, problem.facts, ())
+    again = update_candidate(made, problem.facts, ())
     assert again is not None
     assert again.columns == lag(problem, 700.0).columns
 

@@ -19,7 +19,7 @@ from armd.compensation.diagnose.fitting.neighbourhood import (
 )
 from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.calibration import ArtefactCorrection
@@ -84,7 +84,7 @@ def fitted(changes: dict[str, float], known: bool = False, encoder_rad: float = 
         solution=-np.array(list(changes.values())),
         baseline=SimpleNamespace(model=model, is_given=False, parameters=tuple(moved), terms=()),
         model=model,
-        linear=linearise(gather_rests([session], ARM), model, ARM),
+        linear=linearise(collect_rests([session], ARM), model, ARM),
     )
 
 

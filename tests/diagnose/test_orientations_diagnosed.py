@@ -14,7 +14,7 @@ import armd
 from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.diagnose.problem.linear import Linear, ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests, count_spare_rows
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.observations import TURN_MM
 from armd.compensation.model.arm import load_arm
@@ -113,7 +113,7 @@ def linear_of(folder: Path, poses: int = 12) -> Linear:
         nominal.make_arm_toml(rows=true.rows, tip=true.tip_offset), encoding="utf-8"
     )
     arm = load_arm(arm_file)
-    rests = gather_rests(load_sessions([folder / "now"], arm), arm)
+    rests = collect_rests(load_sessions([folder / "now"], arm), arm)
     model = ModelState(arm.nominal(), (), 20.0, ArtefactCorrection())
     return linearise(rests, model, arm)
 

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.model.kinematics import compute_pose
 from support import synthetic
@@ -23,7 +23,7 @@ def test_three_readings_of_each_rest_are_one_row_of_every_column() -> None:
     thrice = one.rows(np.repeat(np.arange(60), 3))
     q = thrice.states.q + 1e-6 * rng.normal(size=thrice.states.q.shape)
     states = replace(thrice.states, q=q, time_s=np.arange(180.0))
-    observations = gather_rests([replace(thrice, states=states)], arm).observations
+    observations = collect_rests([replace(thrice, states=states)], arm).observations
     named = {field.name for field in fields(observations)}
     for name in EACH:
         assert name in named

@@ -21,7 +21,7 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.linear import Rests
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.search.moved_artefact import (
     _at_the_instant,
@@ -201,7 +201,7 @@ def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:
 
 def looked_at(sessions: list[Session]) -> ScoredCandidates:
     baseline = make_model_under_test(sessions, ARM, None)[0]
-    return Search(gather_rests(sessions, ARM), ARM, baseline).first
+    return Search(collect_rests(sessions, ARM), ARM, baseline).first
 
 
 @pytest.mark.slow

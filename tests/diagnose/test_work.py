@@ -16,7 +16,7 @@ from armd.compensation.diagnose.constants import (
     TRIAL_WORK,
 )
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.search import search
 from armd.compensation.diagnose.search.work import WorkBudget
@@ -100,7 +100,7 @@ def test_a_search_without_work_left_ends_and_reports_it(
     )  # fmt: skip
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
     baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
-    rests = gather_rests([session], ARM)
+    rests = collect_rests([session], ARM)
     for work in (WorkBudget(most), WorkBudget(most)):
         result = search.Search(rests, ARM, baseline, work=work).run()
         skipped = ["more than 0 causes"] if most == 1.0 else []

@@ -9,7 +9,7 @@ import pytest
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise.reading import ReadingNoise, Weighting
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.descent import MOST_STEPS, Descent, End
@@ -31,7 +31,7 @@ def measured(exact: bool = False, size: float = 1.0) -> tuple[Observations, np.n
         ARM, truth, rng, readings=90, encoder_rad=share * NOISE.encoder_rad,
         noise_mm=share * NOISE.reading_mm,
     )  # fmt: skip
-    return gather([session], ARM), truth
+    return collect_observations([session], ARM), truth
 
 
 def descended(
@@ -140,7 +140,7 @@ def test_of_many_readings_a_step_keeps_what_it_promises(monkeypatch: pytest.Monk
         ARM, truth, rng, readings=400, targets=12, placements=4, encoder_rad=NOISE.encoder_rad,
         spread_mm=80.0, uncertainty_mm=0.02,
     )  # fmt: skip
-    observations = gather([session], ARM)
+    observations = collect_observations([session], ARM)
     noise = ReadingNoise(0.0, 0.02)
     exact = replace(observations, uncertainty_mm=np.zeros(12))
     first = descended(exact, ARM.nominal(), held=True, noise=noise)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.estimate.linearise import Linearisation, linearise, linearise_as_read
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.unknowns import Unknowns
@@ -29,7 +29,7 @@ def problem() -> tuple[Linearisation, np.ndarray]:
     rng = np.random.default_rng(3)
     truth = synthetic.disturbed(ARM, rng)
     session = synthetic.session(ARM, truth, rng, terms=TERMS, readings=60, known=False, targets=3)
-    observations = gather([session], ARM)
+    observations = collect_observations([session], ARM)
     at = linearise(observations, truth, TERMS, poses_of(observations, truth), 20.0)
     assert np.abs(at.residual_mm).max() < 1e-5
     return at, truth

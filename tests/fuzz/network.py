@@ -27,7 +27,7 @@ from armd import POINT, Point, keys
 from armd.client import Arm
 from armd.daemon.bridges import lines
 from armd.daemon.bridges.fleet import Fleet
-from armd.daemon.bridges.listening import listen
+from armd.daemon.bridges.listening import open_listener
 from armd.daemon.bridges.ros2 import urdf
 from armd.daemon.bridges.stream import Reader
 from armd.daemon.bridges.tips import Tips
@@ -41,7 +41,7 @@ from armd.daemon.host.metrics import MetricsServer, render
 from armd.daemon.info import describe
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.changes import Changes
-from armd.daemon.measure.in_use import ask_in_use
+from armd.daemon.measure.in_use import get_in_use
 from armd.daemon.network.queries import Queries
 from armd.daemon.service import Service
 from armd.daemon.unexpected import Unexpected
@@ -106,7 +106,7 @@ def answers(folder: Path, info: bytes) -> Iterator[Door]:
 
     def info_door(data: bytes) -> None:
         arm = Both(data, calibration)
-        ask_in_use(arm)  # type: ignore[arg-type]
+        get_in_use(arm)  # type: ignore[arg-type]
         describe_everywhere(arm, calibration.decode())
 
     def calibration_door(data: bytes) -> None:
@@ -318,7 +318,7 @@ def listeners() -> Iterator[Door]:
         broken: list[str] = []
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, context: broken.append(repr(context)))
-        listening, where = await listen(("127.0.0.1", 0), lambda: Reader(readers, "header"))
+        listening, where = await open_listener(("127.0.0.1", 0), lambda: Reader(readers, "header"))
         async with listening:
             reader, writer = await asyncio.open_connection(
                 "127.0.0.1", int(where.rpartition(":")[2])

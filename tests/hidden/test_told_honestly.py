@@ -18,7 +18,7 @@ from armd.compensation.diagnose.report.sizes import is_size_known
 from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.diagnose.search.findings import as_reported
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
@@ -127,7 +127,7 @@ def test_a_correction_of_one_artefact_is_not_anothers(measured: Measured) -> Non
     session = measured.sessions[0]
     other = replace(session, artefact=session.artefact.model_copy(update={"name": "another"}))
     correction = ArtefactCorrection(artefacts=[session.artefact.name], scale=1.001)
-    stretch = gather([session, other], measured.arm, correction).stretch
+    stretch = collect_observations([session, other], measured.arm, correction).stretch
     assert stretch[: session.n] == pytest.approx(1.001, abs=2e-4)
     assert stretch[session.n :] == pytest.approx(1.0, abs=2e-4)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.identify.admission.needed import count_certificate_readings
 from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, choose_next_step
 from armd.daemon.cli import make_parsers
@@ -23,12 +23,12 @@ def artefact(placements: int = 1, readings: int = 24) -> Observations:
     rng = np.random.default_rng(1)
     truth = synthetic.disturbed(ARM, rng)
     session = synthetic.session(ARM, truth, rng, placements=placements, readings=readings)
-    return gather([session], ARM)
+    return collect_observations([session], ARM)
 
 
 def tracked() -> Observations:
     rng = np.random.default_rng(2)
-    return gather([synthetic.tracked(ARM, synthetic.disturbed(ARM, rng), rng)], ARM)
+    return collect_observations([synthetic.tracked(ARM, synthetic.disturbed(ARM, rng), rng)], ARM)
 
 
 def command_in(step: str) -> list[str]:

@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 from armd.compensation.data.sessions.session import load_session, load_sessions
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise.reading import ReadingNoise, estimate_turn_noise
-from armd.compensation.estimate.observations import TURN_MM, Observations, gather
+from armd.compensation.estimate.observations import TURN_MM, Observations, collect_observations
 from armd.compensation.estimate.orientations import (
     add_orientation_rows,
     add_orientations,
+    compute_observed,
     compute_turn_columns,
-    observe,
 )
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.identify.calibrate import Options, calibrate
@@ -50,7 +50,7 @@ def calibrated(folder: Path, seed: int, poses: int = 60) -> Result:
 def whole_of(folder: Path, poses: int = 8) -> Observations:
     session, arm_file = prepared(folder, 1, poses)
     arm = load_arm(arm_file)
-    return add_orientations(gather([load_session(session, arm)], arm))
+    return add_orientations(collect_observations([load_session(session, arm)], arm))
 
 
 def test_the_arm_is_better_known_and_within_what_is_stated(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_a_turn_moves_as_its_columns_say(tmp_path: Path) -> None:
 def test_residuals_follow_poses_and_bodies_as_their_columns_say(tmp_path: Path) -> None:
     whole = whole_of(tmp_path)
     constants = whole.arm.nominal()
-    position = observe(whole.states.q, np.tile(constants, (whole.n, 1)), whole.turned)
+    position = compute_observed(whole.states.q, np.tile(constants, (whole.n, 1)), whole.turned)
     poses = fit_poses(whole, position)
     at = linearise(whole, constants, [], poses, 20.0)
     p, k, turned = len(whole.placement_names), len(whole.target_names), whole.turned

@@ -17,8 +17,8 @@ from armd.compensation.interim.report.amend import extend_calibration
 from armd.compensation.interim.report.average import (
     MOST_ROWS,
     _list_terms,
-    average_amplitudes,
     choose_affordable,
+    compute_average,
 )
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, load_calibration, save_calibration
@@ -62,7 +62,7 @@ def a_growth(causes: list[Cause], cause: int, first: int) -> Change:
 def written(
     path: Path, of: Stack, causes: list[Cause], calibration: Calibration, ways: list[ChangeScenario]
 ) -> Calibration:
-    every = average_amplitudes(of, causes, ways, ())
+    every = compute_average(of, causes, ways, ())
     instants = [BEGUN_UNIX_S] * len(every.changes)
     made = extend_calibration(calibration, BEGUN_UNIX_S, causes, every.changes, instants,
                    every.amplitudes, BEGUN_UNIX_S + 86400.0 * CHECKS, {})  # fmt: skip

@@ -29,7 +29,7 @@ from armd.compensation.interim.evidence.looks import (
     QuietRun,
 )
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.evidence.watch import watch
+from armd.compensation.interim.evidence.watch import detect_changes
 from armd.compensation.interim.report.watch_memory import (
     NOTHING,
     WATCHED,
@@ -53,26 +53,26 @@ def with_a_bad_check(seed: int, bad: int) -> tuple[Stack, list[Any]]:
 @parametrize_default("until", [1, 5, 9, 10, 11, 12, 13, 30], default=3)
 def test_watched_on_from_any_check_is_watched_from_the_first(until: int) -> None:
     of, causes = with_a_bad_check(3, 9)
-    whole = watch(of, causes)
+    whole = detect_changes(of, causes)
     assert whole.alarm is None and whole.bad == (9,)
-    before = watch(of.select_checks(range(until)), causes).quiet
+    before = detect_changes(of.select_checks(range(until)), causes).quiet
     assert len(before.statistic) == until - 1
-    later = watch(of, causes, begun=before)
+    later = detect_changes(of, causes, begun=before)
     assert later.statistic == pytest.approx(whole.statistic, abs=1e-9)
     assert (later.alarm, later.bad, later.quiet.bad) == (None, (9,), (9,))
 
 
 def test_a_change_is_told_at_the_same_check() -> None:
     of, causes = off_from(np.random.default_rng(1), 12, 40)
-    whole = watch(of, causes)
+    whole = detect_changes(of, causes)
     assert whole.alarm is not None and len(whole.quiet.statistic) == whole.alarm
-    before = watch(of.select_checks(range(13)), causes).quiet
-    later = watch(of, causes, begun=before)
+    before = detect_changes(of.select_checks(range(13)), causes).quiet
+    later = detect_changes(of, causes, begun=before)
     assert later.alarm == whole.alarm
     until = whole.alarm + 1
     assert later.statistic[:until] == pytest.approx(whole.statistic[:until], abs=1e-9)
     # And what is remembered of a history with an alarm ends before it: it is raised again.
-    again = watch(of, causes, begun=whole.quiet)
+    again = detect_changes(of, causes, begun=whole.quiet)
     assert again.alarm == whole.alarm and again.quiet == whole.quiet
 
 

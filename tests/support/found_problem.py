@@ -16,8 +16,8 @@ from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.problem.baseline import add_findings, from_calibration
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
-from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.rests import collect_rests
+from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.identify.thermal.terms import make_length_terms
@@ -76,9 +76,9 @@ def given() -> Calibration:
 
 
 def problem_of(session: Session) -> Problem:
-    rests = gather_rests([session], ARM)
+    rests = collect_rests([session], ARM)
     baseline = from_calibration(given(), ARM, is_given=True)
-    facts = gather_facts(rests, ARM, baseline)
+    facts = collect_facts(rests, ARM, baseline)
     every = list(catalogue.list_all_candidates(facts))
     findings = [
         [c for c in every if c.place == place][number] for place, (number, _) in FOUND.items()

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64, Mask
 from armd.simulator.measured.noise import Noise
-from armd.simulator.measured.poses import MARGIN_RAD, settle_on
+from armd.simulator.measured.poses import MARGIN_RAD, solve_posture
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
@@ -134,7 +134,7 @@ class Workshop:
         near = np.asarray(self._near.query(goal, k=200)[1])
         picked = near[np.arange(len(goal)), self.rng.integers(0, 200, len(goal))]
         still = Conditions.at_rest(len(goal), self.arm.n_joints)
-        phi = settle_on(self.arm, self._phi[picked], goal, still)
+        phi = solve_posture(self.arm, self._phi[picked], goal, still)
         missed = np.linalg.norm(self.arm.tip(phi, still) - goal, axis=1)
         inside = ((phi >= self._low) & (phi <= self._high)).all(axis=1)
         return phi, inside & (missed < 1e-4)

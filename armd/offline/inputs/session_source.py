@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from armd.compensation.data.sessions.columns import number_columns
+from armd.compensation.data.sessions.columns import list_number_columns
 from armd.compensation.data.sessions.files import READINGS, check_is_session, find_readings
 from armd.compensation.data.sessions.format import SessionFile
-from armd.compensation.data.sessions.session import TEXTS, build_session, check_arm, load_session
+from armd.compensation.data.sessions.session import TEXTS, assemble_session, check_arm, load_session
 from armd.compensation.data.sessions.session import Session as StoredSession
 from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.data.tables.header import check_header
@@ -81,12 +81,12 @@ class TableSource:
         check_arm(place, self.file, arm)
         header = list(self._table.column_names)
         check_header(place, header)
-        columns = select_columns(header, number_columns(arm), TEXTS)
+        columns = select_columns(header, list_number_columns(arm), TEXTS)
         table = convert_columns(place, self._table, columns)
         if table.num_rows == 0:
             raise refuse_empty(place)
         readings = Readings(place, header, table)
-        return build_session(place, self.file, arm, readings, digest=self._digest)
+        return assemble_session(place, self.file, arm, readings, digest=self._digest)
 
     def readings(self) -> pa.Table:
         return self._table

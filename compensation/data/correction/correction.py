@@ -23,7 +23,7 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.data.sessions.columns import (
     APPROACH,
     LikeRadians,
-    number_columns,
+    list_number_columns,
     read_angles,
     read_approaches,
     read_rates,
@@ -80,7 +80,7 @@ class Corrector:
         started_unix_s: float | None,
     ) -> None:
         self._arm = arm
-        self.columns = number_columns(arm)
+        self.columns = list_number_columns(arm)
         #: of the calibration, as points have it
         self.identity = 0 if calibration is None else calibration.identity
         self._unit = unit

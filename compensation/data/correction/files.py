@@ -16,7 +16,7 @@ import pyarrow.csv
 
 from armd.compensation.data.correction.correction import Corrector, Taken
 from armd.compensation.data.correction.point_columns import COLUMNS, make_point_columns
-from armd.compensation.data.in_order import keep_freed_memory, map_in_order, read_ahead
+from armd.compensation.data.in_order import keep_freed_memory, read_ahead, run_in_order
 from armd.compensation.data.tables.pieces import open_parquet, read_line_pieces, read_parquet_pieces
 from armd.compensation.data.tables.readings import Readings, convert_columns, parse_csv, read_header
 from armd.compensation.data.tables.recorded import drop_published, is_recorded
@@ -96,7 +96,7 @@ def _csv_pieces(
             pa.csv.write_csv(make_point_columns(*corrector.correct(new)), text, options)
             return rows, text.getvalue().to_pybytes(), end
 
-        for rows, text, end in map_in_order(written, read_ahead(take_pieces())):
+        for rows, text, end in run_in_order(written, read_ahead(take_pieces())):
             added = text.splitlines(keepends=True)
             out.writelines(
                 old.rstrip(b"\r") + b"," + new for old, new in zip(rows, added, strict=True)
@@ -134,7 +134,7 @@ def _parquet_pieces(
             GroupWriter(source, out) as writer,
         ):
             group: list[pa.Table] = []
-            for table in map_in_order(corrected, read_ahead(take_pieces())):
+            for table in run_in_order(corrected, read_ahead(take_pieces())):
                 group.append(table)
                 if sum(map(len, group)) >= GROUP_ROWS:
                     writer.write(group)

@@ -22,7 +22,7 @@ from armd.compensation.data.foreign.words import (
     parse_numbered,
     split_unit,
 )
-from armd.compensation.data.sessions.columns import QUATERNION, ROLL_PITCH_YAW, number_columns
+from armd.compensation.data.sessions.columns import QUATERNION, ROLL_PITCH_YAW, list_number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.terminal.suggest import format_names
@@ -67,7 +67,7 @@ class Given:
 def find_columns(table: ForeignTable, arm: Arm, options: Given) -> FoundColumns:
     """Raises `BadInput` for a joint without a column, a cell that is no number, a unit not known,
     and a name that may mean two things."""
-    names = [*number_columns(arm), *TEXTS, REFLECTOR]
+    names = [*list_number_columns(arm), *TEXTS, REFLECTOR]
     places = find_places(table, arm, options.columns, names, options.targets)
     for k in range(1, arm.n_joints + 1):
         if f"q{k}" not in places.column_of:

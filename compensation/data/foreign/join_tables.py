@@ -13,7 +13,7 @@ from armd.compensation.data.foreign.places import find_places
 from armd.compensation.data.foreign.table import ForeignTable
 from armd.compensation.data.foreign.times import OF_A_DAY, Times, check_unit, read_times
 from armd.compensation.data.foreign.words import split_unit
-from armd.compensation.data.sessions.columns import number_columns
+from armd.compensation.data.sessions.columns import list_number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.terminal.counted import format_count
@@ -80,7 +80,7 @@ def join_tables(
 
 def _times(table: ForeignTable, arm: Arm) -> tuple[Times | None, list[int]]:
     """When each row was read, if the table says so, and the columns that do."""
-    places = find_places(table, arm, {}, number_columns(arm), ())
+    places = find_places(table, arm, {}, list_number_columns(arm), ())
     column = places.column_of.get("time_s")
     if column is None:
         return None, []

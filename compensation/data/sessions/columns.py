@@ -136,7 +136,7 @@ def read_times(readings: Readings) -> F64:
     return time_s
 
 
-def number_columns(arm: Arm) -> list[str]:
+def list_number_columns(arm: Arm) -> list[str]:
     """The columns of numbers that readings of this arm may have."""
     joints = range(1, arm.n_joints + 1)
     angle_and_rate = [f"{letter}{k}" for letter in "qw" for k in joints]

@@ -19,7 +19,7 @@ from armd.compensation.data.in_order import read_ahead
 from armd.compensation.data.sessions.columns import (
     LikeRadians,
     MemoryOrder,
-    number_columns,
+    list_number_columns,
     read_angles,
     read_approaches,
     read_rates,
@@ -187,11 +187,11 @@ def load_session(path: str | Path, arm: Arm, file: SessionFile | None = None) ->
     """
     folder = Path(path)
     file = _session_file(folder, arm, file)
-    readings = load_readings(find_readings(folder), number_columns(arm), TEXTS)
-    return build_session(folder, file, arm, readings)
+    readings = load_readings(find_readings(folder), list_number_columns(arm), TEXTS)
+    return assemble_session(folder, file, arm, readings)
 
 
-def build_session(
+def assemble_session(
     place: Path,
     file: SessionFile,
     arm: Arm,
@@ -219,7 +219,7 @@ def load_session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
     dated: bool | None = None
     artefact_c = np.nan
     celsius = TemperatureColumns(arm, PIECES_ORDER)
-    pieces = read_pieces(find_readings(folder), number_columns(arm), TEXTS)
+    pieces = read_pieces(find_readings(folder), list_number_columns(arm), TEXTS)
     for readings in read_ahead(pieces):
         piece = _session(folder, file, arm, readings, placements, celsius, PIECES_ORDER)
         file = file.model_copy(update={"artefact": piece.artefact})
@@ -261,7 +261,7 @@ def _session(
 ) -> Session:
     """*placements*: names of earlier rows and their numbers; new ones are added to it. *celsius*:
     what the sensors read in earlier rows. *order*: of the angles in memory."""
-    numbers = number_columns(arm)
+    numbers = list_number_columns(arm)
     codes, names = readings.names("placement")
     numbered = [placements.setdefault(name, len(placements)) for name in names]
     placement = np.array(numbered, dtype=np.int64)[codes]

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.constants import (
     SIZING_STEPS,
     TURN_SETTLED,
 )
-from armd.compensation.diagnose.fitting.nuisance import gather_nuisance, make_noise_variances
+from armd.compensation.diagnose.fitting.nuisance import collect_nuisance, make_noise_variances
 from armd.compensation.diagnose.noise import variances as noise_model
 from armd.compensation.diagnose.noise.turns import compute_fitted_share, estimate_turn_ratio
 from armd.compensation.diagnose.problem.amplitudes import compute_amplitude_variance, is_sized
@@ -61,7 +61,7 @@ def fit(
         columns = make_finding_columns(linear, findings, arm)
         # Without the findings' own part, so that the solution is the whole amplitude.
         residual = linear.residual - compute_kinematic_part(findings, columns, amplitudes)
-        nuisance, layout = gather_nuisance(linear, arm, baseline, findings, columns, sizes)
+        nuisance, layout = collect_nuisance(linear, arm, baseline, findings, columns, sizes)
         extra = make_finding_columns(linear, noise_extra, arm)
         variance = make_noise_variances(nuisance, layout, extra)
         blocks = to_blocks([nuisance.columns, *extra], rests.observations.placement)

@@ -32,7 +32,7 @@ from armd.compensation.wording import format_plain
 LEFT_UM = "heldout_without_outliers_um"
 
 
-def release_growth(baseline: Baseline, arm: Arm) -> Baseline:
+def open_growth(baseline: Baseline, arm: Arm) -> Baseline:
     """A given calibration whose lengths without a thermal term grow as materials do, if it could
     not know that; as it is where there are none, or a sensor's temperatures are not in it."""
     terms = _without_a_term(baseline, arm) if baseline.is_given else []

@@ -37,7 +37,7 @@ from armd.compensation.model.terms import Term
 NuisanceBlock = tuple[F64 | Blocks, F64]
 
 
-def gather_nuisance(
+def collect_nuisance(
     linear: Linear,
     arm: Arm,
     baseline: Baseline,

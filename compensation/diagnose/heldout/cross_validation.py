@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.in_order import map_in_order
+from armd.compensation.data.in_order import run_in_order
 from armd.compensation.diagnose.constants import GAIN_BEGINS, GAIN_TAKES, REPEATED_WORK
 from armd.compensation.diagnose.diagnosis import SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import is_near, is_possible
@@ -23,7 +23,7 @@ from armd.compensation.diagnose.scoring.candidates import PartedSurvey, ScoredCa
 from armd.compensation.diagnose.search.selection import choose_finding
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects.effect import join_finding
-from armd.compensation.freed import release_freed
+from armd.compensation.freed import drop_freed
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
 
@@ -65,12 +65,12 @@ def validate_in_turn(
         (part, refit.with_subset([]), share)
         for part, refit, share in zip(parts, refits, shares, strict=True)
     ]
-    release_freed()
-    squares_of_parts = map_in_order(
+    drop_freed()
+    squares_of_parts = run_in_order(
         lambda start: _repeat_search_without(*start, folds, result, parted, arm), starts
     )
     for done, (part, of_steps) in enumerate(zip(parts, squares_of_parts, strict=True), 1):
-        release_freed()
+        drop_freed()
         progress("gain", GAIN_BEGINS + GAIN_TAKES * done / len(parts))
         for step_squares, part_squares in zip(squares, of_steps, strict=True):
             step_squares[folds[: points.n] == part] = part_squares
@@ -113,7 +113,7 @@ def _repeat_search_without(
             break
         current = tried
         squares.append(compute_left_out_squares(current, out, arm))
-        release_freed()
+        drop_freed()
         if len(squares) <= len(result.findings):
             projection = first.projection.with_findings_of(current)
             scored = ScoredCandidates(projection, projection.sums_with(first.sums))

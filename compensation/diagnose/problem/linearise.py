@@ -11,7 +11,7 @@ from armd.compensation.diagnose.constants import LEAST_LENGTH_MM
 from armd.compensation.diagnose.problem.linear import Linear, ModelState, Rests
 from armd.compensation.estimate.linear.blocks import Blocks, Piece, to_blocks
 from armd.compensation.estimate.linearise import Linearisation, linearise_as_read
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.surface_kinds import FREEDOM, PLANE
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import compute_basis_values
@@ -108,7 +108,7 @@ def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:
 def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
     """The observations under a correction of the artefact, as `identify` applies it."""
     observations = rests.observations
-    corrected = gather(rests.sessions, observations.arm, correction)
+    corrected = collect_observations(rests.sessions, observations.arm, correction)
     return replace(
         observations,
         stretch=corrected.stretch[rests.first],

@@ -16,7 +16,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.in_order import map_in_order
+from armd.compensation.data.in_order import run_in_order
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.cells import (
@@ -25,9 +25,9 @@ from armd.compensation.diagnose.scoring.cells import (
     as_slice,
     clear_columns,
     compute_products_of_parts,
-    flatten,
     list_rows,
     split_by_part,
+    to_rows,
 )
 from armd.compensation.diagnose.scoring.evidence import Sums
 from armd.compensation.diagnose.scoring.memory import Lasting
@@ -199,7 +199,7 @@ class Projection:
             by_axis = columns.reshape(-1, 3, columns.shape[1])
             return signatures.of_pairs(self._at_rests[:, cell.rests], by_axis, cell.rests)
 
-        return zip(self.cells, map_in_order(sum_cell, self.cells), strict=True)
+        return zip(self.cells, run_in_order(sum_cell, self.cells), strict=True)
 
     def sums_with(self, sums: Sums) -> Sums:
         """Products with all candidates' columns, where *sums* holds those with the first
@@ -283,7 +283,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     cells = []
     for part, piece in places:
         is_local = local[piece.columns]
-        rows_of_cell = flatten(piece.values[:, :, is_local])
+        rows_of_cell = to_rows(piece.values[:, :, is_local])
         local_model = LinearModel.from_rows(
             [("own", rows_of_cell, variance[piece.columns[is_local]])]
         )

@@ -28,7 +28,7 @@ from armd.compensation.diagnose.fitting.refit import set_findings, solve_again
 from armd.compensation.diagnose.problem.acting_causes import add_acting, list_acting_through
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
-from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
 from armd.compensation.diagnose.scoring.candidates import (
     PartedSurvey,
@@ -98,7 +98,7 @@ class Search:
         self.rests = rests
         self.arm = arm
         self.baseline = baseline
-        self.facts = gather_facts(rests, arm, baseline)
+        self.facts = collect_facts(rests, arm, baseline)
         every = catalogue.list_all_candidates(self.facts)
         self._refusals = Refusals([c for c in every if not barred(c)])
         self._steady = [make_steady_drift(self.facts)] if self.facts.timed else []

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.correction.overflow import find_overflows, refuse_overflow
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.unknowns import Unknowns
@@ -98,7 +98,9 @@ def _evaluate(
     calibration: Calibration | None,
     progress: TellStep | None,
 ) -> Evaluation:
-    observations = gather(sessions, arm, calibration.artefact if calibration else None)
+    observations = collect_observations(
+        sessions, arm, calibration.artefact if calibration else None
+    )
     constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
     terms = calibration.terms if calibration else []
     reference_c = (calibration or arm).reference_temperature_c

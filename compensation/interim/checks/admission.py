@@ -14,7 +14,7 @@ from armd.arrays import F64
 from armd.compensation.data.sessions.points_only import require_points
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.data.soundness.soundness import find_still_and_far
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.identify.admission.far_off import (
     list_without_temperature,
     measure_distances_mm,
@@ -41,7 +41,7 @@ def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration
     model = AssumedModel.from_calibration(arm, calibration)
     remarks: list[str] = []
     for session in sessions:
-        observations = gather([session], arm, calibration.artefact)
+        observations = collect_observations([session], arm, calibration.artefact)
         _refuse_temperatures(session, observations, model)
         refuse_mistakes([session], observations, model)
         refuse_misnamed([session], observations, model)

@@ -28,7 +28,7 @@ class NewLine:
     contents: Mapping[str, bytes]  # of the folder, by file name
 
 
-def append_checks(
+def add_checks(
     folder: Path, count: int, new: Sequence[NewLine], common: Mapping[Path, bytes]
 ) -> None:
     """Keep checks behind the *count* that *folder* has; *common* are further files in it.

@@ -15,7 +15,7 @@ from armd.compensation.data.sessions.session import Session
 from armd.compensation.interim.checks.appending import (
     CHECKS,
     NewLine,
-    append_checks,
+    add_checks,
     make_folder_name,
 )
 from armd.compensation.interim.checks.chain import HISTORY, AnyLine, HistoryLine
@@ -199,7 +199,7 @@ def keep(
         new_lines.append(
             NewLine(facts, make_folder_name(started, session.name), _make_contents(new_check))
         )
-    append_checks(folder, len(lines), new_lines, common)
+    add_checks(folder, len(lines), new_lines, common)
 
 
 def _make_contents(new: NewCheck) -> dict[str, bytes]:

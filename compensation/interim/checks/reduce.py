@@ -10,7 +10,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import REST_RAD
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import (
     Poses,
@@ -41,7 +41,7 @@ def reduce(
 ) -> Reduced:
     """Reduce *session*; raises `BadInput` where it cannot tell anything."""
     observations = _select_usable(
-        gather([session], arm, calibration.artefact), arm, calibration, session
+        collect_observations([session], arm, calibration.artefact), arm, calibration, session
     )
     states = observations.states
     signals = Signals(states, arm, calibration)

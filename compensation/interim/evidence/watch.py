@@ -55,7 +55,7 @@ class Standing:
     bad: tuple[int, ...]  # of the doubted, if a change is told now
 
 
-def watch(
+def detect_changes(
     stack: Stack,
     causes: Sequence[Cause],
     since: int = 0,

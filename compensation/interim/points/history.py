@@ -17,7 +17,7 @@ from armd.compensation.data.sessions.format import ArtefactFile
 from armd.compensation.interim.checks.appending import (
     CHECKS,
     NewLine,
-    append_checks,
+    add_checks,
     make_folder_name,
 )
 from armd.compensation.interim.checks.chain import PointsLine, read_lines
@@ -95,7 +95,7 @@ def keep_tables(
         new_lines.append(
             NewLine(facts, make_folder_name(str(facts["started"]), table.dated.name), contents)
         )
-    append_checks(folder, count, new_lines, {Path(ARTEFACTS) / f"{sha256}.toml": data})
+    add_checks(folder, count, new_lines, {Path(ARTEFACTS) / f"{sha256}.toml": data})
 
 
 def load_checks(folder: Path) -> list[PointCheck]:

@@ -30,7 +30,7 @@ class Recorrected:
     flags: npt.NDArray[np.uint32]  # (n,) INVALID, TEMPERATURE_RANGE, TEMPERATURE_STALE
 
 
-def recorrect(arm: Arm, calibration: LoadedCalibration, states: States) -> Recorrected:
+def correct_again(arm: Arm, calibration: LoadedCalibration, states: States) -> Recorrected:
     """Positions of *states* under *calibration*, with what must be said of each."""
     content = calibration.content
     model = Model(arm, calibration)

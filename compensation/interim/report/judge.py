@@ -25,8 +25,8 @@ from armd.compensation.interim.report.amend import (
 )
 from armd.compensation.interim.report.average import (
     Averaged,
-    average_amplitudes,
     choose_affordable,
+    compute_average,
 )
 from armd.compensation.interim.report.growth import find_growth
 from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
@@ -62,7 +62,7 @@ def _judge_epoch(checks: tuple[Check, ...], before: EpochLooks) -> Epoch:
     grown = find_growth(checks, stacked, causes, detected.changes, detected.bad)
     under = calibration.content if grown is None else grown.calibration
     rows = len(under.covariance_of)
-    every = average_amplitudes(
+    every = compute_average(
         stacked, causes, choose_affordable(possible, causes, rows), detected.bad
     )
     reported_changes = tuple(

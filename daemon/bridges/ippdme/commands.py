@@ -17,7 +17,7 @@ from armd.daemon.bridges.ippdme.grammar import (
     Command,
     Property,
     format_list,
-    quote,
+    format_quoted,
     require_nothing,
     require_word,
 )
@@ -43,7 +43,7 @@ def start_session(dialogue: Dialogue, command: Command) -> Answer:
     return ()
 
 
-def end_session(dialogue: Dialogue, command: Command) -> Answer:
+def close_session(dialogue: Dialogue, command: Command) -> Answer:
     require_nothing(command.args)
     dialogue.end_session()
     return ()
@@ -51,7 +51,7 @@ def end_session(dialogue: Dialogue, command: Command) -> Answer:
 
 def get_dme_version(dialogue: Dialogue, command: Command) -> Answer:
     require_nothing(command.args)
-    return [f"DMEVersion({quote(dialogue.version)})"]
+    return [f"DMEVersion({format_quoted(dialogue.version)})"]
 
 
 def get_machine_class(dialogue: Dialogue, command: Command) -> Answer:
@@ -72,7 +72,7 @@ def get_error_info(dialogue: Dialogue, command: Command) -> Answer:
         raise DmeError(509)
     if number not in TABLE:
         raise DmeError(504)
-    return [quote(TABLE[int(number)][1])]
+    return [format_quoted(TABLE[int(number)][1])]
 
 
 def clear_all_errors(dialogue: Dialogue, command: Command) -> Answer:
@@ -99,7 +99,7 @@ def get_xtd_err_status(dialogue: Dialogue, command: Command) -> Answer:
     return ()
 
 
-def abort(dialogue: Dialogue, command: Command) -> Answer:
+def stop_motion(dialogue: Dialogue, command: Command) -> Answer:
     require_nothing(command.args)
     dialogue.abort()
     return ()
@@ -241,14 +241,14 @@ def _nominal(args: tuple[Arg, ...]) -> dict[str, float]:
 
 METHODS = {
     "StartSession": start_session,
-    "EndSession": end_session,
+    "EndSession": close_session,
     "GetDMEVersion": get_dme_version,
     "GetMachineClass": get_machine_class,
     "GetErrorInfo": get_error_info,
     "ClearAllErrors": clear_all_errors,
     "GetErrStatusE": get_err_status,
     "GetXtdErrStatus": get_xtd_err_status,
-    "AbortE": abort,
+    "AbortE": stop_motion,
     "OnMoveReportE": set_move_report,
     "StopDaemon": stop_daemon,
     "StopAllDaemons": stop_all_daemons,

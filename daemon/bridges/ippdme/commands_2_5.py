@@ -11,7 +11,7 @@ from armd.daemon.bridges.ippdme.grammar import (
     Command,
     format_decimal,
     format_list,
-    quote,
+    format_quoted,
     require_nothing,
     require_text,
 )
@@ -46,7 +46,7 @@ DEFECT_C = -273.0
 
 def get_supported_commands(dialogue: Dialogue, command: Command) -> Answer:
     require_nothing(command.args)
-    return [quote(name) for name in dialogue.methods if name not in UNSUPPORTED]
+    return [format_quoted(name) for name in dialogue.methods if name not in UNSUPPORTED]
 
 
 def get_supported_arguments(dialogue: Dialogue, command: Command) -> Answer:
@@ -54,7 +54,10 @@ def get_supported_arguments(dialogue: Dialogue, command: Command) -> Answer:
     name = require_text(command.args)
     if name not in dialogue.methods or name in UNSUPPORTED:
         raise DmeError(506)
-    return [f"{quote(arg)}, {quote(kind)}" for arg, kind in ARGUMENTS.get(name, {}).items()]
+    return [
+        f"{format_quoted(arg)}, {format_quoted(kind)}"
+        for arg, kind in ARGUMENTS.get(name, {}).items()
+    ]
 
 
 def list_name_spaces(dialogue: Dialogue, command: Command) -> Answer:
@@ -72,7 +75,7 @@ def get_temperature_sensors(dialogue: Dialogue, command: Command) -> Answer:
     """All of them are the machine's, and corrected for."""
     require_nothing(command.args)
     return [
-        f"Name({quote(name)}), Kind(CMM), CMMTempCorrection(1)"
+        f"Name({format_quoted(name)}), Kind(CMM), CMMTempCorrection(1)"
         for name in dialogue.machine.temperatures_c
     ]
 
@@ -88,7 +91,7 @@ def read_temperature_sensor(dialogue: Dialogue, command: Command) -> Answer:
 def read_all_temperatures(dialogue: Dialogue, command: Command) -> Answer:
     require_nothing(command.args)
     return [
-        f"Name({quote(name)}), Temperature({_celsius(value)})"
+        f"Name({format_quoted(name)}), Temperature({_celsius(value)})"
         for name, value in dialogue.machine.temperatures_c.items()
     ]
 

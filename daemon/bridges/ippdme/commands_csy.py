@@ -12,7 +12,7 @@ from armd.daemon.bridges.ippdme.grammar import (
     Word,
     format_decimal,
     format_list,
-    quote,
+    format_quoted,
     require_nothing,
     require_text,
     require_word,
@@ -62,14 +62,14 @@ def load(dialogue: Dialogue, command: Command) -> Answer:
     return ()
 
 
-def delete(dialogue: Dialogue, command: Command) -> Answer:
+def remove(dialogue: Dialogue, command: Command) -> Answer:
     dialogue.machine.systems.delete_named(require_text(command.args))
     return ()
 
 
 def list_named(dialogue: Dialogue, command: Command) -> Answer:
     require_nothing(command.args)
-    return [quote(name) for name in dialogue.machine.systems.named]
+    return [format_quoted(name) for name in dialogue.machine.systems.named]
 
 
 def save_named(dialogue: Dialogue, command: Command) -> Answer:
@@ -108,7 +108,7 @@ METHODS = {
 METHODS_2_5 = {
     "SaveActiveCoordSystem": save_active,
     "LoadCoordSystem": load,
-    "DeleteCoordSystem": delete,
+    "DeleteCoordSystem": remove,
     "EnumCoordSystems": list_named,
     "SaveNamedCsyTransformation": save_named,
     "GetNamedCsyTransformation": get_named,

@@ -10,7 +10,7 @@ from armd.daemon.bridges.ippdme.grammar import (
     Property,
     format_decimal,
     format_list,
-    quote,
+    format_quoted,
     require_nothing,
     require_text,
 )
@@ -21,7 +21,7 @@ from armd.daemon.bridges.ippdme.tools import Tool, list_tool_properties
 def list_tools(dialogue: Dialogue, command: Command) -> Answer:
     require_nothing(command.args)
     names = dialogue.machine.toolbox.names
-    return [_bare(name) if is_2_5(dialogue) else quote(name) for name in names]
+    return [_bare(name) if is_2_5(dialogue) else format_quoted(name) for name in names]
 
 
 def find_tool(dialogue: Dialogue, command: Command) -> Answer:
@@ -31,7 +31,7 @@ def find_tool(dialogue: Dialogue, command: Command) -> Answer:
     return ()
 
 
-def change_tool(dialogue: Dialogue, command: Command) -> Answer:
+def set_tool(dialogue: Dialogue, command: Command) -> Answer:
     """The daemon is asked for the tip, if it is another."""
     machine = dialogue.machine
     tool = machine.toolbox.get(require_text(command.args))
@@ -103,17 +103,17 @@ def is_alignable(dialogue: Dialogue, command: Command) -> Answer:
 
 def list_tool_collection(dialogue: Dialogue, command: Command) -> Answer:
     if _collection(command.args):
-        return [f'{quote(name)}, "Tool"' for name in dialogue.machine.toolbox.names]
-    return [f'{quote(COLLECTION)}, "Collection"']
+        return [f'{format_quoted(name)}, "Tool"' for name in dialogue.machine.toolbox.names]
+    return [f'{format_quoted(COLLECTION)}, "Collection"']
 
 
 def list_all_tool_collections(dialogue: Dialogue, command: Command) -> Answer:
     """The same, and what is below: as paths from the collection asked for."""
     names = dialogue.machine.toolbox.names
     if _collection(command.args):
-        return [f'{quote(name)}, "Tool"' for name in names]
-    below = [f'{quote(f"{COLLECTION}/{name}")}, "Tool"' for name in names]
-    return [f'{quote(COLLECTION)}, "Collection"', *below]
+        return [f'{format_quoted(name)}, "Tool"' for name in names]
+    below = [f'{format_quoted(f"{COLLECTION}/{name}")}, "Tool"' for name in names]
+    return [f'{format_quoted(COLLECTION)}, "Collection"', *below]
 
 
 def open_tool_collection(dialogue: Dialogue, command: Command) -> Answer:
@@ -165,14 +165,16 @@ def set_prop(dialogue: Dialogue, command: Command) -> Answer:
 
 def list_properties(dialogue: Dialogue, command: Command) -> Answer:
     return [
-        f"{quote(name)}, {quote(kind)}"
+        f"{format_quoted(name)}, {format_quoted(kind)}"
         for name, kind in _below(dialogue, command)
         if "." not in name
     ]
 
 
 def list_all_properties(dialogue: Dialogue, command: Command) -> Answer:
-    return [f"{quote(name)}, {quote(kind)}" for name, kind in _below(dialogue, command)]
+    return [
+        f"{format_quoted(name)}, {format_quoted(kind)}" for name, kind in _below(dialogue, command)
+    ]
 
 
 def _below(dialogue: Dialogue, command: Command) -> list[tuple[str, str]]:
@@ -204,9 +206,9 @@ def _property(dialogue: Dialogue, name: str) -> str:
         return format_decimal(value, 9)
     tool, below = _tool_and_name(dialogue, name)
     if below in ("Name", "Id"):
-        return quote(tool.name)
+        return format_quoted(tool.name)
     if below == "Collection" and is_2_5(dialogue):
-        return quote(COLLECTION)
+        return format_quoted(COLLECTION)
     if below == "AvrRadius":
         return format_decimal(tool.radius_mm)
     if below == "Alignment":
@@ -230,14 +232,14 @@ def _tool_and_name(dialogue: Dialogue, name: str) -> tuple[Tool, str]:
 def _bare(name: str) -> str:
     """2.5 writes a name of letters and digits, a letter first, without quotation marks."""
     is_name = name.isascii() and name.isalnum() and name[0].isalpha()
-    return name if is_name else quote(name)
+    return name if is_name else format_quoted(name)
 
 
 METHODS = {
     "EnumTools": list_tools,
     "FindTool": find_tool,
-    "ChangeTool": change_tool,
-    "SetTool": change_tool,
+    "ChangeTool": set_tool,
+    "SetTool": set_tool,
     "GetChangeToolAction": get_change_tool_action,
     "ReQualify": refuse_qualification,
     "GetProp": get_prop,

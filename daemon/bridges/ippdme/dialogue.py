@@ -12,8 +12,8 @@ from armd.daemon.bridges.ippdme.grammar import (
     Command,
     SyntaxFault,
     format_list,
+    format_quoted,
     parse,
-    quote,
 )
 from armd.daemon.bridges.ippdme.machine import Machine
 from armd.daemon.bridges.ippdme.report import (
@@ -246,12 +246,12 @@ class Dialogue:
         """A button that is a key of the host's: its measurement is none."""
         self._own_keys.add(seq)
         if self.in_session and self.user_enabled:
-            self._tell(f"KeyPress({quote(key)})")
+            self._tell(f"KeyPress({format_quoted(key)})")
 
     def take_tool(self, name: str) -> None:
         """Changed at the arm."""
         if self.in_session:
-            self._tell(f"ChangeTool({quote(name)})")
+            self._tell(f"ChangeTool({format_quoted(name)})")
             self.report_now()
 
     def take_error(self, error: DmeError, place: str) -> None:

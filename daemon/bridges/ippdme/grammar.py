@@ -184,7 +184,7 @@ def format_decimal(value: float, places: int = 5) -> str:
     return text if digits <= DIGITS else f"{value:.{max(places - (digits - DIGITS), 0)}f}"
 
 
-def quote(text: str) -> str:
+def format_quoted(text: str) -> str:
     """Between quotation marks."""
     return f'"{_as_string(text)}"'
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from armd.arrays import F64
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.daemon.bridges.ippdme.grammar import Arg, Property, format_decimal, quote
+from armd.daemon.bridges.ippdme.grammar import Arg, Property, format_decimal, format_quoted
 
 ReportedFields = Mapping[str, tuple[float, ...]]
 
@@ -24,7 +24,8 @@ _PLACES = {"IJK": 6, "Q": 0, "IJKAct": 0}
 
 def format_error(error: DmeError, method: str) -> str:
     """`Error(3, 0501, "GoTo", "Unsupported command")`."""
-    return f"Error({error.severity}, {error.number:04d}, {quote(method)}, {quote(error.text)})"
+    method, text = format_quoted(method), format_quoted(error.text)
+    return f"Error({error.severity}, {error.number:04d}, {method}, {text})"
 
 
 def format_fields(names: Sequence[str], fields: ReportedFields) -> dict[str, str]:

@@ -22,7 +22,7 @@ from armd.daemon.bridges.ippdme.grammar import LONGEST
 from armd.daemon.bridges.ippdme.machine import Machine
 from armd.daemon.bridges.ippdme.report import format_error
 from armd.daemon.bridges.ippdme.tools import REF_TOOL, Toolbox
-from armd.daemon.bridges.listening import Address, Client, listen
+from armd.daemon.bridges.listening import Address, Client, open_listener
 from armd.daemon.bridges.process import report_ready, run_in_thread
 from armd.daemon.bridges.tips import CmmTip, Tips, parse_vector
 from armd.errors import BadInput
@@ -122,7 +122,7 @@ class DmeServer:
             for topic_key, take in listeners.items():
                 stack.enter_context(self._arm.calling(topic_key, on_loop(take)))
             points = stack.enter_context(self._arm.stream(keys.POINT))
-            server, endpoint = await listen(address, self._connection)
+            server, endpoint = await open_listener(address, self._connection)
             async with server:
                 report_ready("ippdme", endpoint)
                 while True:

@@ -87,7 +87,8 @@ def describe_omissions(calibration: str | None) -> str:
     names = dict.fromkeys(term.effect or f"of {term.parameter}" for term in terms)
     return (
         f"without {format_count(len(terms), 'term')} of the calibration ({format_names(names)}),"
-        " for which a URDF has no place: its tip is where the constants alone put it, not the corrected one"
+        " for which a URDF has no place: its tip is where the constants alone put it, not the"
+        " corrected one"
     )
 
 

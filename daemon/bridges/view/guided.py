@@ -19,7 +19,7 @@ from armd.daemon.bridges.view.feed import Feed
 from armd.daemon.bridges.view.http import NotServed, Request
 from armd.daemon.bridges.view.sessions import A_NAME, list_results
 from armd.daemon.measure.ending import EndOptions, list_commands, run
-from armd.daemon.measure.in_use import ask_in_use
+from armd.daemon.measure.in_use import get_in_use
 from armd.daemon.measure.log import NAME
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import make_plan
@@ -181,7 +181,7 @@ class Guided:
         def begun() -> tuple[Measuring, str]:
             self._folder.mkdir(parents=True, exist_ok=True)
             trigger = str(arm.info()["configuration"]["measurement"]["trigger"])
-            in_use = ask_in_use(arm)
+            in_use = get_in_use(arm)
             if wishes is None:
                 return Measuring.resume(folder, in_use), trigger
             artefact_content = (

@@ -113,7 +113,7 @@ def parse(head: bytes) -> Request:
     return Request(words[0], unquote(target.path), query, headers)
 
 
-def answer(
+def format_answer(
     status: HTTPStatus, kind: str, body: bytes = b"", headers: Mapping[str, str] | None = None
 ) -> bytes:
     """A whole answer; the connection ends with it."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
 from armd import Arm
-from armd.daemon.bridges.listening import Address, listen
+from armd.daemon.bridges.listening import Address, open_listener
 from armd.daemon.bridges.process import report_ready, run_in_thread
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.bridges.view import page_messages, sessions
@@ -25,11 +25,11 @@ from armd.daemon.bridges.view.http import (
     MOST_HEAD_BYTES,
     NotServed,
     Request,
-    answer,
+    format_answer,
     format_head,
     read_request,
 )
-from armd.daemon.files.tip_history import activate_tip, read_history
+from armd.daemon.files.tip_history import read_history, use_tip
 from armd.errors import ArmdError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ Do = Callable[[Request], Awaitable[object]]
 
 def _obeyed(arm: Arm, name: str, parameters: dict[str, str]) -> str:
     if name == "keep_tip":  # with the offset that its last calibration found
-        return activate_tip(arm, **parameters)
+        return use_tip(arm, **parameters)
     return arm.command(name, **parameters)
 
 
@@ -104,7 +104,7 @@ class PageServer:
 
     async def serve(self, address: Address, context: ssl.SSLContext | None = None) -> None:
         """Until cancelled; raises `BadInput` if it cannot listen there."""
-        server, endpoint = await listen(address, self._connection, context)
+        server, endpoint = await open_listener(address, self._connection, context)
         async with server:
             report_ready("view", endpoint)
             try:
@@ -137,7 +137,7 @@ class PageServer:
                     await self._reply(writer, await self._served(request))
             except NotServed as refused:
                 text = f"armd view: {refused}\n".encode()
-                await self._reply(writer, answer(refused.status, TEXT, text))
+                await self._reply(writer, format_answer(refused.status, TEXT, text))
         except (OSError, TimeoutError, EOFError):  # it went away, or says nothing
             pass
         except asyncio.CancelledError:  # the server ends; before 3.12 asyncio prints a traceback
@@ -176,19 +176,19 @@ class PageServer:
             return self._file(request, path)
         self._access.check_token(request)
         if path == "/temperatures":
-            return answer(HTTPStatus.OK, JSON, self._feed.history.text().encode())
+            return format_answer(HTTPStatus.OK, JSON, self._feed.history.text().encode())
         if path == "/feature":
             return await self._feature(request)
         if path == "/guided" and self._guided is not None:
             choices = await run_in_thread(self._guided.choices)
-            return answer(HTTPStatus.OK, JSON, json.dumps(choices).encode())
+            return format_answer(HTTPStatus.OK, JSON, json.dumps(choices).encode())
         if path == "/tips":
             serial = self._feed.serial
             tips = [] if serial is None else await run_in_thread(lambda: read_history(serial))
-            return answer(HTTPStatus.OK, JSON, json.dumps(tips[-TIPS_TOLD:]).encode())
+            return format_answer(HTTPStatus.OK, JSON, json.dumps(tips[-TIPS_TOLD:]).encode())
         if path.startswith(sessions.PREFIX) and (folder := self._sessions) is not None:
             kind, data = await run_in_thread(lambda: sessions.read(folder, path))
-            return answer(HTTPStatus.OK, kind, data, sessions.GUARDS)
+            return format_answer(HTTPStatus.OK, kind, data, sessions.GUARDS)
         if path.startswith("/measurements."):
             return await self._table(path)
         raise NotServed(HTTPStatus.NOT_FOUND, f"found nothing at {path[:100]!r}")
@@ -203,10 +203,10 @@ class PageServer:
                 HTTPStatus.NOT_MODIFIED, file.kind, headers | {"Connection": "close"}
             )
         if "gzip" in request.headers.get("accept-encoding", ""):
-            return answer(
+            return format_answer(
                 HTTPStatus.OK, file.kind, file.packed, headers | {"Content-Encoding": "gzip"}
             )
-        return answer(HTTPStatus.OK, file.kind, file.data, headers)
+        return format_answer(HTTPStatus.OK, file.kind, file.data, headers)
 
     async def _table(self, path: str) -> bytes:
         """All measurements that the daemon still has, as `armd export` writes them."""
@@ -222,7 +222,7 @@ class PageServer:
             raise NotServed(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from error
         name = "".join(c if c.isalnum() or c in "-_" else "_" for c in arm.serial)
         headers = {"Content-Disposition": f'attachment; filename="{name}{suffix}"'}
-        return answer(HTTPStatus.OK, TABLES[suffix], text.encode(), headers)
+        return format_answer(HTTPStatus.OK, TABLES[suffix], text.encode(), headers)
 
     async def _feature(self, request: Request) -> bytes:
         """Through measurements that were picked; it changes nothing."""
@@ -234,10 +234,12 @@ class PageServer:
             return fit_feature(measurements, request.query)
 
         try:
-            return answer(HTTPStatus.OK, JSON, json.dumps(await run_in_thread(fitted)).encode())
+            return format_answer(
+                HTTPStatus.OK, JSON, json.dumps(await run_in_thread(fitted)).encode()
+            )
         except ArmdError as error:
             content = json.dumps({"error": str(error)}).encode()
-            return answer(HTTPStatus.CONFLICT, JSON, content)
+            return format_answer(HTTPStatus.CONFLICT, JSON, content)
 
     async def _done(self, request: Request) -> bytes:
         self._access.check_origin(request)
@@ -255,17 +257,17 @@ class PageServer:
             content = json.dumps(await deed(request)).encode()
         except (ArmdError, OSError) as error:
             content = json.dumps({"error": str(error)}).encode()
-            return answer(HTTPStatus.CONFLICT, JSON, content)
-        return answer(HTTPStatus.OK, JSON, content)
+            return format_answer(HTTPStatus.CONFLICT, JSON, content)
+        return format_answer(HTTPStatus.OK, JSON, content)
 
     async def _login(self, request: Request) -> bytes:
         """The token, once; from then on a cookie."""
         token = parse_qs(request.body.decode("utf-8", "replace")).get("token", [""])[0]
         if not self._access.is_token(token):
             await asyncio.sleep(WRONG_TOKEN_S)
-            return answer(HTTPStatus.SEE_OTHER, TEXT, b"", {"Location": "/login.html#wrong"})
+            return format_answer(HTTPStatus.SEE_OTHER, TEXT, b"", {"Location": "/login.html#wrong"})
         cookie = {"Location": "/", "Set-Cookie": self._access.cookie_header()}
-        return answer(HTTPStatus.SEE_OTHER, TEXT, b"", cookie)
+        return format_answer(HTTPStatus.SEE_OTHER, TEXT, b"", cookie)
 
     async def _command(self, request: Request) -> object:
         """`/command/reload`, `/command/tip`: the daemon's own, if it obeys any."""

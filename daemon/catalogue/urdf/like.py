@@ -23,8 +23,8 @@ from armd.daemon.catalogue.urdf.places import (
     Edit,
     JointPlaces,
     apply_edits,
-    edit_tag,
     find_joints,
+    replace_tag,
 )
 from armd.daemon.catalogue.urdf.roll_pitch_yaw import (
     convert_matrix_to_quaternion,
@@ -177,9 +177,9 @@ def _make_edits(
         if np.abs(now.rotation - origin.rotation).max() > same:
             name, old, new = _format_rotation(joint.find("origin"), origin.rotation)
             attributes[name] = _list_changed(old, new, same)
-        edits += edit_tag(content, places[k], "origin", attributes)
+        edits += replace_tag(content, places[k], "origin", attributes)
         if axis is not None and axis is not chain.axes[k]:
-            edits += edit_tag(content, places[k], "axis", {"xyz": axis.tolist()})
+            edits += replace_tag(content, places[k], "axis", {"xyz": axis.tolist()})
     return edits
 
 

@@ -12,7 +12,7 @@ from armd.client import Arm
 from armd.compensation.data.sessions.format import ArtefactFile
 from armd.daemon.measure.ending import EndOptions, Then, list_commands
 from armd.daemon.measure.ending import run as run_command
-from armd.daemon.measure.in_use import ask_in_use
+from armd.daemon.measure.in_use import get_in_use
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, Wishes
@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
         sphere_mm=args.sphere_mm,
     )
     with armd.connect(args.serial, args.endpoint, timeout_s=WAIT_S) as arm:
-        in_use = ask_in_use(arm)
+        in_use = get_in_use(arm)
         plan = make_plan(args.kind, in_use.arm, artefact, wishes)
         with Measuring(args.output, plan, in_use) as measuring:
             # refused now rather than at the end

@@ -113,19 +113,19 @@ def _use_tip(args: argparse.Namespace, words: list[str]) -> int:
 
 
 def _apply(args: argparse.Namespace, words: list[str]) -> int:
-    from armd.daemon.files.tip_history import activate_tip
+    from armd.daemon.files.tip_history import use_tip
 
     with armd.connect(words[1] if len(words) > 1 else None, args.endpoint) as arm:
-        print(to_printable(f"{arm.serial}: {activate_tip(arm, words[0])}"))
+        print(to_printable(f"{arm.serial}: {use_tip(arm, words[0])}"))
     return 0
 
 
 def _list_tips(args: argparse.Namespace, words: list[str]) -> int:
     from armd.daemon.files.tip_history import read_history
-    from armd.daemon.measure.in_use import ask_in_use
+    from armd.daemon.measure.in_use import get_in_use
 
     with armd.connect(words[0] if words else None, args.endpoint) as arm:
-        info, in_use = arm.info(), ask_in_use(arm)
+        info, in_use = arm.info(), get_in_use(arm)
         last = {entry["name"]: entry for entry in read_history(arm.serial)}
     table = Table(
         "", "tip", "offset, mm", "radius, mm", _make_when_column(), "U (k = 2), mm", "verdict"

@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from armd.compensation.data.sessions.session import load_sessions
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.requirements import ABSURD_RMS_MM
 from armd.compensation.identify.admission.wrong_names import report_misnamed
@@ -82,7 +82,9 @@ def _describe_why(
     """What may be wrong where residuals are no arm's."""
     if result["n"] <= MOST_HELD:
         sessions = load_sessions(args.session, arm)
-        observations = gather(sessions, arm, calibration.artefact if calibration else None)
+        observations = collect_observations(
+            sessions, arm, calibration.artefact if calibration else None
+        )
         reasons = report_misnamed(
             sessions, observations, AssumedModel.from_calibration(arm, calibration)
         )

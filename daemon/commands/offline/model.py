@@ -202,7 +202,8 @@ def _print(
         print(
             f"armd: without {format_count(len(geometry.terms), 'term')} of the calibration"
             f" ({to_printable(format_names(_effects(geometry)))}); the geometry is the best without"
-            f" them, and its tip differs by {left_out.rms_mm:.6f} mm RMS, {left_out.max_mm:.6f} mm at most"
+            f" them, and its tip differs by {left_out.rms_mm:.6f} mm RMS,"
+            f" {left_out.max_mm:.6f} mm at most"
         )
     if geometry.by_temperature is not None and geometry.range_c is not None:
         low, high = geometry.range_c

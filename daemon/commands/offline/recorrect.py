@@ -16,7 +16,7 @@ from armd import Flag
 from armd.arrays import F64
 from armd.compensation.data.sessions.columns import LEAST_C, MOST_C
 from armd.compensation.interim.recorrection.quality_page import Impact, render_quality_page
-from armd.compensation.interim.recorrection.recorrect import Recorrected, recorrect
+from armd.compensation.interim.recorrection.recorrect import Recorrected, correct_again
 from armd.compensation.model.arm import Arm, Vector3, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.compensation.model.state import States
@@ -195,7 +195,7 @@ def _recorrect_measurements(
         assert its_calibration is not None
         rows = np.array([row_offset == offset for row_offset in offsets])
         # All rows, for lags; then those of this tip.
-        recorrected = recorrect(its_arm, its_calibration, states)
+        recorrected = correct_again(its_arm, its_calibration, states)
         position[rows], uncertainty[rows] = (
             recorrected.position_mm[rows],
             recorrected.uncertainty_mm[rows],

@@ -11,7 +11,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from armd.compiled.rehearsal import rehearse
+from armd.compiled.rehearsal import run_rehearsal
 from armd.daemon.config import Config, load_config
 from armd.daemon.host.journal import keep_standard_streams_open, print_line
 from armd.daemon.host.priority import raise_priority
@@ -42,7 +42,7 @@ def serve(config: Config) -> int:
     # From here on a signal is heard, and done when there is something to do it.
     signals = SignalRequests()
     arm = ArmInUse(config)
-    rehearse(config, arm)  # compiles everything the stream needs, before ready is said
+    run_rehearsal(config, arm)  # compiles everything the stream needs, before ready is said
     driver = open_driver(config.driver, config.expectation)
     with ExitStack() as stack:
         session = stack.enter_context(open_zenoh_session(config))

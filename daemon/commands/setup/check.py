@@ -65,7 +65,7 @@ def _compare_sessions(
         return {}, []
     from armd.compensation.data.sessions.format import SessionFile
     from armd.compensation.data.sessions.session import Session, load_session, report_turns
-    from armd.compensation.estimate.observations import gather
+    from armd.compensation.estimate.observations import collect_observations
     from armd.compensation.identify.admission.remark import write_remark
 
     of_arm: dict[str, list[Session]] = {}
@@ -83,7 +83,7 @@ def _compare_sessions(
         doubts += [remark for session in read for remark in session.remarks]
         with console.status("holding the sessions against each other …"):
             try:
-                doubts.append(write_remark(sessions, gather(sessions, arms[serial])))
+                doubts.append(write_remark(sessions, collect_observations(sessions, arms[serial])))
             except BadInput as fault:
                 for session_fault in (fault, *fault.more):
                     faults.setdefault(_get_folder(Path(session_fault.file)), []).append(

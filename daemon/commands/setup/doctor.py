@@ -13,7 +13,7 @@ from armd.daemon.config import load_config
 from armd.daemon.doctor.examine import diagnose_port
 from armd.daemon.doctor.expected import compare
 from armd.daemon.doctor.finding import Patient
-from armd.daemon.doctor.machine import ThisMachine, can_buses
+from armd.daemon.doctor.machine import ThisMachine, list_can_buses
 from armd.drivers.config import ServoConfig
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.ports import list_serial_ports
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     if driver is not None:
         compare(patients[0], args.config, driver)
     elif not args.port:
-        patients += can_buses()
+        patients += list_can_buses()
     if not patients:
         nothing = Patient("this machine")
         text = "no serial adapter and no CAN interface is plugged in"

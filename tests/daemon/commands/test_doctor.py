@@ -22,7 +22,7 @@ from armd.daemon.config import load_config
 from armd.daemon.doctor.examine import diagnose_port
 from armd.daemon.doctor.expected import compare
 from armd.daemon.doctor.finding import Patient
-from armd.daemon.doctor.machine import ThisMachine, can_buses
+from armd.daemon.doctor.machine import ThisMachine, list_can_buses
 from armd.drivers.config import ServoConfig
 from armd.simulator.servobus.arm import make_arm_toml
 from support.pty_link import PtyLink
@@ -431,7 +431,7 @@ def test_a_can_bus_that_is_down_is_told(tmp_path: Path) -> None:
         folder.mkdir(parents=True)
         (folder / "type").write_text(f"{kind}\n")
         (folder / "flags").write_text(f"{flags:#x}\n")
-    down, up = can_buses(tmp_path)
+    down, up = list_can_buses(tmp_path)
     assert up.name == "can1" and not up.findings
     assert down.findings[0].mend == "sudo ip link set can0 up type can bitrate 1000000"
 

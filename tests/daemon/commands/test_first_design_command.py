@@ -12,7 +12,7 @@ import pytest
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.design.reaching import solve_postures
-from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
+from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.kinematics import compute_pose
 from armd.daemon import cli
@@ -136,7 +136,7 @@ def test_a_session_in_these_poses_is_granted_a_certificate(arm: Arm, on_balls: b
         for one in ("P1", "P2", "P3"):
             of = place == one
             group = np.zeros(of.sum(), dtype=np.int64)
-            turn, shift = align_by_kabsch(local[of], drawn[of], np.ones(of.sum()), group, 1)
+            turn, shift = fit_by_kabsch(local[of], drawn[of], np.ones(of.sum()), group, 1)
             wanted[of] = local[of] @ turn[0].T + shift[0]
         assert np.abs(wanted - drawn).max() < 1.0
         wanted += rng.normal(0.0, 0.02, wanted.shape)

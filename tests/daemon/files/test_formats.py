@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from armd.compensation.data.sessions.columns import number_columns
+from armd.compensation.data.sessions.columns import list_number_columns
 from armd.compensation.model.arm import Arm
 from armd.daemon.cli import main
 from armd.daemon.commands.setup.schema import FORMATS, make_json_schema
@@ -115,7 +115,7 @@ def test_the_page_has_every_column() -> None:
     )  # fmt: skip
     text = page_path("formats").read_text(encoding="utf-8")
     section = text.split("\n## readings.csv\n")[1].split("\n## ")[0]
-    for column in number_columns(arm):
+    for column in list_number_columns(arm):
         shown = {"t1": "a sensor's name"}
         joint = re.fullmatch(r"([qw])\d", column)
         cell = f"`{joint[1]}1`" if joint else shown.get(column, f"`{column}`")

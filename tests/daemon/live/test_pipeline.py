@@ -66,7 +66,7 @@ def test_samples_of_another_kind_never_reach_what_was_settled_for_others(monkeyp
 
     calls: list[bool] = []
     pipeline = calibrated()
-    monkeypatch.setattr("armd.daemon.live.pipeline.settle", settled)
+    monkeypatch.setattr("armd.daemon.live.pipeline.select_compiled", settled)
     for samples in (still(1), still(9), still(9)[::2], still(2), still(2)):
         pipeline.correct(samples)
     assert calls == [True] * 5

@@ -5,7 +5,7 @@ import pytest
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.decoder import ServoDecoder, note
+from armd.drivers.poll.decoder import ServoDecoder, encode_note
 from armd.drivers.poll.exchange import compute_instants
 from armd.drivers.sample import Event, RawFrame
 from support.fake_servos import Dynamixel, Feetech
@@ -29,11 +29,11 @@ class PacedLine:
         self.tables = {servo: family.table(servo) for servo in self.ids}
         for table in self.tables.values():
             table[family.delay] = 0
-        self.feed("link", note(note="up"))
+        self.feed("link", encode_note(note="up"))
         kind = self.decoder.family
         self.byte_ns, self.gap_ns = self.decoder.byte_ns, kind.return_delay_least_us * 1e3
         self.exchange(0, kind.identity_bytes)
-        self.feed("link", note(note="verdict", changed={}))
+        self.feed("link", encode_note(note="verdict", changed={}))
 
     def feed(self, direction, data):
         frame = RawFrame(self.now_ns, self.now_ns, direction, bytes(data), "poll")

@@ -4,7 +4,7 @@ import pytest
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.decoder import ServoDecoder, note
+from armd.drivers.poll.decoder import ServoDecoder, encode_note
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.protocol.family import Servo, list_differences
 from armd.drivers.sample import RawFrame
@@ -21,7 +21,7 @@ def as_found(kind, **registers):
 
 
 def feed(decoder, **fields):
-    return decoder.feed(RawFrame(10**9, 10**18, "link", note(**fields), "poll"))
+    return decoder.feed(RawFrame(10**9, 10**18, "link", encode_note(**fields), "poll"))
 
 
 def decoder_of(kind, *servos):
