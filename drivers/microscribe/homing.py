@@ -57,9 +57,7 @@ class Homing:
     _rest_since_ns: int = 0
     _buttons: int | None = None  # of the last reading
     _pressed_ns: int | None = None  # a press that asks for HOME
-    _home_sent: bool = (
-        False  # HOME was sent in this session: the counts are no more those of before
-    )
+    _asked: bool = False  # HOME was sent in this session: the counts are no more those of before
     _doubt: str = ""  # why the press that asks for HOME needs another one
     _lifted: bool = False  # since HOME
     _quickest_ns: int | None = None  # reply of this session, which tells most of the timer
@@ -91,7 +89,7 @@ class Homing:
 
     def note_sent(self) -> None:
         """HOME goes out."""
-        self._home_sent = True
+        self._asked = True
 
     def acknowledged(self) -> bool:
         """HOME was; whether the arm counts as homed."""
@@ -148,7 +146,7 @@ class Homing:
         """Why *counts* may not be those of the stylus in its rest; empty if they are."""
         if self.before is None:
             return ""
-        if self._home_sent or not self._ran_on:
+        if self._asked or not self._ran_on:
             return "nothing tells whether the stylus is in its rest, as the arm may have been off"
         degrees, joint = self._largest_difference(counts, self.before.home)
         if degrees <= BACK_DEG:

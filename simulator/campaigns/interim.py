@@ -138,7 +138,7 @@ ARTEFACTS |= {"seats": (make_seats, 7), "sphere": (make_sphere, 15), "bar": (mak
 
 
 def plan_interim(seed: int, noise: Noise, artefact: str = "bar") -> Campaign:
-    """The rig as it is on the first day; `carry_out` measures it."""
+    """The rig as it is on the first day; `measure_checks` measures it."""
     rig_artefact = ARTEFACTS[artefact][0](np.random.default_rng([seed, 0x1A7]))
     return Campaign(nominal.make_arm_toml(), Rig(TrueArm.default(seed), rig_artefact, noise), [])
 

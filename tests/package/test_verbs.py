@@ -44,7 +44,7 @@ EXEMPT = {
     "inlined": "decorator",
     "unlocked": "decorator",
 }
-#: Package → how many of its public methods begin with no verb; properties are nouns.
+#: Package → how many of its public methods begin with no verb of the list; properties are nouns.
 METHODS_LEFT = {"armd": 46, "drivers": 210, "compensation": 243, "daemon": 143, "simulator": 181}
 
 
