@@ -22,12 +22,12 @@ import zenoh
 
 from armd import keys
 from armd.closing import Closing
-from armd.errors import ArmdError, Closed, NoAnswer, cut
+from armd.errors import ArmdError, Closed, NoAnswer, shorten_text
 from armd.point import POINT, Lost, Point
-from armd.printable import printable
-from armd.received import FORMS, Gate, Refused, json_object
+from armd.printable import to_printable
+from armd.received import FORMS, Gate, Refused, parse_object
 from armd.stream import POLL_S, Handle, Stream, subscribe
-from armd.zenoh_session import ENDPOINT, find_arm, open_session, translated
+from armd.zenoh_session import ENDPOINT, convert_errors, find_arm, open_session
 
 
 class Arm(Closing):
@@ -162,10 +162,10 @@ class Arm(Closing):
             expected = f"{keys.MEASUREMENT!r} or {keys.EVENT!r}"
             raise ArmdError(f"past: found {what!r}, expected {expected}")
         key = keys.key(self.serial, what)
-        with translated(self._session, key):
+        with convert_errors(self._session, key):
             replies = list(self._session.get(key, consolidation=zenoh.ConsolidationMode.NONE))
         payloads = [reply.ok.payload.to_bytes() for reply in replies if reply.ok]
-        messages = [json_object(what, payload) for payload in payloads]
+        messages = [parse_object(what, payload) for payload in payloads]
         self._gate.refused.malformed += messages.count(None)
         return [message for message in messages if message is not None]
 
@@ -230,7 +230,7 @@ class Arm(Closing):
 
     def _checked(self, topic_key: str, payload: bytes) -> dict[str, Any]:
         """The content of an answer; raises `ArmdError` where it has not the form of its key."""
-        content = json_object(topic_key, payload)
+        content = parse_object(topic_key, payload)
         if content is None:
             key = keys.key(self.serial, topic_key)
             form = "message" if topic_key in FORMS else "JSON object"
@@ -239,13 +239,13 @@ class Arm(Closing):
 
     def _ask_bytes(self, topic_key: str, parameters: str = "") -> bytes:
         key = keys.key(self.serial, topic_key)
-        with translated(self._session, key):
+        with convert_errors(self._session, key):
             for reply in self._session.get(f"{key}?{parameters}" if parameters else key):
                 if reply.ok is not None:
                     return reply.ok.payload.to_bytes()
                 if reply.err is not None:
                     reason = reply.err.payload.to_bytes().decode(errors="replace")
-                    raise ArmdError(f"{key}: {printable(cut(reason))}")
+                    raise ArmdError(f"{key}: {to_printable(shorten_text(reason))}")
         raise NoAnswer(f"{key}: no answer; is the daemon running?")
 
 

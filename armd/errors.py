@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from armd.printable import printable
+from armd.printable import to_printable
 
 #: Letters of each part of a message: all together they fit a screen.
 MOST_LETTERS = 400
@@ -16,30 +16,32 @@ class ArmdError(Exception):
     """Base of every error armd raises on purpose; the command line prints no traceback for it."""
 
 
-def cut(text: str, limit: int = MOST_LETTERS) -> str:
+def shorten_text(text: str, limit: int = MOST_LETTERS) -> str:
     """*text*, or where it is too long to be read, its begin and end."""
     if len(text) <= limit:
         return text
     return f"{text[: limit - 100]} … {text[-90:]}"
 
 
-def fit_line(text: object, limit: int = MOST_LETTERS) -> str:
+def shorten_line(text: object, limit: int = MOST_LETTERS) -> str:
     """*text* on one line of a message: no character that a terminal obeys, and short when all
     those are written out."""
-    return cut(printable(cut(str(text), limit)), limit)
+    return shorten_text(to_printable(shorten_text(str(text), limit)), limit)
 
 
-def fit_lines(text: object) -> str:
+def shorten_lines(text: object) -> str:
     """A message that may have several lines."""
-    lines = cut(str(text), MOST_LINES * 4 * MOST_LETTERS).splitlines()
+    lines = shorten_text(str(text), MOST_LINES * 4 * MOST_LETTERS).splitlines()
     omitted = [f"… {len(lines) - MOST_LINES} more lines"] if len(lines) > MOST_LINES else []
-    return "\n".join([*(fit_line(line, 4 * MOST_LETTERS) for line in lines[:MOST_LINES]), *omitted])
+    return "\n".join(
+        [*(shorten_line(line, 4 * MOST_LETTERS) for line in lines[:MOST_LINES]), *omitted]
+    )
 
 
 def describe_os_error(error: OSError) -> str:
     """A refusal of the system as a message: the file, and what was found there."""
     problem = " ".join((error.strerror or str(error)).split())
-    return f"{fit_line(error.filename or 'the system')}: found {fit_line(repr(problem))}"
+    return f"{shorten_line(error.filename or 'the system')}: found {shorten_line(repr(problem))}"
 
 
 class BadInput(ArmdError):
@@ -56,7 +58,7 @@ class BadInput(ArmdError):
         self.expected = expected
         #: further faults of the same file, for those who want to hear all of them at once
         self.more: tuple[BadInput, ...] = ()
-        file, where, found, expected = map(fit_line, (self.file, where, found, expected))
+        file, where, found, expected = map(shorten_line, (self.file, where, found, expected))
         super().__init__(f"{file}: {where}: found {found}, expected {expected}")
 
 

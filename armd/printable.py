@@ -8,7 +8,7 @@ import unicodedata
 _CATEGORIES = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
 
-def printable(text: object) -> str:
+def to_printable(text: object) -> str:
     """*text* on one line, without anything that a terminal obeys: `\\x1b[2J` is shown, not done."""
     content = str(text)
     if content.isprintable():
@@ -21,7 +21,7 @@ _TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 _LINES = frozenset("\n\r\t")
 
 
-def invisible(text: str) -> str:
+def escape_invisible(text: str) -> str:
     """The first character, as an escape, that a terminal obeys or that turns the writing round; or
     nothing. Lines and tabs are none, nor marks that words of some languages have."""
     if text.isprintable():

@@ -245,10 +245,10 @@ def is_sound(topic_key: str, payload: bytes) -> bool:
         return 0 < n <= MOST_JOINTS and len(payload) == joints_dtype(n).itemsize
     if topic_key == keys.RAW:
         return len(payload) >= LEAST_RAW_BYTES
-    return json_object(topic_key, payload) is not None
+    return parse_object(topic_key, payload) is not None
 
 
-def json_object(topic_key: str, payload: bytes) -> dict[str, Any] | None:
+def parse_object(topic_key: str, payload: bytes) -> dict[str, Any] | None:
     """A message on the key *topic_key*, parsed; None if it is not one of armd's.
 
     A number that a double cannot hold, NaN, or half a character (a lone surrogate) makes a message

@@ -15,7 +15,7 @@ from armd import keys
 from armd.closing import Closing
 from armd.errors import Closed
 from armd.received import Gate
-from armd.zenoh_session import translated
+from armd.zenoh_session import convert_errors
 
 #: What waits for a slow reader; beyond that the oldest goes, and points count as lost.
 WAITING_POINTS = 1 << 14
@@ -70,7 +70,7 @@ class Stream(Closing):
         one: between the two it sends nothing, and a sample of before would begin a stream with a
         hole. What the daemon is asked after both, it answers after both.
         """
-        with translated(self._session, self._key):
+        with convert_errors(self._session, self._key):
             for _ in self._session.get(keys.key(serial, keys.HEALTH), timeout=SETTLED_S):
                 pass
             while self._subscriber.try_recv() is not None:
@@ -83,7 +83,7 @@ class Stream(Closing):
     def take(self) -> list[bytes]:
         """The payloads that wait, maybe none; raises `Closed` once the arm is closed."""
         payloads = []
-        with translated(self._session, self._key):
+        with convert_errors(self._session, self._key):
             while (sample := self._subscriber.try_recv()) is not None:
                 payload = self._gate.payload(self._topic_key, sample)
                 if payload is not None:
@@ -95,7 +95,7 @@ class Stream(Closing):
         end_s = math.inf if seconds is None else time.monotonic() + seconds
         with suppress(Closed):
             while seconds is None:
-                with translated(self._session, self._key):
+                with convert_errors(self._session, self._key):
                     sample = self._subscriber.recv()
                 first = self._gate.payload(self._topic_key, sample)
                 waiting = self.take()
@@ -111,7 +111,7 @@ class Stream(Closing):
 
 def subscribe(session: zenoh.Session, key: str, handler: Any, past: bool) -> Any:
     """A subscription of Zenoh's to *key*; with *past*, what its publisher keeps comes first."""
-    with translated(session, key):
+    with convert_errors(session, key):
         if not past:
             return session.declare_subscriber(key, handler)
         history = ext.HistoryConfig(detect_late_publishers=True)

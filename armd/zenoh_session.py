@@ -42,7 +42,7 @@ def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Ses
 
 
 @contextmanager
-def translated(session: zenoh.Session, key: str) -> Iterator[None]:
+def convert_errors(session: zenoh.Session, key: str) -> Iterator[None]:
     """Within this `with`, an error of Zenoh's becomes `Closed`, or an `ArmdError` that names *key*.
 
     Zenoh's own text ends with a file of its sources, which is cut off.
@@ -119,6 +119,6 @@ def find_arm(session: zenoh.Session, serial: str | None, endpoint: str, timeout_
 def _serials(session: zenoh.Session, serial: str) -> set[str]:
     """Serial numbers of the arms that are there; "*" asks for all."""
     key = keys.key(serial, keys.ALIVE)
-    with translated(session, key):
+    with convert_errors(session, key):
         replies = list(session.liveliness().get(key))
     return {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}

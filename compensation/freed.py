@@ -13,7 +13,7 @@ from contextlib import contextmanager
 SELDOM = (10_000, 20, 20)
 
 
-def give_back_freed() -> None:
+def drop_freed() -> None:
     """What the C library keeps of freed memory, where it is one that can be asked (glibc).
 
     It takes arrays of up to 32 MB from one heap, which shrinks at its end only: a small object that
@@ -25,7 +25,7 @@ def give_back_freed() -> None:
 
 
 @contextmanager
-def seldom_collected() -> Iterator[None]:
+def collect_seldom() -> Iterator[None]:
     """Python looks for unreachable objects seldom: for work that makes many which stay.
 
     What is no cycle is freed at once as ever.

@@ -9,14 +9,14 @@ import numpy as np
 ARC_SECOND = np.pi / 180.0 / 3600.0
 
 
-def plain(value: float, digits: int = 2, sign: str = "") -> str:
+def format_plain(value: float, digits: int = 2, sign: str = "") -> str:
     """A number as a person writes it: so many digits, whole ones in full, no exponent."""
     size = abs(value)
     decimals = digits - 1 - int(np.floor(np.log10(size))) if size > 1e-9 else 0
     return f"{value:{sign}.{max(decimals, 0)}f}"
 
 
-def clock(unix_s: float) -> str:
+def format_clock(unix_s: float) -> str:
     """A moment as a person writes it."""
     moment = datetime.datetime.fromtimestamp(unix_s, datetime.UTC)
     return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
@@ -25,9 +25,9 @@ def clock(unix_s: float) -> str:
 def seconds_of_arc(angle_rad: float) -> str:
     """An angle as a person in a workshop says it."""
     seconds = abs(angle_rad) / ARC_SECOND
-    return f"{plain(seconds)}″"
+    return f"{format_plain(seconds)}″"
 
 
-def minute(unix_s: float) -> str:
+def format_minute(unix_s: float) -> str:
     """An instant as a person reads it."""
     return f"{datetime.datetime.fromtimestamp(unix_s, datetime.UTC):%Y-%m-%d %H:%M} UTC"

@@ -15,14 +15,14 @@ from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from armd import __version__
-from armd.compensation.freed import seldom_collected
-from armd.daemon.commands.groups import COMMANDS, FOLDERS, grouped_help
-from armd.daemon.commands.terminal import hush
+from armd.compensation.freed import collect_seldom
+from armd.daemon.commands.groups import COMMANDS, FOLDERS, format_grouped_help
+from armd.daemon.commands.terminal import drop_output
 from armd.daemon.commands.usage import USAGE
-from armd.errors import ArmdError, BadInput, describe_os_error, fit_lines
+from armd.errors import ArmdError, BadInput, describe_os_error, shorten_lines
 from armd.terminal.loudness import add_loudness, report_own_fault, show_log
 from armd.terminal.parser import Parser
-from armd.terminal.suggest import did_you_mean
+from armd.terminal.suggest import suggest
 
 if TYPE_CHECKING:
     from armd.daemon.commands.added import AddedCommand
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             gc.freeze()
         return code
     except ArmdError as error:
-        print(f"armd: {fit_lines(error)}", file=sys.stderr)
+        print(f"armd: {shorten_lines(error)}", file=sys.stderr)
         return 2
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
@@ -58,16 +58,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 2
         if package not in OFFLINE:
             return report_own_fault(error)
-        from armd.daemon.missing import how_to_install
+        from armd.daemon.missing import suggest_installation
 
-        needs = f"this needs it: {how_to_install(OFFLINE, package)}"
+        needs = f"this needs it: {suggest_installation(OFFLINE, package)}"
         print(f"armd: {error.name}: found no such package; {needs}", file=sys.stderr)
         return 2
     except BrokenPipeError:
-        hush()
+        drop_output()
         return CUT_OFF
     except OSError as error:
-        hush()
+        drop_output()
         print(f"armd: {describe_os_error(error)}", file=sys.stderr)
         return 2
     except MemoryError:
@@ -89,7 +89,7 @@ def _get_command(argv: Sequence[str] | None) -> str:
     return next((word for word in words if word in COMMANDS), "the command")
 
 
-def module_of(name: str) -> str:
+def name_module(name: str) -> str:
     """Where a command is; one that is a word of Python's own has an underscore after it."""
     return f"armd.daemon.commands.{FOLDERS[name]}.{name}{'_' * keyword.iskeyword(name)}"
 
@@ -103,7 +103,7 @@ def _run(arguments: list[str]) -> int:
     if arguments[:1] == ["simulate"]:  # a program of its own, options and help included
         from armd.daemon.commands.service import simulate
 
-        simulate.become(arguments[1:])
+        simulate.replace_process(arguments[1:])
     chosen = next((word for word in arguments if not word.startswith("-")), None)
     if chosen == "run" and hasattr(
         signal, "SIGHUP"
@@ -111,9 +111,9 @@ def _run(arguments: list[str]) -> int:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     added = _added(chosen, arguments)
     if chosen is not None and chosen not in COMMANDS and chosen not in added:
-        guess = did_you_mean(chosen, [*COMMANDS, *added]) or " (armd --help lists them)"
+        guess = suggest(chosen, [*COMMANDS, *added]) or " (armd --help lists them)"
         raise BadInput("command line", "COMMAND", repr(chosen), f"a command of armd{guess}")
-    with seldom_collected() if FOLDERS.get(str(chosen)) == "offline" else nullcontext():
+    with collect_seldom() if FOLDERS.get(str(chosen)) == "offline" else nullcontext():
         return _run_chosen(chosen, arguments, added)
 
 
@@ -124,18 +124,18 @@ def _added(chosen: str | None, arguments: Collection[str]) -> Mapping[str, Added
     """
     if chosen in COMMANDS or {*arguments} & {"-V", "--version"}:
         return {}
-    from armd.daemon.commands.added import added_command, added_commands
+    from armd.daemon.commands.added import load_added_command, load_added_commands
 
     if chosen is None:
-        return added_commands(COMMANDS)
-    command = added_command(chosen, COMMANDS)
+        return load_added_commands(COMMANDS)
+    command = load_added_command(chosen, COMMANDS)
     return {} if command is None else {chosen: command}
 
 
 def _run_chosen(chosen: str | None, arguments: list[str], added: Mapping[str, AddedCommand]) -> int:
     # Only the chosen command's module is imported: `armd check` should not pay for Zenoh.
     with _let_interrupts_end():
-        parser, commands = parsers([chosen] if chosen else [], added)
+        parser, commands = make_parsers([chosen] if chosen else [], added)
     if chosen is None and not {*arguments} & {"-h", "--help", "-V", "--version"}:
         if arguments:
             parser.refuse(arguments)
@@ -168,21 +168,21 @@ def _run_command(
     chosen: str, namespace: argparse.Namespace, added: Mapping[str, AddedCommand]
 ) -> int:
     if not namespace.quiet and sys.stderr is not None and sys.stderr.isatty():
-        from armd.terminal.aside import tell_of_compiling  # rich takes long to load
+        from armd.terminal.aside import report_compiling  # rich takes long to load
 
-        tell_of_compiling()
+        report_compiling()
     if chosen in added:
         return added[chosen].run(namespace)
-    return int(importlib.import_module(module_of(chosen)).run(namespace))
+    return int(importlib.import_module(name_module(chosen)).run(namespace))
 
 
-def installed() -> set[str]:
+def find_installed() -> set[str]:
     """Names of the commands of this program whose packages are here; on a controller some are
     not. Raises `ModuleNotFoundError` for a package that every installation has."""
     names = set()
     for name in COMMANDS.keys() - {"simulate"}:  # a program of its own
         try:
-            importlib.import_module(module_of(name))
+            importlib.import_module(name_module(name))
         except ModuleNotFoundError as error:
             if (error.name or "").partition(".")[0] not in OFFLINE | POSIX:
                 raise
@@ -191,7 +191,7 @@ def installed() -> set[str]:
     return names
 
 
-def parsers(
+def make_parsers(
     detailed: Collection[str], added: Mapping[str, AddedCommand] | None = None
 ) -> tuple[Parser, dict[str, Parser]]:
     """The parser of `armd`, and those of its commands and the *added* by name. Those in *detailed*
@@ -216,7 +216,7 @@ def parsers(
             if name in added:
                 added[name].add_arguments(command)
             else:
-                importlib.import_module(module_of(name)).add_arguments(command)
+                importlib.import_module(name_module(name)).add_arguments(command)
             if name != "simulate":  # a program of its own
                 add_loudness(command)
             if name in USAGE:
@@ -239,7 +239,7 @@ class AllCommands(Parser):
         parts = [
             "usage: armd [-h] [-V] COMMAND ...",
             str(self.description),
-            grouped_help(self.added),
+            format_grouped_help(self.added),
             f"options:\n{options}",
             str(self.epilog),
         ]

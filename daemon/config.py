@@ -207,12 +207,12 @@ def _choose_model(path: str | Path, data: dict[str, Any]) -> type[DaemonFile]:
     kind = driver.get("kind") if isinstance(driver, dict) else None
     if not isinstance(kind, str) or kind in DRIVERS:
         return DaemonFile
-    from armd.drivers.plugin import plugin_driver, plugin_kinds
+    from armd.drivers.plugin import list_plugin_kinds, load_plugin_driver
 
-    plugin = plugin_driver(kind, DRIVERS)
+    plugin = load_plugin_driver(kind, DRIVERS)
     if plugin is not None:
         return create_model("DaemonFile", __base__=DaemonFile, driver=(plugin, ...))
-    if plugins := plugin_kinds(DRIVERS):
+    if plugins := list_plugin_kinds(DRIVERS):
         kinds = ", ".join(map(repr, [*DRIVERS, *plugins]))
         raise BadInput(path, "driver.kind", repr(kind), f"one of {kinds}")
     return DaemonFile

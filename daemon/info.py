@@ -54,7 +54,7 @@ def describe(
     }
 
 
-def calibration_text(calibration: LoadedCalibration | None) -> str:
+def get_calibration_text(calibration: LoadedCalibration | None) -> str:
     """The calibration file as it was loaded; null without one."""
     return "null" if calibration is None else calibration.data.decode()
 

@@ -23,7 +23,7 @@ from armd.compensation.interim.checks.chain import (
     read_chain,
 )
 from armd.files.inputs import read_input
-from armd.files.schema import json_data
+from armd.files.schema import load_json_data
 
 #: How often the folder is looked at, s.
 LOOK_S = 5.0
@@ -129,15 +129,15 @@ class InterimChecks:
             self.last = LastCheck(fault=f"{path} cannot be read: {' '.join(str(error).split())}")
 
     def _read(self, path: Path) -> LastCheck:
-        result = json_data(path, read_input(path, MOST_BYTES))
-        last = parsed(result)
+        result = load_json_data(path, read_input(path, MOST_BYTES))
+        last = parse_result(result)
         arm = result.get("arm", self._serial_number)  # older results do not tell
         if arm != self._serial_number:
             return LastCheck(fault=f"{path} is of arm {arm}, expected one of {self._serial_number}")
         return last
 
 
-def parsed(result: dict[str, Any]) -> LastCheck:
+def parse_result(result: dict[str, Any]) -> LastCheck:
     """What the daemon needs of a result of `armd interim`."""
     if result["schema"] != "armd.interim/1":
         raise ValueError(f"schema {result['schema']!r}")
@@ -157,7 +157,7 @@ def parsed(result: dict[str, Any]) -> LastCheck:
     return LastCheck("", name, started, changed, judged, since_then, checks)
 
 
-def complaint(
+def explain_complaints(
     last: LastCheck | None,
     in_use: Mapping[str, Any],
     now_unix_s: float,

@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, requires
 from importlib.util import find_spec
 
 
-def how_to_install(packages: Collection[str], package: str) -> str:
+def suggest_installation(packages: Collection[str], package: str) -> str:
     """The command that brings *package*, and what else of *packages* is missing, in versions that
     armd needs."""
     missing = sorted(name for name in packages if name == package or find_spec(name) is None)

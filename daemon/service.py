@@ -16,14 +16,14 @@ import zenoh
 from armd import keys
 from armd.daemon.config import Config
 from armd.daemon.event_groups import EventGroups
-from armd.daemon.files.kept_tips import asked_tip
-from armd.daemon.files.measurement_log import MeasurementLog, log_folder
+from armd.daemon.files.kept_tips import parse_tip
+from armd.daemon.files.measurement_log import MeasurementLog, locate_log_folder
 from armd.daemon.host import root
 from armd.daemon.host.awake import Awake
 from armd.daemon.host.journal import Journal
-from armd.daemon.host.priority import sender_goes_first
+from armd.daemon.host.priority import raise_sender_priority
 from armd.daemon.host.systemd import Systemd
-from armd.daemon.info import calibration_text, describe
+from armd.daemon.info import describe, get_calibration_text
 from armd.daemon.live.answer import Respond
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.changes import Changes
@@ -73,7 +73,7 @@ class Service:
             self._publisher,
             {
                 keys.INFO: lambda: json.dumps(describe(config, *arm.in_use)),
-                keys.CALIBRATION: lambda: calibration_text(arm.in_use[0]),
+                keys.CALIBRATION: lambda: get_calibration_text(arm.in_use[0]),
             },
             driver.preamble,
             {
@@ -93,7 +93,7 @@ class Service:
         self._log = Journal()
         # What is played again was logged when it was measured.
         logged = config.file.measurement.log and config.driver.kind != "replay"
-        self._measured = MeasurementLog(log_folder(serial)) if logged else None
+        self._measured = MeasurementLog(locate_log_folder(serial)) if logged else None
         self._systemd = Systemd()
         self._awake = Awake()
         now_ns = time.monotonic_ns()
@@ -194,7 +194,7 @@ class Service:
     def _keep_tip(self, parameters: zenoh.Parameters, answer: Respond) -> None:
         try:
             words = [parameters.get(key) or "" for key in ("name", "offset_mm", "radius_mm")]
-            name, tip = asked_tip(*words)
+            name, tip = parse_tip(*words)
         except ArmdError as error:
             answer(str(error), False)
         else:
@@ -245,7 +245,7 @@ class Service:
         with survive("health"):
             if self._supervisor.close_second(now_ns):
                 self._log.tell_rest()
-                self._sender_settled = self._sender_settled or sender_goes_first()
+                self._sender_settled = self._sender_settled or raise_sender_priority()
                 self._publisher.put_health(self._supervisor.health(now_ns))
                 self._systemd.status(f"{self._supervisor.state}: {self._supervisor.reason}")
         # This thread runs, and the supervisor has a reason for every silence.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from armd.daemon.cli import OFFLINE, parsers
+from armd.daemon.cli import OFFLINE, make_parsers
 
 #: Commands that need none of the packages in `armd.daemon.cli.OFFLINE`.
 CONTROLLER = (
@@ -26,7 +26,7 @@ def find_faults() -> dict[str, str]:
     faults = {}
     for name in (*CONTROLLER, *OTHERS):
         try:
-            _, commands = parsers([name])
+            _, commands = make_parsers([name])
             commands[name].format_help()
         except Exception as error:
             absent = error.name if isinstance(error, ModuleNotFoundError) else None

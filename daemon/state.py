@@ -52,7 +52,7 @@ class Observation:
     drift: str = ""  # why the temperatures are not called steady; "" if they are
 
 
-def assess(observation: Observation) -> tuple[State, str]:
+def judge_state(observation: Observation) -> tuple[State, str]:
     """The state and its reason; the worst reason wins."""
     if observation.silent_s is None or observation.silent_s > SILENCE_S:
         silent_s = observation.silent_s

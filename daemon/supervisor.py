@@ -10,11 +10,11 @@ from typing import Any
 from armd.daemon.config import Config
 from armd.daemon.health import Second, Tally
 from armd.daemon.host.root import is_root
-from armd.daemon.interim_checks import InterimChecks, complaint
+from armd.daemon.interim_checks import InterimChecks, explain_complaints
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.end_stops import EndStopWatch
 from armd.daemon.live.pipeline import PointArray
-from armd.daemon.state import Observation, State, assess
+from armd.daemon.state import Observation, State, judge_state
 from armd.daemon.unexpected import Unexpected
 from armd.drivers.sample import Driver, Event, SampleArray
 
@@ -75,7 +75,7 @@ class Supervisor:
         self._tally.count()
         events = [*self._hear_interim(now_ns), *self._hear_sensors(now_ns)]
         events += self._stops.look(self._arm.pipeline.take_beyond_stops(), now_ns)
-        self.state, self.reason = assess(self._observe(now_ns))
+        self.state, self.reason = judge_state(self._observe(now_ns))
         if self.state is not before:
             severity = "info" if self.state in (State.READY, State.WARMING) else "warning"
             events.append(Event("state", f"{self.state}: {self.reason}", now_ns, severity))
@@ -120,7 +120,7 @@ class Supervisor:
         before = (self._changed, self._interim_due)
         calibration = self._arm.calibration
         in_use = {} if calibration is None else calibration.content.provenance
-        complaints = complaint(self.interim.last, in_use, time.time(), config.at_most_h)
+        complaints = explain_complaints(self.interim.last, in_use, time.time(), config.at_most_h)
         self._changed, self._interim_due = complaints
         events = []
         for kind, was, now in zip(

@@ -74,12 +74,12 @@ class CanConfig(Strict):
 
     @model_validator(mode="after")
     def _python_can_knows_the_rest(self) -> Self:
-        from armd.drivers.can.options import INTERFACES, options_of
+        from armd.drivers.can.options import INTERFACES, find_options
 
         if self.interface not in INTERFACES:
             actual, expected = repr(self.interface), f"one of {', '.join(INTERFACES)}"
             raise _wrong("interface", actual, expected)
-        options = options_of(self.interface)
+        options = find_options(self.interface)
         if options is None:
             return self
         extra = self.model_extra or {}

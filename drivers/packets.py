@@ -20,7 +20,7 @@ from armd.drivers.identity import Expectation
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, RawFrame, Temperatures, sample_dtype
 from armd.drivers.shell import Shell
-from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper, warm_up
+from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper, load_compiled
 
 WRAP = 1 << 32
 #: Packets may arrive together that were sent this long apart: so much more may a count have moved.
@@ -92,7 +92,7 @@ class PacketDecoder(ABC):
         return []
 
     def warm_up(self) -> None:
-        warm_up()
+        load_compiled()
 
     def _sound(self, packet: SamplePacket) -> SamplePacket:
         n_joints, n_sensors = self.expectation.n_joints, self.expectation.n_sensors

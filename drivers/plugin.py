@@ -43,12 +43,12 @@ class DriverPlugin(Strict):
         return None
 
 
-def plugin_driver(kind: str, built_in: Collection[str]) -> type[DriverPlugin] | None:
+def load_plugin_driver(kind: str, built_in: Collection[str]) -> type[DriverPlugin] | None:
     """What a package brings for *kind*; None without one that works."""
     return load_named(GROUP, kind, built_in, _checked)
 
 
-def plugin_kinds(built_in: Collection[str]) -> list[str]:
+def list_plugin_kinds(built_in: Collection[str]) -> list[str]:
     """All kinds that packages bring."""
     return list(load_all(GROUP, built_in, _checked))
 

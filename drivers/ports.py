@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 
-def serial_ports(dev: Path = Path("/dev")) -> list[Path]:
+def list_serial_ports(dev: Path = Path("/dev")) -> list[Path]:
     """Every USB serial adapter once: its name under /dev/serial/by-id where it has one."""
     named = {path.resolve(): path for path in sorted((dev / "serial/by-id").glob("*"))}
     devices = sorted([*dev.glob("ttyUSB*"), *dev.glob("ttyACM*")])

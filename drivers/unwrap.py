@@ -131,6 +131,6 @@ class Unwrapper:
         return out, jumped
 
 
-def warm_up() -> None:
+def load_compiled() -> None:
     """Compile, or load from the cache: before the first sample, not while it waits."""
     Unwrapper([2], [2])(np.zeros((1, 1), np.int64), np.zeros(1, np.int64), np.zeros(1, np.uint16))

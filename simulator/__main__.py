@@ -13,7 +13,7 @@ from pathlib import Path
 if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from armd.errors import ArmdError, BadInput, describe_os_error, fit_lines
+from armd.errors import ArmdError, BadInput, describe_os_error, shorten_lines
 from armd.files.inputs import read_input
 from armd.files.outputs import ARM, check_same
 from armd.files.schema import decode_toml, load_toml
@@ -21,7 +21,7 @@ from armd.files.writing import write_whole
 from armd.simulator.canbus.device import CanArm
 from armd.simulator.canbus.timeline import GRID_HZ
 from armd.simulator.canbus.wires import BusEnd
-from armd.simulator.life import Life, begin_life
+from armd.simulator.life import Life, start_life
 from armd.simulator.live.device_clock import set_precise_timers
 from armd.simulator.live.led import OPERATOR, load_plan
 from armd.simulator.live.prefetch import Prefetch
@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return run_on_wire(options)
     except ArmdError as error:
         for fault in (error, *getattr(error, "more", ())):
-            print(f"armd: {fit_lines(fault)}", file=sys.stderr)
+            print(f"armd: {shorten_lines(fault)}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # whoever started it has left
         return 141
@@ -119,7 +119,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
     """The arm on its wire, until its time is over or a signal ends it."""
     lived: Life | None = None
     if options.serial or options.can:
-        lived = begin_life(scenario, GRID_HZ if options.can else scenario.rate_hz, options)
+        lived = start_life(scenario, GRID_HZ if options.can else scenario.rate_hz, options)
         scenario = scenario.model_copy(update={"serial_number": lived.serial_number})
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     set_precise_timers()
@@ -157,7 +157,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
         else:
             assert lived is not None
             physics = cleanup.enter_context(closing(Prefetch(lived.blocks)))
-            wire = cleanup.enter_context(closing(can_wire(options)))
+            wire = cleanup.enter_context(closing(make_can_wire(options)))
             arm = cleanup.enter_context(
                 closing(CanArm(scenario, physics, wire, truth, log, lived.electronics))
             )
@@ -166,7 +166,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
     return 0
 
 
-def can_wire(options: argparse.Namespace) -> BusEnd:
+def make_can_wire(options: argparse.Namespace) -> BusEnd:
     """What carries the frames; the modules behind it are imported only where used."""
     match options.can:
         case "socketcand":

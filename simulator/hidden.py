@@ -19,8 +19,8 @@ from armd.simulator.measured.artefact import Artefact
 from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.measuring import (
     Measured,
-    carry_out,
     make_session_files,
+    measure_campaign,
     write_session,
 )
 from armd.simulator.measured.mess import spoil_campaign, spoil_files
@@ -89,7 +89,7 @@ def generate_case(
     for i, plant in enumerate(plants):
         sick = plant_all(sick, [plant], make_plant_rng(i))
     sick = spoil_campaign(sick, mess, np.random.default_rng([seed, 0x3E55]))
-    earlier, present = list(carry_out(healthy, rng)), list(carry_out(sick, rng))
+    earlier, present = list(measure_campaign(healthy, rng)), list(measure_campaign(sick, rng))
     measured = earlier + present
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "arm.toml", later.arm_toml)

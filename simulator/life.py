@@ -23,7 +23,7 @@ class Life:
     electronics: Electronics
 
 
-def begin_life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) -> Life:
+def start_life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) -> Life:
     """The physics of a scenario, *rate_hz* times a second; raises `ArmdError` for a plan, a plant
     or a twin that cannot be."""
     warm_up = None

@@ -10,7 +10,7 @@ from armd.errors import ArmdError, BadInput
 from armd.files.outputs import FAULT_LOG, TRUTH, add_force, check_outputs
 from armd.files.schema import load_toml, validate
 from armd.files.writing import check_folder
-from armd.simulator.live.faults import FAULTS, Wire, check_wire, parse_fault, random_faults
+from armd.simulator.live.faults import FAULTS, Wire, check_wire, draw_faults, parse_fault
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.servobus.arm import N as SERVO_JOINTS
 from armd.simulator.servobus.arm import list_servo_ids
@@ -191,7 +191,7 @@ def read_scenario(options: argparse.Namespace) -> Scenario:
     if scenario.faults_per_minute:
         if scenario.seconds is None:
             raise ArmdError("faults_per_minute wants seconds: how long the run lasts")
-        faults += random_faults(
+        faults += draw_faults(
             scenario.seed, scenario.faults_per_minute, scenario.seconds, wire, joints
         )
     check_wire(faults, wire, joints)

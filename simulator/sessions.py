@@ -30,15 +30,15 @@ from armd.files.outputs import (
 from armd.files.writing import write_whole
 from armd.simulator.campaigns import calibration, hidden, interim, paper, verification
 from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Measured, carry_out, make_session_files
+from armd.simulator.measured.measuring import Measured, make_session_files, measure_campaign
 from armd.simulator.measured.noise import Noise
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.printed import bench
 from armd.simulator.truth.answers import list_true_constants, list_true_expansion
-from armd.terminal.arguments import factor, parse_integer, seed
-from armd.terminal.aside import aside, show_bar
-from armd.terminal.counted import counted
+from armd.terminal.arguments import parse_factor, parse_integer, parse_seed
+from armd.terminal.aside import make_aside, show_bar
+from armd.terminal.counted import format_count
 from armd.terminal.loudness import add_loudness
 
 KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
@@ -71,9 +71,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the sessions"
     )
-    parser.add_argument("--seed", type=seed, default=1, help="which arm, artefact and noise")
+    parser.add_argument("--seed", type=parse_seed, default=1, help="which arm, artefact and noise")
     parser.add_argument(
-        "--noise", type=factor, default=1.0, metavar="FACTOR", help="0: readings without noise"
+        "--noise",
+        type=parse_factor,
+        default=1.0,
+        metavar="FACTOR",
+        help="0: readings without noise",
     )
     parser.add_argument(
         "--plant",
@@ -125,7 +129,7 @@ def run(args: argparse.Namespace) -> int:
     if args.session == PRINTED:
         if args.plant or args.noise != 1.0:
             raise BadInput("--session so101", "--plant or --noise", "one", "neither of them")
-        with show_bar(aside(args), MEASURING) as show_share:
+        with show_bar(make_aside(args), MEASURING) as show_share:
             printed, texts, readings = bench.measure(
                 args.seed, lambda share: show_share(MEASURING, share)
             )
@@ -139,13 +143,13 @@ def run(args: argparse.Namespace) -> int:
     campaign = KINDS[args.session](args.seed, noise)
     plants = [parse_plant(text) for text in args.plant]
     campaign = plant_all(campaign, plants, np.random.default_rng([args.seed, 0x9147]))
-    with aside(args).status(MEASURING):
+    with make_aside(args).status(MEASURING):
         measured = write_campaign(folder, campaign, args.seed, args.force)
     if args.truth_out is not None:
         truth = describe_truth(campaign, plants, measured)
         write_whole(args.truth_out, json.dumps(truth, indent=1) + "\n")
-    total = counted(sum(m.n for m in measured), "reading")
-    print(f"{counted(len(measured), 'session')}, {total} in {folder}")
+    total = format_count(sum(m.n for m in measured), "reading")
+    print(f"{format_count(len(measured), 'session')}, {total} in {folder}")
     return 0
 
 
@@ -169,8 +173,8 @@ def _interim(args: argparse.Namespace) -> int:
     )
     noise = Noise().scaled(args.noise)
     measured = []
-    with show_bar(aside(args), MEASURING) as show_share:
-        for session in interim.carry_out(history, args.seed, noise):
+    with show_bar(make_aside(args), MEASURING) as show_share:
+        for session in interim.measure_checks(history, args.seed, noise):
             measured.append(session)
             show_share(MEASURING, len(measured) / days)
     campaign = interim.plan_interim(args.seed, noise, history.artefact)
@@ -191,8 +195,8 @@ def _interim(args: argparse.Namespace) -> int:
         ]
         truth["bad"] = [{"kind": kind, "day": day} for kind, day in history.bad]
         write_whole(args.truth_out, json.dumps(truth, indent=1) + "\n")
-    readings = counted(sum(m.n for m in measured), "reading")
-    print(f"{counted(len(measured), 'session')}, {readings} in {args.output}")
+    readings = format_count(sum(m.n for m in measured), "reading")
+    print(f"{format_count(len(measured), 'session')}, {readings} in {args.output}")
     return 0
 
 
@@ -204,7 +208,7 @@ def write_campaign(
     Raises `BadInput`, and writes nothing, if one of the files is there with another content:
     somebody may have measured it.
     """
-    measured = list(carry_out(campaign, np.random.default_rng([seed, 0x5E55])))
+    measured = list(measure_campaign(campaign, np.random.default_rng([seed, 0x5E55])))
     _write_measured(folder, campaign.arm_toml, measured, force)
     return measured
 

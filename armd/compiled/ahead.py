@@ -29,19 +29,19 @@ from armd.compensation.model.calibration import (
     Calibration,
     LoadedCalibration,
     Noise,
-    constants_of,
+    name_constants,
 )
-from armd.compensation.model.kinematics import forward, frames, jacobian
+from armd.compensation.model.kinematics import compute_frames, compute_jacobian, compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.row_algebra import (
     compute_least_turns,
     compute_stretched_covariance,
     compute_whitening,
-    turn_towards,
+    rotate_towards,
 )
 from armd.compensation.model.state import Lag, States
 from armd.compiled import library
-from armd.compiled.rehearsal import rehearse
+from armd.compiled.rehearsal import run_rehearsal
 from armd.daemon.config import Config, load_config
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.drivers.microscribe.wire import N_JOINTS
@@ -81,7 +81,7 @@ def call_everything(path: Path, part: str = "") -> None:
 
 def call_for_live_points(config: Config) -> None:
     """The compiled calls of `armd run`."""
-    rehearse(config, ArmInUse(config))
+    run_rehearsal(config, ArmInUse(config))
     if config.driver.kind != "replay":  # which opens its file; others open no port before they read
         with closing(open_driver(config.driver, config.expectation)):
             pass
@@ -93,25 +93,25 @@ def call_for_sessions(arm: Arm) -> None:
     To import numba and fetch them from its cache takes longer than most of these commands do.
     """
     q, constants = np.zeros((1, 1)), np.zeros(ParameterLayout(1).count)
-    frames(q, constants)
-    forward(q, constants)
-    jacobian(q, constants)
-    turn_towards(q, constants[None], np.zeros((1, 3)), 1, 0.1, 0.1)
+    compute_frames(q, constants)
+    compute_pose(q, constants)
+    compute_jacobian(q, constants)
+    rotate_towards(q, constants[None], np.zeros((1, 3)), 1, 0.1, 0.1)
     levers = np.ones((1, 3, 1))
     compute_stretched_covariance(levers, levers, compute_least_turns(levers, 0.1), 1.0, np.ones(1))
     compute_whitening(np.eye(3)[None], np.ones(1))
     Lag(1.0, 1).follow(np.zeros(1), np.zeros((1, 1)))
-    Model(arm, None).correct_states(made_up_states(arm))
+    Model(arm, None).correct_states(make_states(arm))
 
 
 def call_for_uncertainties(arm: Arm) -> None:
     """What `armd correct` and `armd.Corrector` call beside, whose compilation takes 10 s."""
-    model = Model(arm, made_up_calibration(arm))
-    states = made_up_states(arm)
+    model = Model(arm, make_calibration(arm))
+    states = make_states(arm)
     model.uncertainty_rows(states, model.slow_values(states))
 
 
-def made_up_states(arm: Arm) -> States:
+def make_states(arm: Arm) -> States:
     """One state of the arm, at rest at its reference temperature."""
     n = arm.n_joints
     return States(
@@ -124,20 +124,20 @@ def made_up_states(arm: Arm) -> States:
     )
 
 
-def made_up_calibration(arm: Arm) -> LoadedCalibration:
+def make_calibration(arm: Arm) -> LoadedCalibration:
     """That of the drawing, whose readings repeat to a micrometre."""
     content = Calibration(
         schema="armd.calibration/1",
         arm=arm.serial_number,
         created="2000-01-01T00:00:00Z",
         reference_temperature_c=arm.reference_temperature_c,
-        constants=constants_of(arm.nominal(), arm.n_joints),
+        constants=name_constants(arm.nominal(), arm.n_joints),
         noise=Noise(reading_mm=1e-3),
     )
     return LoadedCalibration(content, sha256="", path=Path("made-up.json"))
 
 
-def made_up(folder: Path, joints: int, configuration: str = SERIAL) -> Path:
+def make_arm_folder(folder: Path, joints: int, configuration: str = SERIAL) -> Path:
     """The armd.toml of an arm that nobody has."""
     (folder / "arm.toml").write_text(ARM + joints * JOINT, encoding="utf-8")
     path = folder / "armd.toml"
@@ -150,9 +150,9 @@ def call(files: Iterable[Path], numbers: Sequence[int], part: str = "") -> None:
     of that, on a serial wire alone."""
     with tempfile.TemporaryDirectory() as folder:
         for joints in numbers:
-            call_everything(made_up(Path(folder), joints), part)
+            call_everything(make_arm_folder(Path(folder), joints), part)
         if numbers and not part:  # what all wires but the serial one share is the same for any
-            call_everything(made_up(Path(folder), N_JOINTS, MICROSCRIBE))
+            call_everything(make_arm_folder(Path(folder), N_JOINTS, MICROSCRIBE))
     for path in files:
         try:
             call_everything(path)
@@ -160,15 +160,15 @@ def call(files: Iterable[Path], numbers: Sequence[int], part: str = "") -> None:
             print(f"armd: not compiled ahead: {error}", file=sys.stderr)
 
 
-def tidy() -> None:
+def remove_others() -> None:
     """Remove what other versions of armd, or for another Python, left where this one may write."""
-    own_names = {path.name for path in library.places()}
-    for folder in library.made_in():
+    own_names = {path.name for path in library.list_places()}
+    for folder in library.list_written_places():
         if not (folder.is_dir() and os.access(folder, os.W_OK)):
             continue
         for path in folder.iterdir():
             if OF_A_VERSION.fullmatch(path.name):
-                if path.is_dir() and path.name != library.sources():
+                if path.is_dir() and path.name != library.hash_sources():
                     shutil.rmtree(path)
                 elif path.is_file() and path.name not in own_names:
                     path.unlink()
@@ -176,10 +176,12 @@ def tidy() -> None:
 
 def keep_in_environment() -> None:
     """Copy a library that lies in the cache alone, which somebody may empty."""
-    folder, cache = library.made_in()[0], library.cache_folder()
-    files = [Path(module.__file__) for module in library.loaded() if module.__file__ is not None]
+    folder, cache = library.list_written_places()[0], library.locate_cache()
+    files = [
+        Path(module.__file__) for module in library.load_libraries() if module.__file__ is not None
+    ]
     only_cached = [path for path in files if path.parent == cache != folder]
-    if not (only_cached and library.usable(folder)):
+    if not (only_cached and library.is_usable(folder)):
         return
     with tempfile.TemporaryDirectory(dir=folder) as temporary_folder:
         for path in only_cached:
@@ -201,7 +203,7 @@ def can_link() -> bool:
 def make_library_apart() -> bool:
     """Whether it could be made, in the first folder that takes it; by a process of its own: what
     goes into a library cannot come from numba's cache."""
-    folder = next(filter(library.usable, library.made_in()), None)
+    folder = next(filter(library.is_usable, library.list_written_places()), None)
     if folder is None:
         return False
     command = [sys.executable, "-I", "-m", __spec__.name, *sys.argv[1:], "--into", str(folder)]
@@ -218,13 +220,13 @@ def make_library(args: argparse.Namespace, numbers: Sequence[int]) -> int:
     from armd.compiled import compiler, numba_inside
     from armd.compiled.jit import FUNCTIONS
 
-    library.do_without()
+    library.disable_library()
     compiler.keep_nothing()
-    with numba_inside.unoptimised():
+    with numba_inside.skip_optimisation():
         call(args.files, numbers, args.demo)
     args.into.mkdir(parents=True, exist_ok=True)
     try:
-        numba_inside.export(args.into / library.file_name(args.demo), FUNCTIONS)
+        numba_inside.write_library(args.into / library.name_file(args.demo), FUNCTIONS)
     except ArmdError as error:
         print(f"armd: {error}", file=sys.stderr)
         return 2
@@ -246,14 +248,14 @@ def main() -> int:
     parser.add_argument("--tidy", action="store_true", help="remove other versions'; nothing else")
     args = parser.parse_args()
     if args.tidy:
-        tidy()
+        remove_others()
         return 0
     numbers = (DEMO_JOINTS,) if args.demo else args.joints
     numbers = numbers or (() if args.files else range(3, 10))
     if args.into is not None:
         return make_library(args, numbers)
     keep_in_environment()
-    if (args.anew or not library.loaded()) and can_link() and make_library_apart():
+    if (args.anew or not library.load_libraries()) and can_link() and make_library_apart():
         return 0
     call(args.files, numbers, args.demo)
     return 0

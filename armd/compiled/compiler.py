@@ -12,9 +12,9 @@ from typing import Any
 
 import numba
 
-from armd.compiled.library import cache_folder, sources, usable
+from armd.compiled.library import hash_sources, is_usable, locate_cache
 
-FOLDER = cache_folder() / sources()
+FOLDER = locate_cache() / hash_sources()
 PLAIN = bool(os.environ.get("ARMD_PLAIN_NUMBA"))
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
 
@@ -24,7 +24,7 @@ else:
     from armd.compiled import numba_inside
 
     numba_inside.keep_cache_in(FOLDER)
-    _cached = usable(FOLDER)
+    _cached = is_usable(FOLDER)
 
 
 def keep_nothing() -> None:
@@ -33,7 +33,7 @@ def keep_nothing() -> None:
     _cached = False
 
 
-def compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+def make_dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Numba's dispatcher of *function*, which compiles it at its first call."""
     if PLAIN:
         return numba.njit(**_OPTIONS, **options)(function)
@@ -44,11 +44,11 @@ def compiled(function: Callable[..., Any], options: dict[str, Any]) -> Any:
         with suppress(RuntimeError):  # "cannot cache function": it has no source file
             dispatcher = numba.njit(cache=True, **options)(function)
             if numba_inside.is_cached_in(FOLDER, dispatcher):
-                return numba_inside.widen_constants(dispatcher)
-    return numba_inside.widen_constants(numba.njit(**options)(function))
+                return numba_inside.compile_once(dispatcher)
+    return numba_inside.compile_once(numba.njit(**options)(function))
 
 
-def when_compiling(say: Callable[[], None]) -> None:
+def call_at_compiling(say: Callable[[], None]) -> None:
     """Call *say* once, where a function is about to be compiled and not taken from the cache."""
     if PLAIN:  # which takes nothing from a cache
         say()

@@ -21,7 +21,7 @@ FOR_NUMBA = (
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-#: `library.kind` of each argument.
+#: `library.describe_kind` of each argument.
 Kinds = tuple[Hashable, ...]
 
 #: All there are.
@@ -51,7 +51,7 @@ class Compiled:
         last, kinds, entry = self._last
         if len(args) == len(last):
             for value, before, expected_kind in zip(args, last, kinds, strict=True):
-                if value is not before and library.kind(value) != expected_kind:
+                if value is not before and library.describe_kind(value) != expected_kind:
                     break
             else:
                 self._last = args, kinds, entry
@@ -60,7 +60,7 @@ class Compiled:
 
     def _first(self, *args: Any) -> Any:
         """A call that differs from the last in kind; or one by numba, which looks by itself."""
-        kinds = tuple(map(library.kind, args))
+        kinds = tuple(map(library.describe_kind, args))
         entry = self._entry(kinds)
         if entry is not self.__dict__.get("by_numba"):
             self._last = args, kinds, entry
@@ -71,7 +71,7 @@ class Compiled:
 
         Nobody looks at its arguments: that costs a live sample as much as some of what is called.
         """
-        return self._entry(tuple(map(library.kind, args)))
+        return self._entry(tuple(map(library.describe_kind, args)))
 
     def _entry(self, kinds: Kinds) -> Callable[..., Any]:
         if kinds not in self.entries:
@@ -93,8 +93,8 @@ class Compiled:
             raise BadInput("numba", self.name, obstacle, FOR_NUMBA) from error
 
         while _SAY:
-            compiler.when_compiling(_SAY.pop())
-        return compiler.compiled(self.__wrapped__, self._options)
+            compiler.call_at_compiling(_SAY.pop())
+        return compiler.make_dispatcher(self.__wrapped__, self._options)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):  # which Python asks for of any object
@@ -102,11 +102,11 @@ class Compiled:
         return getattr(self.by_numba, name)
 
 
-#: What `compiler.when_compiling` is to call, once there is a compiler.
+#: What `compiler.call_at_compiling` is to call, once there is a compiler.
 _SAY: list[Callable[[], None]] = []
 
 
-def when_compiling(say: Callable[[], None]) -> None:
+def call_at_compiling(say: Callable[[], None]) -> None:
     """Call *say* once, where a function is about to be compiled and not taken from the cache."""
     _SAY.append(say)
 
@@ -119,7 +119,7 @@ def jit(function: F) -> F:
     return cast(F, Compiled(function, {}))
 
 
-def settled(function: Callable[..., Any], *args: Any) -> Callable[..., Any]:
+def select_compiled(function: Callable[..., Any], *args: Any) -> Callable[..., Any]:
     """`Compiled.settled` of a function under `jit`, whose type hides what it is."""
     return cast(Compiled, function).settled(*args)
 

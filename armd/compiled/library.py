@@ -33,7 +33,7 @@ _SCALARS: dict[type, str] = {
 }  # fmt: skip
 
 
-def cache_folder() -> Path:
+def locate_cache() -> Path:
     """NUMBA_CACHE_DIR if set, else systemd's CACHE_DIRECTORY, else the user's cache folder."""
     if chosen := os.environ.get("NUMBA_CACHE_DIR"):
         return Path(chosen).absolute()
@@ -42,13 +42,13 @@ def cache_folder() -> Path:
     return Path(platformdirs.user_cache_dir("armd")) / "numba"
 
 
-def environment_folder() -> Path | None:
+def locate_environment() -> Path | None:
     """Of this virtual environment: what lies there goes with the installation, whatever becomes of
     a cache. None outside of one."""
     return Path(sys.prefix) / "share" / "armd" if sys.prefix != sys.base_prefix else None
 
 
-def usable(folder: Path) -> bool:
+def is_usable(folder: Path) -> bool:
     """Whether files can be kept there; a user without a home has a path that begins with ~."""
     if not folder.is_absolute():
         return False
@@ -62,7 +62,7 @@ def usable(folder: Path) -> bool:
 
 
 @functools.cache
-def sources() -> str:
+def hash_sources() -> str:
     """What tells one state of the compiled functions' sources from another.
 
     Numba compiles a function anew when its own file has changed, not when a function it calls has
@@ -84,25 +84,25 @@ def sources() -> str:
     return digest.hexdigest()[:12]
 
 
-def file_name(part: str = "") -> str:
+def name_file(part: str = "") -> str:
     """The library's, for this state of the sources and this Python; or that of one of `PARTS`."""
     part = part and f"_{part}"
-    return f"kernel_{sources()}{part}{sysconfig.get_config_var('EXT_SUFFIX')}"
+    return f"kernel_{hash_sources()}{part}{sysconfig.get_config_var('EXT_SUFFIX')}"
 
 
-def places() -> tuple[Path, ...]:
+def list_places() -> tuple[Path, ...]:
     """Where the library or its parts may lie: delivered with armd, or made here."""
-    folders = (Path(__file__).parents[1], *made_in())
-    return tuple(folder / file_name(part) for folder in folders for part in ("", *PARTS))
+    folders = (Path(__file__).parents[1], *list_written_places())
+    return tuple(folder / name_file(part) for folder in folders for part in ("", *PARTS))
 
 
-def made_in() -> tuple[Path, ...]:
+def list_written_places() -> tuple[Path, ...]:
     """Where a library is kept that is made here: the first of them that can be written to."""
-    environment = environment_folder()
-    return (cache_folder(),) if environment is None else (environment, cache_folder())
+    environment = locate_environment()
+    return (locate_cache(),) if environment is None else (environment, locate_cache())
 
 
-def do_without() -> None:
+def disable_library() -> None:
     """From here on nothing is found in a library: for one to be made."""
     global _without
     _without = True
@@ -114,10 +114,10 @@ _without = bool(os.environ.get("ARMD_WITHOUT_LIBRARY"))
 
 
 @functools.cache
-def loaded() -> tuple[ModuleType, ...]:
+def load_libraries() -> tuple[ModuleType, ...]:
     """The library, or its parts; none where there is none that this machine can load."""
     parts: list[ModuleType] = []
-    for path in places():
+    for path in list_places():
         if _without or not path.exists():
             continue
         try:
@@ -128,7 +128,7 @@ def loaded() -> tuple[ModuleType, ...]:
             spec.loader.exec_module(library)
         except (ImportError, OSError):
             continue
-        if path.name == file_name():
+        if path.name == name_file():
             return (library,)
         parts.append(library)
     return tuple(parts)
@@ -136,22 +136,22 @@ def loaded() -> tuple[ModuleType, ...]:
 
 def find(name: str, kinds: Hashable) -> Callable[..., Any] | None:
     """The function *name* (module.function) for arguments so; None where no library has it."""
-    as_exported = symbol(name, kinds)
-    found_in = (library for library in loaded() if hasattr(library, as_exported))
+    as_exported = name_symbol(name, kinds)
+    found_in = (library for library in load_libraries() if hasattr(library, as_exported))
     return next((getattr(library, as_exported) for library in found_in), None)
 
 
-def kind(value: Any) -> Hashable:
+def describe_kind(value: Any) -> Hashable:
     """What a compiled function needs to know of an argument beforehand."""
     if type(value) is np.ndarray:
         return value.dtype, value.ndim, value.flags.num & LAYOUT
     if isinstance(value, tuple):
-        return type(value), tuple(map(kind, value))
+        return type(value), tuple(map(describe_kind, value))
     value_type: type = type(value)
     return _SCALARS.get(value_type, value_type)
 
 
-def symbol(name: str, kinds: Hashable) -> str:
+def name_symbol(name: str, kinds: Hashable) -> str:
     """Under which the library has the function *name* (module.function) for arguments so."""
     digest = hashlib.sha256(_written(kinds).encode()).hexdigest()[:12]
     return f"{name.replace('.', '_')}_{digest}"

@@ -67,7 +67,7 @@ def is_cached_in(folder: Path, dispatcher: Any) -> bool:
     return folder in Path(dispatcher.stats.cache_path).parents
 
 
-def widen_constants(dispatcher: Any) -> Any:
+def compile_once(dispatcher: Any) -> Any:
     """*dispatcher*, compiled once for all constants that compiled functions call it with.
 
     Numba would compile it anew for each of them. LLVM sees them too where it writes the function
@@ -102,9 +102,9 @@ class _Once(Listener):  # type: ignore[misc]
 
 
 @contextmanager
-def unoptimised() -> Iterator[None]:
+def skip_optimisation() -> Iterator[None]:
     """Within this `with`, functions are compiled in less time, for one call that says what their
-    results are: `export` optimises all of them again, as a whole.
+    results are: `write_library` optimises all of them again, as a whole.
 
     Before anything else is compiled in this process: numba chooses how it writes machine code once.
     """
@@ -136,7 +136,7 @@ class Exportable(Protocol):
     def by_numba(self) -> Any: ...
 
 
-def export(path: Path, functions: Sequence[Exportable]) -> None:
+def write_library(path: Path, functions: Sequence[Exportable]) -> None:
     """Write *functions*, for all kinds of arguments they were called with so far, to *path*.
 
     For any processor of this kind: what is delivered to another is the same, and so are results.
@@ -158,7 +158,7 @@ def export(path: Path, functions: Sequence[Exportable]) -> None:
                 returned = dispatcher.overloads[arguments].signature.return_type
                 forwarder = _forwarder(dispatcher, len(kinds))
                 forwarder.releases = dispatcher.targetoptions.get("nogil", False)
-                symbol = library.symbol(function.name, kinds)
+                symbol = library.name_symbol(function.name, kinds)
                 compiler.export(symbol, returned(*arguments))(forwarder)
         try:
             with _released():
@@ -206,7 +206,7 @@ def _forwarder(dispatcher: Any, n: int) -> Any:
 
 
 def _numba_type(kind: Hashable) -> Any:
-    """Numba's type of what has this `library.kind`."""
+    """Numba's type of what has this `library.describe_kind`."""
     match kind:
         case (np.dtype() as dtype, int(ndim), int(flags)):
             layout, aligned, readonly = (

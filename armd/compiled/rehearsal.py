@@ -13,7 +13,7 @@ from armd.daemon.live.pipeline import Pipeline
 from armd.drivers.sample import Temperatures, sample_dtype
 
 
-def rehearse(config: Config, arm: ArmInUse) -> None:
+def run_rehearsal(config: Config, arm: ArmInUse) -> None:
     """Leaves no trace in *arm*: a pipeline of its own does the work."""
     pipeline = Pipeline(config.arm, arm.calibration, config.file.limits)
     celsius = np.full(len(config.arm.sensors), config.arm.reference_temperature_c)

@@ -78,7 +78,7 @@ def read_input(path: str | Path, at_most: int = MOST_JSON_BYTES) -> bytes:
     raise BadInput(path, "the file", f"{size} bytes", f"{at_most} at most")
 
 
-def digest_input(path: str | Path) -> str:
+def hash_input(path: str | Path) -> str:
     """SHA-256 of a file's bytes, hexadecimal; raises `BadInput`."""
     with open_input(path) as content:
         return hashlib.file_digest(content, "sha256").hexdigest()

@@ -15,8 +15,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd.errors import BadInput
 from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
-from armd.printable import invisible, printable
-from armd.terminal.suggest import few, find_nearest, hint, list_keys_at
+from armd.printable import escape_invisible, to_printable
+from armd.terminal.suggest import find_nearest, format_names, list_keys_at, suggest_names
 
 
 class Strict(BaseModel):
@@ -75,7 +75,7 @@ def parse_toml(path: str | Path, content: bytes, model: type[Content]) -> Conten
 
 def parse_json(path: str | Path, content: bytes, model: type[Content]) -> Content:
     """Validate *content*, the bytes of the JSON file *path*; raises `BadInput`."""
-    return validate(path, json_data(path, content), model)
+    return validate(path, load_json_data(path, content), model)
 
 
 def decode_toml(path: str | Path, content: bytes) -> dict[str, Any]:
@@ -112,7 +112,7 @@ def _refuse_long_integers(path: str | Path, location: str, value: Any) -> None:
         raise BadInput(path, location, size, "at most 63 bits and a sign, as TOML has it")
 
 
-def json_data(path: str | Path, content: bytes) -> Any:
+def load_json_data(path: str | Path, content: bytes) -> Any:
     """The value of a JSON file, of no model yet; raises `BadInput`."""
     text = _text(path, content)
     try:
@@ -247,7 +247,7 @@ def _quote(value: object) -> str:
         case bool():
             text = str(value).lower()
         case dict():
-            text = f"a table with {few(map(str, value))}" if value else "an empty table"
+            text = f"a table with {format_names(map(str, value))}" if value else "an empty table"
         case list():
             text = f"[{', '.join(map(_quote, value[: MOST_SHOWN // 2]))}]"
         case _:
@@ -260,10 +260,10 @@ def _refuse_invisible(path: str | Path, data: object) -> None:
     name has any, and names go into messages and reports."""
     for key, value in _texts(data, ""):
         for text in (key, value):
-            if hidden := invisible(text):
+            if hidden := escape_invisible(text):
                 expected = "text without control characters and marks that turn the writing"
                 raise BadInput(
-                    path, printable(key) or "the file", f"the character {hidden}", expected
+                    path, to_printable(key) or "the file", f"the character {hidden}", expected
                 )
 
 
@@ -298,7 +298,10 @@ def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
         case "extra_forbidden":
             *table, key = fault["loc"]
             known_keys = list_keys_at(model, table)
-            return "an unknown key", f"one of the documented keys{hint(str(key), known_keys)}"
+            return (
+                "an unknown key",
+                f"one of the documented keys{suggest_names(str(key), known_keys)}",
+            )
         case "union_tag_not_found":
             return "nothing", "this key"
         case "union_tag_invalid":

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def toml_text(content: Mapping[str, Any]) -> str:
+def format_toml(content: Mapping[str, Any]) -> str:
     """The text of a file: values first, then tables and arrays of tables in their order.
 
     Values are strings, numbers, truth values, moments, and lists and mappings of these.

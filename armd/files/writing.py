@@ -69,10 +69,10 @@ def replace_file(path: str | Path) -> Iterator[Path]:
         except BaseException:
             part.unlink(missing_ok=True)
             raise
-        sync_folder(target.parent)
+        flush_folder(target.parent)
 
 
-def sync_folder(folder: Path) -> None:
+def flush_folder(folder: Path) -> None:
     """What was made, renamed or removed in it is on the disk when this returns."""
     if os.name == "nt":  # which opens no folder
         return

@@ -9,7 +9,7 @@ from armd.compensation.identify.calibrate import calibrate as identify
 from armd.compensation.progress import TellStep
 from armd.errors import BadInput
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
-from armd.offline.calibration import Calibration, wrap_calibration
+from armd.offline.calibration import Calibration, convert_calibration
 from armd.offline.inputs.session import Sessions, load_sessions, resolve_sessions
 from armd.offline.results.identified import Identified
 
@@ -65,4 +65,4 @@ def calibrate(
         arm_file=str(model.path),
     )
     result = identify(loaded, model.content, options, progress)
-    return wrap_calibration(result.calibration, Identified(result, loaded, model))
+    return convert_calibration(result.calibration, Identified(result, loaded, model))

@@ -103,8 +103,8 @@ class Calibration(Displayed):
             arm = self.identified.arm.content
             nominal = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
         names = [*content.constants, *(f"term {i}" for i in range(len(content.terms)))]
-        units = [parameters.unit(name) for name in content.constants]
-        units += [f"{parameters.unit(term.parameter)}/basis" for term in content.terms]
+        units = [parameters.find_unit(name) for name in content.constants]
+        units += [f"{parameters.find_unit(term.parameter)}/basis" for term in content.terms]
         return ArrowTable(
             {
                 "name": names,
@@ -205,7 +205,7 @@ def read_calibration(path: PathText) -> Calibration:
     return Calibration(load_calibration(Path(path)))
 
 
-def wrap_calibration(content: Content, identified: Identified | None = None) -> Calibration:
+def convert_calibration(content: Content, identified: Identified | None = None) -> Calibration:
     """Return what `read_calibration` would read from the file of *content*."""
     loaded = save_calibration("calibration", content, write=lambda _path, _data: None)
     return Calibration(loaded, identified)

@@ -17,10 +17,10 @@ from armd.arrays import F64
 from armd.compensation.data.correction.correction import Corrector as FileCorrector
 from armd.compensation.data.correction.correction import Taken
 from armd.compensation.data.correction.point_columns import COLUMNS, make_point_columns
-from armd.compensation.data.in_order import in_order, keep_freed_memory
-from armd.compensation.data.sessions.format import AngleUnit, measured_at
+from armd.compensation.data.in_order import keep_freed_memory, run_in_order
+from armd.compensation.data.sessions.format import AngleUnit, check_instant
 from armd.compensation.data.tables.header import check_header
-from armd.compensation.data.tables.readings import Readings, cast_columns
+from armd.compensation.data.tables.readings import Readings, convert_columns
 from armd.compensation.data.tables.recorded import (
     RECORDED_TYPES,
     STAMP,
@@ -134,7 +134,7 @@ class Corrector(Displayed):
         if not is_recorded(header) and (twice := sorted(set(added) & set(header))):
             raise BadInput(path, f"column {twice[0]}", "it already", "a table without it")
         corrector = FileCorrector(self._arm, self._calibration, self._unit, self._started_unix_s)
-        numbers = cast_columns(path, readings, corrector.select_columns(header))
+        numbers = convert_columns(path, readings, corrector.select_columns(header))
         readings = drop_published(readings, corrector.identity)
 
         def take_pieces() -> Iterator[Taken]:
@@ -148,7 +148,7 @@ class Corrector(Displayed):
             return corrector.correct(piece, uncertainty=self._uncertainty)
 
         pieces = [
-            make_point_columns(*figures) for figures in in_order(correct_piece, take_pieces())
+            make_point_columns(*figures) for figures in run_in_order(correct_piece, take_pieces())
         ]
         corrector.ended(path)
         self.remarks = corrector.remarks
@@ -200,7 +200,7 @@ def parse_instant(option: str, value: datetime.datetime | str, source: str = "Co
         expected = "an instant with its offset from UTC, as 2026-03-01T09:00:00Z"
         raise BadInput(source, option, text, expected)
     try:
-        return measured_at(instant).timestamp()
+        return check_instant(instant).timestamp()
     except ValueError as error:
         raise BadInput(source, option, text, str(error)) from error
 
@@ -208,7 +208,7 @@ def parse_instant(option: str, value: datetime.datetime | str, source: str = "Co
 def _numbers(table: pa.Table, name: str) -> F64:
     """A column as numbers (n,), NaN where missing; raises `BadInput`."""
     types = {name: RECORDED_TYPES.get(name, pa.float64())}
-    numbers = cast_columns(Path(TABLE), table, types)
+    numbers = convert_columns(Path(TABLE), table, types)
     return Readings(Path(TABLE), list(table.column_names), numbers).unchecked(name)
 
 

@@ -11,14 +11,14 @@ from armd.compensation.diagnose.diagnosis import Diagnosis as Details
 from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.predictive.curves import ResidualComparison, compare
 from armd.compensation.diagnose.report.result import as_json
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.identify.admission.inconsistent_session import refuse_mistakes
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.progress import TellShare
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
-from armd.offline.calibration import Calibration, resolve_calibration, wrap_calibration
+from armd.offline.calibration import Calibration, convert_calibration, resolve_calibration
 from armd.offline.inputs.session import Sessions, load_sessions, resolve_sessions
 from armd.offline.results.display import Displayed, Facts
 from armd.offline.results.record import Record, make_records
@@ -85,7 +85,7 @@ class Diagnosis(Displayed):
     @cached_property
     def extended(self) -> Calibration | None:
         """The model under test with what was found; None if nothing was found."""
-        return wrap_calibration(self.details.extended) if self.findings else None
+        return convert_calibration(self.details.extended) if self.findings else None
 
     @property
     def next_experiment(self) -> str:
@@ -199,6 +199,6 @@ def diagnose(
         evaluate(every, model.content, content)  # refuses surfaces that nobody can place
     artefact = content.artefact if content else None
     if not has_reflectors(every):
-        refuse_mistakes(every, gather(every, model.content, artefact), assumed)
+        refuse_mistakes(every, collect_observations(every, model.content, artefact), assumed)
     details = diagnose_loaded(fitted, model.content, content, held_out, progress, command)
     return Diagnosis(details, model, loaded)

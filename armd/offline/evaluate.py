@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armd.arrays import I64
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.identify.evaluation.evaluate import Evaluation
 from armd.compensation.identify.evaluation.evaluate import evaluate as evaluate_loaded
 from armd.compensation.identify.evaluation.evaluate_files import evaluate_files, is_long
@@ -68,7 +68,7 @@ class EvaluationResult(Displayed):
         loaded, _ = load_sessions(sessions, arm.content)
         content = calibration.content if calibration else None
         evaluation = self._evaluation or evaluate_loaded(loaded, arm.content, content)
-        every = gather(loaded, arm.content, content.artefact if content else None)
+        every = collect_observations(loaded, arm.content, content.artefact if content else None)
         residual_um = np.full((every.n, 3), np.nan)
         residual_um[_places(every, evaluation.observations)] = 1e3 * evaluation.residual_mm
         length_um = np.full(every.n, np.nan)

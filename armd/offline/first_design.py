@@ -16,7 +16,7 @@ from armd.offline.arm_model import ArmModel, PathText
 from armd.offline.inputs.session import to_artefact_content
 from armd.offline.results.arrow_table import ArrowTable
 from armd.offline.results.display import Facts, Reported
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -172,7 +172,7 @@ def _in_words(experiment: FirstExperiment) -> list[str]:
     condition = experiment.condition_number
     indices = ", ".join(f"{name} {v:.3g}" for name, v in experiment.observability.items())
     words = [
-        f"{counted(n, 'posture')} for a first calibration, {setup};"
+        f"{format_count(n, 'posture')} for a first calibration, {setup};"
         f" a certificate wants {experiment.certificate}.",
         f"Rank {experiment.rank} of {full_rank}, of {experiment.constants} constants: directions"
         f" known to a tenth of 10 mm or 0.02 rad, with {experiment.noise_mm:.2g} mm of noise a"
@@ -184,8 +184,8 @@ def _in_words(experiment: FirstExperiment) -> list[str]:
     words += [f"Not known: {unknown_quantity}." for unknown_quantity in experiment.not_known]
     if experiment.below_base:
         words.append(
-            f"In {counted(experiment.below_base, 'posture')} a part of the arm is lower than its"
-            " base; `--lowest 0` keeps all of it above."
+            f"In {format_count(experiment.below_base, 'posture')} a part of the arm is lower than"
+            " its base; `--lowest 0` keeps all of it above."
         )
     return words
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from armd.arrays import F64
 from armd.compensation.inverse.compensate import compensate
 from armd.compensation.kernel.model import Model as Kernel
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import frames, jacobian
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.kinematics import compute_frames, compute_jacobian
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from armd.offline.arm_model import ArmModel, PathText, resolve_arm
@@ -79,7 +79,7 @@ class Model(Displayed):
         for rows in _chunks(states.n):
             part = states.rows(rows)
             parameters = self._parameters(part)
-            turned = frames(part.q, parameters)[1][:, -1]
+            turned = compute_frames(part.q, parameters)[1][:, -1]
             has_values = np.isfinite(part.q).all(axis=1) & np.isfinite(parameters).all(axis=1)
             if has_values.any():
                 quaternion[rows][has_values] = Rotation.from_matrix(turned[has_values]).as_quat(
@@ -168,15 +168,15 @@ class Model(Displayed):
     def _parameters(self, states: States) -> F64:
         """Return all parameters (n, P) of each row, its terms included."""
         constants = self._kernel.constants
-        values = basis_values(
+        values = compute_basis_values(
             self._terms, states, self._arm.content, self._reference_c, constants, skip_lag
         )
-        return parameter_rows(constants, self._terms, values)
+        return compute_parameter_rows(constants, self._terms, values)
 
     def _joint_jacobian(self, states: States) -> F64:
         layout = self._arm.content.layout
         parameters = self._parameters(states)
-        by_parameter = jacobian(states.q, parameters)[1]
+        by_parameter = compute_jacobian(states.q, parameters)[1]
         derivatives: F64 = np.ascontiguousarray(by_parameter[:, :, layout.angles])
         derivatives[~np.isfinite(parameters).all(axis=1)] = np.nan
         if all(term.slow for term in self._terms):

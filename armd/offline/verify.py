@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from armd.compensation.data.sessions.points_only import refuse_reflectors
 from armd.compensation.data.sessions.session import Session as StoredSession
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.identify.evaluation.evaluate import evaluate
@@ -115,7 +115,9 @@ def verify(
     refuse_reflectors([read], "`armd verify`")
     # First of all: it refuses a calibration that overflows.
     position = correct_positions(read, model.content, loaded)
-    observations = gather([read], model.content, content.artefact if content else None)
+    observations = collect_observations(
+        [read], model.content, content.artefact if content else None
+    )
     refuse_misnamed([read], observations, AssumedModel.from_calibration(model.content, content))
     if surfaces := bool(read.artefact.surfaces):
         evaluate([read], model.content, content)  # refuses those that nobody can place

@@ -16,7 +16,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal, TypeVar
 
 from armd.errors import BadInput
-from armd.printable import printable
+from armd.printable import to_printable
 
 Group = Literal["armd.drivers", "armd.commands", "armd.causes"]
 T = TypeVar("T")
@@ -67,7 +67,7 @@ def load_all(
 def report(text: str) -> None:
     """Say on standard error what is wrong with a plug-in; each text once in a process."""
     if sys.stderr is not None:
-        print(printable(f"armd: {text}; skipped"), file=sys.stderr, flush=True)
+        print(to_printable(f"armd: {text}; skipped"), file=sys.stderr, flush=True)
 
 
 def _plugins(group: Group, built_in: Collection[str]) -> Iterator[Plugin]:

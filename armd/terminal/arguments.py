@@ -20,27 +20,27 @@ def add_endpoint(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
 
 
-def seconds(text: str) -> float:
+def parse_seconds(text: str) -> float:
     """A duration."""
     return _number(text, lambda value: value > 0, "a number of seconds above 0")
 
 
-def finite(text: str) -> float:
+def parse_finite(text: str) -> float:
     """A number of either sign."""
     return _number(text, lambda value: True, "a number")
 
 
-def positive(text: str) -> float:
+def parse_positive(text: str) -> float:
     """A length, or whatever must be more than nothing."""
     return _number(text, lambda value: value > 0, "a number above 0")
 
 
-def factor(text: str) -> float:
+def parse_factor(text: str) -> float:
     """A number that something is multiplied by."""
     return _number(text, lambda value: value >= 0, "a number of 0 or more")
 
 
-def seed(text: str) -> int:
+def parse_seed(text: str) -> int:
     """A seed of random numbers."""
     return parse_integer(text, 0, 2**63 - 1)
 

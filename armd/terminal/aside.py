@@ -13,7 +13,7 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.status import Status
 
-from armd.compiled.jit import when_compiling
+from armd.compiled.jit import call_at_compiling
 from armd.terminal.loudness import LOG
 
 
@@ -58,15 +58,15 @@ def _teller() -> Callable[[str], None]:
     return tell
 
 
-def aside(args: argparse.Namespace) -> Aside:
+def make_aside(args: argparse.Namespace) -> Aside:
     """As -q and -v say. Errors are not said here."""
     return Aside(quiet=args.quiet, verbose=args.verbose)
 
 
-def tell_of_compiling() -> None:
+def report_compiling() -> None:
     """One line before functions are compiled that no cache has: it takes longer than the work."""
     text = "armd: compiling for this machine, once: some 20 s of processor time"
-    when_compiling(lambda: Console(stderr=True).print(text))
+    call_at_compiling(lambda: Console(stderr=True).print(text))
 
 
 @contextmanager

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 
-def counted(n: int, noun: str) -> str:
+def format_count(n: int, noun: str) -> str:
     """`1 reading`, `3 readings`; *noun* is regular."""
     return f"{n} {noun}{'' if n == 1 else 's'}"

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from armd.errors import ArmdError
-from armd.printable import printable
+from armd.printable import to_printable
 from armd.terminal.parser import Parser
 
 LOG = logging.getLogger("armd")
@@ -108,7 +108,7 @@ class _Line(logging.Formatter):
     """`armd:    0.41 s  read arm.toml, 2143 bytes`: seconds since the program was loaded."""
 
     def format(self, record: logging.LogRecord) -> str:
-        line = f"armd: {record.relativeCreated / 1e3:7.2f} s  {printable(record.getMessage())}"
+        line = f"armd: {record.relativeCreated / 1e3:7.2f} s  {to_printable(record.getMessage())}"
         if record.exc_info:
             line += "\n" + self.formatException(record.exc_info)
         return line

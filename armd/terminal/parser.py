@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
-from armd.errors import fit_lines
-from armd.terminal.suggest import did_you_mean
+from armd.errors import shorten_lines
+from armd.terminal.suggest import suggest
 
 #: argparse's own words for a number that is none.
 _NO_NUMBER = re.compile(r"invalid (int|float) value: (.*)")
@@ -71,12 +71,12 @@ class Parser(argparse.ArgumentParser):
         known_options = self.list_options()
         if name in known_options:  # of a command, and before it
             self.error(f"found {name} here, expected the command first")
-        self.error(f"found {name}, expected an option{did_you_mean(name, known_options)}")
+        self.error(f"found {name}, expected an option{suggest(name, known_options)}")
 
     def error(self, message: str) -> NoReturn:
         """In one line: argparse would print all options before it."""
         text = _NO_NUMBER.sub(_expected_number, " ".join(message.split()))
-        text = fit_lines(text)
+        text = shorten_lines(text)
         if "required" in text:  # misspelt, it is not missing
             known_options = self.list_options()
             names = [word.partition("=")[0] for word in self._words if word.startswith("--")]
@@ -100,7 +100,7 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(
                 action,
                 f"found {value!r}, expected one of {', '.join(choices)}"
-                f"{did_you_mean(str(value), choices)}",
+                f"{suggest(str(value), choices)}",
             )
 
 

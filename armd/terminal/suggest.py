@@ -21,7 +21,7 @@ MOST_SHOWN = 12
 MOST_COMPARED = 500
 
 
-def did_you_mean(word: str, known_names: Iterable[str]) -> str:
+def suggest(word: str, known_names: Iterable[str]) -> str:
     """`: did you mean alpha_deg?`, or nothing."""
     like = find_nearest(word, known_names)
     return f": did you mean {like}?" if like else ""
@@ -34,10 +34,10 @@ def find_nearest(word: str, known_names: Iterable[str]) -> str | None:
     return by_lower[matches[0]] if matches else None
 
 
-def hint(word: str, known_names: Iterable[str]) -> str:
+def suggest_names(word: str, known_names: Iterable[str]) -> str:
     """`: did you mean alpha_deg?`, or where none is near, `: theta_deg, d_mm, …`."""
     names = list(known_names)
-    return did_you_mean(word, names) or (f": {few(names)}" if names else "")
+    return suggest(word, names) or (f": {format_names(names)}" if names else "")
 
 
 def suggest_path(path: Path) -> str:
@@ -49,7 +49,7 @@ def suggest_path(path: Path) -> str:
 def list_folder(folder: Path) -> str:
     """` (it has arm.toml, armd.toml)`: the files of a folder, or nothing."""
     files = sorted(name for name in _names(folder) if (folder / name).is_file())
-    return f" (it has {few(files)})" if files else ""
+    return f" (it has {format_names(files)})" if files else ""
 
 
 def _names(folder: Path) -> list[str]:
@@ -60,7 +60,7 @@ def _names(folder: Path) -> list[str]:
         return []
 
 
-def few(names: Iterable[str]) -> str:
+def format_names(names: Iterable[str]) -> str:
     """All of them, or as many as can be read in one line."""
     listed = list(names)
     return ", ".join(listed[:MOST_SHOWN]) + (", …" if len(listed) > MOST_SHOWN else "")

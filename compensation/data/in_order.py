@@ -32,7 +32,7 @@ def keep_freed_memory() -> None:
     np.empty(KEPT_BYTES // 2, np.uint8)
 
 
-def in_order(work: Callable[[Piece], T], pieces: Iterable[Piece]) -> Iterator[T]:
+def run_in_order(work: Callable[[Piece], T], pieces: Iterable[Piece]) -> Iterator[T]:
     """`map`, in threads: for work that mostly leaves the interpreter alone (numpy, Arrow, `jit`).
 
     Only a few pieces are taken before what comes of them is asked for, so that memory stays flat.

@@ -13,8 +13,8 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.design.observability import (
     ReadingColumns,
-    constant_columns,
-    decompose_constants,
+    compute_constant_columns,
+    factorise_constants,
 )
 from armd.compensation.design.reaching import solve_postures
 from armd.compensation.estimate.placements.poses import make_rigid_columns
@@ -58,7 +58,7 @@ class ArtefactReadings:
         return numbers
 
 
-def target_positions(artefact: Artefact, reach_mm: float, rng: np.random.Generator) -> F64:
+def draw_target_positions(artefact: Artefact, reach_mm: float, rng: np.random.Generator) -> F64:
     """(K, 3) mm; where nobody certified a position, one that agrees with the certified lengths."""
     certified_mm = artefact.positions_mm()
     free = np.isnan(certified_mm[:, 0])
@@ -99,7 +99,7 @@ def draw_places(
     artefact in too few places.
     """
     up = -np.array(arm.gravity) / np.linalg.norm(arm.gravity)
-    centres = constant_columns(arm, within, parameters)[0][:PLACES_TRIED]
+    centres = compute_constant_columns(arm, within, parameters)[0][:PLACES_TRIED]
     drawn, information = [], []
     for centre in centres:
         about = Rotation.from_rotvec(rng.uniform(-np.pi, np.pi) * up)
@@ -114,9 +114,9 @@ def draw_places(
         if reached.sum() < LEAST_READINGS:
             continue
         q, target = q[reached], target[reached]
-        tip, constants = constant_columns(arm, q, parameters)
+        tip, constants = compute_constant_columns(arm, q, parameters)
         lone = ReadingColumns(constants, make_rigid_columns(tip - tip.mean(axis=0)), tip)
-        s, v = decompose_constants(lone)
+        s, v = factorise_constants(lone)
         drawn.append((q, target, turn))
         information.append((v * s**2) @ v.T)
     if len(drawn) < LEAST_PLACEMENTS:
@@ -148,11 +148,11 @@ def _best_places(information: list[F64]) -> list[int]:
     return chosen
 
 
-def artefact_columns(
+def compute_artefact_columns(
     arm: Arm, parameters: F64, places: ArtefactReadings, artefact: Artefact
 ) -> ReadingColumns:
     """Nuisances: six of each placement, three of each target without a certified position."""
-    tip, constants = constant_columns(arm, places.q, parameters)
+    tip, constants = compute_constant_columns(arm, places.q, parameters)
     n, p = len(tip), len(places.turn)
     seats = np.flatnonzero(np.isnan(artefact.positions_mm()[:, 0]))
     nuisances = np.zeros((n, 3, 6 * p + 3 * len(seats)))
@@ -168,7 +168,7 @@ def artefact_columns(
     return ReadingColumns(constants, nuisances, tip)
 
 
-def length_rows(artefact: Artefact, local_mm: F64, placements: int, noise_mm: float) -> F64:
+def compute_length_rows(artefact: Artefact, local_mm: F64, placements: int, noise_mm: float) -> F64:
     """(D, k) what the certified lengths tell of the nuisances, in units of a reading's noise."""
     seats = np.flatnonzero(np.isnan(artefact.positions_mm()[:, 0])).tolist()
     names, first = artefact.target_names, 6 * placements

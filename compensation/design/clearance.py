@@ -6,17 +6,17 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import frames, jacobian
+from armd.compensation.model.kinematics import compute_frames, compute_jacobian
 from armd.compensation.model.state import States
 
 RATE_RAD_S = 0.05  # of a joint that comes to rest
 
 
-def height_mm(q: F64, constants: F64, arm: Arm) -> F64:
+def compute_height_mm(q: F64, constants: F64, arm: Arm) -> F64:
     """(n,) height over the base, against gravity, of the lowest of all joints and the tip."""
     up = -np.array(arm.gravity) / np.linalg.norm(arm.gravity)
-    origins = frames(q, constants)[0]
-    tip = jacobian(q, constants)[0]
+    origins = compute_frames(q, constants)[0]
+    tip = compute_jacobian(q, constants)[0]
     points = np.concatenate([origins - origins[:, :1], (tip - origins[:, 0])[:, None]], axis=1)
     height: F64 = (points @ up).min(axis=1)
     return height
@@ -39,7 +39,7 @@ def make_resting_states(
     )
 
 
-def column_distance_mm(q: F64, constants: F64) -> F64:
+def compute_column_distance_mm(q: F64, constants: F64) -> F64:
     """(n,) distance of the tip from the base's first axis."""
-    distance: F64 = np.hypot(*jacobian(q, constants)[0][:, :2].T)
+    distance: F64 = np.hypot(*compute_jacobian(q, constants)[0][:, :2].T)
     return distance

@@ -9,7 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.design.clearance import column_distance_mm, height_mm, make_resting_states
+from armd.compensation.design.clearance import (
+    compute_column_distance_mm,
+    compute_height_mm,
+    make_resting_states,
+)
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import RestNoise
@@ -17,8 +21,12 @@ from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.noise.reading import ReadingNoise, make_whitening
 from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows, tip_motion
-from armd.compensation.model.kinematics import jacobian, joint_jacobian
+from armd.compensation.model.basis import (
+    compute_basis_values,
+    compute_parameter_rows,
+    compute_tip_motion,
+)
+from armd.compensation.model.kinematics import compute_jacobian, compute_joint_jacobian
 from armd.compensation.model.slow_factors import DAY_S
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
@@ -68,11 +76,11 @@ def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
     measured_rad = last.linear.rests.observations.states.q
     low, high = _ranges(arm, measured_rad)
     q = rng.uniform(low, high, (12 * POOL, arm.n_joints))
-    lowest = min(LOWEST_MM, float(height_mm(measured_rad, last.model.constants, arm).min()))
-    away = column_distance_mm(q, last.model.constants) > min(
-        CLEAR_MM, float(column_distance_mm(measured_rad, last.model.constants).min())
+    lowest = min(LOWEST_MM, float(compute_height_mm(measured_rad, last.model.constants, arm).min()))
+    away = compute_column_distance_mm(q, last.model.constants) > min(
+        CLEAR_MM, float(compute_column_distance_mm(measured_rad, last.model.constants).min())
     )
-    q = q[away & (height_mm(q, last.model.constants, arm) >= lowest)][:POOL]
+    q = q[away & (compute_height_mm(q, last.model.constants, arm) >= lowest)][:POOL]
     if not len(q):
         raise BadInput(
             "arm.toml", "joint limits", "no pose above the base", "ranges that have some"
@@ -116,12 +124,12 @@ def whiten_rows(
     candidates' columns, the six of the placement.
     """
     model, baseline = last.linear.model, last.baseline
-    values = basis_values(model.terms, states, arm, model.reference_c, model.constants)
-    p = parameter_rows(model.constants, model.terms, np.nan_to_num(values))
-    position, jac = jacobian(states.q, p)
+    values = compute_basis_values(model.terms, states, arm, model.reference_c, model.constants)
+    p = compute_parameter_rows(model.constants, model.terms, np.nan_to_num(values))
+    position, jac = compute_jacobian(states.q, p)
 
     def moves(terms: Sequence[Term]) -> F64:
-        return tip_motion(terms, states, arm, model.reference_c, model.constants, jac)
+        return compute_tip_motion(terms, states, arm, model.reference_c, model.constants, jac)
 
     probes = [
         baseline.model.terms[i].model_copy(update={"coefficient": 1.0}) for i in baseline.terms
@@ -137,7 +145,7 @@ def whiten_rows(
     extra = [moves(c.terms) + _artefact(c, position, climate, last) for c in columns]
     placement = make_rigid_columns(position - position.mean(axis=0))
     stacked = [identified_columns, *(block[:, :, None] for block in extra), placement]
-    whitener = _whitener(joint_jacobian(states.q, p), last.noise, _target_mm(last))
+    whitener = _whitener(compute_joint_jacobian(states.q, p), last.noise, _target_mm(last))
     rows: F64 = whitener @ np.concatenate(stacked, axis=2)
     return rows, position
 

@@ -18,7 +18,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.report.advice import Doubt, is_alike
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.kinematics import compute_jacobian
 from armd.compensation.model.state import States
 from armd.errors import BadInput
 
@@ -131,7 +131,7 @@ class Weakest:
 Criterion = Between | Weakest
 
 
-def separate_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearModel) -> Between:
+def compare_causes(doubt: Doubt, last: Fit, prior: LinearModel, richest: LinearModel) -> Between:
     """Which of the finding and its rivals it is, by the *prior* information.
 
     Pairs that stay one signal even to the *richest* information are left out where others do not.
@@ -164,7 +164,7 @@ def _passing(information: F64, signal: F64, rival: slice) -> F64:
     return signal_of_rival
 
 
-def tighten_weakest(
+def find_weakest(
     last: Fit, arm: Arm, prior: LinearModel, richest: LinearModel, poses: States
 ) -> Weakest:
     """The constant known least well, in µm at the tip, of those that poses can settle at all."""
@@ -172,7 +172,7 @@ def tighten_weakest(
     if not baseline.parameters:
         raise BadInput("calibration", "covariance", "none", "that of the constants to tighten")
     names = arm.layout.names
-    moves = jacobian(poses.q, last.model.constants)[1]  # (n, 3, P) mm per unit
+    moves = compute_jacobian(poses.q, last.model.constants)[1]  # (n, 3, P) mm per unit
     lever_um = 1e3 * np.sqrt((moves**2).sum(axis=1).mean(axis=0))
     indices = list(baseline.parameters)
     directions = np.zeros((prior.layout.n, len(indices)))

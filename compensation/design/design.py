@@ -22,8 +22,8 @@ from armd.compensation.design.conditions import (
 from armd.compensation.design.criterion import (
     ASKED,
     Criterion,
-    separate_causes,
-    tighten_weakest,
+    compare_causes,
+    find_weakest,
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -78,9 +78,9 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
     prior, pool = prior.with_variance(ridge_variance), pool.with_variance(ridge_variance)
     criterion: Criterion
     if doubt is None:
-        criterion = tighten_weakest(last, arm, prior, pool, drawn)
+        criterion = find_weakest(last, arm, prior, pool, drawn)
     else:
-        criterion = separate_causes(doubt, last, prior, pool)
+        criterion = compare_causes(doubt, last, prior, pool)
     greedy = [_greedy(prior, whitened, criterion, poses or FEW) for whitened, _ in rows]
     reached = [
         _merit(prior.measured(whitened[chosen]), criterion)

@@ -47,7 +47,7 @@ def make_candidates(columns: ReadingColumns, fixed: F64 | None = None) -> Candid
     return Candidates(rows[: n * r].reshape(n, r, -1), basis.shape[1], base)
 
 
-def log_determinant(candidates: Candidates, chosen: list[int]) -> float:
+def compute_log_determinant(candidates: Candidates, chosen: list[int]) -> float:
     """Of the information on the constants, relative to that of all candidates."""
     total = _information(candidates, chosen)
     k = candidates.nuisances
@@ -60,7 +60,7 @@ def choose_readings(candidates: Candidates, count: int, group: I64, seed: int = 
     Each *group* (n,) of candidates, numbered from 0, gets as many readings as the others, as far
     as it has them.
     """
-    shares = share_out(count, np.bincount(group))
+    shares = split_count(count, np.bincount(group))
     rng = np.random.default_rng(seed)
     starts = [_greedy_start(candidates, shares, group)]
     for _ in range(RANDOM_STARTS):
@@ -69,8 +69,8 @@ def choose_readings(candidates: Candidates, count: int, group: I64, seed: int = 
             for g, share in enumerate(shares)
         ]
         starts.append(np.concatenate(drawn).tolist())
-    ends = [exchange_readings(candidates, start, group) for start in starts]
-    return max(ends, key=lambda chosen: log_determinant(candidates, chosen))
+    ends = [replace_readings(candidates, start, group) for start in starts]
+    return max(ends, key=lambda chosen: compute_log_determinant(candidates, chosen))
 
 
 def _greedy_start(candidates: Candidates, shares: I64, group: I64) -> list[int]:
@@ -84,7 +84,7 @@ def _greedy_start(candidates: Candidates, shares: I64, group: I64) -> list[int]:
     return chosen
 
 
-def share_out(count: int, sizes: I64) -> I64:
+def split_count(count: int, sizes: I64) -> I64:
     """How many of *count* each group gets, evenly, none more than its size."""
     shares = np.zeros_like(sizes)
     while shares.sum() < min(count, sizes.sum()):
@@ -93,7 +93,7 @@ def share_out(count: int, sizes: I64) -> I64:
     return shares
 
 
-def exchange_readings(candidates: Candidates, chosen: list[int], group: I64) -> list[int]:
+def replace_readings(candidates: Candidates, chosen: list[int], group: I64) -> list[int]:
     """Exchange one of *chosen* after the other for the best of its group, while that helps."""
     chosen, unchanged = list(chosen), 0
     for trial in range(MOST_TRIALS):

@@ -11,20 +11,20 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.design.artefact_places import (
     ArtefactReadings,
-    artefact_columns,
+    compute_artefact_columns,
+    compute_length_rows,
     draw_places,
-    length_rows,
-    target_positions,
+    draw_target_positions,
 )
-from armd.compensation.design.clearance import height_mm
+from armd.compensation.design.clearance import compute_height_mm
 from armd.compensation.design.exchange import choose_readings, make_candidates
 from armd.compensation.design.observability import (
     ReadingColumns,
     compute_observability_indices,
+    compute_structural_rank,
+    compute_tracker_columns,
     count_directions,
-    decompose_constants,
-    structural_rank,
-    tracker_columns,
+    factorise_constants,
 )
 from armd.compensation.estimate.gauge import ROUNDING, describe_unidentifiable, list_free_constants
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
@@ -34,7 +34,7 @@ from armd.compensation.identify.admission.needed import (
     count_least_readings,
 )
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.errors import BadInput
 
 #: Candidate postures, and how many are drawn at most to find as many within the bounds.
@@ -140,7 +140,7 @@ def design_first(
         singular_values=s,
         noise_mm=_noise_mm(arm),
         not_known=not_known,
-        below_base=int((height_mm(places.q, parameters, arm) < 0.0).sum()),
+        below_base=int((compute_height_mm(places.q, parameters, arm) < 0.0).sum()),
         certificate=certificate,
     )
 
@@ -156,10 +156,10 @@ def _is_within(arm: Arm, parameters: F64, q: F64, bounds: Bounds) -> Mask:
     keeps: Mask = np.ones(len(q), dtype=bool)
     if bounds.reach_mm is not None:
         base = parameters[arm.layout.base][:3]
-        away = np.linalg.norm(forward(q, parameters)[0] - base, axis=1)
+        away = np.linalg.norm(compute_pose(q, parameters)[0] - base, axis=1)
         keeps &= (away >= bounds.reach_mm[0]) & (away <= bounds.reach_mm[1])
     if bounds.lowest_mm is not None:
-        keeps &= height_mm(q, parameters, arm) >= bounds.lowest_mm
+        keeps &= compute_height_mm(q, parameters, arm) >= bounds.lowest_mm
     return keeps
 
 
@@ -178,9 +178,9 @@ def _make_tracker_campaign(arm: Arm, parameters: F64, q: F64) -> _Campaign:
     alike = np.zeros(len(q), dtype=np.int64)
     return _Campaign(
         ArtefactReadings(q, alike, alike, np.eye(3)[None]),
-        tracker_columns(arm, q, parameters),
+        compute_tracker_columns(arm, q, parameters),
         None,
-        structural_rank(arm, parameters),
+        compute_structural_rank(arm, parameters),
     )
 
 
@@ -193,21 +193,21 @@ def _make_artefact_campaign(
     rng: np.random.Generator,
 ) -> _Campaign:
     """The structural rank is that of all candidates, hundreds of random postures."""
-    local = target_positions(artefact, arm.reach_mm, rng)
+    local = draw_target_positions(artefact, arm.reach_mm, rng)
 
     def keeps(q: F64) -> Mask:
         return _is_within(arm, parameters, q, bounds)
 
     places = draw_places(arm, parameters, local, within, keeps, rng)
-    columns = artefact_columns(arm, parameters, places, artefact)
-    fixed = length_rows(artefact, local, len(places.turn), _noise_mm(arm))
-    rank = count_directions(decompose_constants(columns, fixed)[0])
+    columns = compute_artefact_columns(arm, parameters, places, artefact)
+    fixed = compute_length_rows(artefact, local, len(places.turn), _noise_mm(arm))
+    rank = count_directions(factorise_constants(columns, fixed)[0])
     return _Campaign(places, columns, fixed, rank)
 
 
 def _assess_readings(arm: Arm, campaign: _Campaign, chosen: I64) -> tuple[F64, int, list[str]]:
     """Singular values (structural rank,), rank, and in words what is not known though it can be."""
-    s, directions = decompose_constants(campaign.columns.rows(chosen), campaign.fixed)
+    s, directions = factorise_constants(campaign.columns.rows(chosen), campaign.fixed)
     s = s[: campaign.structural_rank]
     s = np.where(s > ROUNDING * s[0], s, 0.0)
     is_determined = s >= LEAST_KNOWN * _noise_mm(arm)

@@ -21,7 +21,7 @@ from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import GAUGE_POSTURES
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.kinematics import compute_jacobian
 
 
 @dataclass(frozen=True)
@@ -37,19 +37,19 @@ class ReadingColumns:
         return ReadingColumns(self.constants[chosen], self.nuisances[chosen], self.tip_mm[chosen])
 
 
-def constant_columns(arm: Arm, q: F64, parameters: F64) -> tuple[F64, F64]:
+def compute_constant_columns(arm: Arm, q: F64, parameters: F64) -> tuple[F64, F64]:
     """Tips (n, 3) mm, and what the constants that `armd calibrate` identifies move them by
     (n, 3, C), mm per plausible departure."""
-    tip, derivatives = jacobian(q, parameters)
+    tip, derivatives = compute_jacobian(q, parameters)
     unknowns = Unknowns(list_free_constants(arm))
     no_terms = np.zeros((len(q), 0))
     scale = unknowns.get_plausible([], no_terms)
     return tip, unknowns.columns(derivatives, no_terms, []) * scale
 
 
-def tracker_columns(arm: Arm, q: F64, parameters: F64) -> ReadingColumns:
+def compute_tracker_columns(arm: Arm, q: F64, parameters: F64) -> ReadingColumns:
     """Of a tracker's points: one unknown pose of its frame."""
-    tip, constants = constant_columns(arm, q, parameters)
+    tip, constants = compute_constant_columns(arm, q, parameters)
     return ReadingColumns(constants, make_rigid_columns(tip - tip.mean(axis=0)), tip)
 
 
@@ -69,7 +69,7 @@ def eliminate_nuisances(columns: ReadingColumns, fixed: F64 | None = None) -> tu
     return basis, free_columns - basis @ (basis.T @ free_columns)  # twice: what rounding left
 
 
-def decompose_constants(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
+def factorise_constants(columns: ReadingColumns, fixed: F64 | None = None) -> tuple[F64, F64]:
     """Singular values (C,) descending, and directions (C, C) as columns, nuisances eliminated."""
     free_columns = eliminate_nuisances(columns, fixed)[1]
     _, s, vt = np.linalg.svd(np.linalg.qr(free_columns, mode="r"), full_matrices=True)
@@ -88,7 +88,7 @@ def count_directions(singular_values: F64) -> int:
     return int((singular_values > ROUNDING * singular_values.max(initial=0.0)).sum())
 
 
-def structural_rank(arm: Arm, parameters: F64, seed: int = 0) -> int:
+def compute_structural_rank(arm: Arm, parameters: F64, seed: int = 0) -> int:
     """Combinations of the constants that points all over each joint's turn determine.
 
     For a chain without parallel axes it is 4 N − 3: four constants a joint and three of the tip,
@@ -97,7 +97,7 @@ def structural_rank(arm: Arm, parameters: F64, seed: int = 0) -> int:
     themselves; special geometry can.
     """
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (GAUGE_POSTURES, arm.n_joints))
-    return count_directions(decompose_constants(tracker_columns(arm, q, parameters))[0])
+    return count_directions(factorise_constants(compute_tracker_columns(arm, q, parameters))[0])
 
 
 def compute_observability_indices(singular_values: F64, poses: int) -> dict[str, float]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from armd.arrays import F64, Mask
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.kinematics import compute_jacobian
 
 ITERATIONS = 25
 #: A posture reaches its target when the tip comes this near.
@@ -22,12 +22,12 @@ def solve_postures(arm: Arm, constants: F64, target_mm: F64, q: F64) -> tuple[F6
     """
     low, high = arm.range_rad
     for _ in range(ITERATIONS):
-        tip, derivatives = jacobian(q, constants)
+        tip, derivatives = compute_jacobian(q, constants)
         columns = derivatives[:, :, arm.layout.angles]
         missing = (target_mm - tip)[:, :, None]
         squared = columns @ columns.transpose(0, 2, 1) + DAMPING_MM**2 * np.eye(3)
         step = (columns.transpose(0, 2, 1) @ np.linalg.solve(squared, missing))[:, :, 0]
         q = q + np.clip(step, -STEP_RAD, STEP_RAD)
-    missed = np.linalg.norm(jacobian(q, constants)[0] - target_mm, axis=1)
+    missed = np.linalg.norm(compute_jacobian(q, constants)[0] - target_mm, axis=1)
     inside = ((q >= low) & (q <= high)).all(axis=1)
     return q, inside & (missed < REACHED_MM)

@@ -23,12 +23,12 @@ from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.fitting.free_expansion import report_growth
 from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.heldout.gain import compute_gain, compute_gains, group_readings
-from armd.compensation.diagnose.heldout.open_constants import record_open_constants
+from armd.compensation.diagnose.heldout.open_constants import keep_open_constants
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.search_outcome import SearchOutcome
-from armd.compensation.estimate.observations import TURN_MM, gather
+from armd.compensation.estimate.observations import TURN_MM, collect_observations
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import report_misnamed
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
@@ -57,13 +57,13 @@ def describe_readings(searched: SearchOutcome, arm: Arm) -> list[str]:
         return remarks
     remarks += report_misnamed(
         searched.sessions,
-        gather(searched.sessions, arm, baseline.calibration.artefact),
+        collect_observations(searched.sessions, arm, baseline.calibration.artefact),
         AssumedModel.from_calibration(arm, baseline.calibration),
     )
     return remarks
 
 
-def conclude(
+def make_diagnosis(
     searched: SearchOutcome,
     heldout: HeldoutJudgement,
     arm: Arm,
@@ -103,7 +103,7 @@ def conclude(
             g if i in written.gains else replace(g, without_outliers_um=pair)
             for i, (g, pair) in enumerate(zip(measured, pairs, strict=True))
         ]
-    result = replace(result, findings=lower_odds(result.findings, written.doubts))
+    result = replace(result, findings=reduce_odds(result.findings, written.doubts))
     remarks += work.in_words()
     if not last.noise.settled:
         remarks.append("The estimate of the noise did not settle: all probabilities are in doubt.")
@@ -193,10 +193,10 @@ def _write_extension(
     left_out = [c for i, c in enumerate(last.findings) if i not in numbers]
     model = follow_solution(model, arm)
     calibration = extend_calibration(model, arm, sessions, command, left_out, written.growth)
-    return record_open_constants(calibration, last, numbers, arm, sessions)
+    return keep_open_constants(calibration, last, numbers, arm, sessions)
 
 
-def lower_odds(findings: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
+def reduce_odds(findings: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
     """With the odds of what readings held out speak against lowered."""
     lowered = []
     for i, finding in enumerate(findings):

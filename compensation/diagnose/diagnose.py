@@ -17,7 +17,11 @@ from threadpoolctl import threadpool_limits
 from armd.arrays import I64
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.data.soundness.soundness import make_sound
-from armd.compensation.diagnose.conclusion import HeldoutJudgement, conclude, describe_readings
+from armd.compensation.diagnose.conclusion import (
+    HeldoutJudgement,
+    describe_readings,
+    make_diagnosis,
+)
 from armd.compensation.diagnose.constants import (
     GAIN_BEGINS,
     HELD_OUT_BEGINS,
@@ -28,12 +32,12 @@ from armd.compensation.diagnose.constants import (
 from armd.compensation.diagnose.diagnosis import Diagnosis, MovedArtefact
 from armd.compensation.diagnose.fitting.absorbed_error import allow_absorbed_error
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
-from armd.compensation.diagnose.heldout.cross_validation import cross_validate
+from armd.compensation.diagnose.heldout.cross_validation import validate_in_turn
 from armd.compensation.diagnose.heldout.gain import compute_gains, group_readings
 from armd.compensation.diagnose.heldout.refutation import (
     describe_refuted,
+    is_better,
     is_refuted,
-    predicts_better,
     select_refuted,
 )
 from armd.compensation.diagnose.heldout.sets import compare_heldout
@@ -44,28 +48,28 @@ from armd.compensation.diagnose.heldout.validation import (
 )
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
-from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
+from armd.compensation.diagnose.problem.rests import collect_rests, require_spare
 from armd.compensation.diagnose.search.moved_artefact import (
     find_moved_artefact,
     score_without_base_steps,
 )
 from armd.compensation.diagnose.search.repeated_search import (
-    counts_instead,
     has_clearly_lower_noise,
     is_likely_beside,
     limit_to_repeated,
+    may_replace,
 )
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.search_outcome import (
     SearchOutcome,
+    drop_inconsistent,
     is_farther_off,
-    without_sessions,
 )
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.noise.regions import find_regions
 from armd.compensation.estimate.noise.robust import DOWNWEIGHT_CHI2, find_far_off, select_outliers
-from armd.compensation.freed import give_back_freed
+from armd.compensation.freed import drop_freed
 from armd.compensation.identify.admission.inconsistent_session import InconsistentSession
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
@@ -106,7 +110,7 @@ def _diagnose(
         sound_holdout = make_sound(holdout, arm)
         holdout, remarks = sound_holdout.sessions, remarks + list(sound_holdout.remarks)
     for group in filter(None, (sessions, holdout)):
-        require_spare(gather_rests(group, arm).observations, ", ".join(str(s.path) for s in group))
+        require_spare(collect_rests(group, arm).observations, ", ".join(str(s.path) for s in group))
     work = WorkBudget.of_readings(sum(session.n for session in sessions))
     searched, of_sessions = _search_sessions(sessions, arm, calibration, progress, work)
     remarks += of_sessions
@@ -128,7 +132,7 @@ def _diagnose(
             break
         extended_remarks = [*remarks, describe_refuted(refuted)]
         another = _conclude_search(without, arm, holdout, extended_remarks, progress, work, command)
-        if not predicts_better(another, diagnosis):
+        if not is_better(another, diagnosis):
             break
         diagnosis = another
     return diagnosis
@@ -145,7 +149,7 @@ def _conclude_search(
 ) -> Diagnosis:
     """What a search found, judged by readings held out; *remarks*: what to say of these."""
     remarks = [*remarks, *describe_readings(searched, arm)]
-    give_back_freed()
+    drop_freed()
     progress("gain", GAIN_BEGINS)
     result, sessions = searched.result, searched.sessions
     calibration = searched.baseline.calibration
@@ -161,15 +165,15 @@ def _conclude_search(
         ]
         measured = compute_gains(squares, groups, np.ones(len(groups), dtype=bool))
     else:
-        checked = cross_validate(result, searched.parted, arm, progress, work)
+        checked = validate_in_turn(result, searched.parted, arm, progress, work)
         searched.parted = None
         squares, groups = checked.squares, checked.groups
         measured = compute_gains(squares, groups, np.ones(len(groups), dtype=bool))
-        give_back_freed()
+        drop_freed()
         progress("held out", HELD_OUT_BEGINS)
         written = validate_by_placement(result, arm, measured)
     heldout = HeldoutJudgement(squares, groups, measured, written, outlying, outlier_p)
-    return conclude(searched, heldout, arm, holdout, remarks, work, command)
+    return make_diagnosis(searched, heldout, arm, holdout, remarks, work, command)
 
 
 def _search_sessions(
@@ -186,7 +190,7 @@ def _search_sessions(
     baseline = of_all
     while inconsistent is not None:
         strange.append(inconsistent)
-        consistent = without_sessions(consistent, inconsistent)
+        consistent = drop_inconsistent(consistent, inconsistent)
         baseline, inconsistent = make_model_under_test(consistent, arm, calibration)
     searched = _search(consistent, arm, calibration, progress, work, baseline)
     inexplicable = []
@@ -194,7 +198,7 @@ def _search_sessions(
         remarks.append(inconsistent.in_words())
         other_strange = [session for session in strange if session is not inconsistent]
         rejoined, begin = (
-            without_sessions(sessions, *other_strange),
+            drop_inconsistent(sessions, *other_strange),
             None if other_strange else of_all,
         )
         if not _is_explained(
@@ -205,7 +209,7 @@ def _search_sessions(
                 f"no cause explains session {inconsistent.path.name}: the diagnosis is without it"
             )
     if len(inexplicable) < len(strange):
-        explained = without_sessions(sessions, *inexplicable)
+        explained = drop_inconsistent(sessions, *inexplicable)
         searched = _search(explained, arm, calibration, progress, work)
     return searched, remarks
 
@@ -223,7 +227,7 @@ def _is_explained(
     """Whether a few causes explain the session that does not fit the others."""
     parted = tuple(sessions)
     for _ in range(MOST_TOUCHED + 1):
-        rests = gather_rests(parted, arm)
+        rests = collect_rests(parted, arm)
         baseline = begin or make_model_under_test(parted, arm, calibration)[0]
         begin = None
         progress(f"session {inconsistent.path.name}", 0.0)
@@ -252,11 +256,11 @@ def _search(
     *refuted*."""
     sessions, touched = tuple(original_sessions), list[MovedArtefact]()
     while True:
-        rests = gather_rests(sessions, arm)
+        rests = collect_rests(sessions, arm)
         if begin is None or touched:
             begin, _ = make_model_under_test(sessions, arm, calibration)
         baseline = begin
-        give_back_freed()
+        drop_freed()
         progress("search", 0.0)
         held_out, barred = partial(compare_heldout, arm=arm), partial(is_refuted, refuted=refuted)
         search = Search(rests, arm, baseline, progress, held_out, work, barred)
@@ -269,7 +273,7 @@ def _search(
             elif older is not None:
                 another = Search(rests, arm, older, progress, held_out, work, barred)
                 repeated = another.run()
-                if counts_instead(repeated, result, arm):
+                if may_replace(repeated, result, arm):
                     baseline, search, result = older, another, repeated
                 else:
                     result = replace(result, findings=limit_to_repeated(result.findings, repeated))

@@ -21,7 +21,7 @@ from armd.compensation.effects.by_session import as_written, is_by_session
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.identify.thermal.terms import GROWTH_KNOWN
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import ArtefactCorrection, Calibration, constants_of
+from armd.compensation.model.calibration import ArtefactCorrection, Calibration, name_constants
 from armd.compensation.model.terms import Term
 
 
@@ -100,7 +100,7 @@ def extend_calibration(
     return calibration.model_copy(
         update={
             "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            "constants": constants_of(constants, arm.n_joints),
+            "constants": name_constants(constants, arm.n_joints),
             "terms": terms,
             "covariance_of": [name for name, _ in rows],
             "covariance": ((covariance + covariance.T) / 2).tolist(),
@@ -124,7 +124,7 @@ def _make_growth_term(last: Fit, arm: Arm) -> Term | None:
     return term.model_copy(update={"coefficient": value, "standard_uncertainty": sigma})
 
 
-def knows_growth(last: Fit, arm: Arm) -> bool:
+def has_known_growth(last: Fit, arm: Arm) -> bool:
     """Whether a ramp showed how the first link grows."""
     term = _make_growth_term(last, arm)
     return term is not None and (

@@ -29,7 +29,7 @@ class SearchOutcome:
     touched: tuple[MovedArtefact, ...]
 
 
-def without_sessions(
+def drop_inconsistent(
     sessions: Sequence[Session], *strange: InconsistentSession
 ) -> tuple[Session, ...]:
     """The sessions without those that do not fit the others."""

@@ -18,7 +18,7 @@ from armd.plugins.entry_points import Group, Plugin, load_all, report
 GROUP: Group = "armd.causes"
 
 
-def added_effects(built_in: Collection[str]) -> list[Effect]:
+def load_added_effects(built_in: Collection[str]) -> list[Effect]:
     """The causes that packages bring, in the order of their names."""
     return list(load_all(GROUP, built_in, _checked).values())
 

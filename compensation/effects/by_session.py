@@ -69,13 +69,15 @@ def is_by_session(candidate: Candidate) -> bool:
     return len(instants) > 1 and all(isinstance(factor, After) for factor in factors)
 
 
-def follows_anything(candidate: Candidate) -> bool:
+def can_follow_anything(candidate: Candidate) -> bool:
     """Whether it follows whatever goes with time, as a value for each session does, or a walk. So
     do a joint that turns with temperature and one whose disc slipped, together."""
     return is_by_session(candidate) or is_walk(candidate)
 
 
-def values_by_session(candidate: Candidate, amplitudes: F64) -> tuple[list[tuple[str, F64]], str]:
+def compute_values_by_session(
+    candidate: Candidate, amplitudes: F64
+) -> tuple[list[tuple[str, F64]], str]:
     """Return each session's name with what its motions come to (motions,), and against what."""
     instants = _instants(candidate)
     against_mean = is_against_mean(candidate)

@@ -8,7 +8,7 @@ from armd.compensation.model.slow_factors import SlowFactor, Temperature
 from armd.compensation.model.terms import Term
 
 
-def temperature_of(term: Term) -> Temperature | None:
+def find_temperature(term: Term) -> Temperature | None:
     """The temperature that a term goes by, in one factor, be it times something of the pose; None
     if by none, or by the time as well."""
     slow = [factor for factor in term.basis if isinstance(factor, SlowFactor)]
@@ -22,7 +22,7 @@ def is_difference(weights: Mapping[str, float]) -> bool:
     return abs(sum(weights.values())) < 1e-9
 
 
-def with_another(term: Term, another: Temperature) -> Iterator[Term]:
+def replace_temperature(term: Term, another: Temperature) -> Iterator[Term]:
     """What a term would add, *another* temperature in the place of its own."""
     for factor in term.basis:
         if isinstance(factor, Temperature):

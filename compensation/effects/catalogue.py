@@ -13,9 +13,9 @@ from dataclasses import replace
 from importlib import import_module
 
 from armd.compensation.effects import encoder, mechanical, setup, thermal, unknown
-from armd.compensation.effects.added import added_effects
+from armd.compensation.effects.added import load_added_effects
 from armd.compensation.effects.effect import Acting, Candidate, Effect, SessionFacts
-from armd.compensation.effects.older import beyond_calibration
+from armd.compensation.effects.older import drop_absorbed
 from armd.compensation.model.arm import Arm
 from armd.compensation.wording import ARC_SECOND
 
@@ -41,20 +41,20 @@ def _load_effects() -> Iterator[Effect]:
             module = import_module(f"{room.__name__}.{name}")
             built_in += getattr(module, "EFFECTS", None) or (module.EFFECT,)
     yield from built_in
-    yield from added_effects([*(effect.cause for effect in built_in), unknown.EFFECT.cause])
+    yield from load_added_effects([*(effect.cause for effect in built_in), unknown.EFFECT.cause])
     yield unknown.EFFECT
 
 
 CATALOGUE: dict[str, Effect] = {effect.cause: effect for effect in _load_effects()}
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_all_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     """Every candidate that this arm and these sessions allow, the general basis included."""
     for effect in CATALOGUE.values():
         for candidate in _list_candidates(effect, facts):
             # What has no name may be as old: else its likeliness grew by what the named ones share.
             may_be_older = effect.by_temperature or candidate.cause == "unknown"
-            older = beyond_calibration(candidate, facts) if may_be_older else None
+            older = drop_absorbed(candidate, facts) if may_be_older else None
             if not candidate.expected:  # what is expected was there before the calibration
                 yield candidate
             if older is not None:

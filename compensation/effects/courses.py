@@ -27,7 +27,7 @@ from armd.compensation.model.slow_factors import (
     Time,
 )
 from armd.compensation.model.terms import Factor, Term
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 #: Time constants, as shares of the time seen: with a shorter one all is over before much was
 #: measured, with a longer one it is a straight line, or nearly. Twice apart, refined in between.
@@ -74,7 +74,7 @@ class Course:
 MakeColumns = Callable[[Function], Sequence[Column]]
 
 
-def drifts(
+def make_drifts(
     facts: SessionFacts,
     cause: str,
     location: Location,
@@ -83,7 +83,7 @@ def drifts(
 ) -> Iterator[Candidate]:
     """Candidates for something that goes along each course; *make*: a function's columns."""
     before = _make_prior_functions(facts)
-    for course in courses(facts):
+    for course in list_courses(facts):
         yield _along(course, before, cause, location, make, depends_on)
 
 
@@ -119,7 +119,7 @@ def _along(
     )
 
 
-def steps(
+def make_steps(
     facts: SessionFacts,
     cause: str,
     location: Location,
@@ -143,7 +143,7 @@ def steps(
     return map(make_step, facts.instants_unix_s)
 
 
-def courses(facts: SessionFacts) -> list[Course]:
+def list_courses(facts: SessionFacts) -> list[Course]:
     """Every course that the time seen allows; none without times."""
     since_s, until_s = facts.start_unix_s, facts.end_unix_s
     span_s = until_s - since_s
@@ -264,7 +264,7 @@ def describe_course(candidate: Candidate) -> str:
     )
     if time_constant is not None:
         anew = "settles anew in each session" if "session" in names[0] else "relaxes"
-        return f"{anew} with a time constant of {plain(time_constant / 3600.0)} h"
+        return f"{anew} with a time constant of {format_plain(time_constant / 3600.0)} h"
     for word, description in (
         ("walk", "wanders"),
         ("day", "follows the time of day"),

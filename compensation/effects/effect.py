@@ -22,7 +22,7 @@ from armd.compensation.model.parameters import LEAST_LENGTH_MM, TIP_PARAMETERS
 from armd.compensation.model.pose_factors import Axis
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Factor, Term
-from armd.compensation.wording import clock
+from armd.compensation.wording import format_clock
 
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 #: Amplitudes may be this many times their typical size, with these probabilities.
@@ -307,20 +307,20 @@ def tie_tip(response: F64, along: Callable[[Axis], Factor]) -> tuple[Term, ...]:
     )
 
 
-def lengths(facts: SessionFacts, joint: int) -> list[tuple[str, float]]:
+def list_lengths(facts: SessionFacts, joint: int) -> list[tuple[str, float]]:
     """The lengths of link *joint* in mm by parameter, those that an expansion would change."""
     pairs = [(name, facts.constant(joint, name)) for name in ("d", "a")]
     return [(f"{name}_{joint}", value) for name, value in pairs if abs(value) > LEAST_LENGTH_MM]
 
 
-def stylus(facts: SessionFacts) -> list[tuple[str, float]]:
+def list_stylus_offsets(facts: SessionFacts) -> list[tuple[str, float]]:
     """The tip's offset in mm by parameter: what the stylus would change by expanding."""
     values = facts.constants[facts.arm.layout.tip]
     named = zip(TIP_PARAMETERS, values, strict=True)
     return [(name, float(value)) for name, value in named if abs(value) > LEAST_LENGTH_MM]
 
 
-def temperature(weights: dict[str, float], **options: float) -> Temperature:
+def make_temperature(weights: dict[str, float], **options: float) -> Temperature:
     """A temperature factor; a difference of sensors needs no reference."""
     if is_difference(weights):
         options["reference_c"] = 0.0
@@ -330,4 +330,4 @@ def temperature(weights: dict[str, float], **options: float) -> Temperature:
 def describe_instant(candidate: Candidate) -> str:
     """ " at …" for a candidate with an instant, nothing for others."""
     instant = candidate.instant_unix_s
-    return "" if instant is None else f" at {clock(instant)}"
+    return "" if instant is None else f" at {format_clock(instant)}"

@@ -17,7 +17,7 @@ from armd.compensation.effects.effect import (
     SessionFacts,
     Use,
     Winding,
-    lengths,
+    list_lengths,
 )
 from armd.compensation.effects.thermal.self_heating import FINER, TYPICAL_STRAIN
 
@@ -29,14 +29,14 @@ TYPICAL_RAD = 10e-6
 TIME_CONSTANTS_S = (120.0, 480.0, 1920.0)
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if not facts.timed:
         return
     for joint in facts.joints:
         for within in WITHIN_RAD:
             yield _wound(joint, (within,), facts.rates)
     for link in facts.joints:
-        pairs = tuple(lengths(facts, link))
+        pairs = tuple(list_lengths(facts, link))
         for joint in facts.joints:
             if joint == link or not pairs:
                 continue

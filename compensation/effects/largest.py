@@ -25,7 +25,7 @@ COMPLIANCE_RAD_PER_NM = 1.2e-3
 GROWTH_PER_K = 2.25e-3
 
 
-def largest(column: Column) -> float:
+def find_largest(column: Column) -> float:
     """The largest size that an amplitude can have, in its unit, on an arm as coarse as this one;
     inf where nothing is said of its unit, or the column itself says what is plausible."""
     if not math.isinf(column.reach):

@@ -67,6 +67,6 @@ def parameter(number: int, function: str) -> Location:
     return Location("parameter", function, number)
 
 
-def shape_of(cause: str, location: Location) -> Location:
+def make_shape_location(cause: str, location: Location) -> Location:
     """The shape of what a cause does at a place, where it is not quite the catalogue's."""
     return Location("shape", origin=(cause, location))

@@ -22,7 +22,7 @@ from armd.compensation.model.terms import Term
 OLDER = "beyond the calibration"
 
 
-def beyond_calibration(candidate: Candidate, facts: SessionFacts) -> Candidate | None:
+def drop_absorbed(candidate: Candidate, facts: SessionFacts) -> Candidate | None:
     """The cause less what the calibration under test has absorbed of it; None where that is
     nothing (no calibration is given), or all of it."""
     if not facts.calibrated_c or candidate.refine is not None:
@@ -33,7 +33,7 @@ def beyond_calibration(candidate: Candidate, facts: SessionFacts) -> Candidate |
     return replace(candidate, columns=tuple(column for column in columns if column is not None))
 
 
-def since_the_calibration(older: Candidate) -> Candidate:
+def start_at_calibration(older: Candidate) -> Candidate:
     """The same cause as one that began after the calibration: nothing of it was absorbed. Of a
     cause of the first order only."""
     columns = tuple(

@@ -19,7 +19,7 @@ COVERED = 2
 TYPICAL_RAD = 10e-6
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for joint in facts.joints:
         for neighbour in (joint - 1, joint + 1):
             if neighbour not in facts.joints:

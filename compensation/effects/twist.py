@@ -14,7 +14,7 @@ from armd.compensation.effects.effect import SessionFacts
 SHORTEST_MM = 20.0  # a shorter link does not bend by anything that matters
 
 
-def outgoing(alpha: float, beta: float) -> F64:
+def compute_outgoing(alpha: float, beta: float) -> F64:
     """Rotation that takes vectors of the frame before Rx(α)·Ry(β) to the outgoing frame."""
     ca, sa, cb, sb = np.cos(alpha), np.sin(alpha), np.cos(beta), np.sin(beta)
     about_x = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]])
@@ -23,20 +23,20 @@ def outgoing(alpha: float, beta: float) -> F64:
     return inverse
 
 
-def link_vector(facts: SessionFacts, link: int) -> F64:
+def compute_link_vector(facts: SessionFacts, link: int) -> F64:
     """From the axis of joint *link* to the frame at the link's end, in that frame, (3,) mm."""
-    rotation = outgoing(facts.constant(link, "alpha"), facts.constant(link, "beta"))
+    rotation = compute_outgoing(facts.constant(link, "alpha"), facts.constant(link, "beta"))
     vector: F64 = rotation @ np.array([facts.constant(link, "a"), 0.0, facts.constant(link, "d")])
     return vector
 
 
-def parameter_twists(facts: SessionFacts, link: int) -> tuple[list[str], F64]:
+def compute_parameter_twists(facts: SessionFacts, link: int) -> tuple[list[str], F64]:
     """Motion of the frame at the end of *link* per unit of each parameter around it.
 
     Returns names and a matrix (6, n): rotation in rad, then translation in mm, in that frame.
     """
     alpha, beta = facts.constant(link, "alpha"), facts.constant(link, "beta")
-    rotation = outgoing(alpha, beta)
+    rotation = compute_outgoing(alpha, beta)
     x, z = rotation[:, 0], rotation[:, 2]  # axes of the frame before Rx·Ry
     zero = np.zeros(3)
     arm_of_axis = facts.constant(link, "a") * x  # from the joint's axis to the frame
@@ -56,13 +56,13 @@ def parameter_twists(facts: SessionFacts, link: int) -> tuple[list[str], F64]:
     return list(twists), np.array([np.concatenate(pair) for pair in twists.values()]).T
 
 
-def twist_weights(facts: SessionFacts, link: int, twists: F64) -> tuple[list[str], F64]:
+def compute_twist_weights(facts: SessionFacts, link: int, twists: F64) -> tuple[list[str], F64]:
     """Parameters and weights (n, m) that move the end of *link* by the columns of *twists* (6, m).
 
     Where the parameters do not span a motion (a shift across a link of no length), the part
     they do span is returned.
     """
-    names, basis = parameter_twists(facts, link)
+    names, basis = compute_parameter_twists(facts, link)
     scale = np.array([1.0, 1.0, 1.0, 1e-2, 1e-2, 1e-2])  # 100 mm of lever weigh as 1 rad
     weights: F64 = np.linalg.lstsq(basis * scale[:, None], twists * scale[:, None], rcond=1e-6)[0]
     weights[np.abs(weights) < 1e-9 * np.abs(weights).max(initial=1e-30)] = 0.0

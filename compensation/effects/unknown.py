@@ -18,7 +18,7 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     SessionFacts,
-    temperature,
+    make_temperature,
     tie,
 )
 from armd.compensation.model.pose_factors import Angle, Approach, Harmonic, Rate, Side
@@ -30,15 +30,15 @@ MOST_NAMED = 6
 TYPICAL = {"mm": 5e-3, "rad": 10e-6}
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         for name in ("theta", "d", "a", "alpha", "beta"):
             unit = "mm" if name in ("d", "a") else "rad"
             turning = k if name == "theta" else None
             for variables, functions in _functions(facts, turning):
                 yield _candidate(k, name, unit, variables, functions, _general(variables))
-    yield from history.candidates(facts)
-    yield from rolled.candidates(facts)
+    yield from history.list_candidates(facts)
+    yield from rolled.list_candidates(facts)
 
 
 _Function = tuple[str, str, float, tuple[Factor, ...]]  # label, unit, typical size, factors
@@ -124,7 +124,7 @@ def _functions(
         yield (f"q{j}",), [(f"q{j}^{n}", "", 1.0, (Angle(joint=j, power=n),)) for n in (2, 3)]
     for name in facts.sensors:
         for order in (1, 2):
-            factor = temperature({name: 1.0}, order=order)
+            factor = make_temperature({name: 1.0}, order=order)
             yield (name,), [(f"ΔT({name})^{order}", "1/K", 5.0**order, (factor,))]
         if not facts.timed:
             continue
@@ -172,7 +172,7 @@ def _of_the_side(
             for function in of_the_rate[:2]:
                 yield (f"w{joint}", f"q{j}"), _products([function], _waves(j, 1))
     for name in facts.sensors:
-        factor = temperature({name: 1.0})
+        factor = make_temperature({name: 1.0})
         yield (f"w{joint}", name), _products(of_the_rate[:1], [(f"ΔT({name})", "", 5.0, (factor,))])
 
 
@@ -182,7 +182,7 @@ def _pairs(facts: SessionFacts) -> Iterator[tuple[tuple[str, ...], list[_Functio
         yield (f"q{i}", f"q{j}"), [product]
         yield (f"q{i}", f"q{j}"), _products(_waves(i, 1), _waves(j, 1))
     for name in facts.sensors:
-        factor = temperature({name: 1.0})
+        factor = make_temperature({name: 1.0})
         for j in facts.joints:
             products = [
                 (f"ΔT({name}) {label}", "1/K", 5.0, (factor, *wave))
@@ -238,6 +238,6 @@ EFFECT = Effect(
     "something the catalogue does not know",
     "an effect of the catalogue whose form is incomplete",
     "vary the named variables one at a time",
-    candidates,
+    list_candidates,
     describe,
 )

@@ -14,7 +14,7 @@ q + ε − J⁺ r, make it the gradient of the likelihood of the angles, Σ rᵀ
 from __future__ import annotations
 
 from armd.arrays import F64
-from armd.compensation.model.row_algebra import compute_least_turns, turn_towards
+from armd.compensation.model.row_algebra import compute_least_turns, rotate_towards
 
 #: A direction whose lever is shorter than this share of the reading's longest is hardly turned
 #: towards: an arm stretched out cannot reach farther. Between 0.01 and 0.1 nothing changes.
@@ -27,7 +27,7 @@ TURNS = 2
 
 def adjust_angles(q: F64, parameters: F64, placed_mm: F64) -> F64:
     """Angles (n, N) nearest *q* that put the tip at *placed_mm* (n, 3); parameters (n, P)."""
-    return turn_towards(q, parameters, placed_mm, TURNS, LEAST_LEVER, MOST_TURN_RAD)
+    return rotate_towards(q, parameters, placed_mm, TURNS, LEAST_LEVER, MOST_TURN_RAD)
 
 
 def compute_backwards_map(joints: F64) -> F64:

@@ -76,7 +76,9 @@ def is_scale_free(null: F64, names: Sequence[str], arm: Arm) -> bool:
 def _is_size(vector: F64, names: Sequence[str], arm: Arm) -> bool:
     """Whether a direction is all lengths in proportion."""
     drawn = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
-    lengths = np.array([drawn.get(name, 0.0) * (parameters.unit(name) == "mm") for name in names])
+    lengths = np.array(
+        [drawn.get(name, 0.0) * (parameters.find_unit(name) == "mm") for name in names]
+    )
     along = abs(vector @ lengths)
     return bool(along > ALL_LENGTHS * np.linalg.norm(vector) * np.linalg.norm(lengths))
 

@@ -17,7 +17,7 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.adjustment import adjust_angles
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.orientations import compute_turn_columns, observe
+from armd.compensation.estimate.orientations import compute_observed, compute_turn_columns
 from armd.compensation.estimate.placements.fit_poses import fit_steady_poses
 from armd.compensation.estimate.placements.poses import (
     Poses,
@@ -26,8 +26,8 @@ from armd.compensation.estimate.placements.poses import (
     make_target_columns,
 )
 from armd.compensation.estimate.surfaces import project_on_normals
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.kinematics import compute_jacobian
 from armd.compensation.model.terms import Term
 
 
@@ -103,14 +103,14 @@ def linearise(
     """
     states, arm = observations.states, observations.arm
     if basis is None:
-        basis = basis_values(terms, states, arm, reference_c, constants)
-    rows = parameter_rows(constants, terms, basis)
+        basis = compute_basis_values(terms, states, arm, reference_c, constants)
+    rows = compute_parameter_rows(constants, terms, basis)
     turned = observations.turned
-    position = observe(states.q, rows, turned)
+    position = compute_observed(states.q, rows, turned)
     placed = poses.place_tips(observations, position)
     q, points = states.q.copy(), ~turned
     q[points] = adjust_angles(states.q[points], rows[points], placed[points])
-    adjusted_position, columns = jacobian(q, rows)
+    adjusted_position, columns = compute_jacobian(q, rows)
     if turned.any():
         adjusted_position[turned] = position[turned]
         columns[turned] = compute_turn_columns(q[turned], rows[turned])
@@ -129,14 +129,14 @@ def linearise_as_read(
     """The same where the readings put the tip, with poses and unknown seats fitted there: columns
     and levers at the angles as read. A monstrous reading does not move them. *off_tip_mm* (n, 3):
     how far from the tip, in the last frame, sits what each reading is of."""
-    rows = parameter_rows(constants, terms, basis)
+    rows = compute_parameter_rows(constants, terms, basis)
     if off_tip_mm is not None:
         rows = rows.copy()
         rows[:, observations.arm.layout.tip] += off_tip_mm
     q, turned = observations.states.q, observations.turned
-    position, columns = jacobian(q, rows)
+    position, columns = compute_jacobian(q, rows)
     if turned.any():
-        position = observe(q, rows, turned)
+        position = compute_observed(q, rows, turned)
         columns[turned] = compute_turn_columns(q[turned], rows[turned])
     poses = fit_steady_poses(observations, position)
     columns_at = q, position, columns

@@ -14,7 +14,7 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.sessions.format import Distance
-from armd.compensation.data.sessions.session import Session, distinct_names
+from armd.compensation.data.sessions.session import Session, make_distinct_names
 from armd.compensation.estimate.group_rows import group_rows
 from armd.compensation.estimate.noise.postures import number_postures
 from armd.compensation.estimate.surface_kinds import PLANE, POINT, TURN, list_kinds, list_placements
@@ -146,7 +146,7 @@ class Observations:
         )
 
 
-def gather(
+def collect_observations(
     sessions: Sequence[Session],
     arm: Arm,
     artefact: ArtefactCorrection | None = None,
@@ -159,7 +159,7 @@ def gather(
     readings may be elsewhere): more lengths than it has coordinates want it somewhere, which no
     step from a guess finds.
     """
-    names = distinct_names(sessions)
+    names = make_distinct_names(sessions)
     corrections = [_get_correction(session, artefact) for session in sessions]
     reflectors = _collect_reflectors(sessions)
     placements_by_session = [list_placements(session) for session in sessions]

@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.observations import TURN_MM, Observations
 from armd.compensation.estimate.surface_kinds import TURN
-from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 
 
-def with_orientations(observations: Observations) -> Observations:
+def add_orientations(observations: Observations) -> Observations:
     """The same with a row more for each reading that has an orientation, behind all others."""
     measured = find_oriented_rows(observations)
     if not len(measured):
@@ -49,7 +49,7 @@ def with_orientations(observations: Observations) -> Observations:
     )
 
 
-def with_orientation_rows(observations: Observations, rows: Mask) -> Mask:
+def add_orientation_rows(observations: Observations, rows: Mask) -> Mask:
     """The chosen *rows* (n,) of the observations, and their orientations behind all others."""
     return np.append(rows, rows[find_oriented_rows(observations)])
 
@@ -59,10 +59,10 @@ def find_oriented_rows(observations: Observations) -> I64:
     return np.flatnonzero(np.isfinite(observations.measured_turn[:, 0, 0]))
 
 
-def observe(q: F64, rows: F64, turned: Mask) -> F64:
+def compute_observed(q: F64, rows: F64, turned: Mask) -> F64:
     """What readings measure (n, 3) mm, base frame, by angles (n, N) and parameters (n, P): the tip,
     or of *turned* (n,) the last frame's rotation vector at its lever."""
-    position, rotation = forward(q, rows)
+    position, rotation = compute_pose(q, rows)
     if turned.any():
         position = position.copy()
         position[turned] = TURN_MM * Rotation.from_matrix(rotation[turned]).as_rotvec()
@@ -77,11 +77,11 @@ def compute_turn_columns(q: F64, rows: F64) -> F64:
     tip_columns = ParameterLayout.from_count(rows.shape[1]).tip
     without = rows.copy()
     without[:, tip_columns] = 0.0
-    origin, columns = jacobian(q, without)
+    origin, columns = compute_jacobian(q, without)
     turned = np.zeros_like(columns)
     for axis in np.eye(3):
         without[:, tip_columns] = axis
-        end, moved = jacobian(q, without)
+        end, moved = compute_jacobian(q, without)
         turned += 0.5 * np.cross((end - origin)[:, :, None], moved - columns, axis=1)
     turned[:, :, tip_columns] = 0.0
     scaled: F64 = TURN_MM * turned

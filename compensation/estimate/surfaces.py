@@ -14,10 +14,10 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.surface_kinds import CYLINDER, PLANE, SPHERE
-from armd.compensation.features.algebraic import algebraic_sphere
+from armd.compensation.features.algebraic import fit_algebraic_sphere
 from armd.compensation.features.fit import fit as fit_feature
-from armd.compensation.features.shapes import across
-from armd.compensation.model.kinematics import forward
+from armd.compensation.features.shapes import find_across
+from armd.compensation.model.kinematics import compute_pose
 
 #: A direction whose mean cosine with the normals is less does not say which side it comes from.
 LEAST_COSINE = 0.2
@@ -64,7 +64,7 @@ def compute_outward_directions(observations: Observations) -> tuple[F64, F64]:
     arm, states = observations.arm, observations.states
     offset = np.array(arm.tip.offset_mm, dtype=float)
     shaft = -offset if offset.any() else np.array([0.0, 0.0, -1.0])
-    turned = forward(states.q, arm.nominal())[1]
+    turned = compute_pose(states.q, arm.nominal())[1]
     return -states.approach, turned @ (shaft / np.linalg.norm(shaft))
 
 
@@ -147,7 +147,7 @@ def _fit_frame(observations: Observations, rows: I64, points: F64) -> tuple[F64,
     middle = points[first].mean(axis=0)
     kind = observations.kind[target[0]]
     if kind == SPHERE:
-        centre, _ = algebraic_sphere(points - middle)
+        centre, _ = fit_algebraic_sphere(points - middle)
         return np.eye(3), middle + centre
     if kind == CYLINDER:
         origin, axis = _fit_axis(points)
@@ -179,5 +179,5 @@ def _fit_axis(points: F64) -> tuple[F64, F64]:
 
 def _make_upright(z: F64) -> F64:
     """A rotation (3, 3) whose third column is *z*."""
-    first_axis, second_axis = across(z)
+    first_axis, second_axis = find_across(z)
     return np.stack([first_axis, second_axis, z], axis=1)

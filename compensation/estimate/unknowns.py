@@ -68,10 +68,10 @@ class Unknowns:
 
     def get_plausible(self, terms: Sequence[Term], basis: F64) -> F64:
         """Plausible departures (C,) in each unknown's own unit."""
-        sizes = [PLAUSIBLE[parameters.unit(name)] for name in self.constants]
+        sizes = [PLAUSIBLE[parameters.find_unit(name)] for name in self.constants]
         for i in self.terms:
             typical = float(np.sqrt(np.mean(basis[:, i] ** 2)))
-            unit = PLAUSIBLE[parameters.unit(terms[i].parameter)]
+            unit = PLAUSIBLE[parameters.find_unit(terms[i].parameter)]
             if is_of_reflector(terms[i]):
                 sizes.append(PLAUSIBLE_REFLECTOR_MM)
                 continue

@@ -9,7 +9,7 @@ from armd.arrays import F64
 LEAST_MM = 1e-6  # of a radius
 
 
-def algebraic_sphere(points: F64) -> tuple[F64, float]:
+def fit_algebraic_sphere(points: F64) -> tuple[F64, float]:
     """Centre (d,) and radius of |x|² = 2 c·x + (r² − c²), linear in c and the bracket, by least
     squares over points (n, d) (Kåsa 1976): where a fit of distances begins. Centre them first."""
     design = np.column_stack([2 * points, np.ones(len(points))])

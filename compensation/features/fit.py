@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from armd.arrays import F64
-from armd.compensation.features.shapes import FREE, Shape, Start, moved
+from armd.compensation.features.shapes import FREE, Shape, Start, move_shape
 from armd.compensation.features.starts import STARTS
 
 SHAPES: tuple[Shape, ...] = get_args(Shape)
@@ -94,13 +94,13 @@ def fit(shape: Shape, points_mm: F64, covariance_mm2: F64 | None = None) -> Feat
         if best is None or solution.cost < best[0]:
             best = float(solution.cost), solution.x, start
     assert best is not None  # every shape has a start
-    optimum = moved(shape, best[2], best[1])
+    optimum = move_shape(shape, best[2], best[1])
     return _described(shape, x, optimum, middle, size, covariance_mm2)
 
 
 def _residuals(shape: Shape, x: F64, start: Start, u: F64) -> F64:
     """All in a row, of the start moved by *u*."""
-    return FREE[shape].residuals(x, moved(shape, start, u)).ravel()
+    return FREE[shape].residuals(x, move_shape(shape, start, u)).ravel()
 
 
 def _described(
@@ -154,8 +154,8 @@ def _slope(shape: Shape, x: F64, optimum: Start) -> F64:
     columns = []
     for i in range(count):
         u = step * np.eye(count)[i]
-        ahead = FREE[shape].residuals(x, moved(shape, optimum, u))
-        behind = FREE[shape].residuals(x, moved(shape, optimum, -u))
+        ahead = FREE[shape].residuals(x, move_shape(shape, optimum, u))
+        behind = FREE[shape].residuals(x, move_shape(shape, optimum, -u))
         columns.append(((ahead - behind) / (2 * step)).ravel())
     return np.stack(columns, axis=1)
 
@@ -166,7 +166,7 @@ def _change(shape: Shape, optimum: Start) -> F64:
     columns = []
     for i in range(count):
         u = step * np.eye(count)[i]
-        ahead, behind = moved(shape, optimum, u), moved(shape, optimum, -u)
+        ahead, behind = move_shape(shape, optimum, u), move_shape(shape, optimum, -u)
         columns.append((np.hstack(ahead) - np.hstack(behind)) / (2 * step))
     return np.stack(columns, axis=1)
 

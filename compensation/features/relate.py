@@ -19,7 +19,7 @@ class Relation(NamedTuple):
     standard_uncertainty: float | None  # likewise; None: not known
 
 
-def distance(first: Feature, second: Feature) -> Relation:
+def compute_distance(first: Feature, second: Feature) -> Relation:
     """In mm: between centres, from a centre to a line, axis or plane square to it, between two
     lines or axes where they are nearest, and from the second plane's point to the first plane.
 
@@ -28,7 +28,7 @@ def distance(first: Feature, second: Feature) -> Relation:
     return _relation(first, second, _distance, 1.0)
 
 
-def angle(first: Feature, second: Feature) -> Relation:
+def compute_angle(first: Feature, second: Feature) -> Relation:
     """In degrees, 0 to 90: between lines, axes, planes and the planes of circles.
 
     Raises `ArithmeticError` for a point or a sphere, which has no direction.

@@ -21,7 +21,7 @@ class Start(NamedTuple):
     radius: float
 
 
-def across(direction: F64) -> tuple[F64, F64]:
+def find_across(direction: F64) -> tuple[F64, F64]:
     """Two unit vectors square to a direction and to each other."""
     smallest_axis = np.eye(3)[int(np.argmin(np.abs(direction)))]
     normal = np.cross(direction, smallest_axis)
@@ -29,26 +29,26 @@ def across(direction: F64) -> tuple[F64, F64]:
     return normal, np.cross(direction, normal)
 
 
-def moved(shape: Shape, start: Start, u: F64) -> Start:
+def move_shape(shape: Shape, start: Start, u: F64) -> Start:
     """The shape moved by its free parameters *u*: along itself nothing changes."""
-    e1, e2 = across(start.direction)
+    e1, e2 = find_across(start.direction)
     d = start.direction
     match shape:
         case "point":
             return start._replace(point=start.point + u)
         case "plane":
-            return Start(start.point + u[0] * d, unit(d + u[1] * e1 + u[2] * e2), 0.0)
+            return Start(start.point + u[0] * d, normalise(d + u[1] * e1 + u[2] * e2), 0.0)
         case "line":
             point = start.point + u[0] * e1 + u[1] * e2
-            return Start(point, unit(d + u[2] * e1 + u[3] * e2), 0.0)
+            return Start(point, normalise(d + u[2] * e1 + u[3] * e2), 0.0)
         case "sphere":
             return Start(start.point + u[:3], d, start.radius + u[3])
         case "circle":
-            turned = unit(d + u[3] * e1 + u[4] * e2)
+            turned = normalise(d + u[3] * e1 + u[4] * e2)
             return Start(start.point + u[:3], turned, start.radius + u[5])
         case "cylinder":
             point = start.point + u[0] * e1 + u[1] * e2
-            return Start(point, unit(d + u[2] * e1 + u[3] * e2), start.radius + u[4])
+            return Start(point, normalise(d + u[2] * e1 + u[3] * e2), start.radius + u[4])
 
 
 def _away(x: F64, start: Start) -> F64:
@@ -80,7 +80,7 @@ def _plane(x: F64, start: Start) -> F64:
 
 
 def _line(x: F64, start: Start) -> F64:
-    out: F64 = _away(x, start) @ np.stack(across(start.direction), axis=1)
+    out: F64 = _away(x, start) @ np.stack(find_across(start.direction), axis=1)
     return out
 
 
@@ -137,7 +137,13 @@ class ShapeFit:
 FREE: dict[Shape, ShapeFit] = {
     "point": ShapeFit(3, 3, False, False, _away, _same(lambda _: np.eye(3)), _largest),
     "line": ShapeFit(
-        4, 2, True, False, _line, _same(lambda start: np.stack(across(start.direction))), _around
+        4,
+        2,
+        True,
+        False,
+        _line,
+        _same(lambda start: np.stack(find_across(start.direction))),
+        _around,
     ),
     "plane": ShapeFit(
         3, 1, True, False, _plane, _same(lambda start: start.direction[None]), _spread
@@ -153,6 +159,6 @@ FREE: dict[Shape, ShapeFit] = {
 }  # fmt: skip
 
 
-def unit(vector: F64) -> F64:
+def normalise(vector: F64) -> F64:
     out: F64 = vector / np.linalg.norm(vector)
     return out

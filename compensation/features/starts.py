@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.features.algebraic import algebraic_sphere
-from armd.compensation.features.shapes import Shape, Start, across
+from armd.compensation.features.algebraic import fit_algebraic_sphere
+from armd.compensation.features.shapes import Shape, Start, find_across
 
 #: Directions all over the half sphere from which a cylinder's axis is looked for. Starts within
 #: about 15° of the axis converge; 120 directions leave no gap wider than that.
@@ -25,15 +25,15 @@ def _principal(x: F64) -> F64:
 
 def _flat_circle(x: F64, normal: F64) -> tuple[Start, float]:
     """The circle through points seen along *normal*, and its mean square."""
-    e1, e2 = across(normal)
+    e1, e2 = find_across(normal)
     flat = np.stack([x @ e1, x @ e2], axis=1)
-    (c1, c2), radius = algebraic_sphere(flat)
+    (c1, c2), radius = fit_algebraic_sphere(flat)
     off = np.linalg.norm(flat - [c1, c2], axis=1) - radius
     return Start(c1 * e1 + c2 * e2, normal, radius), float(np.mean(off**2))
 
 
 def _start_sphere(x: F64) -> list[Start]:
-    centre, radius = algebraic_sphere(x)
+    centre, radius = fit_algebraic_sphere(x)
     return [Start(centre, np.array([0.0, 0.0, 1.0]), radius)]
 
 

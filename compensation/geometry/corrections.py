@@ -15,11 +15,11 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.geometry.geometry import Geometry
-from armd.compensation.geometry.postures import states_at
+from armd.compensation.geometry.postures import make_states
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.parameters import BASE_PARAMETERS, TIP_PARAMETERS, unit
+from armd.compensation.model.parameters import BASE_PARAMETERS, TIP_PARAMETERS, find_unit
 
 STANDARD = ("theta", "d", "a", "alpha", "beta")
 MODIFIED = ("alpha", "a", "beta", "theta", "d")
@@ -73,10 +73,10 @@ class _CorrectionRows:
 
     def row(self, convention: str, joint: int | str, name: str, source: str | None) -> Correction:
         """*source* is the parameter's name in the model; None: it is 0 by the convention."""
-        named = f"{name}_{'deg' if unit(source or f'{name}_1') == 'rad' else 'mm'}"
+        named = f"{name}_{'deg' if find_unit(source or f'{name}_1') == 'rad' else 'mm'}"
         if source is None:
             return Correction(convention, joint, named, 0.0, 0.0, 0.0, None)
-        scale = math.degrees(1.0) if unit(source) == "rad" else 1.0
+        scale = math.degrees(1.0) if find_unit(source) == "rad" else 1.0
         index = self.arm.layout.index(source)
         nominal = _as_drawn(self.arm, source, scale * float(self.arm.nominal()[index]))
         moved = scale * float(self.values[index] - self.arm.nominal()[index])
@@ -102,9 +102,9 @@ def _deviations(arm: Arm, calibration: Calibration | None, celsius: float) -> di
         return {}
     covariance = np.array(calibration.covariance)
     weights: dict[str, F64] = {}
-    state = states_at(np.zeros((1, arm.n_joints)), arm, celsius, calibration, 0)
+    state = make_states(np.zeros((1, arm.n_joints)), arm, celsius, calibration, 0)
     reference_c = calibration.reference_temperature_c
-    values = basis_values(
+    values = compute_basis_values(
         calibration.terms, state, arm, reference_c, calibration.vector(arm.n_joints)
     )[0]
     for i, name in enumerate(calibration.covariance_of):

@@ -13,11 +13,11 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.estimate.gauge import list_free_constants
-from armd.compensation.geometry.postures import draw_postures, states_at
+from armd.compensation.geometry.postures import draw_postures, make_states
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.compensation.model.terms import Term
 
 #: Postures of the fit, and further ones that judge it.
@@ -50,7 +50,7 @@ class Geometry:
     range_c: tuple[float, float] | None = None
 
 
-def geometry_at(arm: Arm, calibration: Calibration | None, celsius: float | None) -> Geometry:
+def compute_geometry(arm: Arm, calibration: Calibration | None, celsius: float | None) -> Geometry:
     """The best geometry with all sensors at *celsius*; without it at the reference temperature."""
     none = Difference(0.0, 0.0)
     if calibration is None:
@@ -69,9 +69,9 @@ def geometry_at(arm: Arm, calibration: Calibration | None, celsius: float | None
     low, high = min(ends), max(ends)
     middle = fold_terms(arm, calibration, slow, at_c)
     q = draw_postures(arm, JUDGED, 3)
-    tip = forward(q, middle)[0]
+    tip = compute_pose(q, middle)[0]
     tip_changes = [
-        forward(q, fold_terms(arm, calibration, slow, end))[0] - tip for end in (low, high)
+        compute_pose(q, fold_terms(arm, calibration, slow, end))[0] - tip for end in (low, high)
     ]
     return Geometry(parameters, at_c, none, pose, _summary(np.vstack(tip_changes)), (low, high))
 
@@ -79,9 +79,9 @@ def geometry_at(arm: Arm, calibration: Calibration | None, celsius: float | None
 def fold_terms(arm: Arm, calibration: Calibration, slow: list[Term], celsius: float) -> F64:
     """Parameters (P,): constants and what *slow* terms add with all sensors at one temperature."""
     constants = calibration.vector(arm.n_joints)
-    state = states_at(np.zeros((1, arm.n_joints)), arm, celsius, calibration, 0)
-    values = basis_values(slow, state, arm, calibration.reference_temperature_c, constants)
-    folded: F64 = parameter_rows(constants, slow, values)[0]
+    state = make_states(np.zeros((1, arm.n_joints)), arm, celsius, calibration, 0)
+    values = compute_basis_values(slow, state, arm, calibration.reference_temperature_c, constants)
+    folded: F64 = compute_parameter_rows(constants, slow, values)[0]
     return folded
 
 
@@ -97,7 +97,7 @@ def _fit(arm: Arm, calibration: Calibration, start: F64, celsius: float) -> F64:
     q, target_mm = _corrected(arm, calibration, celsius, FITTED, 1)
     parameters = start.copy()
     for _ in range(MOST_STEPS):
-        tip, columns = jacobian(q, parameters)
+        tip, columns = compute_jacobian(q, parameters)
         a = columns[:, :, free].reshape(-1, len(free)) * scale
         step = np.linalg.lstsq(a, (target_mm - tip).ravel(), rcond=RANK)[0]
         parameters[free] += scale * step
@@ -108,7 +108,7 @@ def _fit(arm: Arm, calibration: Calibration, start: F64, celsius: float) -> F64:
 
 def _difference(arm: Arm, calibration: Calibration, parameters: F64, celsius: float) -> Difference:
     q, target_mm = _corrected(arm, calibration, celsius, JUDGED, 2)
-    return _summary(forward(q, parameters)[0] - target_mm)
+    return _summary(compute_pose(q, parameters)[0] - target_mm)
 
 
 def _corrected(
@@ -116,10 +116,10 @@ def _corrected(
 ) -> tuple[F64, F64]:
     """Postures (n, N) and where the whole calibration has the tip there (n, 3)."""
     q = draw_postures(arm, n, seed)
-    states = states_at(q, arm, celsius, calibration, seed)
+    states = make_states(q, arm, celsius, calibration, seed)
     constants, reference_c = calibration.vector(arm.n_joints), calibration.reference_temperature_c
-    values = basis_values(calibration.terms, states, arm, reference_c, constants)
-    return q, forward(q, parameter_rows(constants, calibration.terms, values))[0]
+    values = compute_basis_values(calibration.terms, states, arm, reference_c, constants)
+    return q, compute_pose(q, compute_parameter_rows(constants, calibration.terms, values))[0]
 
 
 def _summary(difference_mm: F64) -> Difference:

@@ -22,7 +22,7 @@ def draw_postures(arm: Arm, n: int, seed: int) -> F64:
     return drawn
 
 
-def states_at(q: F64, arm: Arm, celsius: float, calibration: Calibration, seed: int) -> States:
+def make_states(q: F64, arm: Arm, celsius: float, calibration: Calibration, seed: int) -> States:
     """These postures (n, N) at rest, all sensors at one temperature, when the calibration was
     made; each from a drawn side and direction of approach."""
     rng = np.random.default_rng(seed)

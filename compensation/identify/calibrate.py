@@ -16,8 +16,8 @@ from armd.compensation.data.soundness.soundness import fit_to_identify
 from armd.compensation.estimate.folds import make_placement_folds
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.noise.sensor import estimate_sensor_noise_c
-from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.orientations import with_orientation_rows, with_orientations
+from armd.compensation.estimate.observations import Observations, collect_observations
+from armd.compensation.estimate.orientations import add_orientation_rows, add_orientations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.find_second_group import find_second_group
 from armd.compensation.identify.admission.inconsistent_session import (
@@ -56,11 +56,11 @@ from armd.compensation.identify.thermal.comparison import Comparison, Trial
 from armd.compensation.identify.thermal.temperatures import are_far_apart
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, Noise, constants_of
+from armd.compensation.model.calibration import Calibration, Noise, name_constants
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
 from armd.errors import ArmdError
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 ThermalMethod = Literal["polynomial", "zones", "components", "per-temperature"]
 
@@ -99,7 +99,7 @@ def _calibrate(
     sessions, arm, notes = sound.sessions, sound.arm, list(sound.remarks)
     unknown = list_free_constants(arm)
     observations, groups = choose_readings(
-        gather(sessions, arm), files, options.thermal_order, notes
+        collect_observations(sessions, arm), files, options.thermal_order, notes
     )
     tips = make_reflector_terms(observations, arm.nominal()[arm.layout.tip])
     require_one_kind(tips, files)
@@ -110,7 +110,7 @@ def _calibrate(
     drawn = evaluate_model(observations, arm.nominal(), tips.terms, arm.reference_temperature_c)
     require_surfaces(sessions, drawn.observations, drawn.poses, drawn.position_mm)
     require_some(observations, files)
-    all_observations = with_orientations(observations)
+    all_observations = add_orientations(observations)
     simple = not tips.terms and all_observations.n == observations.n
     if simple:  # else nobody knows where each reading's tip is
         refuse_mistakes(sessions, observations)
@@ -172,15 +172,15 @@ def _calibrate(
         notes.append(f"the fit did not settle within {final.steps} steps")
     if final.region.any() and not second:
         notes.append(
-            f"{counted(int(final.region.sum()), 'reading')} far off like others near in posture: no"
-            " outliers, they count fully; `armd diagnose` looks for why"
+            f"{format_count(int(final.region.sum()), 'reading')} far off like others near in"
+            " posture: no outliers, they count fully; `armd diagnose` looks for why"
         )
     by = "temperature"
     if not per_temperature:
         base = final if simple else final_whole
         folds, by = make_placement_folds(observations)
         if not simple:  # an orientation is left out with its reading
-            folds = [with_orientation_rows(observations, fold) for fold in folds]
+            folds = [add_orientation_rows(observations, fold) for fold in folds]
         columns = base.unknowns.columns(
             base.linearisation.jacobian, base.linearisation.basis, base.terms
         )
@@ -267,7 +267,7 @@ def as_calibration(identification: Identification, provenance: dict[str, Any]) -
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         reference_temperature_c=identification.reference_c,
         temperature_range_c=ranges,
-        constants=constants_of(identification.constants, arm.n_joints),
+        constants=name_constants(identification.constants, arm.n_joints),
         terms=identification.terms,
         covariance_of=identification.unknowns.names,
         covariance=identification.covariance.tolist(),
@@ -317,9 +317,8 @@ def _choose_terms(
     if options.thermal_method != "polynomial":
         name = {"zones": "two zones", "components": "principal components"}[options.thermal_method]
         if name not in comparison.models:
-            raise ArmdError(
-                f"{name}: {counted(len(comparison.groups), 'temperature')}, expected at least 3"
-            )
+            count = format_count(len(comparison.groups), "temperature")
+            raise ArmdError(f"{name}: {count}, expected at least 3")
         return 1, comparison.models[name]
     if options.thermal_order is not None:
         terms = make_length_terms(arm, range(1, options.thermal_order + 1))

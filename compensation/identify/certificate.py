@@ -24,7 +24,7 @@ from armd.compensation.identify.heldout import (
     describe_left_out,
 )
 from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, choose_next_step
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: What a granted one is, and what it is not.
 KIND = "identification record, not an ISO 17025 certificate"
@@ -158,7 +158,7 @@ def judge(
     single = len(identification.outliers) and not suspects.second
     if heldout_mm > most_mm > without_mm and single:
         words = (
-            f"{without_mm:.4g} mm without {counted(heldout.n_far, 'reading')} far off:"
+            f"{without_mm:.4g} mm without {format_count(heldout.n_far, 'reading')} far off:"
             f" {identification.outlier_words()}"
         )
         faults.append(Objection(Why.OUTLIERS, words))
@@ -243,16 +243,16 @@ def _object_to_too_few(observations: Observations) -> list[Objection]:
     placements = len(np.unique(observations.placement))
     if placements < LEAST_PLACEMENTS and not observations.has_truth.all():
         words = (
-            f"{counted(placements, 'placement')}, expected at least {LEAST_PLACEMENTS}:"
+            f"{format_count(placements, 'placement')}, expected at least {LEAST_PLACEMENTS}:"
             " another place may miss by any amount"
         )
         faults.append(Objection(Why.PLACEMENTS, words))
     needed = LEAST_TIMES * count_needed_readings(observations)
     postures = observations.n_postures
     if postures < needed:
-        copies = f" of {counted(postures, 'posture')}" if postures < observations.n else ""
+        copies = f" of {format_count(postures, 'posture')}" if postures < observations.n else ""
         words = (
-            f"{counted(observations.n, 'reading')}{copies}, expected at least {needed}: "
+            f"{format_count(observations.n, 'reading')}{copies}, expected at least {needed}: "
             f"{LEAST_TIMES} times what the unknowns take"
         )
         faults.append(Objection(Why.READINGS, words))

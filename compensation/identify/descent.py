@@ -10,12 +10,12 @@ from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise.reading import Weighting
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.orientations import observe
+from armd.compensation.estimate.orientations import compute_observed
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
-from armd.compensation.model.basis import parameter_rows
+from armd.compensation.model.basis import compute_parameter_rows
 from armd.compensation.model.terms import Term
 
 MOST_STEPS = 40
@@ -157,9 +157,11 @@ class Descent:
 
     def _compute_fixed_cost(self, place: _Place, trial: _Trial) -> float:
         """What a trial costs with the weights and adjusted angles held of where it came from."""
-        rows = parameter_rows(*self.unknowns.put(trial.x, self.constants, self.terms), self.basis)
+        rows = compute_parameter_rows(
+            *self.unknowns.put(trial.x, self.constants, self.terms), self.basis
+        )
         tip = (
-            observe(place.linearisation.q, rows, self.observations.turned)
+            compute_observed(place.linearisation.q, rows, self.observations.turned)
             - place.linearisation.there_mm
         )
         residual = trial.poses.residual(self.observations, place.linearisation.position_mm + tip)
@@ -172,8 +174,8 @@ class Descent:
         constants, terms = self.unknowns.put(x, self.constants, self.terms)
         if self._refits_poses(with_prior):
             # Far off, poses are not linear: about a beam's own axis they turn by any angle.
-            rows = parameter_rows(constants, terms, self.basis)
-            position = observe(self.observations.states.q, rows, self.observations.turned)
+            rows = compute_parameter_rows(constants, terms, self.basis)
+            position = compute_observed(self.observations.states.q, rows, self.observations.turned)
             poses = fit_poses(self.observations, position, self.weighting.weight, poses)
         linearisation = linearise(
             self.observations, constants, terms, poses, self.reference_c, self.basis

@@ -121,7 +121,7 @@ def find_off_drawing(identification: Identification) -> list[OffDrawing]:
         names, nominal_values, departure * scale, uncertainty, strict=True
     ):
         unit, factor = (
-            ("mm", 1.0) if parameters.unit(name) == "mm" else ("°", float(np.degrees(1.0)))
+            ("mm", 1.0) if parameters.find_unit(name) == "mm" else ("°", float(np.degrees(1.0)))
         )
         is_known = abs(off) > SURE * u
         if name in ("theta_1", "d_1") or not is_known or factor * abs(off) < FAR[unit]:

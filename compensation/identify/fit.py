@@ -40,13 +40,13 @@ from armd.compensation.estimate.noise.robust import (
     to_three_components,
 )
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.orientations import observe
+from armd.compensation.estimate.orientations import compute_observed
 from armd.compensation.estimate.placements.fit_poses import fit_steady_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.descent import Descent, End
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.kinematics import compute_jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
@@ -161,9 +161,9 @@ def fit(
     constants, terms = constants if begin is None else begin, list(terms)
     x = unknowns.values(constants, terms)
     states = observations.states
-    basis = basis_values(terms, states, observations.arm, reference_c, constants)
-    rows = parameter_rows(constants, terms, basis)
-    position = observe(states.q, rows, observations.turned)
+    basis = compute_basis_values(terms, states, observations.arm, reference_c, constants)
+    rows = compute_parameter_rows(constants, terms, basis)
+    position = compute_observed(states.q, rows, observations.turned)
     poses = fit_steady_poses(observations, position)
     residual_mm = poses.residual(observations, position)
     freedom = observations.freedom
@@ -209,7 +209,7 @@ def fit(
         )
         if not with_prior:  # far off, everything is
             region = region | find_regions(distance2 > DOWNWEIGHT_CHI2, states.q)
-        basis = basis_values(terms, states, observations.arm, reference_c, constants)
+        basis = compute_basis_values(terms, states, observations.arm, reference_c, constants)
         if progress:
             left_um = compute_rms_um(end.linearisation.residual_mm)
             progress(f"round {round_}: {left_um:.2f} µm RMS, {steps} steps")
@@ -281,7 +281,7 @@ def compute_fit_gauge(
     ends = np.concatenate([basis.argmin(axis=0), basis.argmax(axis=0)])
     values = basis[np.append(ends, rng.integers(len(basis), size=GAUGE_POSTURES))]
     q = rng.uniform(-np.pi, np.pi, (len(values), n_joints))
-    columns = jacobian(q, parameter_rows(constants, terms, values))[1]
+    columns = compute_jacobian(q, compute_parameter_rows(constants, terms, values))[1]
     return compute_gauge(unknowns.columns(columns, values, terms), scale)
 
 

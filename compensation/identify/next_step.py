@@ -17,7 +17,7 @@ from armd.compensation.identify.admission.needed import (
     count_readings_for,
 )
 from armd.compensation.identify.admission.requirements import count_artefact_unknowns
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 
 class Why(Enum):
@@ -123,13 +123,13 @@ def choose_next_step(
         case Why.PLACEMENTS:
             places = LEAST_PLACEMENTS - len(np.unique(observations.placement))
             return (
-                f"measure the artefact in {counted(places, 'more place')}:"
+                f"measure the artefact in {format_count(places, 'more place')}:"
                 f" {_write_measure_command(observations, files, places)}"
             )
         case Why.READINGS:
             n_missing = _count_missing(observations, 1)
             return (
-                f"take at least {counted(n_missing, 'more reading')} in postures of their own"
+                f"take at least {format_count(n_missing, 'more reading')} in postures of their own"
                 f"{elsewhere}: {_write_measure_command(observations, files, 1)}"
             )
         case Why.POSTURES:

@@ -10,7 +10,7 @@ import numpy as np
 from armd.compensation.estimate.gauge import describe_unidentifiable
 from armd.compensation.estimate.observations import TURN_MM
 from armd.compensation.identify.fit import Identification
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,11 @@ class OrientationGain:
     def in_words(self) -> str:
         noise = f"{np.degrees(self.standard_deviation_rad):.2g}° per axis"
         words = (
-            f"{counted(self.readings, 'orientation')} ({noise}) raise the rank from"
+            f"{format_count(self.readings, 'orientation')} ({noise}) raise the rank from"
             f" {self.rank_without} to {self.rank}"
             if self.rank > self.rank_without
-            else f"{counted(self.readings, 'orientation')} ({noise}) leave the rank at {self.rank}"
+            else f"{format_count(self.readings, 'orientation')} ({noise})"
+            f" leave the rank at {self.rank}"
         )
         return f"{words}; uncertainties are {self.uncertainty_ratio:.2f} times those without them"
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from armd.arrays import F64
-from armd.compensation.features.algebraic import algebraic_sphere
+from armd.compensation.features.algebraic import fit_algebraic_sphere
 
 #: Readings beyond the unknowns, so that the scatter is an estimate and no accident.
 SPARE = 2
@@ -114,7 +114,7 @@ def fit_on_sphere(
         by_offset = np.einsum("ni,nij->nj", normal, rotation)
         return np.column_stack([by_offset, -normal, np.full(n, -1.0)])
 
-    centre, radius = algebraic_sphere(tip - middle)  # through the tips where they are now
+    centre, radius = fit_algebraic_sphere(tip - middle)  # through the tips where they are now
     start = np.concatenate([offset_mm, centre, [radius]])
     fit = least_squares(
         distance, start, derivatives, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14

@@ -12,11 +12,15 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.inverse.corrected_pose import CorrectedPose
-from armd.compensation.inverse.nearest import derivatives, inverse_condition, solve_nearest
+from armd.compensation.inverse.nearest import (
+    compute_derivatives,
+    compute_inverse_condition,
+    solve_nearest,
+)
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.state import States
 
 #: A row is reached where its tip and orientation are nearer than this.
@@ -59,7 +63,7 @@ def compensate(
     arm has it at these angles. *moving* (n,): see `CorrectedPose`. Lags are followed within each
     series of *states*.
     """
-    nominal_mm, nominal_turn = forward(states.q, arm.nominal())
+    nominal_mm, nominal_turn = compute_pose(states.q, arm.nominal())
     target_mm = nominal_mm
     if wanted_mm is not None:
         target_mm = np.where(np.isnan(wanted_mm), nominal_mm, wanted_mm)
@@ -119,9 +123,11 @@ class _PoseProblem:
 
         q, _ = solve_nearest(constraints, q0)
         every = np.arange(len(rows))
-        corrected = derivatives(constraints, q, every)
-        nominal_slopes = derivatives(nominal, q0, every)
-        return q, np.minimum(inverse_condition(corrected), inverse_condition(nominal_slopes))
+        corrected = compute_derivatives(constraints, q, every)
+        nominal_slopes = compute_derivatives(nominal, q0, every)
+        return q, np.minimum(
+            compute_inverse_condition(corrected), compute_inverse_condition(nominal_slopes)
+        )
 
     def miss(self, pose: CorrectedPose, q: F64, rows: I64) -> F64:
         """(m, 3) of the position in shares of the reach, then (m, 3) of the rotation in rad."""
@@ -129,18 +135,18 @@ class _PoseProblem:
         miss = (position - self._wanted_mm[rows]) / self._reach_mm
         if not self._oriented:
             return miss
-        return np.hstack([miss, rotation_vectors(turn, self._turn[rows])])
+        return np.hstack([miss, compute_rotation_vectors(turn, self._turn[rows])])
 
     def turned_rad(self, q: F64) -> F64:
         """(n,) how far the orientation is off; 0 where it is free."""
         if not self._oriented:
             return np.zeros(len(q))
-        vectors = rotation_vectors(self._pose.tip_pose(q)[1], self._turn)
+        vectors = compute_rotation_vectors(self._pose.tip_pose(q)[1], self._turn)
         angle: F64 = np.linalg.norm(vectors, axis=1)
         return angle
 
 
-def rotation_vectors(turn: F64, target: F64) -> F64:
+def compute_rotation_vectors(turn: F64, target: F64) -> F64:
     """(n, 3) rad in the base frame: from *target* rotations (n, 3, 3) to *turn* (n, 3, 3)."""
     difference = np.einsum("nij,nkj->nik", turn, target)
     sine = 0.5 * np.stack(

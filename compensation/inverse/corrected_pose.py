@@ -8,9 +8,9 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import forward, motion_directions
+from armd.compensation.model.kinematics import compute_motion_directions, compute_pose
 from armd.compensation.model.slow_factors import SlowFactor
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
@@ -48,10 +48,10 @@ class CorrectedPose:
         """Position (m, 3) mm and rotation (m, 3, 3) at angles (m, N) rad of the chosen rows; NaN
         where a temperature or time that a term uses is missing."""
         if not self._terms:
-            return forward(q, self.constants)
+            return compute_pose(q, self.constants)
         states = self.states(q, rows)
         values = self._slow[rows] * self._values(self._pose_terms, states)
-        return forward(q, parameter_rows(self.constants, self._terms, values))
+        return compute_pose(q, compute_parameter_rows(self.constants, self._terms, values))
 
     def states(self, q: F64, rows: I64 | slice = slice(None)) -> States:
         """The chosen rows with these angles (m, N) rad."""
@@ -60,11 +60,13 @@ class CorrectedPose:
         if not moving.any():
             return states
         approach = states.approach.copy()
-        approach[moving] = motion_directions(q[moving], states.rate[moving], self._arm.nominal())
+        approach[moving] = compute_motion_directions(
+            q[moving], states.rate[moving], self._arm.nominal()
+        )
         return dataclasses.replace(states, approach=approach)
 
     def _values(self, terms: list[Term], states: States) -> F64:
-        return basis_values(terms, states, self._arm, self._reference_c, self.constants)
+        return compute_basis_values(terms, states, self._arm, self._reference_c, self.constants)
 
 
 def _part(term: Term, *, of_pose: bool) -> Term:

@@ -48,7 +48,7 @@ def solve_nearest(constraints: Constraints, q0: F64) -> tuple[F64, F64]:
     return q, miss
 
 
-def derivatives(constraints: Constraints, q: F64, rows: I64) -> F64:
+def compute_derivatives(constraints: Constraints, q: F64, rows: I64) -> F64:
     """Of the constraints by the angles, (m, C, N)."""
     m, n_joints = q.shape
     steps = DIFFERENCE_RAD * np.vstack([np.eye(n_joints), -np.eye(n_joints)])
@@ -67,7 +67,7 @@ def _least_change(constraints: Constraints, start: F64, q0: F64, rows: I64) -> t
         moving, c = moving[finite], c[finite]
         if not len(moving):
             break
-        j = derivatives(constraints, q[moving], rows[moving])
+        j = compute_derivatives(constraints, q[moving], rows[moving])
         away = q[moving] - q0[moving]
         right_side = np.einsum("nij,nj->ni", j, away) - c
         target = np.einsum("nij,nj->ni", np.linalg.pinv(j, rcond=1e-12), right_side)
@@ -88,7 +88,7 @@ def _damped(constraints: Constraints, start: F64, rows: I64) -> tuple[F64, F64]:
         if not len(moving):
             break
         at_q, chosen = q[moving], rows[moving]
-        j, c = derivatives(constraints, at_q, chosen), constraints(at_q, chosen)
+        j, c = compute_derivatives(constraints, at_q, chosen), constraints(at_q, chosen)
         normal = np.einsum("nij,nik->njk", j, j) + damping[moving, None, None] * np.eye(q.shape[1])
         step = -np.linalg.solve(normal, np.einsum("nij,ni->nj", j, c)[:, :, None])[:, :, 0]
         length = np.abs(step).max(axis=1)
@@ -112,7 +112,7 @@ def _pattern(n_joints: int, number: int) -> F64:
     return np.random.default_rng(number).choice([-1.0, 1.0], n_joints)
 
 
-def inverse_condition(j: F64) -> F64:
+def compute_inverse_condition(j: F64) -> F64:
     """The least singular value (m,) of matrices (m, C, N), as a share of the largest; 0 where they
     are not finite."""
     finite = np.isfinite(j).all(axis=(1, 2))

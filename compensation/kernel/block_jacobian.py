@@ -1,6 +1,6 @@
 """Derivatives of the tip by all parameters, for a block of samples that differ in parameters.
 
-The same mathematics as `kinematics.compiled_jacobian`, worked off as in `chain`: every inner loop
+The same mathematics as `kinematics.fill_jacobian`, worked off as in `chain`: every inner loop
 runs over the samples of a block. All numbers stand in one flat array, in rows of a constant width:
 that is how LLVM proves, of so many rows, that they do not overlap, and vector instructions come of
 it (a ninth of the time).
@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.kernel.chain import sincos
+from armd.compensation.kernel.chain import compute_sincos
 from armd.compensation.kernel.memory import BLOCK as W
 from armd.compiled.jit import inlined, jit
 
@@ -36,7 +36,7 @@ def make_work(n_joints: int, more_rows: int) -> F64:
 
 
 @jit
-def row_of(parameter: int, n_joints: int) -> int:
+def find_row(parameter: int, n_joints: int) -> int:
     """The first of the three rows that hold the derivative by a parameter."""
     offset = parameter - 5 * n_joints
     if offset < 0:
@@ -52,7 +52,7 @@ def take_parameters(parameters: F64, n_joints: int, work: F64) -> None:
     """From here on the samples of a block have these parameters (P, W)."""
     for k in range(n_joints):
         o = ROWS * k
-        sincos(parameters, 5 * k + 3, 2, 1.0, work, o + 26)
+        compute_sincos(parameters, 5 * k + 3, 2, 1.0, work, o + 26)
         for i in range(W):
             work[o + 30, i] = parameters[5 * k + 1, i]
             work[o + 31, i] = parameters[5 * k + 2, i]
@@ -61,7 +61,7 @@ def take_parameters(parameters: F64, n_joints: int, work: F64) -> None:
         for i in range(W):
             work[last + 24 + j, i] = parameters[tip + j, i]
     base = last + ROWS
-    sincos(parameters, tip + 6, 3, 1.0, work, base + 18)
+    compute_sincos(parameters, tip + 6, 3, 1.0, work, base + 18)
     for row in range(9):
         value = 1.0 if row in (0, 4, 8) else 0.0
         for i in range(W):
@@ -80,15 +80,15 @@ def take_parameters(parameters: F64, n_joints: int, work: F64) -> None:
 
 
 @jit
-def block_jacobian(q: F64, start: int, m: int, parameters: F64, work: F64) -> None:
-    """Derivatives (3, W) of samples *start* … *start* + m − 1, in the rows of `row_of`."""
+def compute_block_jacobian(q: F64, start: int, m: int, parameters: F64, work: F64) -> None:
+    """Derivatives (3, W) of samples *start* … *start* + m − 1, in the rows of `find_row`."""
     n_joints = q.shape[1]
     flat = work.reshape(work.size)
     for k in range(n_joints):
         o = ROWS * k
         for i in range(m):
             work[o + 32, i] = q[start + i, k] + parameters[5 * k, i]
-        sincos(work, o + 32, 1, 1.0, work, o + 24)
+        compute_sincos(work, o + 32, 1, 1.0, work, o + 24)
         _step(flat[o * W : (o + 2 * ROWS) * W])
     last = ROWS * n_joints
     _to_tip(flat[last * W : (last + ROWS) * W])

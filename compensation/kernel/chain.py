@@ -22,7 +22,7 @@ _TO_INTEGER = 6755399441055744.0
 
 
 @inlined
-def sincos(angle: F64, first: int, rows: int, order: float, out: F64, to: int) -> None:
+def compute_sincos(angle: F64, first: int, rows: int, order: float, out: F64, to: int) -> None:
     """Sines and cosines of order · angle, error below 2e-16, in turn from row *to* of *out* on.
 
     Reduction to ±π/4 by multiples of π/2, minimax polynomials (of degree 13 and 12, by Remez'
@@ -80,7 +80,7 @@ def start_vectors(vectors: F64, v: int, tip: F64) -> None:
 
 
 @inlined
-def fixed(matrices: F64, high: int, low: int, trig: F64, vectors: F64, v: int) -> None:
+def apply_fixed(matrices: F64, high: int, low: int, trig: F64, vectors: F64, v: int) -> None:
     """Take rows v … v + 2 from link *high* through the joints *high* … *low*.
 
     That is to link *low* − 1; *low* = 0 takes them through the base to the world as well. Rows
@@ -134,7 +134,7 @@ def _fixed_base(matrices: F64, place: float, vectors: F64, v: int) -> None:
 
 
 @jit
-def spread(
+def compute_posed_rows(
     group: int, offset: int, rows: int, folded: Folded, program: Program, work: Work
 ) -> None:
     """A group's parameters from *offset* on, sample by sample: rows of `work.posed`."""
@@ -157,14 +157,14 @@ def spread(
 
 
 @jit
-def posed_joint(k: int, folded: Folded, program: Program, work: Work, turned: int) -> None:
+def apply_posed_joint(k: int, folded: Folded, program: Program, work: Work, turned: int) -> None:
     """Like `_fixed` for joint k (from 0), its five parameters differing from sample to sample."""
-    spread(k, 5 * k, 5, folded, program, work)
+    compute_posed_rows(k, 5 * k, 5, folded, program, work)
     posed, angle, vectors = work.posed, work.angle, work.vectors
     for i in range(posed.shape[1]):
         posed[0, i] += angle[k, i]
-    sincos(posed, 0, 1, 1.0, posed, 6)
-    sincos(posed, 3, 2, 1.0, posed, 8)
+    compute_sincos(posed, 0, 1, 1.0, posed, 6)
+    compute_sincos(posed, 3, 2, 1.0, posed, 8)
     for v in range(0, 3 * turned, 3):
         shift = 1.0 if v == 0 else 0.0
         for i in range(posed.shape[1]):
@@ -178,11 +178,13 @@ def posed_joint(k: int, folded: Folded, program: Program, work: Work, turned: in
 
 
 @jit
-def posed_base(n_joints: int, folded: Folded, program: Program, work: Work, turned: int) -> None:
+def apply_posed_base(
+    n_joints: int, folded: Folded, program: Program, work: Work, turned: int
+) -> None:
     """The base's displacement, differing from sample to sample."""
-    spread(n_joints + 1, 5 * n_joints + 3, 6, folded, program, work)
+    compute_posed_rows(n_joints + 1, 5 * n_joints + 3, 6, folded, program, work)
     posed, vectors = work.posed, work.vectors
-    sincos(posed, 3, 3, 1.0, posed, 6)
+    compute_sincos(posed, 3, 3, 1.0, posed, 6)
     for v in range(0, 3 * turned, 3):
         shift = 1.0 if v == 0 else 0.0
         for i in range(posed.shape[1]):
@@ -195,7 +197,7 @@ def posed_base(n_joints: int, folded: Folded, program: Program, work: Work, turn
 
 
 @jit
-def quaternion(vectors: F64, i: int) -> tuple[float, float, float, float]:
+def compute_quaternion(vectors: F64, i: int) -> tuple[float, float, float, float]:
     """x, y, z, w ≥ 0 of the frame whose x and y axes stand in rows 3–8 (Shepperd's choice)."""
     xx, yx, zx = vectors[3, i], vectors[4, i], vectors[5, i]
     xy, yy, zy = vectors[6, i], vectors[7, i], vectors[8, i]

@@ -15,7 +15,7 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, sensors_of
+from armd.compensation.model.calibration import Calibration, list_sensors
 from armd.compensation.model.terms import Term
 from armd.compiled.jit import jit
 
@@ -122,7 +122,7 @@ def _parts(
         angles = np.arange(len(names))[layout.angles][: len(deviation)]
         encoder[angles] = (scale[angles] * deviation) ** 2
         if calibration.noise.temperature_c:
-            warm = np.flatnonzero([bool(sensors_of([term])) for term in terms])
+            warm = np.flatnonzero([bool(list_sensors([term])) for term in terms])
     rows = np.unique(np.concatenate([row, np.flatnonzero(encoder), acts_in[warm]]))
     return rows, Parts(
         identified=identified,
@@ -141,7 +141,7 @@ def _factor(values: F64, changes: F64, parts: Parts, work: Scratch, numbers: F64
     """The factor (n, r) into the first n · r of *numbers*; returns r."""
     matrix, columns, scratch = work
     assemble(values, changes, parts, matrix, scratch)
-    rank = pivoted_cholesky(matrix, scratch, columns)
+    rank = factorise_pivoted(matrix, scratch, columns)
     for i in range(len(matrix)):
         for r in range(rank):
             numbers[i * rank + r] = columns[r, i] / parts.scale[i]
@@ -174,7 +174,7 @@ def assemble(values: F64, changes: F64, parts: Parts, matrix: F64, scratch: F64)
 
 
 @jit
-def pivoted_cholesky(matrix: F64, remaining: F64, columns: F64) -> int:
+def factorise_pivoted(matrix: F64, remaining: F64, columns: F64) -> int:
     """Columns of L, one per row of *columns*, so that L·L' is *matrix* (n, n) but for a rest.
 
     The rest is positive semidefinite and its trace at most NEGLECTED of the matrix's. Returns the

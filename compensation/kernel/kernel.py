@@ -20,11 +20,11 @@ import math
 
 from armd.arrays import F64, I64
 from armd.compensation.kernel.chain import (
-    fixed,
-    posed_base,
-    posed_joint,
-    sincos,
-    spread,
+    apply_fixed,
+    apply_posed_base,
+    apply_posed_joint,
+    compute_posed_rows,
+    compute_sincos,
     start_vectors,
 )
 from armd.compensation.kernel.memory import (
@@ -34,16 +34,16 @@ from armd.compensation.kernel.memory import (
     Program,
     Work,
     fold,
-    opened,
+    open_flat,
 )
 from armd.compensation.kernel.pose_factors import evaluate_factors
 from armd.compiled.jit import inlined, jit, unlocked
 
 
 @jit
-def uncorrected(q: F64, flat: FlatModel, position: F64) -> None:
+def compute_uncorrected(q: F64, flat: FlatModel, position: F64) -> None:
     """Tip positions (n, 3) mm by the constants alone."""
-    folded, _, work = opened(flat)
+    folded, _, work = open_flat(flat)
     angle, trig, vectors = work.angle, work.trig, work.vectors
     tip = folded.constants[5 * len(angle) :]
     for start in range(0, len(q), angle.shape[1]):
@@ -60,7 +60,7 @@ def correct(
     q: F64, rate: F64, approach: F64, flat: FlatModel, position: F64, correction: F64
 ) -> None:
     """Tip positions (n, 3) mm and, unless its length is 0, corrections (n, 3) mm."""
-    folded, program, work = opened(flat)
+    folded, program, work = open_flat(flat)
     angle, trig, vectors = work.angle, work.trig, work.vectors
     tip, plain_tip = folded.parameters[5 * len(angle) :], folded.constants[5 * len(angle) :]
     for start in range(0, len(q), angle.shape[1]):
@@ -89,7 +89,7 @@ def correct_runs(
     first = 0
     while first < len(values):
         end = first + 1
-        while end < len(values) and alike(values, end, first):
+        while end < len(values) and are_alike(values, end, first):
             end += 1
         fold(values[first], amounts, flat)
         correct(
@@ -100,7 +100,7 @@ def correct_runs(
 
 
 @jit
-def alike(rows: F64, i: int, j: int) -> bool:
+def are_alike(rows: F64, i: int, j: int) -> bool:
     """Whether two rows of *rows* (n, K) hold the same, or nothing (NaN) in the same columns."""
     first, second = rows[i], rows[j]
     differing = 0
@@ -120,7 +120,7 @@ def take_angles(q: F64, start: int, m: int, angle: F64, trig: F64) -> None:
     for k in range(threes, n_joints):
         for i in range(m):
             angle[k, i] = q[start + i, k]
-    sincos(angle, 0, n_joints, 1.0, trig, 0)
+    compute_sincos(angle, 0, n_joints, 1.0, trig, 0)
 
 
 @inlined
@@ -137,9 +137,9 @@ def to_world(matrices: F64, tip: F64, trig: F64, vectors: F64, v: int) -> None:
     """Rows v … v + 2 of *vectors*: the tip (v = 0 or 9), or the x and y axes of the last frame
     (v = 3 takes both), in the world."""
     start_vectors(vectors, v, tip)
-    fixed(matrices, len(matrices) - 1, 0, trig, vectors, v)
+    apply_fixed(matrices, len(matrices) - 1, 0, trig, vectors, v)
     if v == 3:
-        fixed(matrices, len(matrices) - 1, 0, trig, vectors, 6)
+        apply_fixed(matrices, len(matrices) - 1, 0, trig, vectors, 6)
 
 
 @jit
@@ -153,7 +153,7 @@ def to_world_posed(
     start_vectors(vectors, 3, folded.parameters)
     evaluate_factors(rate, approach, start, folded.constant, program, work, m)
     if first[n_joints] < first[n_joints + 1]:
-        spread(n_joints, 5 * n_joints, 3, folded, program, work)
+        compute_posed_rows(n_joints, 5 * n_joints, 3, folded, program, work)
         for axis in range(3):
             for i in range(vectors.shape[1]):
                 vectors[axis, i] = work.posed[axis, i]
@@ -161,16 +161,16 @@ def to_world_posed(
     while k >= 0:
         if _has_pose_terms(k, first):
             if k > 0:
-                posed_joint(k - 1, folded, program, work, turned)
+                apply_posed_joint(k - 1, folded, program, work, turned)
             else:
-                posed_base(n_joints, folded, program, work, turned)
+                apply_posed_base(n_joints, folded, program, work, turned)
             k -= 1
             continue
         low = k
         while low > 0 and not _has_pose_terms(low - 1, first):
             low -= 1
         for v in range(0, 3 * turned, 3):
-            fixed(folded.matrices, k, low, work.trig, vectors, v)
+            apply_fixed(folded.matrices, k, low, work.trig, vectors, v)
         k = low - 1
 
 

@@ -67,7 +67,7 @@ class FlatModel(NamedTuple):
     """A model as one compiled call takes it.
 
     Each array that crosses from Python costs 0.05 µs and each in a tuple 0.15 µs, so three flat
-    ones cross and `opened` makes views of them.
+    ones cross and `open_flat` makes views of them.
     """
 
     sizes: I64  # N, T, F, C and length of term_factors; then the integers of the program
@@ -80,7 +80,7 @@ class FlatModel(NamedTuple):
 
 
 @jit
-def opened(flat: FlatModel) -> tuple[Folded, Program, Work]:
+def open_flat(flat: FlatModel) -> tuple[Folded, Program, Work]:
     """Views of the flat arrays, in the order in which the tuples are declared."""
     n, t, f, c, listed = flat.sizes[:5]
     i = flat.sizes[5:]
@@ -115,7 +115,7 @@ def opened(flat: FlatModel) -> tuple[Folded, Program, Work]:
 @jit
 def fold(values: F64, amounts: Amounts, flat: FlatModel) -> None:
     """Bring a model to the slow factors' values (L+T,), slow terms first."""
-    folded, _, _ = opened(flat)
+    folded, _, _ = open_flat(flat)
     slow = len(amounts.slow)
     parameters = folded.parameters
     for p in range(len(parameters)):  # a slice would compile two seconds of shape messages

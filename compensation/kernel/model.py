@@ -12,11 +12,11 @@ from armd.compensation.kernel import kernel
 from armd.compensation.kernel.covariance import Uncertainty
 from armd.compensation.kernel.memory import Amounts, fold
 from armd.compensation.kernel.points import fill
-from armd.compensation.kernel.program import by_parameter, compile_terms, flattened
-from armd.compensation.kernel.row_variances import row_variances
+from armd.compensation.kernel.program import compile_terms, order_by_parameter, pack_program
+from armd.compensation.kernel.row_variances import compute_row_variances
 from armd.compensation.kernel.slow_factors import SlowFactors
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.instants import Delay
 from armd.compensation.model.kinematics import clear_partial_positions
@@ -42,7 +42,7 @@ class Model:
         )
         terms = [] if content is None else content.terms
         slow = [term for term in terms if term.slow]
-        pose = by_parameter([term for term in terms if not term.slow], n)
+        pose = order_by_parameter([term for term in terms if not term.slow], n)
         self._slow_parts = [_slow_part(term) for term in (*slow, *pose)]
         self._slow = SlowFactors([*slow, *pose], arm, self._reference_c)
         self._amounts = Amounts(
@@ -63,7 +63,7 @@ class Model:
         )
         #: Whether a term depends on the date, so that the model must be folded as time goes on.
         self.dated = any(isinstance(factor, Dated) for t in terms for factor in t.basis)
-        self.flat = flattened(compile_terms(pose, arm), self.constants)
+        self.flat = pack_program(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
         now_s = math.nan if self.dated else 0.0  # positions are NaN until the date is known
         self.fold(np.full(len(arm.sensors), self._reference_c), now_s)
@@ -135,7 +135,7 @@ class Model:
         """Slow factors' values (n, L+T) of slow terms, then pose terms; lags as above, or by a
         *delay* of the caller's."""
         delay = self._slow.delay if onwards else delay
-        return basis_values(
+        return compute_basis_values(
             self._slow_parts, states, self.arm, self._reference_c, self.constants, delay
         )
 
@@ -182,7 +182,7 @@ class Model:
         """Covariances (n, 6) mm² of the rows' coordinates: xx xy xz yy yz zz; else as above."""
         covariance = np.full((states.n, 6), np.nan)
         if self.states_uncertainty:
-            row_variances(
+            compute_row_variances(
                 np.ascontiguousarray(slow_values),
                 # writeable, as the ready library has it: another kind is compiled for 10 s
                 np.require(states.temperature_c, requirements=["C", "W"]),

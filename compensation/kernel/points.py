@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.arrays import F64, I64
-from armd.compensation.kernel.chain import quaternion
+from armd.compensation.kernel.chain import compute_quaternion
 from armd.compensation.kernel.kernel import take_angles, to_world, to_world_posed
-from armd.compensation.kernel.memory import FlatModel, Folded, Program, Work, opened
-from armd.compensation.model.kinematics import compiled_jacobian
+from armd.compensation.kernel.memory import FlatModel, Folded, Program, Work, open_flat
+from armd.compensation.model.kinematics import fill_jacobian
 from armd.compiled.jit import inlined, jit
 
 #: Columns of the factor that are worked off together. A constant, so that LLVM can prove that the
@@ -29,7 +29,7 @@ def fill(
     The covariance is (J·L)(J·L)' + *floor*, L being *factor* (R, r), whose rows (R,) are parameters
     and, from P on, pose terms; NaN if *floor* is.
     """
-    folded, program, work = opened(flat)
+    folded, program, work = open_flat(flat)
     angle, trig, vectors = work.angle, work.trig, work.vectors
     tip, plain_tip = folded.parameters[5 * len(angle) :], folded.constants[5 * len(angle) :]
     for start in range(0, len(q), angle.shape[1]):
@@ -46,7 +46,7 @@ def fill(
             for axis in range(3):
                 point.position_mm[axis] = vectors[axis, i]
                 point.correction_mm[axis] = vectors[axis, i] - vectors[9 + axis, i]
-            turn = quaternion(vectors, i)
+            turn = compute_quaternion(vectors, i)
             for part in range(4):
                 point.orientation[part] = turn[part]
         if math.isnan(floor):
@@ -68,12 +68,12 @@ def _covariances(
         parameters = _with_pose_terms(folded, program, work, m)
     position = np.empty((m, 3))
     derivatives = np.empty((m, 3, count))
-    compiled_jacobian(q[start : start + m], parameters, position, derivatives)
+    fill_jacobian(q[start : start + m], parameters, position, derivatives)
     # Rows of L are taken four at a time: a row that is not there has no derivatives.
     j, along = np.zeros(3 * (len(rows) + 3)), np.empty(3 * COLUMNS)
     for i in range(m):
         for row in range(len(rows)):
-            column, weight = moves_by(rows[row], count, program, work, i)
+            column, weight = find_weight(rows[row], count, program, work, i)
             for axis in range(3):
                 j[3 * row + axis] = weight * derivatives[i, axis, column]
         xx, xy, xz, yy, yz, zz = floor, 0.0, 0.0, floor, 0.0, floor
@@ -122,22 +122,22 @@ def _with_pose_terms(folded: Folded, program: Program, work: Work, m: int) -> F6
         for p in range(count):
             parameters[i, p] = folded.parameters[p]
         for t in range(len(program.parameter)):
-            change = folded.coefficients[t] * pose_basis(program, work, t, i)
+            change = folded.coefficients[t] * compute_pose_basis(program, work, t, i)
             parameters[i, program.parameter[t]] += change
     return parameters
 
 
 @jit
-def moves_by(row: int, count: int, program: Program, work: Work, i: int) -> tuple[int, float]:
+def find_weight(row: int, count: int, program: Program, work: Work, i: int) -> tuple[int, float]:
     """By which of *count* parameters an unknown moves sample *i* of the block, with what weight:
     itself; numbers from *count* on are coefficients of pose terms."""
     if row < count:
         return row, 1.0
-    return program.parameter[row - count], pose_basis(program, work, row - count, i)
+    return program.parameter[row - count], compute_pose_basis(program, work, row - count, i)
 
 
 @jit
-def pose_basis(program: Program, work: Work, t: int, i: int) -> float:
+def compute_pose_basis(program: Program, work: Work, t: int, i: int) -> float:
     """What pose term *t* multiplies its coefficient with, at sample *i* of the block."""
     value = 1.0
     for j in range(program.factor_first[t], program.factor_first[t + 1]):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.kernel.chain import sincos
+from armd.compensation.kernel.chain import compute_sincos
 from armd.compensation.kernel.memory import Program, Work
 from armd.compiled.jit import jit
 
@@ -56,7 +56,7 @@ def evaluate_factors(
                 for i in range(width):
                     factors[f, i] = trig[2 * k + which, i]
             else:
-                sincos(work.angle, k, 1, float(detail), work.posed, 0)
+                compute_sincos(work.angle, k, 1, float(detail), work.posed, 0)
                 for i in range(width):
                     factors[f, i] = work.posed[which, i]
         elif kind == ANGLE:

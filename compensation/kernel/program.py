@@ -10,20 +10,20 @@ from armd.arrays import F64
 from armd.compensation.kernel import pose_factors as codes
 from armd.compensation.kernel.memory import FlatModel, Folded, Program
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
+from armd.compensation.model.gravity import STANDARD_GRAVITY, list_link_masses
 from armd.compensation.model.parameters import PER_JOINT, ParameterLayout
 from armd.compensation.model.pose_factors import PoseFactor
 from armd.compensation.model.terms import Term
 
 
-def by_parameter(terms: Sequence[Term], n_joints: int) -> list[Term]:
+def order_by_parameter(terms: Sequence[Term], n_joints: int) -> list[Term]:
     """Terms in the order of the parameters they change, as a `Program` wants its pose terms."""
     layout = ParameterLayout(n_joints)
     return sorted(terms, key=lambda term: layout.index(term.parameter))
 
 
 def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
-    """The program of pose terms, which stand in the order of `by_parameter`."""
+    """The program of pose terms, which stand in the order of `order_by_parameter`."""
     layout = arm.layout
     parameter = np.array(layout.indices(term.parameter for term in terms), dtype=np.int64)
     groups = [*range(0, layout.tip.start, PER_JOINT), layout.tip.start, layout.base.start]
@@ -63,7 +63,7 @@ def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
     )
 
 
-def flattened(program: Program, constants: F64) -> FlatModel:
+def pack_program(program: Program, constants: F64) -> FlatModel:
     """A model for the kernel, for samples one by one, still to be folded; *constants* (P,).
 
     One by one, because a live sample comes alone, to cold caches: 64 wide the scratch is 50 KB.
@@ -84,7 +84,7 @@ def flattened(program: Program, constants: F64) -> FlatModel:
 
 def _gravity(arm: Arm) -> F64:
     """`Program.gravity`, masses scaled so that mass moment × unit gravity is in Nm."""
-    kg, centre_mm = link_masses(arm)
+    kg, centre_mm = list_link_masses(arm)
     newton_per_mm = STANDARD_GRAVITY / 1000
     table = np.zeros((arm.n_joints + 1, 4))
     table[0, :3] = arm.gravity

@@ -5,8 +5,8 @@ coefficients, the encoders and the sensors). Live it is brought to few columns w
 arrives, so that a sample comes cheap; here it is taken whole, and put together once for neighbours
 of equal temperatures.
 
-Derivatives are worked out for a block of samples, whatever their temperatures (`block_jacobian`);
-the products of a run of equal temperatures go four rows of Σ at a time.
+Derivatives are worked out for a block of samples, whatever their temperatures
+(`compute_block_jacobian`); the products of a run of equal temperatures go four rows of Σ at a time.
 """
 
 from __future__ import annotations
@@ -15,16 +15,24 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.kernel.block_jacobian import (
-    block_jacobian,
+    compute_block_jacobian,
+    find_row,
     make_work,
-    row_of,
     take_parameters,
 )
 from armd.compensation.kernel.covariance import Parts, assemble
-from armd.compensation.kernel.kernel import alike, take_angles
+from armd.compensation.kernel.kernel import are_alike, take_angles
 from armd.compensation.kernel.memory import BLOCK as W
-from armd.compensation.kernel.memory import Amounts, FlatModel, Folded, Program, Work, fold, opened
-from armd.compensation.kernel.points import moves_by, pose_basis
+from armd.compensation.kernel.memory import (
+    Amounts,
+    FlatModel,
+    Folded,
+    Program,
+    Work,
+    fold,
+    open_flat,
+)
+from armd.compensation.kernel.points import compute_pose_basis, find_weight
 from armd.compensation.kernel.pose_factors import evaluate_factors
 from armd.compensation.kernel.slow_factors import SlowProgram, evaluate
 from armd.compiled.jit import jit, unlocked
@@ -34,7 +42,7 @@ AXES = 3 * W
 
 
 @unlocked
-def row_variances(
+def compute_row_variances(
     values: F64, celsius: F64, unix_s: F64, more_c: float, slow: SlowProgram, amounts: Amounts,
     q: F64, rate: F64, approach: F64, flat: FlatModel, parts: Parts, rows: I64, floor: float,
     covariance: F64,
@@ -44,7 +52,7 @@ def row_variances(
     *values* (n, L+T) are their slow factors'; *more_c* is a sensor's standard deviation; *rows*,
     *parts* and *floor* are of `covariance.Uncertainty`.
     """
-    folded, program, work = opened(flat)
+    folded, program, work = open_flat(flat)
     n_joints, posed = q.shape[1], len(program.parameter) > 0
     count, n = len(folded.parameters), len(rows)
     matrix, scratch = np.empty((n, n)), np.empty(n)
@@ -68,8 +76,8 @@ def row_variances(
             row = start + i
             begins[i] = row == 0 or not (
                 unix_s[row] == unix_s[row - 1]
-                and alike(values, row, row - 1)
-                and alike(celsius, row, row - 1)
+                and are_alike(values, row, row - 1)
+                and are_alike(celsius, row, row - 1)
             )
             changed = changed or begins[i]
         if changed or not settled:
@@ -84,11 +92,11 @@ def row_variances(
             evaluate_factors(rate, approach, start, folded.constant, program, work, m)
             _add_pose_terms(parameters, coefficients, program, work, m, with_pose)
             take_parameters(with_pose, n_joints, derivatives)
-            block_jacobian(q, start, m, with_pose, derivatives)
+            compute_block_jacobian(q, start, m, with_pose, derivatives)
         else:
             if changed or not settled:
                 take_parameters(parameters, n_joints, derivatives)
-            block_jacobian(q, start, m, parameters, derivatives)
+            compute_block_jacobian(q, start, m, parameters, derivatives)
         settled = not changed
         if posed:
             _weigh(rows, count, n_joints, program, work, derivatives, m, places)
@@ -134,7 +142,7 @@ def _add_pose_terms(
             with_pose[p, i] = parameters[p, i]
     for t in range(len(coefficients)):
         for i in range(m):
-            change = coefficients[t, i] * pose_basis(program, work, t, i)
+            change = coefficients[t, i] * compute_pose_basis(program, work, t, i)
             with_pose[program.parameter[t], i] += change
 
 
@@ -152,7 +160,7 @@ def _places(rows: I64, count: int, n_joints: int, padded: int, derivatives: F64)
         if row >= len(rows):
             first = zeros
         elif rows[row] < count:
-            first = row_of(rows[row], n_joints)
+            first = find_row(rows[row], n_joints)
         else:
             following -= 3
             first = following
@@ -169,8 +177,8 @@ def _weigh(
     for row in range(len(rows)):
         if rows[row] >= count:
             for i in range(m):
-                column, weight = moves_by(rows[row], count, program, work, i)
-                source, target = row_of(column, n_joints), places[row] // W
+                column, weight = find_weight(rows[row], count, program, work, i)
+                source, target = find_row(column, n_joints), places[row] // W
                 for axis in range(3):
                     derivatives[target + axis, i] = weight * derivatives[source + axis, i]
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.instants import delay_name
+from armd.compensation.model.instants import name_delay
 from armd.compensation.model.slow_factors import DAY_S, SlowFactor
-from armd.compensation.model.state import advance, followed
+from armd.compensation.model.state import follow_lag, update_lag
 from armd.compensation.model.terms import Term
 from armd.compiled.jit import jit
 
@@ -50,7 +50,7 @@ class SlowFactors:
         ]
         distinct = {factor.model_dump_json(): factor for row in listed for factor in row}
         number = {key: f for f, key in enumerate(distinct)}
-        means = {delay_name(*mean): mean for factor in distinct.values() for mean in factor.means}
+        means = {name_delay(*mean): mean for factor in distinct.values() for mean in factor.means}
         self._mean_of = {name: d for d, name in enumerate(means)}
         rows = [_row(factor, self._mean_of, reference_c) for factor in distinct.values()]
         self._n_terms, self._n_sensors = len(terms), len(arm.sensors)
@@ -94,15 +94,15 @@ class SlowFactors:
         self._program.memory[:] = np.nan
 
     def delay(self, name: str, value: F64, time_s: F64, lag_s: float) -> F64:
-        """Follows the same lags through many instants: a `Delay` for `basis_values`."""
+        """Follows the same lags through many instants: a `Delay` for `compute_basis_values`."""
         row = self._mean_of[name]
         memory = self._program.memory[row : row + 1]
-        return followed(time_s, value[:, None], lag_s, memory)[:, 0]
+        return follow_lag(time_s, value[:, None], lag_s, memory)[:, 0]
 
 
 def _row(factor: SlowFactor, mean_of: dict[str, int], reference_c: float) -> tuple[list[int], F64]:
     """Rows of `SlowProgram.factors` and `SlowProgram.numbers`."""
-    means = [mean_of[delay_name(*mean)] for mean in factor.means]
+    means = [mean_of[name_delay(*mean)] for mean in factor.means]
     kind, first, second, numbers = factor.slow_code(means, reference_c)
     return [KINDS.index(kind), first, second], np.pad(numbers, (0, 3 - len(numbers)))
 
@@ -119,7 +119,7 @@ def evaluate(celsius: F64, unix_s: float, more_c: float, program: SlowProgram, r
                     mean += weights[d, s] * (celsius[s] + more_c if row == 2 + s else celsius[s])
             if lag_s[d] != 0.0:
                 if row == 0:
-                    mean = advance(mean, unix_s, lag_s[d], memory, d)
+                    mean = update_lag(mean, unix_s, lag_s[d], memory, d)
                 elif math.isnan(unix_s):
                     mean = math.nan
             means[d] = mean

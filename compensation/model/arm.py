@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from armd.arrays import F64
 from armd.compensation.model.parameters import MOST_JOINTS, ParameterLayout
 from armd.files.schema import Strict, load_toml
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 Vector3 = Annotated[tuple[float, float, float], Field(description="three numbers")]
 #: No arm is longer than 100 m, and no angle of it more than ten turns.
@@ -91,7 +91,7 @@ class Arm(Strict):
                 if name not in sensors:
                     raise ValueError(
                         f"joint[{k}].temperature to name one of the sensors"
-                        f" ({few(sensors) or 'none'}), not {name!r}"
+                        f" ({format_names(sensors) or 'none'}), not {name!r}"
                     )
             if joint.temperature is not None and not joint.weights:
                 raise ValueError(f"joint[{k}].temperature with at least one weight")

@@ -18,7 +18,7 @@ from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 
 
-def basis_values(
+def compute_basis_values(
     terms: Sequence[Term],
     states: States,
     arm: Arm,
@@ -44,19 +44,19 @@ def basis_values(
     return values.T
 
 
-def tip_motion(
+def compute_tip_motion(
     terms: Sequence[Term], states: States, arm: Arm, reference_c: float, constants: F64, jac: F64
 ) -> F64:
     """How far terms move the tip (n, 3) mm, to first order, by its Jacobian *jac* (n, 3, P); what
     is missing moves nothing."""
-    values = np.nan_to_num(basis_values(terms, states, arm, reference_c, constants))
+    values = np.nan_to_num(compute_basis_values(terms, states, arm, reference_c, constants))
     moved = np.zeros(jac.shape[:2])
     for term, value in zip(terms, values.T, strict=True):
         moved += term.coefficient * value[:, None] * jac[:, :, arm.layout.index(term.parameter)]
     return moved
 
 
-def parameter_rows(constants: F64, terms: Sequence[Term], values: F64) -> F64:
+def compute_parameter_rows(constants: F64, terms: Sequence[Term], values: F64) -> F64:
     """Parameters (n, P) of each row: *constants* (P,) + Σ coefficient · *values* (n, T)."""
     layout = ParameterLayout.from_count(len(constants))
     rows = np.tile(constants, (len(values), 1))

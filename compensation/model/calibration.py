@@ -27,7 +27,7 @@ from armd.compensation.model.slow_factors import Period, SlowFactor
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.schema import Strict, json_data, validate
+from armd.files.schema import Strict, load_json_data, validate
 from armd.files.writing import write_whole
 
 #: A diagnosis writes dozens; a sample pays 5 ns for each that depends on the pose.
@@ -153,7 +153,7 @@ class LoadedCalibration:
         return int.from_bytes(bytes.fromhex(self.sha256)[:8], "little")
 
 
-def constants_of(vector: F64, n_joints: int) -> dict[str, float]:
+def name_constants(vector: F64, n_joints: int) -> dict[str, float]:
     """A parameter vector as the mapping a calibration stores."""
     return dict(zip(ParameterLayout(n_joints).names, map(float, vector), strict=True))
 
@@ -187,14 +187,14 @@ def save_calibration(
 ) -> LoadedCalibration:
     """Write whole or not at all; returns what a reader will load."""
     content = calibration.content()
-    content["content_sha256"] = content_hash(content)
+    content["content_sha256"] = hash_content(content)
     data = (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
     write(path, data)
     # Not read back: what goes to a pipe cannot be.
     return LoadedCalibration(_parse(path, data), hashlib.sha256(data).hexdigest(), Path(path), data)
 
 
-def content_hash(content: Mapping[str, Any]) -> str:
+def hash_content(content: Mapping[str, Any]) -> str:
     """SHA-256 over the canonical JSON of *content*, its own key `content_sha256` left out.
 
     Canonical: keys sorted, no spaces. Lists are taken element by element, so that no call lasts.
@@ -222,13 +222,13 @@ def _canonical(value: Any) -> Iterator[str]:
 
 def _parse(path: str | Path, data: bytes) -> Calibration:
     """The content of a file, checked; a value that cannot be is told rather than a wrong hash."""
-    content = json_data(path, data)
+    content = load_json_data(path, data)
     if not isinstance(content, dict):
         raise BadInput(path, "the file", type(content).__name__, "an object, { … }")
     listed = content.get("terms", [])
     if isinstance(listed, list) and len(listed) > MOST_TERMS:
         raise BadInput(path, "terms", f"{len(listed)} terms", f"{MOST_TERMS} at most")
-    written = content_hash(content)
+    written = hash_content(content)
     if not isinstance(listed, list):
         listed = []  # told by the validator
     else:
@@ -279,13 +279,13 @@ def _ended(term: Term, created_unix_s: float) -> Term:
     return term.model_copy(update={"basis": basis})
 
 
-def used_sensors(arm: Arm, calibration: Calibration | None) -> set[str]:
+def list_used_sensors(arm: Arm, calibration: Calibration | None) -> set[str]:
     """Names of the sensors that a joint or a term of the calibration depends on."""
     used = set(arm.used_sensors)
-    return used | sensors_of(calibration.terms) if calibration is not None else used
+    return used | list_sensors(calibration.terms) if calibration is not None else used
 
 
-def sensors_of(terms: Sequence[Term]) -> set[str]:
+def list_sensors(terms: Sequence[Term]) -> set[str]:
     """Names of the sensors that terms depend on, by a weight that is not 0."""
     return {
         name
@@ -306,7 +306,7 @@ def check_belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
     for name, value in calibration.constants.items():
         if name not in parameter_names:
             raise BadInput(path, f"constants.{name}", "this name", "a parameter of the arm")
-        limit = MOST_MM if (unit := parameters.unit(name)) == "mm" else MOST_RAD
+        limit = MOST_MM if (unit := parameters.find_unit(name)) == "mm" else MOST_RAD
         if abs(value) > limit:
             raise BadInput(path, f"constants.{name}", f"{value:g} {unit}", f"{limit:g} at most")
     missing = sorted(parameter_names - set(calibration.constants))

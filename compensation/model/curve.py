@@ -10,7 +10,7 @@ import numpy as np
 from armd.arrays import F64
 
 
-def curve_pieces(values: Sequence[float]) -> F64:
+def compute_curve_pieces(values: Sequence[float]) -> F64:
     """The periodic cubic spline through values at 0, 1/n, … of a turn: (n, 4) cubics of the rad
     since each piece's beginning, lowest power first.
 
@@ -27,9 +27,9 @@ def curve_pieces(values: Sequence[float]) -> F64:
     return np.stack([v, slope, second / 2, (after - second) / (6 * h)], axis=1)
 
 
-def curve_at(values: Sequence[float], angle: F64) -> F64:
+def evaluate_curve(values: Sequence[float], angle: F64) -> F64:
     """That spline at angles (n,) rad."""
-    pieces = curve_pieces(values)
+    pieces = compute_curve_pieces(values)
     h = math.tau / len(pieces)
     turned = np.mod(angle, math.tau)
     k = np.minimum(np.nan_to_num(turned / h), len(pieces) - 1).astype(np.intp)

@@ -13,13 +13,13 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import frames
+from armd.compensation.model.kinematics import compute_frames
 
 STANDARD_GRAVITY = 9.80665
 DEFAULT_KG_PER_M = 1.0
 
 
-def link_masses(arm: Arm) -> tuple[F64, F64]:
+def list_link_masses(arm: Arm) -> tuple[F64, F64]:
     """Mass (N,) in kg and centre of mass (N, 3) in mm, in the outgoing frame of each link."""
     kg, centre_mm = np.empty(arm.n_joints), np.empty((arm.n_joints, 3))
     for k, joint in enumerate(arm.joint):
@@ -36,9 +36,9 @@ def link_masses(arm: Arm) -> tuple[F64, F64]:
     return kg, centre_mm
 
 
-def gravity_torques(q: F64, p: F64, arm: Arm) -> F64:
+def compute_gravity_torques(q: F64, p: F64, arm: Arm) -> F64:
     """Torque of gravity (n, N) in Nm about each joint's axis, positive with the joint's angle."""
-    origins, rotations = frames(q, p)
+    origins, rotations = compute_frames(q, p)
     torques = np.empty(q.shape)
     for k in range(arm.n_joints):
         # Joint k+1 turns about the z axis of the frame before it, and carries link k+1 onwards.
@@ -47,9 +47,9 @@ def gravity_torques(q: F64, p: F64, arm: Arm) -> F64:
     return torques
 
 
-def gravity_moments(q: F64, p: F64, arm: Arm) -> F64:
+def compute_gravity_moments(q: F64, p: F64, arm: Arm) -> F64:
     """Moment (n, N, 3) in Nm of all links beyond a link, about its end, in its outgoing frame."""
-    origins, rotations = frames(q, p)
+    origins, rotations = compute_frames(q, p)
     moments = np.empty((*q.shape, 3))
     for k in range(1, arm.n_joints + 1):
         moment = _moment(origins, rotations, arm, origins[:, k], k)
@@ -57,16 +57,16 @@ def gravity_moments(q: F64, p: F64, arm: Arm) -> F64:
     return moments
 
 
-def gravity_directions(q: F64, p: F64, arm: Arm) -> F64:
+def compute_gravity_directions(q: F64, p: F64, arm: Arm) -> F64:
     """Unit vector of gravity (n, N, 3) in each link's outgoing frame."""
-    rotations = frames(q, p)[1]
+    rotations = compute_frames(q, p)[1]
     directions: F64 = np.einsum("i,nkij->nkj", np.array(arm.gravity), rotations[:, 1:])
     return directions
 
 
 def _moment(origins: F64, rotations: F64, arm: Arm, about: F64, first: int) -> F64:
     """Moment (n, 3) in Nm, base frame, of links *first* (from 0) onwards about points (n, 3)."""
-    kg, centre_mm = link_masses(arm)
+    kg, centre_mm = list_link_masses(arm)
     lever_times_kg = np.zeros((len(origins), 3))
     for j in range(first, arm.n_joints):
         centre = origins[:, j + 1] + np.einsum("nij,j->ni", rotations[:, j + 1], centre_mm[j])

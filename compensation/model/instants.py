@@ -9,15 +9,19 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.gravity import gravity_directions, gravity_moments, gravity_torques
-from armd.compensation.model.kinematics import forward
-from armd.compensation.model.state import States, lagged
+from armd.compensation.model.gravity import (
+    compute_gravity_directions,
+    compute_gravity_moments,
+    compute_gravity_torques,
+)
+from armd.compensation.model.kinematics import compute_pose
+from armd.compensation.model.state import States, apply_lag
 
-#: (name by `delay_name`, temperature (n,), time (n,) s, lag s) → the temperature delayed (n,)
+#: (name by `name_delay`, temperature (n,), time (n,) s, lag s) → the temperature delayed (n,)
 Delay = Callable[[str, F64, F64, float], F64]
 
 
-def delay_name(weights: dict[str, float], lag_s: float) -> str:
+def name_delay(weights: dict[str, float], lag_s: float) -> str:
     """What tells one delayed mean of temperatures from another."""
     return f"{weights} {lag_s}"
 
@@ -68,28 +72,28 @@ class Instants:
     @cached_property
     def approach_of_tip(self) -> F64:
         """(n, 3) the same in the last frame."""
-        last = forward(self.q, self._constants)[1]
+        last = compute_pose(self.q, self._constants)[1]
         turned: F64 = np.einsum("ni,nij->nj", self.approach, last)
         return turned
 
     @cached_property
     def gravity_torques(self) -> F64:
         """(n, N) Nm."""
-        return gravity_torques(self.q, self._constants, self._arm)
+        return compute_gravity_torques(self.q, self._constants, self._arm)
 
     @cached_property
     def gravity_directions(self) -> F64:
         """(n, N, 3) unit vectors."""
-        return gravity_directions(self.q, self._constants, self._arm)
+        return compute_gravity_directions(self.q, self._constants, self._arm)
 
     @cached_property
     def gravity_moments(self) -> F64:
         """(n, N, 3) Nm."""
-        return gravity_moments(self.q, self._constants, self._arm)
+        return compute_gravity_moments(self.q, self._constants, self._arm)
 
     def mean_c(self, weights: dict[str, float], lag_s: float) -> F64:
         """Σ weight·T (n,), delayed; a sensor without weight may be missing."""
-        name = delay_name(weights, lag_s)
+        name = name_delay(weights, lag_s)
         if name not in self._means:
             value = np.zeros(self._states.n)
             for sensor, weight in weights.items():
@@ -103,4 +107,4 @@ class Instants:
         return self._means[name]
 
     def _by_series(self, _: str, value: F64, time_s: F64, lag_s: float) -> F64:
-        return lagged(time_s, value[:, None], self._states.series, lag_s)[:, 0]
+        return apply_lag(time_s, value[:, None], self._states.series, lag_s)[:, 0]

@@ -16,7 +16,7 @@ from armd.compensation.model.parameters import ParameterLayout
 from armd.compiled.jit import inlined, jit, unlocked
 
 
-def forward(q: F64, p: F64) -> tuple[F64, F64]:
+def compute_pose(q: F64, p: F64) -> tuple[F64, F64]:
     """Tip position (n, 3) in mm and rotation (n, 3, 3) of the last frame, of angles (n, N) rad."""
     q, p = _rows(q, p)
     position, rotation = np.empty((len(q), 3)), np.empty((len(q), 3, 3))
@@ -35,7 +35,7 @@ def clear_partial_positions(position_mm: F64) -> None:
         position_mm[is_missing.any(axis=1)] = np.nan
 
 
-def frames(q: F64, p: F64) -> tuple[F64, F64]:
+def compute_frames(q: F64, p: F64) -> tuple[F64, F64]:
     """Origins (n, N+1, 3) and rotations (n, N+1, 3, 3) of all frames; [:, 0] is the base's.
 
     Frame k ≥ 1 is the outgoing link frame of joint k: A_1 ⋯ A_k applied.
@@ -48,24 +48,24 @@ def frames(q: F64, p: F64) -> tuple[F64, F64]:
     return origins, rotations
 
 
-def jacobian(q: F64, p: F64) -> tuple[F64, F64]:
+def compute_jacobian(q: F64, p: F64) -> tuple[F64, F64]:
     """Tip position (n, 3) mm and its derivatives (n, 3, P) by every parameter, analytic."""
     q, p = _rows(q, p)
     position = np.empty((len(q), 3))
     derivatives = np.empty((len(q), 3, p.shape[1]))
-    compiled_jacobian(q, p, position, derivatives)
+    fill_jacobian(q, p, position, derivatives)
     return position, derivatives
 
 
-def joint_jacobian(q: F64, p: F64) -> F64:
+def compute_joint_jacobian(q: F64, p: F64) -> F64:
     """Derivatives (n, 3, N) of the tip position by the joint angles, mm/rad."""
     angles = ParameterLayout(q.shape[1]).angles
-    return np.ascontiguousarray(jacobian(q, p)[1][:, :, angles])
+    return np.ascontiguousarray(compute_jacobian(q, p)[1][:, :, angles])
 
 
-def motion_directions(q: F64, rate: F64, p: F64) -> F64:
+def compute_motion_directions(q: F64, rate: F64, p: F64) -> F64:
     """Unit vectors (n, 3) along which the tip moves at joint rates (n, N); NaN where it rests."""
-    velocity = np.einsum("nij,nj->ni", joint_jacobian(q, p), rate)
+    velocity = np.einsum("nij,nj->ni", compute_joint_jacobian(q, p), rate)
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
     unit: F64 = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 0)
     return unit
@@ -186,7 +186,7 @@ def _turn(axis_x: float, axis_y: float, axis_z: float, arm: F64, out: F64) -> No
 def place_tip(
     q: F64, row: F64, twisted: F64, origins: F64, rotations: F64, tip: F64, levers: F64
 ) -> None:
-    """The *tip* (3,) of one reading and its *levers* (3, N), mm/rad: what `compiled_jacobian` has
+    """The *tip* (3,) of one reading and its *levers* (3, N), mm/rad: what `fill_jacobian` has
     by the angles alone. *twisted* is of *row*; *origins* and *rotations* are room for frames."""
     n_joints = len(q)
     _chain(q, row, twisted, origins, rotations)
@@ -200,7 +200,7 @@ def place_tip(
 
 
 @unlocked
-def compiled_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
+def fill_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
     n, n_joints = q.shape
     origins = np.empty((n_joints + 1, 3))
     rotations = np.empty((n_joints + 1, 3, 3))

@@ -102,10 +102,10 @@ class ParameterLayout:
     @cached_property
     def are_lengths(self) -> Mask:
         """(P,) which are in mm."""
-        return np.array([unit(name) == "mm" for name in self.names])
+        return np.array([find_unit(name) == "mm" for name in self.names])
 
 
-def unit(name: str) -> str:
+def find_unit(name: str) -> str:
     """The unit of a parameter: "rad" or "mm"."""
     stem = name.split("_")[0]
     angular = stem in ("theta", "alpha", "beta") or name in ("base_rx", "base_ry", "base_rz")

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from armd.arrays import F64
-from armd.compensation.model.curve import curve_at, curve_pieces
+from armd.compensation.model.curve import compute_curve_pieces, evaluate_curve
 from armd.compensation.model.parameters import MOST_JOINTS
 from armd.files.schema import Strict
 
@@ -79,13 +79,13 @@ class Curve(PoseFactor):
     values: Annotated[list[float], Field(min_length=4, max_length=512)]
 
     def evaluate(self, instants: Instants) -> F64:
-        return curve_at(self.values, instants.q[:, self.joint - 1])
+        return evaluate_curve(self.values, instants.q[:, self.joint - 1])
 
     def pose_code(self, table_at: int) -> tuple[str, int, int]:
         return "curve", self.joint - 1, table_at
 
     def table(self) -> F64:
-        return curve_pieces(self.values)
+        return compute_curve_pieces(self.values)
 
 
 class GravityTorque(PoseFactor):

@@ -15,7 +15,7 @@ from armd.compensation.model.kinematics import compute_twists, place_tip
 from armd.compiled.jit import jit, unlocked
 
 
-def turn_towards(
+def rotate_towards(
     q: F64, p: F64, there_mm: F64, turns: int, least_lever: float, most_turn_rad: float
 ) -> F64:
     """Angles (n, N) near *q* that put the tip at *there_mm* (n, 3), after so many Newton steps.
@@ -27,16 +27,16 @@ def turn_towards(
     if not len(q) == len(p) == len(there_mm):
         raise ValueError(f"rows: found {len(q)}, {len(p)} and {len(there_mm)}, expected the same")
     turned = np.empty_like(q)
-    compiled_turn(q, p, there_mm, turns, least_lever**2, most_turn_rad, turned)
+    fill_turned(q, p, there_mm, turns, least_lever**2, most_turn_rad, turned)
     return turned
 
 
 def compute_least_turns(levers: F64, least_lever: float) -> F64:
     """(n, N, 3) rad/mm: the smallest turn that moves the tip so, from *levers* (n, 3, N) mm/rad,
-    with *least_lever* as `turn_towards` has it."""
+    with *least_lever* as `rotate_towards` has it."""
     n, _, n_joints = levers.shape
     turns = np.empty((n, n_joints, 3))
-    compiled_least_turns(np.ascontiguousarray(levers), least_lever**2, turns)
+    fill_least_turns(np.ascontiguousarray(levers), least_lever**2, turns)
     return turns
 
 
@@ -46,7 +46,7 @@ def compute_whitening(covariance: F64, weight: F64) -> F64:
     Raises `LinAlgError` for one that is not positive definite.
     """
     whiten, root = np.zeros(covariance.shape), np.ascontiguousarray(np.sqrt(weight))
-    if not compiled_whitening(np.ascontiguousarray(covariance), root, whiten):
+    if not fill_whitening(np.ascontiguousarray(covariance), root, whiten):
         raise np.linalg.LinAlgError("the covariance of a reading is not positive definite")
     return whiten
 
@@ -58,12 +58,12 @@ def compute_stretched_covariance(
     at levers *before* (n, 3, N), *backwards* (n, N, 3) being their inverse."""
     covariance = np.empty((len(levers), 3, 3))
     levers, before, backwards = map(np.ascontiguousarray, (levers, before, backwards))
-    compiled_stretch(levers, before, backwards, float(encoder_variance), own_variance, covariance)
+    fill_stretch(levers, before, backwards, float(encoder_variance), own_variance, covariance)
     return covariance
 
 
 @unlocked
-def compiled_turn(
+def fill_turned(
     q: F64,
     p: F64,
     there_mm: F64,
@@ -100,7 +100,7 @@ def compiled_turn(
 
 
 @unlocked
-def compiled_least_turns(levers: F64, least_square: float, turns: F64) -> None:
+def fill_least_turns(levers: F64, least_square: float, turns: F64) -> None:
     side = np.empty(3)
     for i in range(len(levers)):
         for column in range(3):
@@ -145,7 +145,7 @@ def _cholesky(
 
 
 @unlocked
-def compiled_whitening(covariance: F64, root_weight: F64, whiten: F64) -> bool:
+def fill_whitening(covariance: F64, root_weight: F64, whiten: F64) -> bool:
     """Whether all are positive definite; *whiten* above its diagonals stays as it is."""
     definite = True
     for i in range(len(covariance)):
@@ -161,7 +161,7 @@ def compiled_whitening(covariance: F64, root_weight: F64, whiten: F64) -> bool:
 
 
 @unlocked
-def compiled_stretch(
+def fill_stretch(
     levers: F64,
     before: F64,
     backwards: F64,

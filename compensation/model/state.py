@@ -59,17 +59,17 @@ class Lag:
 
     def follow(self, time_s: F64, values: F64) -> F64:
         """Delayed values (n, S) of *values* (n, S) at ascending times (n,) in s."""
-        return followed(time_s, values, self.lag_s, self._memory)
+        return follow_lag(time_s, values, self.lag_s, self._memory)
 
 
-def followed(time_s: F64, values: F64, lag_s: float, memory: F64) -> F64:
-    """As `Lag.follow`; *memory* (S, 3) is what `advance` keeps, NaN before the first value."""
+def follow_lag(time_s: F64, values: F64, lag_s: float, memory: F64) -> F64:
+    """As `Lag.follow`; *memory* (S, 3) is what `update_lag` keeps, NaN before the first value."""
     delayed = np.empty(values.shape)
     _follow(time_s, np.ascontiguousarray(values), lag_s, memory, delayed)
     return delayed
 
 
-def lagged(time_s: F64, values: F64, series: I64, lag_s: float) -> F64:
+def apply_lag(time_s: F64, values: F64, series: I64, lag_s: float) -> F64:
     """*values* (n, S) delayed by *lag_s* within each series; rows may stand in any order."""
     if lag_s == 0:
         return values
@@ -85,11 +85,11 @@ def lagged(time_s: F64, values: F64, series: I64, lag_s: float) -> F64:
 def _follow(time_s: F64, values: F64, lag_s: float, memory: F64, delayed: F64) -> None:
     for s in range(values.shape[1]):
         for i in range(len(values)):
-            delayed[i, s] = advance(values[i, s], time_s[i], lag_s, memory, s)
+            delayed[i, s] = update_lag(values[i, s], time_s[i], lag_s, memory, s)
 
 
 @jit
-def advance(x: float, time_s: float, lag_s: float, memory: F64, s: int) -> float:
+def update_lag(x: float, time_s: float, lag_s: float, memory: F64, s: int) -> float:
     """The delayed value of sensor *s* at its next reading *x*.
 
     *memory* (S, 3): time, value and delayed value of the last reading.

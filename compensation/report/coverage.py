@@ -9,9 +9,9 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 
 from armd.arrays import F64
-from armd.compensation.data.sessions.session import Session, distinct_names
+from armd.compensation.data.sessions.session import Session, make_distinct_names
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.report.layout.drawing import COLOURS, MOST_POINTS, make_figure
 from armd.compensation.report.layout.page import Page
 
@@ -45,8 +45,8 @@ def add_coverage(page: Page, arm: Arm, sessions: Sequence[Session]) -> None:
 def _group_places(arm: Arm, sessions: Sequence[Session]) -> tuple[list[str], list[F64]]:
     """Names of the artefact's places, and the tip's positions (n, 3) mm at each."""
     names, places = [], []
-    for session, of_session in zip(sessions, distinct_names(sessions), strict=True):
-        tip = forward(session.states.q, arm.nominal())[0]
+    for session, of_session in zip(sessions, make_distinct_names(sessions), strict=True):
+        tip = compute_pose(session.states.q, arm.nominal())[0]
         for i, name in enumerate(session.placement_names):
             rows = np.flatnonzero((session.placement == i) & np.isfinite(tip[:, 0]))
             if rows.size:

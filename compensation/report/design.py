@@ -13,11 +13,11 @@ from armd.arrays import F64
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.design.design import Experiment
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import frames
+from armd.compensation.model.kinematics import compute_frames
 from armd.compensation.report.layout.drawing import make_views, set_view
 from armd.compensation.report.layout.page import Page
 from armd.compensation.report.sessions import InputFile, add_origin
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 
 def make_design_report(
@@ -32,7 +32,7 @@ def make_design_report(
     page = Page(f"Next experiment with {arm.serial_number}")
     criterion = experiment.criterion
     page.add_verdict(
-        f"MEASURE {counted(len(rows), 'pose').upper()}",
+        f"MEASURE {format_count(len(rows), 'pose').upper()}",
         f"To {criterion.words}: {experiment.climate.words}.",
         None,
     )
@@ -67,7 +67,7 @@ def draw_poses(q: F64, tip_mm: F64, parameters: F64, ax: Axes | None = None) -> 
 
     From above and from the side; on *ax* from the side, or in space where it has three dimensions.
     """
-    chains = np.concatenate([frames(q, parameters)[0], tip_mm[:, None]], axis=1)
+    chains = np.concatenate([compute_frames(q, parameters)[0], tip_mm[:, None]], axis=1)
     if ax is None:
         figure, panels = make_views()
         for panel, across, up in panels:

@@ -10,7 +10,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.report.design import draw_poses
 from armd.compensation.report.layout.page import Page
 from armd.compensation.report.sessions import InputFile, add_origin
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 
 def make_first_design_report(
@@ -23,7 +23,7 @@ def make_first_design_report(
     """The page; *rows* is the table, one mapping per pose, *words* what the command prints of it,
     *files* are arm, calibration and artefact."""
     page = Page(f"First experiment with {arm.serial_number}")
-    page.add_verdict(f"MEASURE {counted(len(rows), 'pose').upper()}", words[0], None)
+    page.add_verdict(f"MEASURE {format_count(len(rows), 'pose').upper()}", words[0], None)
     for sentence in words[1:]:
         page.add_text(sentence)
     page.add_text(

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.sessions.session import Session, distinct_names
+from armd.compensation.data.sessions.session import Session, make_distinct_names
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.layout.page import Page, make_report_number
-from armd.files.inputs import digest_input
-from armd.terminal.counted import counted
+from armd.files.inputs import hash_input
+from armd.terminal.counted import format_count
 
 NOT_STATED = "not stated"
 
@@ -31,7 +31,7 @@ class InputFile(NamedTuple):
         """Of the file *path*; None for none."""
         if not path:
             return None
-        return cls(Path(path).name, digest_input(path))
+        return cls(Path(path).name, hash_input(path))
 
 
 def add_origin(
@@ -42,7 +42,7 @@ def add_origin(
     facts: Mapping[str, str] | None = None,
 ) -> None:
     """*files* are the other inputs by what they are to the command; None: there was none."""
-    named = zip(distinct_names(sessions), sessions, strict=True)
+    named = zip(make_distinct_names(sessions), sessions, strict=True)
     inputs = {f"session {name}": session.fingerprint() for name, session in named}
     inputs |= {f"{role} {file.name}": file.sha256 for role, file in files.items() if file}
     page.add_origin(make_report_number(arm.serial_number, *inputs.values()), inputs, facts)
@@ -57,15 +57,16 @@ def add_session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None
          "its certificate", "arm, °C", "artefact, °C"],
         [
             [name, *_list_facts(session)]
-            for name, session in zip(distinct_names(sessions), sessions, strict=True)
+            for name, session in zip(make_distinct_names(sessions), sessions, strict=True)
         ],
     )  # fmt: skip
     if not arm.sensors:
         page.add_text("The arm has no temperature sensors.")
         return
     page.add_text(
-        f"Temperatures: the lowest and the highest of the {counted(len(arm.sensors), 'sensor')} of"
-        " the arm, and of the artefact, over all readings of the session."
+        "Temperatures: the lowest and the highest of the"
+        f" {format_count(len(arm.sensors), 'sensor')} of the arm, and of the artefact, over all"
+        " readings of the session."
     )
 
 

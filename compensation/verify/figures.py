@@ -14,9 +14,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
-from armd.compensation.data.correction.overflow import overflowed, refuse_overflow
+from armd.compensation.data.correction.overflow import find_overflows, refuse_overflow
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.data.soundness.soundness import still_and_far
+from armd.compensation.data.soundness.soundness import find_still_and_far
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
@@ -39,7 +39,7 @@ def correct_positions(session: Session, arm: Arm, calibration: LoadedCalibration
     model, states = Model(arm, calibration), session.states
     slow = model.slow_values(states)
     position, _ = model.correct_rows(states, slow)
-    overflow = overflowed(position) & np.isfinite(slow).all(axis=1)
+    overflow = find_overflows(position) & np.isfinite(slow).all(axis=1)
     refuse_overflow(str(session.path), np.arange(session.n), overflow)
     return position
 
@@ -69,7 +69,7 @@ def evaluate_figures(
     ]
     remarks += [
         f"{name}: {celsius:g} °C in every row, far from all other temperatures: does it show any?"
-        for name, celsius in still_and_far(session, arm)
+        for name, celsius in find_still_and_far(session, arm)
     ]
     if session.artefact.expansion_per_k and not np.isfinite(session.artefact_c).any():
         remarks.append("no artefact_c: the artefact is taken to be at its reference temperature")

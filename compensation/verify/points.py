@@ -16,8 +16,8 @@ from armd.compensation.verify.figures import evaluate_figures
 from armd.compensation.verify.limits import TestUncertainty
 from armd.compensation.verify.results import Verification
 from armd.errors import BadInput
-from armd.files.inputs import digest_input
-from armd.terminal.suggest import hint
+from armd.files.inputs import hash_input
+from armd.terminal.suggest import suggest_names
 
 #: In the place of an arm of which only the points are known.
 UNKNOWN = {"schema": "armd.arm/1", "serial_number": "-", "joint": [{}, {}, {}]}
@@ -52,9 +52,8 @@ def verify_points(
     names = artefact.target_names
     for row, name in enumerate(points.target, 1):
         if name not in names:
-            expected = (
-                f"a name of docs/how-to/verify.md, or of the artefact's targets{hint(name, names)}"
-            )
+            suggestion = suggest_names(name, names)
+            expected = f"a name of docs/how-to/verify.md, or of the artefact's targets{suggestion}"
             raise BadInput(path, f"row {row}, target", repr(name), expected)
     n = len(points.target)
     unknown = np.full((n, 3), np.nan)
@@ -82,7 +81,7 @@ def verify_points(
         artefact_c=np.full(n, np.nan),
         unused_columns=[],
         row=np.arange(n),
-        digest=lambda: digest_input(path),
+        digest=lambda: hash_input(path),
     )
     verification = evaluate_figures(session, arm, points.position_mm, test, complete=judged)
     return PointsVerification(verification, session, arm, points.remarks)

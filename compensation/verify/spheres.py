@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from armd.arrays import F64
 from armd.compensation.estimate.noise.robust import LEAST_MM
 from armd.compensation.estimate.placements.fit_poses import ROBUST_ROUNDS
-from armd.compensation.features.algebraic import algebraic_sphere
+from armd.compensation.features.algebraic import fit_algebraic_sphere
 
 
 def fit_sphere(points: F64) -> tuple[F64, float]:
@@ -22,7 +22,7 @@ def fit_sphere(points: F64) -> tuple[F64, float]:
     around = points - middle
     if np.linalg.matrix_rank(around) < 3:
         raise ArithmeticError("the points lie in one plane")
-    centre, radius = algebraic_sphere(around)
+    centre, radius = fit_algebraic_sphere(around)
 
     def distances(unknown: F64) -> F64:
         out: F64 = np.linalg.norm(around - unknown[:3], axis=1) - unknown[3]

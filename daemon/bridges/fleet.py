@@ -13,7 +13,7 @@ import zenoh
 
 from armd import keys
 from armd.daemon.state import State
-from armd.received import json_object
+from armd.received import parse_object
 
 #: Health comes once a second. A daemon that is frozen keeps its token for four.
 SILENT_S = 3.0
@@ -97,14 +97,14 @@ class Listening:
             fleet.note_token(_serial(sample), sample.kind == zenoh.SampleKind.PUT)
 
         def health(sample: zenoh.Sample) -> None:
-            message = json_object(keys.HEALTH, sample.payload.to_bytes())
+            message = parse_object(keys.HEALTH, sample.payload.to_bytes())
             if message is None:
                 fleet.note_malformed(_serial(sample))
             else:
                 fleet.note_health(_serial(sample), message)
 
         def event(sample: zenoh.Sample) -> None:
-            message = json_object(keys.EVENT, sample.payload.to_bytes())
+            message = parse_object(keys.EVENT, sample.payload.to_bytes())
             if message is None:
                 fleet.note_malformed(_serial(sample))
             else:
@@ -131,7 +131,7 @@ def _serial(sample: zenoh.Sample) -> str:
     return str(sample.key_expr).split("/")[1]
 
 
-async def tell(
+async def show_repeatedly(
     fleet: Fleet, show: Callable[[Fleet], None], every_s: float, seconds: float | None
 ) -> None:
     """*show* again and again, until *seconds* are over or for ever."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from armd import Flag
-from armd.daemon.bridges.tips import Tips, shaft
+from armd.daemon.bridges.tips import Tips, compute_shaft
 from armd.errors import BadInput
 
 Fields = Mapping[str, Any]
@@ -33,15 +33,15 @@ CSV_HEADER = (
 )
 
 
-def xyz(fields: Fields) -> str:
+def format_xyz(fields: Fields) -> str:
     return "{x:.6f} {y:.6f} {z:.6f} {i:.6f} {j:.6f} {k:.6f}".format_map(fields)
 
 
-def pcdmis(fields: Fields) -> str:
+def format_pcdmis(fields: Fields) -> str:
     return "X{x:.6f},Y{y:.6f},Z{z:.6f}".format_map(fields)
 
 
-def csv(fields: Fields) -> str:
+def format_csv(fields: Fields) -> str:
     uncertainties = [_mm(fields[f"{prefix}_{axis}_um"]) for prefix in ("u", "sd") for axis in "xyz"]
     return ",".join(
         [
@@ -54,14 +54,19 @@ def csv(fields: Fields) -> str:
     )
 
 
-def jsonl(fields: Fields) -> str:
+def format_jsonl(fields: Fields) -> str:
     return json.dumps(fields["json"], allow_nan=False)
 
 
-PRESETS: dict[str, LineFormat] = {"xyz": xyz, "pcdmis": pcdmis, "csv": csv, "jsonl": jsonl}
+PRESETS: dict[str, LineFormat] = {
+    "xyz": format_xyz,
+    "pcdmis": format_pcdmis,
+    "csv": format_csv,
+    "jsonl": format_jsonl,
+}
 
 
-def template(text: str) -> LineFormat:
+def parse_template(text: str) -> LineFormat:
     """A user's own line, as `{x:.3f};{y:.3f}`; raises `BadInput` for one that cannot be filled."""
     text = text.replace("\\t", "\t")
     try:
@@ -79,7 +84,7 @@ def template(text: str) -> LineFormat:
     return text.format_map
 
 
-def of_measurement(measurement: Mapping[str, Any], tips: Tips, serial: str) -> Fields | None:
+def convert_measurement(measurement: Mapping[str, Any], tips: Tips, serial: str) -> Fields | None:
     """Its fields; None if it has no position."""
     if measurement["position_mm"] is None:
         return None
@@ -102,7 +107,7 @@ def of_measurement(measurement: Mapping[str, Any], tips: Tips, serial: str) -> F
     }
 
 
-def of_point(point: np.void, tips: Tips, tip: str | None, serial: str) -> Fields | None:
+def convert_point(point: np.void, tips: Tips, tip: str | None, serial: str) -> Fields | None:
     """Fields of one of `POINT`; None if it is invalid, or has no position or orientation."""
     flags = int(point["flags"])
     if flags & Flag.INVALID:
@@ -124,7 +129,7 @@ def of_point(point: np.void, tips: Tips, tip: str | None, serial: str) -> Fields
     names = [flag.name for flag in Flag(flags)]
     return {
         **common,
-        **_place(position, shaft(orientation, tips.get(tip))),
+        **_place(position, compute_shaft(orientation, tips.get(tip))),
         **_uncertainty(covariance_mm2),
         **{f"sd_{axis}_um": np.nan for axis in "xyz"},
         "time_s": stamp_ns * 1e-9,

@@ -27,7 +27,7 @@ HANDSHAKE_S = 5.0
 Address = tuple[str, int]
 
 
-def address(text: str) -> Address:
+def parse_address(text: str) -> Address:
     """`HOST:PORT`, `[IPV6]:PORT`; for argparse."""
     host, colon, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
@@ -39,7 +39,11 @@ def address(text: str) -> Address:
 def add_listen(parser: argparse.ArgumentParser, usual: str) -> None:
     """The option --listen."""
     parser.add_argument(
-        "--listen", type=address, default=address(usual), metavar="HOST:PORT", help=f"({usual})"
+        "--listen",
+        type=parse_address,
+        default=parse_address(usual),
+        metavar="HOST:PORT",
+        help=f"({usual})",
     )
 
 
@@ -87,7 +91,7 @@ class Client(asyncio.Protocol):
             self._transport.close()
 
 
-async def listen(
+async def open_listener(
     address: Address, client: Callable[[], asyncio.Protocol], tls: ssl.SSLContext | None = None
 ) -> tuple[asyncio.Server, str]:
     """A server, and where it listens; raises `BadInput` if it cannot."""

@@ -15,7 +15,7 @@ from typing import Protocol, TypeVar, cast
 
 import armd
 from armd import Arm
-from armd.printable import printable
+from armd.printable import to_printable
 
 #: For a daemon that starts at the same time.
 WAIT_S = 60.0
@@ -35,14 +35,14 @@ ServeArm = Callable[[Arm], Awaitable[None]]
 """Serves one arm until it is cancelled."""
 
 
-def ready(name: str, endpoint: str) -> None:
+def report_ready(name: str, endpoint: str) -> None:
     """Whoever started this process may now use it."""
     print(f"armd: ready {name} on {endpoint}", flush=True)
 
 
 def warn(text: str) -> None:
     """On standard error, for whoever wonders why nothing happens."""
-    print(printable(f"armd: {text}"), file=sys.stderr, flush=True)
+    print(to_printable(f"armd: {text}"), file=sys.stderr, flush=True)
 
 
 def serve(args: argparse.Namespace, bridge: ServeArm) -> int:
@@ -88,16 +88,16 @@ async def _until_told(work: Callable[[], Awaitable[None]]) -> int:
 
 async def _bridge(args: argparse.Namespace, bridge: ServeArm) -> None:
     work = partial(armd.connect, args.serial, args.endpoint, WAIT_S)
-    arm = await connected(work, args.endpoint)
+    arm = await wait_for_connection(work, args.endpoint)
     try:
         await bridge(arm)
     finally:
         close_soon(arm)
 
 
-async def connected(work: Callable[[], T], endpoint: str) -> T:
+async def wait_for_connection(work: Callable[[], T], endpoint: str) -> T:
     """What *work* connects to in `WAIT_S` at most; whom it waits for is said after a while."""
-    connecting = in_thread(work)
+    connecting = run_in_thread(work)
     await asyncio.wait({connecting}, timeout=SAID_AFTER_S)
     if not connecting.done():
         warn(f"{endpoint}: nobody answers yet; waiting for {WAIT_S:g} s at most")
@@ -111,7 +111,7 @@ def close_soon(session: SupportsClose) -> None:
     closing.join(CLOSE_S)
 
 
-def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
+def run_in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
     """Do what blocks in a thread that the end of the process does not wait for."""
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()

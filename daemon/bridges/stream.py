@@ -11,8 +11,8 @@ import numpy as np
 
 from armd import POINT, Arm, keys
 from armd.daemon.bridges import lines
-from armd.daemon.bridges.listening import Address, Client, listen
-from armd.daemon.bridges.process import in_thread, ready
+from armd.daemon.bridges.listening import Address, Client, open_listener
+from armd.daemon.bridges.process import report_ready, run_in_thread
 from armd.daemon.bridges.tips import Tips
 
 POLL_S = 0.01
@@ -53,10 +53,10 @@ class LineStream:
         self._slot = -1  # of the last point told, in periods of *hz*
 
     async def serve(self, address: Address) -> None:
-        info = await in_thread(self._arm.info)
+        info = await run_in_thread(self._arm.info)
         self._tips = Tips(info)
         self._tip: str | None = info["tip"]
-        server, endpoint = await listen(address, lambda: Reader(self._readers, self._header))
+        server, endpoint = await open_listener(address, lambda: Reader(self._readers, self._header))
         async with server:
             if self._hz is None:
                 await self._tell_measurements(endpoint)
@@ -68,14 +68,14 @@ class LineStream:
         arrived: asyncio.Queue[bytes] = asyncio.Queue()
         loop = asyncio.get_running_loop()
         with self._arm.calling(keys.MEASUREMENT, lambda data: _hand_over(loop, arrived, data)):
-            ready("stream", endpoint)
+            report_ready("stream", endpoint)
             while True:
                 measurement = json.loads(await arrived.get())
-                self._send(lines.of_measurement(measurement, self._tips, self._arm.serial))
+                self._send(lines.convert_measurement(measurement, self._tips, self._arm.serial))
 
     async def _tell_points(self, endpoint: str) -> None:
         with self._arm.stream(keys.POINT) as stream, self._arm.stream(keys.HEALTH) as health:
-            ready("stream", endpoint)
+            report_ready("stream", endpoint)
             while True:
                 await asyncio.sleep(POLL_S)
                 for payload in health.take():
@@ -91,7 +91,7 @@ class LineStream:
             slot = int(point["stamp_ns"] * (self._hz * 1e-9))
             if slot == self._slot:
                 continue
-            fields = lines.of_point(point, self._tips, self._tip, self._arm.serial)
+            fields = lines.convert_point(point, self._tips, self._tip, self._arm.serial)
             if fields is not None:
                 self._slot = slot
                 self._send(fields)

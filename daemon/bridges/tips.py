@@ -27,12 +27,13 @@ class Tips:
         active_tip = info["arm"]["tip"]
         radius_mm = active_tip["radius_mm"]
         self.by_name: dict[str | None, CmmTip] = {
-            None: CmmTip(vector(active_tip["offset_mm"]), radius_mm)
+            None: CmmTip(parse_vector(active_tip["offset_mm"]), radius_mm)
         }
         for name, tip in info["configuration"]["tips"].items():
             tip_radius_mm = tip.get("radius_mm")
             self.by_name[name] = CmmTip(
-                vector(tip["offset_mm"]), radius_mm if tip_radius_mm is None else tip_radius_mm
+                parse_vector(tip["offset_mm"]),
+                radius_mm if tip_radius_mm is None else tip_radius_mm,
             )
 
     @property
@@ -49,27 +50,27 @@ class Tips:
         offset_mm, radius_mm = measurement.get("tip_offset_mm"), measurement.get("tip_radius_mm")
         if offset_mm is None or radius_mm is None:
             return self.get(measurement["tip"])
-        return CmmTip(vector(offset_mm), radius_mm)
+        return CmmTip(parse_vector(offset_mm), radius_mm)
 
     def out_of_material(self, measurement: Mapping[str, Any]) -> Vector:
         """Unit vector: back along the travel before the rest, else the shaft's direction."""
         if measurement["approach"] is not None:
             x, y, z = measurement["approach"]
             return 0.0 - x, 0.0 - y, 0.0 - z  # not -0.0
-        return shaft(measurement["orientation"], self.used_in(measurement))
+        return compute_shaft(measurement["orientation"], self.used_in(measurement))
 
 
-def shaft(orientation: Any, tip: CmmTip) -> Vector:
+def compute_shaft(orientation: Any, tip: CmmTip) -> Vector:
     """Unit vector from the tip to the wrist, base frame; *orientation* x y z w of the last frame.
 
     A tip at the last frame's origin has its shaft along that frame's z.
     """
     length = math.hypot(*tip.offset_mm)
     along = tuple(x / length for x in tip.offset_mm) if length > 0 else (0.0, 0.0, 1.0)
-    return rotated(orientation, (-along[0], -along[1], -along[2]))
+    return rotate(orientation, (-along[0], -along[1], -along[2]))
 
 
-def rotated(quaternion: Any, v: Vector) -> Vector:
+def rotate(quaternion: Any, v: Vector) -> Vector:
     """*v* turned by a unit quaternion x y z w."""
     x, y, z, w = quaternion
     # v + 2 w (u × v) + 2 u × (u × v), u the vector part
@@ -81,7 +82,7 @@ def rotated(quaternion: Any, v: Vector) -> Vector:
     )
 
 
-def vector(values: Any) -> Vector:
+def parse_vector(values: Any) -> Vector:
     """Of JSON."""
     x, y, z = values
     return x, y, z

@@ -18,7 +18,7 @@ from armd.compensation.model.arm import PARALLEL_DEG
 SAME_MM = 1e-9
 
 
-def axes_to_rows(origins: F64, axes: F64, tip: F64, x: F64) -> tuple[F64, F64]:
+def convert_axes_to_rows(origins: F64, axes: F64, tip: F64, x: F64) -> tuple[F64, F64]:
     """Rows (N, 5) of θ°, d mm, a mm, α°, β°, and the tip (3,) mm in the last frame.
 
     *origins* (N, 3) mm are a point on each axis, *axes* (N, 3) unit directions, *tip* (3,) mm;
@@ -43,7 +43,7 @@ def choose_across(z: F64) -> F64:
     return unit
 
 
-def rows_to_axes(rows: Sequence[Sequence[float]]) -> tuple[F64, F64, F64]:
+def convert_rows_to_axes(rows: Sequence[Sequence[float]]) -> tuple[F64, F64, F64]:
     """Origins (N, 3) and directions (N, 3) of the joints' axes at zero angles, and the origin (3,)
     of the frame after the last row; rows (N, 5) of θ°, d mm, a mm, α°, β°, in the base frame."""
     rotation, position = np.eye(3), np.zeros(3)

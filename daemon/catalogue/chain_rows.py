@@ -11,7 +11,12 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import PARALLEL_DEG
-from armd.daemon.catalogue.axes import axes_to_rows, format_point, make_turn, rows_to_axes
+from armd.daemon.catalogue.axes import (
+    convert_axes_to_rows,
+    convert_rows_to_axes,
+    format_point,
+    make_turn,
+)
 
 #: A row's parameters in arm.toml, in the order in which armd applies them.
 DH = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
@@ -45,7 +50,7 @@ class ChainRows:
 
     def tip_text(self) -> str:
         """`(805, 0, 1180) mm …`: in the table's base frame, at zero angles."""
-        _, _, end = rows_to_axes(_list_parameters(self.joints))
+        _, _, end = convert_rows_to_axes(_list_parameters(self.joints))
         tip = end + _compute_last_frame(self.joints) @ np.array(self.tip_offset())
         point = np.array([self.first[0], 0.0, 0.0]) + self._turned() @ tip
         return f"{format_point(point)} mm in the table's base frame"
@@ -73,7 +78,7 @@ def to_standard_rows(rows: ChainRows, remarks: list[str]) -> ChainRows:
     return ChainRows(shifted, tip_values or None, first)
 
 
-def with_hayati(rows: ChainRows, remarks: list[str]) -> ChainRows:
+def convert_to_hayati(rows: ChainRows, remarks: list[str]) -> ChainRows:
     """Rows of nearly parallel axes, kilometres long, as Hayati's, with a β and no length d."""
     parameters = _list_parameters(rows.joints)
     nearly = [
@@ -82,10 +87,10 @@ def with_hayati(rows: ChainRows, remarks: list[str]) -> ChainRows:
     ]
     if not any(nearly) or max(abs(x) for row in parameters for x in row[1:3]) < TOO_LONG_MM:
         return rows
-    origins, axes, tip = rows_to_axes(parameters)
+    origins, axes, tip = convert_rows_to_axes(parameters)
     frame = _compute_last_frame(rows.joints)
     offset = tip + frame @ np.array(rows.tip_offset())
-    hayati_rows, made_tip = axes_to_rows(origins, axes, offset, np.array([1.0, 0.0, 0.0]))
+    hayati_rows, made_tip = convert_axes_to_rows(origins, axes, offset, np.array([1.0, 0.0, 0.0]))
     joints = []
     for joint, row in zip(rows.joints, hayati_rows.tolist(), strict=True):
         values = {name: round(x, PLACES) + 0.0 for name, x in zip(DH, row, strict=True)}

@@ -12,11 +12,11 @@ from importlib.resources import files
 import numpy as np
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.catalogue.axes import format_point
 from armd.errors import BadInput
 from armd.files.schema import load_toml
-from armd.terminal.suggest import did_you_mean
+from armd.terminal.suggest import suggest
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def find_spelling(name: str) -> str:
     key = by_letters.get(key.replace("-", "").replace(" ", ""), key)
     if key not in KNOWN:
         names = [*KNOWN, "microscribe"]
-        expected = f"one of {', '.join(names)}{did_you_mean(key, names)}"
+        expected = f"one of {', '.join(names)}{suggest(key, names)}"
         raise BadInput("armd arm", "NAME", repr(name), expected)
     return key
 
@@ -70,12 +70,12 @@ def read_title(text: str) -> str:
     return text.splitlines()[0].removeprefix("# ").removesuffix(".")
 
 
-def with_serial_number(text: str, serial_number: str) -> str:
+def set_serial_number(text: str, serial_number: str) -> str:
     line = f"serial_number = {_quote(serial_number)}"
     return re.sub(r"(?m)^serial_number = .*$", lambda _: line, text, count=1)
 
 
-def with_joint(text: str, k: int, values: Mapping[str, float | int]) -> str:
+def set_joint(text: str, k: int, values: Mapping[str, float | int]) -> str:
     """*text* with keys of joint *k* (from 1) replaced; a key that is not there is added."""
     head, *joints = re.split(r"(?m)^(?=\[\[joint\]\]$)", text)
     block, end, others_text = joints[k - 1].partition("\n\n")
@@ -115,7 +115,7 @@ def describe_geometry(text: str) -> str:
     """The convention of an arm.toml's rows, and where its tip is at zero angles: what a person
     compares with the arm on the bench."""
     arm = Arm.model_validate(tomllib.loads(text))
-    tip_mm = forward(np.zeros((1, arm.n_joints)), arm.nominal())[0][0]
+    tip_mm = compute_pose(np.zeros((1, arm.n_joints)), arm.nominal())[0][0]
     return (
         "rows are in the standard convention, Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta); the tip at"
         f" zero angles: {format_point(tip_mm)} mm in the base frame"

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from armd.drivers.microscribe.factory import Factory
-from armd.drivers.microscribe.geometry import rows_and_tip
+from armd.drivers.microscribe.geometry import compute_rows_and_tip
 from armd.errors import BadInput
 
 
 def write_arm_text(factory: Factory, port: str, ball: bool) -> str:
     """arm.toml; raises `BadInput` for geometry in a form that is not known."""
     try:
-        rows, tip = rows_and_tip(factory.parameters, factory.beta, ball)
+        rows, tip = compute_rows_and_tip(factory.parameters, factory.beta, ball)
     except ValueError as error:
         raise BadInput(
             port, "the arm's parameters", str(error), "the maker's form DH0.5"

@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from armd.compensation.data.foreign.cells import number
+from armd.compensation.data.foreign.cells import parse_number
 from armd.compensation.data.foreign.table import ForeignTable, read_table
 from armd.compensation.data.foreign.words import (
     ANGLES,
     LENGTHS,
     NUMBERS,
     OF_A_JOINT,
-    word_and_unit,
+    split_unit,
 )
-from armd.daemon.catalogue.chain_rows import DH, ChainRows, to_standard_rows, with_hayati
+from armd.daemon.catalogue.chain_rows import DH, ChainRows, convert_to_hayati, to_standard_rows
 from armd.errors import BadInput
-from armd.files.toml_text import toml_text
-from armd.terminal.suggest import few, hint
+from armd.files.toml_text import format_toml
+from armd.terminal.suggest import format_names, suggest_names
 
 #: Keys of a joint that a table may have.
 ROW = tuple(OF_A_JOINT)
@@ -76,10 +76,10 @@ def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]
     remarks = columns.remarks
     if not any(name in columns.by_key for name in LENGTH_KEYS):
         expected = "a column d_mm or a_mm: an arm without lengths reaches nowhere"
-        raise BadInput(path, "the header", few(table.header), expected)
+        raise BadInput(path, "the header", format_names(table.header), expected)
     if "alpha_deg" not in columns.by_key:
         expected = "a column alpha_deg too, with 0 where an axis is parallel to the one before"
-        raise BadInput(path, "the header", few(table.header), expected)
+        raise BadInput(path, "the header", format_names(table.header), expected)
     convention = convention or _find_convention(table, columns)
     for name in ("theta_deg", "d_mm", "a_mm"):
         if name not in columns.by_key:
@@ -99,7 +99,7 @@ def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]
     rows = ChainRows(joints, after)
     if convention == "modified":
         rows = to_standard_rows(rows, remarks)
-    rows = with_hayati(rows, remarks)
+    rows = convert_to_hayati(rows, remarks)
     return _write_text(rows, remarks), remarks
 
 
@@ -119,7 +119,7 @@ def _write_text(rows: ChainRows, remarks: list[str]) -> str:
         del content["temperature_sensor"]
     if content["gravity"] == [0.0, 0.0, -1.0]:
         del content["gravity"]
-    return toml_text(content)
+    return format_toml(content)
 
 
 def _find_convention(table: ForeignTable, columns: Columns) -> str:
@@ -162,11 +162,11 @@ def _find_columns(table: ForeignTable) -> Columns:
     columns: dict[str, tuple[int, float]] = {}
     remarks = list(table.assumed)
     previous, names = False, None
-    by_word = {word_and_unit(name)[0]: name for name in ROW[:-2]}
+    by_word = {split_unit(name)[0]: name for name in ROW[:-2]}
     by_word |= {word: name for name, words in OF_A_JOINT.items() for word in words}
     for index, header in enumerate(table.header):
         without_index = _INDEX.sub("", _PREVIOUS.sub("", header))
-        word, unit = word_and_unit(without_index)
+        word, unit = split_unit(without_index)
         if header in ROW:
             name = header
         elif word in NUMBERS:
@@ -174,7 +174,10 @@ def _find_columns(table: ForeignTable) -> Columns:
             continue
         elif (key := by_word.get(word)) is None:
             raise BadInput(
-                table.path, "the header", repr(header), f"a key of a joint{hint(header, ROW)}"
+                table.path,
+                "the header",
+                repr(header),
+                f"a key of a joint{suggest_names(header, ROW)}",
             )
         else:
             name = key
@@ -232,7 +235,7 @@ def _get_factor(table: ForeignTable, header: str, name: str, unit: str) -> float
     if not units or not unit:
         return 1.0
     if unit not in units:
-        expected = f"one of {few(units)}"
+        expected = f"one of {format_names(units)}"
         raise BadInput(table.path, f"column {header}", f"the unit {unit!r}", expected)
     return units[unit]
 
@@ -243,7 +246,7 @@ def _read_value(
     cell = table.rows[row][column]
     if name == "temperature":
         return cell
-    value = number(cell)
+    value = parse_number(cell)
     if name == "theta_deg" and (variable := _VARIABLE.fullmatch(cell)):
         value = float((variable[1] or "0").replace(" ", ""))
     if value is None:

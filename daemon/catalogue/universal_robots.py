@@ -11,9 +11,9 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import frames
+from armd.compensation.model.kinematics import compute_frames
 from armd.daemon.catalogue.axes import make_turn
-from armd.daemon.catalogue.urdf.roll_pitch_yaw import matrix_to_rpy
+from armd.daemon.catalogue.urdf.roll_pitch_yaw import convert_matrix_to_rpy
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -25,14 +25,16 @@ FIRST_LINE = "# Written by armd model"
 def write_kinematics_yaml(arm: Arm, parameters: F64, name: str, identity: str) -> str:
     """The file's text; *name* of the arm for its comment, *identity* for its hash."""
     lines = [f"{FIRST_LINE}: {name}", "kinematics:"]
-    origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
+    origins, rotations = (
+        part[0] for part in compute_frames(np.zeros((1, arm.n_joints)), parameters)
+    )
     before_turn, before_origin = np.eye(3), np.zeros(3)
     for k, link in enumerate(LINKS):
         theta, d = parameters[arm.layout.joint(k + 1)][:2]
         rotation = rotations[k] @ make_turn(2, float(np.degrees(theta)))
         origin = origins[k] + d * rotations[k][:, 2]
         step = before_turn.T @ rotation
-        numbers = [*(1e-3 * before_turn.T @ (origin - before_origin)), *matrix_to_rpy(step)]
+        numbers = [*(1e-3 * before_turn.T @ (origin - before_origin)), *convert_matrix_to_rpy(step)]
         lines.append(f"  {link}:")
         lines += [
             f"    {key}: {_format_number(float(value))}"

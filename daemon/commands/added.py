@@ -43,12 +43,12 @@ class AddedCommand:
             return report_own_fault(error, f"package {self.plugin.package}")
 
 
-def added_command(name: str, built_in: Collection[str]) -> AddedCommand | None:
+def load_added_command(name: str, built_in: Collection[str]) -> AddedCommand | None:
     """The command *name* of a package; None without one that works."""
     return load_named(GROUP, name, built_in, _check_command)
 
 
-def added_commands(built_in: Collection[str]) -> dict[str, AddedCommand]:
+def load_added_commands(built_in: Collection[str]) -> dict[str, AddedCommand]:
     """All commands of other packages, by name."""
     return load_all(GROUP, built_in, _check_command)
 

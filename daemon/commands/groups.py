@@ -63,7 +63,7 @@ COMMANDS = {name: line for group in GROUPS.values() for name, (_, line) in group
 FOLDERS = {name: folder for group in GROUPS.values() for name, (folder, _) in group.items()}
 
 
-def grouped_help(added: Mapping[str, str]) -> str:
+def format_grouped_help(added: Mapping[str, str]) -> str:
     """All commands under their headings, then those that other packages *added*, by name."""
     groups = {title: {name: COMMANDS[name] for name in names} for title, names in GROUPS.items()}
     if added:

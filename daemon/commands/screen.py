@@ -20,7 +20,7 @@ from rich.text import Text
 from armd import Arm, Flag, Point, keys
 from armd.closing import Closing
 from armd.daemon.state import State
-from armd.printable import printable
+from armd.printable import to_printable
 
 COLOURS = {
     State.READY: "green",
@@ -76,15 +76,17 @@ class Screen(Closing):
             table.add_row("tip", f"[bold]{x:10.3f} {y:10.3f} {z:10.3f}[/] mm")
             dx, dy, dz = (1000 * value for value in self._point.correction_mm)
             table.add_row("correction", f"{dx:10.1f} {dy:10.1f} {dz:10.1f} µm")
-            table.add_row("uncertainty", uncertainty(self._point))
-            table.add_row("flags", flag_names(self._point.flags) or "none")
+            table.add_row("uncertainty", format_uncertainty(self._point))
+            table.add_row("flags", format_flags(self._point.flags) or "none")
         if self._health:
             state = self._health.get("state", "")
-            line = Text(printable(state), COLOURS.get(state, ""))
-            line.append(f" {printable(self._health.get('reason', ''))}", "default")
+            line = Text(to_printable(state), COLOURS.get(state, ""))
+            line.append(f" {to_printable(self._health.get('reason', ''))}", "default")
             table.add_row("state", line)
-            table.add_row("sensors", Text(printable(temperatures(self._health) or "none")))
-            table.add_row("in use", Text(printable(in_use(self._health))))
+            table.add_row(
+                "sensors", Text(to_printable(format_temperatures(self._health) or "none"))
+            )
+            table.add_row("in use", Text(to_printable(format_sources(self._health))))
         refused = self._arm.refused
         n_rejected = refused.malformed + refused.foreign
         stream = f"{rate_hz:.0f} points/s · {self._arm.lost.total} lost"
@@ -92,8 +94,8 @@ class Screen(Closing):
             "stream", stream + (f" · {n_rejected} of somebody else" if n_rejected else "")
         )
         for event in self._events:
-            table.add_row("event", Text(printable(event)))  # "[/x]" is no markup of ours
-        title = Text(f"armd · {printable(self._arm.serial)}")
+            table.add_row("event", Text(to_printable(event)))  # "[/x]" is no markup of ours
+        title = Text(f"armd · {to_printable(self._arm.serial)}")
         end = Text("Ctrl-C ends it", "dim")
         return Panel(
             table, title=title, title_align="left", width=WIDTH, subtitle=end,
@@ -101,7 +103,7 @@ class Screen(Closing):
         )  # fmt: skip
 
 
-def refreshes(seconds: float | None, every_s: float) -> Iterator[float]:
+def generate_refreshes(seconds: float | None, every_s: float) -> Iterator[float]:
     """For ever or for *seconds*: the time since the last refresh, when the next is due."""
     start_s = last_s = time.monotonic()
     while seconds is None or last_s - start_s < seconds:
@@ -111,11 +113,11 @@ def refreshes(seconds: float | None, every_s: float) -> Iterator[float]:
         last_s = now_s
 
 
-def flag_names(flags: int) -> str:
+def format_flags(flags: int) -> str:
     return " ".join(str(flag.name) for flag in Flag(flags))
 
 
-def temperatures(health: dict[str, Any]) -> str:
+def format_temperatures(health: dict[str, Any]) -> str:
     """All sensors of a health message by name, in °C; a dash where one is invalid."""
     cells = "  ".join(
         f"{name} {value:.2f}" if isinstance(value, int | float) else f"{name} –"
@@ -124,7 +126,7 @@ def temperatures(health: dict[str, Any]) -> str:
     return f"{cells} °C" if cells else ""
 
 
-def uncertainty(point: Point) -> str:
+def format_uncertainty(point: Point) -> str:
     """Expanded (k = 2) along each axis, in µm, from the point's covariance."""
     xx, _, _, yy, _, zz = point.covariance_mm2
     axes = [2e3 * math.sqrt(v) if v >= 0 else math.nan for v in (xx, yy, zz)]
@@ -133,7 +135,7 @@ def uncertainty(point: Point) -> str:
     return " ".join(f"{u:10.1f}" for u in axes) + " µm (k = 2)"
 
 
-def in_use(health: dict[str, Any]) -> str:
+def format_sources(health: dict[str, Any]) -> str:
     """Tip and calibration, and where the samples come from."""
     name = health.get("tip") or "of the calibration"
     calibration = health.get("calibration") or "none"

@@ -6,7 +6,7 @@ import os
 import sys
 
 
-def hush() -> None:
+def drop_output() -> None:
     """Let the rest of standard output go: its reader has left, or its disk is full."""
     standard_output = sys.__stdout__
     if standard_output is not None and standard_output is sys.stdout:

@@ -22,7 +22,7 @@ HELLO_S = 0.25
 SYNC_EVERY_S, SYNC_S, GREETING_S = 0.03, 0.4, 0.3
 
 
-def examine_port(port: str, machine: ThisMachine) -> Patient:
+def diagnose_port(port: str, machine: ThisMachine) -> Patient:
     """What is on *port* and what stands in the way; nothing on it is changed."""
     patient = Patient(port)
     if not (may_be_a_port(Path(port), patient) and machine.examine(Path(port), patient)):

@@ -95,7 +95,7 @@ class ThisMachine:
         return not is_held
 
 
-def can_buses(sys: Path = Path("/sys")) -> list[Patient]:
+def list_can_buses(sys: Path = Path("/sys")) -> list[Patient]:
     """The CAN interfaces of this machine."""
     patients = []
     for interface in sorted((sys / "class/net").glob("*")):

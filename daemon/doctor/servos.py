@@ -11,7 +11,7 @@ from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.line import Line
 from armd.drivers.poll.protocol import dynamixel, feetech
 from armd.drivers.poll.protocol.families import FAMILIES
-from armd.drivers.poll.protocol.family import Family, Servo, model_name
+from armd.drivers.poll.protocol.family import Family, Servo, find_model_name
 from armd.drivers.poll.protocol.packet import Status
 from armd.drivers.poll.protocol.rates import BAUDS
 
@@ -25,7 +25,7 @@ SLOW_US = 100  # a return delay beyond this costs more than the answer itself
 
 def find_servos(line: Line, patient: Patient) -> bool:
     """Look for servos of all kinds at all rates; whether some are there."""
-    line.listen_to_itself(feetech.ping(NOBODY))
+    line.listen_to_itself(feetech.make_ping(NOBODY))
     pinged: set[int] = set()  # with Feetech's ping, which is that of Dynamixel's protocol 1.0
     for kind, bauds in BAUDS.items():
         for baud in bauds:
@@ -49,7 +49,7 @@ def find_servos(line: Line, patient: Patient) -> bool:
 
 def _answering(line: Line, family: Family, ids: Iterable[int], wait_s: float) -> dict[int, float]:
     """Ids that answer a ping, and after how many seconds."""
-    ping = dynamixel.ping if family.name == "dynamixel" else feetech.ping
+    ping = dynamixel.make_ping if family.name == "dynamixel" else feetech.make_ping
     answer_s = {}
     for servo in ids:
         began = time.monotonic()
@@ -83,7 +83,7 @@ def _examine(line: Line, family: Family, ids: Sequence[int], patient: Patient) -
     patient.servos = [{"id": i} | servo.as_json() for i, servo in servos.items()]
     for i, servo in servos.items():
         patient.say(
-            f"servo {i}: {model_name(servo.model, family.models)}, firmware {servo.firmware}, "
+            f"servo {i}: {find_model_name(servo.model, family.models)}, firmware {servo.firmware}, "
             f"homing offset {servo.homing_offset}, return delay {servo.return_delay_us} µs, "
             f"torque {'on' if servo.torque else 'off'}"
         )
@@ -153,7 +153,7 @@ def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
                 if servo.model == model and servo.firmware != usual
             ]
             text = f"mixed {family.register('firmware')}: {', '.join(mismatches)}, the other "
-            text += f"{model_name(model, family.models)} {usual}"
+            text += f"{find_model_name(model, family.models)} {usual}"
             patient.find(
                 "mixed_firmware", text, f"bring all to one version with {TOOL[family.name]}"
             )
@@ -226,9 +226,9 @@ def _measure(line: Line, family: Family, parts: Sequence[Sequence[int]]) -> _Cyc
     requests = [
         family.sync_read(ids, *span) if is_sync else family.read(ids[0], *span) for ids in parts
     ]
-    bytes_each = len(feetech.status(1, 0, bytes(length)))
+    bytes_each = len(feetech.make_status(1, 0, bytes(length)))
     if family.name == "dynamixel":
-        bytes_each = dynamixel.status_size(length)
+        bytes_each = dynamixel.compute_status_size(length)
     part_s = [
         10 * (len(request) + len(ids) * bytes_each) / line.baud
         for ids, request in zip(parts, requests, strict=True)

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from armd.compensation.data.foreign.table import ForeignTable, read_table
-from armd.compensation.data.foreign.words import LENGTHS, WORDS, word_and_unit
+from armd.compensation.data.foreign.words import LENGTHS, WORDS, split_unit
 from armd.compensation.data.sessions.format import Artefact
 from armd.errors import BadInput
 from armd.files.schema import validate
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 #: Columns of uncertainty, and the standard one's share of it: certificates state U with k = 2.
 UNCERTAINTY = {
@@ -24,7 +24,7 @@ FROM = ("from", "a", "first", "von", "sphere1", "ball1", "target1", "point1", "b
 TO = ("to", "b", "second", "bis", "sphere2", "ball2", "target2", "point2", "and")
 
 
-def artefact_of_table(path: Path) -> tuple[Artefact, list[str]]:
+def read_artefact_table(path: Path) -> tuple[Artefact, list[str]]:
     """The artefact that a certificate's table describes, and what was assumed, a sentence each.
 
     Columns: a name and x, y, z, or two names and a length; optionally an uncertainty. Raises
@@ -35,7 +35,7 @@ def artefact_of_table(path: Path) -> tuple[Artefact, list[str]]:
     content: dict[str, Any] = {"name": path.stem}
     columns: dict[str, int] = {}
     for column, header in enumerate(table.header):
-        word = word_and_unit(header)[0]
+        word = split_unit(header)[0]
         for name, words in (("length", LENGTH), ("from", FROM), ("to", TO)):
             if word in words:
                 columns.setdefault(name, column)
@@ -51,7 +51,7 @@ def artefact_of_table(path: Path) -> tuple[Artefact, list[str]]:
         content["distance"] = [_read_distance(table, i, columns) for i in range(len(table.rows))]
     else:
         expected = "columns name, x, y, z, or from, to, length"
-        raise BadInput(path, "the header", few(table.header), expected)
+        raise BadInput(path, "the header", format_names(table.header), expected)
     for name, column in columns.items():
         remarks.append(f"{name} of the artefact is the column {table.header[column]!r}")
     if "uncertainty" in columns:
@@ -67,17 +67,19 @@ def artefact_of_table(path: Path) -> tuple[Artefact, list[str]]:
 
 def _find_uncertainty_factor(header: str) -> float | None:
     """What a standard uncertainty is of a column's numbers, or None for another column."""
-    word, _ = word_and_unit(header)
+    word, _ = split_unit(header)
     if word == "u":  # a capital U is the expanded one (GUM 6.2)
         return 0.5 if header.strip()[:1] == "U" else 1.0
     return UNCERTAINTY.get(word)
 
 
 def _read_mm(table: ForeignTable, row: int, column: int) -> float:
-    unit = word_and_unit(table.header[column])[1] or "mm"
+    unit = split_unit(table.header[column])[1] or "mm"
     if unit not in LENGTHS:
         location = f"column {table.header[column]}"
-        raise BadInput(table.path, location, f"the unit {unit!r}", f"one of {few(LENGTHS)}")
+        raise BadInput(
+            table.path, location, f"the unit {unit!r}", f"one of {format_names(LENGTHS)}"
+        )
     value = LENGTHS[unit] * table.number(row, column)
     if not math.isfinite(value):
         raise table.fault(row, column, "a number")

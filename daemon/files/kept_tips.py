@@ -18,7 +18,7 @@ from pydantic import Field
 from armd.daemon.config import Tip
 from armd.errors import BadInput
 from armd.files.inputs import MOST_TOML_BYTES, read_input
-from armd.files.schema import Strict, json_data, validate
+from armd.files.schema import Strict, load_json_data, validate
 from armd.files.state_folder import find_state_folder
 from armd.files.writing import write_whole
 
@@ -40,14 +40,14 @@ class KeptTips(Strict):
     tips: dict[str, KeptTip] = {}
 
 
-def tips_file(serial: str) -> Path:
+def locate_tips_file(serial: str) -> Path:
     """Of one arm."""
     return find_state_folder() / "tips" / f"{quote(serial, safe=' ')}.json"
 
 
-def tips_in_force(serial: str, configured: Mapping[str, Tip]) -> dict[str, Tip]:
+def load_active_tips(serial: str, configured: Mapping[str, Tip]) -> dict[str, Tip]:
     """armd.toml's tips, with those kept since; raises `BadInput` for a damaged file."""
-    kept_tips = _read(tips_file(serial)).tips
+    kept_tips = _read(locate_tips_file(serial)).tips
     hold = {
         name: entry.tip
         for name, entry in kept_tips.items()
@@ -58,7 +58,7 @@ def tips_in_force(serial: str, configured: Mapping[str, Tip]) -> dict[str, Tip]:
 
 def keep_tip(serial: str, name: str, tip: Tip, configured: Mapping[str, Tip]) -> None:
     """On the disk when this returns; raises `BadInput` where it cannot be."""
-    path = tips_file(serial)
+    path = locate_tips_file(serial)
     kept_tips = _read(path).tips
     kept_tips[name] = KeptTip(tip=tip, configured=configured.get(name))
     if len(kept_tips) > MOST_KEPT:
@@ -68,7 +68,7 @@ def keep_tip(serial: str, name: str, tip: Tip, configured: Mapping[str, Tip]) ->
     write_whole(path, json.dumps(content, indent=1) + "\n")
 
 
-def asked_tip(name: str, offset_mm: str, radius_mm: str) -> tuple[str, Tip]:
+def parse_tip(name: str, offset_mm: str, radius_mm: str) -> tuple[str, Tip]:
     """Of the command `keep_tip`: "x,y,z" in mm, and the ball's radius in mm or nothing. Raises
     `BadInput`."""
     source = "the command keep_tip"
@@ -91,4 +91,4 @@ def _parse_number(word: str) -> float | str:
 def _read(path: Path) -> KeptTips:
     if not path.exists():
         return KeptTips()
-    return validate(path, json_data(path, read_input(path, MOST_TOML_BYTES)), KeptTips)
+    return validate(path, load_json_data(path, read_input(path, MOST_TOML_BYTES)), KeptTips)

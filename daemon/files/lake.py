@@ -20,11 +20,11 @@ import pyarrow as pa
 from armd import POINT, joints_dtype
 from armd.arrays import I64
 from armd.compensation.data.tables.recorded import CALIBRATION, COVARIANCE, FLAGS, POSITION, STAMP
-from armd.compensation.data.tables.writing import table_writer, write_group
+from armd.compensation.data.tables.writing import open_writer, write_group
 from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
 from armd.files.outputs import check_output_folder
-from armd.files.writing import explain_os_errors, replace_file, sync_folder
+from armd.files.writing import explain_os_errors, flush_folder, replace_file
 
 #: Seconds of points that wait in memory for their file.
 FILE_S = 30.0
@@ -154,10 +154,10 @@ class Lake:
         with explain_os_errors(folder):
             if not folder.is_dir():
                 folder.mkdir()
-                sync_folder(self.folder)
+                flush_folder(self.folder)
         seq, stamp_ns = table["seq"][0].as_py(), table[STAMP][0].as_py()
         path = folder / f"{stamp_ns}-{seq}.parquet"
-        with replace_file(path) as part, table_writer(path, part, path.suffix, self._schema) as out:
+        with replace_file(path) as part, open_writer(path, part, path.suffix, self._schema) as out:
             write_group(path, out, [table])
         self.rows += len(table)
         self.files += 1

@@ -26,17 +26,17 @@ MOST_WAITING = 10_000
 RETRY_S = 1.0
 
 
-def logs_folder() -> Path:
+def locate_logs_folder() -> Path:
     """Of all arms of this machine, in the state folder."""
     return find_state_folder() / "measurements"
 
 
-def log_folder(serial: str) -> Path:
+def locate_log_folder(serial: str) -> Path:
     """Of one arm."""
-    return logs_folder() / quote(serial, safe=" ")
+    return locate_logs_folder() / quote(serial, safe=" ")
 
 
-def serial_of(folder: Path) -> str:
+def parse_serial(folder: Path) -> str:
     """Of which arm a folder is, by its name."""
     return unquote(folder.name)
 
@@ -132,14 +132,14 @@ class MeasurementLog:
         self._failed, self._lost = "", 0
 
 
-def log_files(folder: Path) -> list[Path]:
+def list_log_files(folder: Path) -> list[Path]:
     """Of a log's folder, the oldest first."""
     return sorted(path for path in folder.glob(f"*{SUFFIX}") if path.stem.isdecimal())
 
 
 def _choose_file(folder: Path) -> Path:
     """The file to append to: the last one, or a new one when that is long enough."""
-    files = log_files(folder)
+    files = list_log_files(folder)
     if files and files[-1].stat().st_size < MOST_BYTES:
         return files[-1]
     # Numbered, not dated: a controller's clock may run backwards.

@@ -149,6 +149,6 @@ def _to_number(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def default_path(serial: str) -> Path:
+def choose_default_path(serial: str) -> Path:
     """`SERIAL-20260301T090000.mcap` in the present folder."""
     return Path(f"{serial}-{time.strftime('%Y%m%dT%H%M%S')}.mcap")

@@ -17,7 +17,7 @@ from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.files.schema import load_toml, validate
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 SEAT = "seat"
 
@@ -57,21 +57,23 @@ class SessionFolder:
 
         A measurement that is no reading is left out, and its target stays the next.
         """
-        if reason := unfit(measurement):
+        if reason := explain_unfit(measurement):
             return f"left out, {reason[1]}"
         if not self._rows:
             self._started_s = measurement["stamp_ns"] // 10**9
         location = self._placement, self.target
-        self._rows.append(reading_row(measurement, self._arm, self._started_s, *location))
+        self._rows.append(make_reading_row(measurement, self._arm, self._started_s, *location))
         write_readings(self._path, self._arm, self._artefact, self._started_s, self._rows)
         target, self.target = self.target, next(self._targets)
         if measurement["standard_deviation_mm"] is None:
             return f"{target}: one point, whose scatter nobody knows"
         spread_um = 1000 * math.hypot(*measurement["standard_deviation_mm"])
-        return f"{target}: {counted(measurement['count'], 'point')}, scatter {spread_um:.1f} µm"
+        return (
+            f"{target}: {format_count(measurement['count'], 'point')}, scatter {spread_um:.1f} µm"
+        )
 
 
-def reading_row(
+def make_reading_row(
     measurement: Mapping[str, Any], arm: Arm, started_s: int, placement: str, target: str
 ) -> dict[str, str | float]:
     """A measurement as published, as a row of a session that began at *started_s* (Unix time)."""
@@ -118,7 +120,7 @@ def load_artefact(path: Path | None, targets: Sequence[str]) -> Artefact:
     return validate("--targets", {"name": SEAT, "target": seats}, Artefact)
 
 
-def unfit(measurement: Mapping[str, Any]) -> tuple[str, str] | None:
+def explain_unfit(measurement: Mapping[str, Any]) -> tuple[str, str] | None:
     """Why a measurement is no reading: the reason's name, and it in words; None if it is one."""
     flags = Flag(measurement["flags"])
     if measurement["count"] == 0:

@@ -21,15 +21,15 @@ GOOD = "good"  # the verdict without doubts
 MOST_BYTES = 64 << 20
 
 
-def history_file(serial: str) -> Path:
+def locate_history_file(serial: str) -> Path:
     """Of one arm."""
     return find_state_folder() / "tips" / f"{quote(serial, safe=' ')}.jsonl"
 
 
-def history(serial: str, name: str | None = None) -> list[dict[str, Any]]:
+def read_history(serial: str, name: str | None = None) -> list[dict[str, Any]]:
     """Calibrations of one tip or of all, the oldest first. A line that is none is passed over: what
     a power cut tore was never told as kept."""
-    path = history_file(serial)
+    path = locate_history_file(serial)
     if not path.exists():
         return []
     entries = []
@@ -46,7 +46,7 @@ def history(serial: str, name: str | None = None) -> list[dict[str, Any]]:
 
 def keep(serial: str, entry: dict[str, Any]) -> Path:
     """Append one more; on the disk when this returns. Raises `BadInput` where it cannot be."""
-    path = history_file(serial)
+    path = locate_history_file(serial)
     line = json.dumps({"schema": SCHEMA, **entry}, allow_nan=False) + "\n"
     with explain_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o750)
@@ -59,11 +59,11 @@ def keep(serial: str, entry: dict[str, Any]) -> Path:
     return path
 
 
-def put_in_force(arm: Arm, name: str) -> str:
+def use_tip(arm: Arm, name: str) -> str:
     """A running daemon measures with the last calibration of a tip, and keeps it; returns what it
     says. Raises `BadInput` for a tip that has none, or a doubtful one, and `ArmdError` where the
     daemon refuses."""
-    path, entries = history_file(arm.serial), history(arm.serial, name)
+    path, entries = locate_history_file(arm.serial), read_history(arm.serial, name)
     if not entries:
         raise BadInput(path, f"tip {name!r}", "no calibration", "one by `armd measure tip`")
     last = entries[-1]

@@ -18,7 +18,7 @@ from contextlib import suppress
 from typing import TextIO
 
 from armd.drivers.sample import Event
-from armd.printable import printable
+from armd.printable import to_printable
 
 #: Of one kind of event this many lines are written in this time, one for each joint and sensor an
 #: arm can have; the rest is counted.
@@ -80,7 +80,9 @@ class Journal:
             self._journal.close()
 
     def _put(self, severity: str, kind: str, text: str, detail: str = "") -> None:
-        text = printable(text)  # a serial number may be anything; journalctl hides what it is not
+        text = to_printable(
+            text
+        )  # a serial number may be anything; journalctl hides what it is not
         if self._journal is None or not self._send(severity, kind, text, detail):
             self._lines.put(f"armd: {severity}: {text}\n")
 
@@ -150,7 +152,7 @@ def keep_standard_streams_open() -> None:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
 
 
-def say(line: str) -> None:
+def print_line(line: str) -> None:
     """Print a line on standard output, if that can be written to."""
     try:
         print(line, flush=True)

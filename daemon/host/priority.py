@@ -15,7 +15,7 @@ SENDER_NAME = "tx-0"
 TASKS = Path("/proc/self/task")
 
 
-def go_first() -> None:
+def raise_priority() -> None:
     """Before every ordinary thread, and after most real-time ones; the calling thread alone,
     what it starts later is ordinary again.
 
@@ -30,7 +30,7 @@ def go_first() -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
 
 
-def sender_goes_first() -> bool:
+def raise_sender_priority() -> bool:
     """Zenoh's sending thread too, if the calling thread goes first; no other thread of Zenoh's,
     as others decide on what those have to do. Returns whether that is settled: ask again if not.
     """

@@ -11,9 +11,9 @@ from armd.compensation.model.arm import Arm, Vector3
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.daemon.config import Config, Tip
-from armd.daemon.files.kept_tips import keep_tip, tips_in_force
+from armd.daemon.files.kept_tips import keep_tip, load_active_tips
 from armd.daemon.live.pipeline import Pipeline, Prepared
-from armd.errors import ArmdError, BadInput, cut
+from armd.errors import ArmdError, BadInput, shorten_text
 
 
 class InUse(NamedTuple):
@@ -40,7 +40,7 @@ class ArmInUse:
         """Raises `BadInput` for a calibration that cannot be used, or damaged kept tips."""
         self._config = config
         calibration = self._load()
-        tips = tips_in_force(config.arm.serial_number, config.file.tips)
+        tips = load_active_tips(config.arm.serial_number, config.file.tips)
         self.in_use = InUse(calibration, None, tips)
         self.pipeline = Pipeline(config.arm, calibration, config.file.limits)
 
@@ -76,7 +76,9 @@ class ArmInUse:
         that is none of them."""
         tips = self.in_use.tips
         if name and name not in tips:
-            raise ArmdError(f"no tip {cut(name)!r}; there are: {', '.join(tips) or 'none'}")
+            raise ArmdError(
+                f"no tip {shorten_text(name)!r}; there are: {', '.join(tips) or 'none'}"
+            )
         return self._change(self.in_use._replace(tip=name or None))
 
     def with_kept(self, name: str, tip: Tip) -> Takeover:
@@ -103,7 +105,7 @@ class ArmInUse:
         moved_mm = math.dist(self._offset_mm(self.in_use), self._offset_mm(to))
         arm, calibration = self._config.arm, to.calibration
         if to.tip is not None:
-            arm, calibration = with_offset(arm, calibration, self._offset_mm(to))
+            arm, calibration = replace_offset(arm, calibration, self._offset_mm(to))
         try:
             prepared = self.pipeline.prepare(arm, calibration)
         except (ArithmeticError, MemoryError, ValueError) as error:  # numbers beyond all reason
@@ -127,7 +129,7 @@ class ArmInUse:
         return x, y, z
 
 
-def with_offset(
+def replace_offset(
     arm: Arm, calibration: LoadedCalibration | None, offset_mm: Vector3
 ) -> tuple[Arm, LoadedCalibration | None]:
     """Arm and calibration with another tip's offset in place of their own."""

@@ -24,7 +24,7 @@ _REST = int(Flag.AT_REST)
 
 
 class Flagger:
-    """What `finish` must know of one arm, and remembers between batches of any size."""
+    """What `set_flags` must know of one arm, and remembers between batches of any size."""
 
     def __init__(self, arm: Arm) -> None:
         low, high = arm.limits_rad
@@ -61,7 +61,7 @@ def _memory(n_joints: int) -> np.dtype[np.void]:
 
 
 @jit
-def finish(samples: Any, q: Any, still_since_ns: Any, memory: Any, points: Any) -> None:
+def set_flags(samples: Any, q: Any, still_since_ns: Any, memory: Any, points: Any) -> None:
     """Flag the points (n,) of samples with angles (n, N) rad, and copy what is the samples'.
 
     An invalid point's numbers become NaN. *memory* is a `Flagger`'s.

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from armd import POINT, Flag
 from armd.arrays import F64, I64
-from armd.compiled.jit import jit, settled
+from armd.compiled.jit import jit, select_compiled
 
 TriggeredBy: TypeAlias = Literal["button", "rest"]
 
@@ -90,7 +90,7 @@ class Averager:
         while True:
             arguments = points, angles, self._past, self._angles, self._written, self._span_ns
             if self._keep is None:
-                self._keep = settled(_keep, *arguments)
+                self._keep = select_compiled(_keep, *arguments)
             outcome = self._keep(*arguments)
             if outcome != _NO_ROOM:
                 break

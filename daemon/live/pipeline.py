@@ -16,16 +16,16 @@ import numpy.typing as npt
 
 from armd import POINT, Flag
 from armd.arrays import F64, I64
-from armd.compensation.kernel.kernel import uncorrected
+from armd.compensation.kernel.kernel import compute_uncorrected
 from armd.compensation.kernel.memory import FlatModel
 from armd.compensation.kernel.model import Model
 from armd.compensation.kernel.points import fill
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compiled.jit import jit, settled
-from armd.compiled.library import kind
+from armd.compiled.jit import jit, select_compiled
+from armd.compiled.library import describe_kind
 from armd.daemon.config import Limits
-from armd.daemon.live.flags import Flagger, finish
+from armd.daemon.live.flags import Flagger, set_flags
 from armd.daemon.live.motion import Motion, follow
 from armd.daemon.live.temperature_age import TemperatureWatch
 from armd.drivers.sample import SampleArray, Temperatures
@@ -179,8 +179,11 @@ class Pipeline:
             samples, start, self._room, self._memory, self._floats, self._n_numbers, self._ints,
             factor, floor_mm2, points,
         )  # fmt: skip
-        if self._settled is None or kind(samples) != self._kind:
-            self._settled, self._kind = settled(_correct, *arguments), kind(samples)
+        if self._settled is None or describe_kind(samples) != self._kind:
+            self._settled, self._kind = (
+                select_compiled(_correct, *arguments),
+                describe_kind(samples),
+            )
         self._settled(*arguments)
 
     def _new_points(self, n: int) -> PointArray:
@@ -247,10 +250,10 @@ def _correct(
     still_since_ns, sizes, rows = ints[start:end], ints[room:first], ints[first:]
     flat = FlatModel(sizes, numbers, work)
     _angles(samples, encoders, q)
-    uncorrected(q, flat, tip)
+    compute_uncorrected(q, flat, tip)
     follow(samples, q, tip, memory["motion"], rate, approach, still_since_ns)
     fill(q, rate, approach, flat, factor, rows, floor_mm2, points)
-    finish(samples, q, still_since_ns, memory["flags"], points)
+    set_flags(samples, q, still_since_ns, memory["flags"], points)
 
 
 @jit

@@ -10,7 +10,7 @@ from armd import Flag
 from armd.arrays import F64
 from armd.compensation.data.soundness.heat_flow import LiveSensor
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, used_sensors
+from armd.compensation.model.calibration import Calibration, list_used_sensors
 from armd.daemon.config import Limits
 from armd.daemon.live.drift import CoarseHistory, RecentReadings
 
@@ -46,7 +46,7 @@ class TemperatureWatch:
 
     def use(self, arm: Arm, calibration: Calibration | None) -> None:
         """Judge by another calibration; what was measured so far stays."""
-        used = used_sensors(arm, calibration)
+        used = list_used_sensors(arm, calibration)
         self._used = [i for i, name in enumerate(self.sensors) if name in used]
         self._used_array = np.array(self._used, np.int64)
         ranges = {} if calibration is None else calibration.temperature_range_c

@@ -2,7 +2,7 @@
 
 How a face drives it:
 
-    in_use = ask_in_use(connection)                       # armd.connect(…): arm, calibration, tip
+    in_use = get_in_use(connection)                       # armd.connect(…): arm, calibration, tip
     plan = make_plan("artefact", in_use.arm, artefact, Wishes(repeats=2))
     with Measuring(folder, plan, in_use) as measuring:   # begins, or goes on where it was left
         with connection.calling(keys.MEASUREMENT, heard.append):   # new ones only, no history

@@ -19,7 +19,7 @@ from armd.compensation.model.calibration import (
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.errors import ArmdError
 from armd.files.schema import validate
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from armd.files.writing import write_whole
 
 ARM, CALIBRATION = "arm.toml", "calibration_in_use.json"
@@ -58,7 +58,7 @@ class MeasuredWith:
         return folder / ARM, folder / CALIBRATION
 
 
-def ask_in_use(connection: Connection) -> MeasuredWith:
+def get_in_use(connection: Connection) -> MeasuredWith:
     """Asked of a running daemon."""
     info, text = connection.info(), connection.calibration_file()
     try:
@@ -99,4 +99,4 @@ def _with_tip(
 
 def write_arm_toml(arm: Arm) -> str:
     """The text of an arm.toml."""
-    return toml_text(arm.model_dump(mode="json", by_alias=True, exclude_none=True))
+    return format_toml(arm.model_dump(mode="json", by_alias=True, exclude_none=True))

@@ -17,7 +17,7 @@ from armd.errors import BadInput
 from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
 from armd.files.outputs import check_output_folder
 from armd.files.schema import KeyTwice, decode_json_text
-from armd.files.writing import check_folder, explain_os_errors, sync_folder, write_all
+from armd.files.writing import check_folder, explain_os_errors, flush_folder, write_all
 
 NAME = "measuring.jsonl"
 SCHEMA = "armd.measuring/1"
@@ -53,7 +53,7 @@ class Log:
             else:
                 self.header, self.past = {"schema": SCHEMA, **header}, []
                 self.append(self.header)
-                sync_folder(folder)
+                flush_folder(folder)
         except BaseException:
             self.close()
             raise

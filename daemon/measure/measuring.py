@@ -14,7 +14,7 @@ from typing import Any, Self
 from armd.arrays import F64
 from armd.closing import Closing
 from armd.compensation.data.sessions.files import READINGS
-from armd.daemon.files.session_folder import reading_row, write_readings
+from armd.daemon.files.session_folder import make_reading_row, write_readings
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.log import NAME, Entry, Log, load_beginning
 from armd.daemon.measure.plan.stations import Plan, Station, parse_plan
@@ -275,7 +275,7 @@ class Measuring(Closing):
         target: str,
         artefact_c: float | None = None,
     ) -> dict[str, str | float]:
-        row = reading_row(measurement, self.in_use.arm, started_s, placement, target)
+        row = make_reading_row(measurement, self.in_use.arm, started_s, placement, target)
         if any(reading.artefact_c is not None for reading in self._progress.readings):
             row["artefact_c"] = float("nan") if artefact_c is None else artefact_c
         return row

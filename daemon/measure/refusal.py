@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armd import Flag
-from armd.daemon.files.session_folder import unfit
+from armd.daemon.files.session_folder import explain_unfit
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.plan.stations import Plan, Station
 from armd.daemon.measure.so_far.progress import Progress
@@ -40,7 +40,7 @@ def judge(
     those before it, as long as nothing was measured in this one."""
     if station is None or whereabouts is None:
         return Refusal("complete", "everything is measured; ask for one more, or finish")
-    if reason := unfit(measurement):
+    if reason := explain_unfit(measurement):
         return Refusal(*reason)
     _require_numbers(measurement)
     if plan.within_calibration and (reason := _refuse_climate(Flag(measurement["flags"]))):

@@ -25,8 +25,8 @@ from armd.daemon.measure.so_far.estimate import identify_so_far
 from armd.daemon.measure.waiting import Waiting
 from armd.drivers.waiting import has_bytes
 from armd.errors import ArmdError
-from armd.printable import printable
-from armd.terminal.counted import counted
+from armd.printable import to_printable
+from armd.terminal.counted import format_count
 
 POLL_S = 0.02
 REFRESH_S = 0.1
@@ -92,10 +92,10 @@ class Terminal:
             self._put({"event": "result", **done.__dict__})
             return
         print()
-        print(printable(f"armd: {done.command}"))
+        print(to_printable(f"armd: {done.command}"))
         for text, stream in ((done.output, sys.stdout), (done.error, sys.stderr)):
             for line in text.splitlines():
-                print(printable(line), file=stream)
+                print(to_printable(line), file=stream)
         sys.stdout.flush()
 
     def close(self, finished: bool) -> None:
@@ -105,12 +105,12 @@ class Terminal:
         if self._json:
             self._put({"event": "end", "finished": finished, **counts, "session": state["session"]})
             return
-        text = f"{state['session']}: {counted(state['taken'], 'reading')}"
+        text = f"{state['session']}: {format_count(state['taken'], 'reading')}"
         if not finished:
             text += (
                 f", {state['done']} of {state['wanted']} done; the same command goes on from here"
             )
-        print(printable(f"armd: {text}"), flush=True)
+        print(to_printable(f"armd: {text}"), flush=True)
 
     # --- what comes in ----------------------------------------------------------------------
 
@@ -133,7 +133,7 @@ class Terminal:
             self._say({"event": "silent", "text": text})
             return
         missed = hearing.missed()
-        text = f"the arm is heard again; {counted(len(missed), 'measurement')} meanwhile"
+        text = f"the arm is heard again; {format_count(len(missed), 'measurement')} meanwhile"
         self._say({"event": "heard", "missed": len(missed), "text": text})
         for measurement in missed:
             if not self._over():
@@ -186,7 +186,7 @@ class Terminal:
         if self._json:
             self._put({"event": "begin", **state})
             return
-        print(printable(f"armd: {state['serial']}, {state['kind']}, to {state['session']}"))
+        print(to_printable(f"armd: {state['serial']}, {state['kind']}, to {state['session']}"))
         if state["taken"]:
             print(f"armd: taken up again, {state['done']} of {state['wanted']} done")
         if self._console.is_terminal:
@@ -205,7 +205,7 @@ class Terminal:
                 text = f"   refused, {outcome['reason'].replace('_', ' ')}: {outcome['text']}"
             case _:
                 text = f"   {outcome['text']}"
-        print(printable(text), flush=True)
+        print(to_printable(text), flush=True)
         if not self._measuring.complete and outcome["event"] not in (
             "refused",
             "silent",
@@ -218,9 +218,11 @@ class Terminal:
             return
         if following["new_placement"]:
             place = f": {following['place']}" if following["place"] else ""
-            print(printable(f"      placement {following['placement']}{place}"))
+            print(to_printable(f"      placement {following['placement']}{place}"))
         why = f" ({following['why']})" if following["why"] else ""
-        print(printable(f"      next {following['target']}: {following['how']}{why}"), flush=True)
+        print(
+            to_printable(f"      next {following['target']}: {following['how']}{why}"), flush=True
+        )
 
     def _live(self, opened: ExitStack) -> Callable[[str], None] | None:
         """A line that is written over again and again; None where nobody sees it."""
@@ -251,7 +253,7 @@ class Terminal:
             estimate = identify_so_far(self._measuring.folder, self._measuring.in_use.arm)
         except (ArmdError, ArithmeticError, OSError, ValueError) as error:
             estimate = {"text": f"nothing can be said of it yet: {error}"}
-        print(printable(f"      so far: {estimate['text']}"), flush=True)
+        print(to_printable(f"      so far: {estimate['text']}"), flush=True)
 
     def _put(self, line: Mapping[str, Any]) -> None:
         print(json.dumps(line, allow_nan=False), flush=True)

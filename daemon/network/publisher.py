@@ -59,7 +59,7 @@ class Publisher:
         """Publish what the joints did at points (n,), while somebody listens."""
         if not self._joints_wanted:
             return
-        for message in joint_messages(points, samples, joints):
+        for message in encode_joint_messages(points, samples, joints):
             self._joints.put(message)
 
     def look_for_listeners(self) -> None:
@@ -92,7 +92,7 @@ def _is_heard(publisher: zenoh.Publisher) -> bool:
     return bool(status.matching)
 
 
-def joint_messages(points: PointArray, samples: SampleArray, joints: Joints) -> list[bytes]:
+def encode_joint_messages(points: PointArray, samples: SampleArray, joints: Joints) -> list[bytes]:
     """One `armd.joints.v1` for each point."""
     n, n_joints = len(points), joints.q.shape[1]
     messages = np.zeros(n, joints_dtype(n_joints))

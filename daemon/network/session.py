@@ -79,7 +79,7 @@ RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 
 
 
 @contextmanager
-def zenoh_session(config: Config) -> Iterator[zenoh.Session]:
+def open_zenoh_session(config: Config) -> Iterator[zenoh.Session]:
     """`open_session`, closed at the end within `CLOSE_S`.
 
     A subscriber that stands still holds up Zenoh's own close for ten seconds. The end of the

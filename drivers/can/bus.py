@@ -15,7 +15,7 @@ import canopen
 from can.interfaces.slcan import slcanBus
 from can.interfaces.socketcand import SocketCanDaemonBus
 
-from armd.drivers.can.descriptors import lift_descriptor_limit
+from armd.drivers.can.descriptors import remove_descriptor_limit
 from armd.drivers.can.objects import ERROR, EXTENDED, REMOTE, SYNC_ID, CanFrame
 from armd.drivers.config import CanConfig
 from armd.drivers.host_time import HostTime
@@ -57,7 +57,7 @@ def open_bus(config: CanConfig) -> can.BusABC:
             bus = can.Bus(interface=config.interface, **options)
     except Exception as error:  # each of python-can's interfaces has exceptions of its own
         raise BusFault(_say(error)) from error
-    lift_descriptor_limit(bus)
+    remove_descriptor_limit(bus)
     return bus
 
 

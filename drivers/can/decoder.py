@@ -19,12 +19,12 @@ from armd.drivers.can.sync_time import SyncTime
 from armd.drivers.can.thermometers import Thermometers
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures
-from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, warm_up
+from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, load_compiled
 
 COUNTED = ("malformed", "unknown", "error_frames", "foreign_sync")
 
 
-def note(**fields: Any) -> bytes:
+def encode_note(**fields: Any) -> bytes:
     """Data of a "link" frame: {"note": "up", "down", "configured", "refused", …}."""
     return json.dumps(fields).encode()
 
@@ -82,7 +82,7 @@ class CanDecoder:
 
     def warm_up(self) -> None:
         """Compile, or load from the cache: before the first sample, not while it waits."""
-        warm_up()
+        load_compiled()
 
     def may_sync(self, now_ns: int) -> bool:
         """Whether a SYNC now leaves no doubt which answers are its own."""
@@ -93,7 +93,7 @@ class CanDecoder:
         settings = list(self._settings.values())
         if not settings:
             return []
-        number = note(
+        number = encode_note(
             note="number",
             number=self._number,
             echo=self._sync_time.echo,
@@ -273,7 +273,7 @@ class CanDecoder:
             case "warnings":
                 node = self.nodes[note["node"]]
                 node.warnings = note["warnings"]
-                return [news.warned(node, now_ns)]
+                return [news.report_warnings(node, now_ns)]
             case "alarms":  # of an encoder whose process data have none
                 self._alarms[note["node"]] = frame
                 self.nodes[note["node"]].alarms = note["alarms"]
@@ -300,7 +300,7 @@ class CanDecoder:
         """What cannot be checked of an encoder that lacks an object; once, until it is another."""
         nameless = "serial_number" in note and note["serial_number"] is None
         counts_told = note.get("counts_told", True)
-        event = news.limited(node, nameless, counts_told, note.get("alarms"), now_ns)
+        event = news.report_limits(node, nameless, counts_told, note.get("alarms"), now_ns)
         before, self._limited[node.number] = self._limited.get(node.number, ""), event.text
         return [event] if event.detail["lacks"] and event.text != before else []
 
@@ -309,8 +309,8 @@ class CanDecoder:
             return []
         if node.number in can.TEMPERATURE_NODES:
             self._thermometers.lose(node.number)
-        return [news.failed(node, fault, now_ns)]
+        return [news.report_failure(node, fault, now_ns)]
 
     def _recovered(self, node: Node, now_ns: int) -> list[Item]:
         fault, node.fault = node.fault, ""
-        return [news.recovered(node, fault, now_ns)] if fault else []
+        return [news.report_recovery(node, fault, now_ns)] if fault else []

@@ -55,7 +55,7 @@ def wait(
     return ready
 
 
-def lift_descriptor_limit(bus: can.BusABC) -> None:
+def remove_descriptor_limit(bus: can.BusABC) -> None:
     """Let the modules that *bus* is made of wait for descriptors of any number."""
     for kind in type(bus).__mro__:
         module = sys.modules.get(kind.__module__)

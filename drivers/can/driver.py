@@ -12,7 +12,7 @@ import can
 import numpy as np
 
 from armd.drivers.can.bus import BusFault, OwnNetwork, open_bus
-from armd.drivers.can.decoder import CanDecoder, note
+from armd.drivers.can.decoder import CanDecoder, encode_note
 from armd.drivers.can.objects import SDO_REPLY_BASE, CanFrame
 from armd.drivers.can.setup.job import Job
 from armd.drivers.can.setup.node_setup import NodeSetup
@@ -155,11 +155,11 @@ class CanDriver(Shell[CanDecoder]):
         self._setup.restart()
         self._line.opened(now_ns)
         self._sync_due_ns = now_ns
-        return self._note(note(note="up"))
+        return self._note(encode_note(note="up"))
 
     def _hang_up(self) -> None:
         self.close()
-        self._note(note(note="down"))
+        self._note(encode_note(note="down"))
 
     # --- to the decoder ------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from armd.drivers.can.node import Node
 from armd.drivers.sample import Event
 
 
-def warned(node: Node, now_ns: int) -> Event:
+def report_warnings(node: Node, now_ns: int) -> Event:
     """Its `warnings` have changed."""
     detail = {"joint": node.number, "warnings": node.warnings}
     if not node.warnings:
@@ -18,7 +18,7 @@ def warned(node: Node, now_ns: int) -> Event:
     return Event("joint_warning", text, now_ns, "warning", detail)
 
 
-def limited(
+def report_limits(
     node: Node, nameless: bool, counts_told: bool, alarms: int | None, now_ns: int
 ) -> Event:
     """*node* is *nameless* without a serial number; *counts_told*: it says its counts per turn;
@@ -37,7 +37,7 @@ def limited(
     return Event("encoder_limited", text, now_ns, "info", detail)
 
 
-def failed(node: Node, fault: str, now_ns: int) -> Event:
+def report_failure(node: Node, fault: str, now_ns: int) -> Event:
     detail: dict[str, Any] = {"node": node.number, "reason": fault}
     kind = "sensors_lost"
     if node.number not in can.TEMPERATURE_NODES:
@@ -46,7 +46,7 @@ def failed(node: Node, fault: str, now_ns: int) -> Event:
     return Event(kind, f"{node.name}: {fault}", now_ns, "error", detail)
 
 
-def recovered(node: Node, fault: str, now_ns: int) -> Event:
+def report_recovery(node: Node, fault: str, now_ns: int) -> Event:
     """It reports again after *fault*."""
     kind = "sensors_valid" if node.number in can.TEMPERATURE_NODES else "joint_valid"
     detail = {"node": node.number, "joint": node.number}

@@ -83,7 +83,7 @@ class EncoderLayout(NamedTuple):
 ENCODER_LAYOUT = EncoderLayout(ENCODER_PDO.size, 0, 4)
 
 
-def values_mapping(pdo: int) -> tuple[tuple[int, int, int], ...]:
+def list_mapped_values(pdo: int) -> tuple[tuple[int, int, int], ...]:
     """(index, subindex, bits) of what TPDO *pdo* = 1…4 of a temperature module carries."""
     if pdo == STATUS_PDO_NUMBER:
         return tuple((CHANNEL_STATUS, n, 8) for n in range(1, CHANNELS_PER_MODULE + 1))

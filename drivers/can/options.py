@@ -79,7 +79,7 @@ def _at_least(kind: type) -> str:
     return " of 0 or more" if kind in (int, float) else ""
 
 
-def options_of(interface: str) -> InterfaceKeys | None:
+def find_options(interface: str) -> InterfaceKeys | None:
     """None for an interface whose library is not installed here: nobody knows its keys then.
 
     An interface takes what its constructors name, and what they fetch from their `**kwargs`.

@@ -67,7 +67,7 @@ class Conversation:
     @property
     def reply_size(self) -> int:
         """Bytes that a poll is answered with."""
-        return wire.standard_size(wire.POLLS[self._poll])
+        return wire.get_standard_size(wire.POLLS[self._poll])
 
     @property
     def timed(self) -> bool:

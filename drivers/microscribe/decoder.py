@@ -151,12 +151,12 @@ class MicroScribeDecoder:
             return self._streamed(request)
         command = packet[0] | 0x80
         if command == wire.SERIAL_NUMBER:
-            self._serial_number = wire.text(packet)
+            self._serial_number = wire.decode_text(packet)
             self._greeting = [request, frame._replace(direction="rx", data=packet)]
             return []
         if command == wire.MAXIMA:
             self._greeting += [request, frame._replace(direction="rx", data=packet)]
-            return self._greet(wire.counts_per_turn(packet), frame)
+            return self._greet(wire.decode_counts_per_turn(packet), frame)
         if command == wire.HOME:
             return self._homed(frame)
         if command == wire.STOP[0] | wire.MARK:

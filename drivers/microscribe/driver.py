@@ -130,7 +130,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
             if not conversation.stops:  # nothing is begun that might not be ended
                 self._send_ns = now_ns + STOP_NS
                 return self._send(port, wire.STOP)
-            delay = wire.delay_ticks(request[0], port.baudrate)
+            delay = wire.compute_delay_ticks(request[0], port.baudrate)
             self._send_ns = now_ns + START_NS + START_BYTES * byte_ns
             self._timing_ns = now_ns + TIMING_NS
             return self._send(port, wire.start_streaming(request[0], delay))

@@ -56,7 +56,7 @@ def _ask(talk: _Talk, port: str, baud: int) -> Factory:
         return packet
 
     texts = {
-        name: wire.text(answer(command, name))
+        name: wire.decode_text(answer(command, name))
         for command, name in (
             (wire.SERIAL_NUMBER, "serial number"),
             (wire.MODEL, "model"),
@@ -67,14 +67,14 @@ def _ask(talk: _Talk, port: str, baud: int) -> Factory:
     }
     # An arm without extended parameters does not answer that question at all.
     extended = "beta" in texts["comment"].lower()
-    beta = wire.words(answer(wire.EXTENDED, "extended parameters"))[0] if extended else 0
+    beta = wire.decode_words(answer(wire.EXTENDED, "extended parameters"))[0] if extended else 0
     return Factory(
         texts["serial number"],
         texts["model"],
         texts["format"],
         texts["firmware"],
-        wire.counts_per_turn(answer(wire.MAXIMA, "maxima")),
-        wire.words(answer(wire.PARAMETERS, "parameters")),
+        wire.decode_counts_per_turn(answer(wire.MAXIMA, "maxima")),
+        wire.decode_words(answer(wire.PARAMETERS, "parameters")),
         beta,
         baud,
     )

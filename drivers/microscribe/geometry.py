@@ -26,7 +26,7 @@ class Row:
     beta_deg: float
 
 
-def rows_and_tip(
+def compute_rows_and_tip(
     parameters: Sequence[int], beta: int = 0, ball: bool = False
 ) -> tuple[list[Row], tuple[float, float, float]]:
     """From the reply to PARAMETERS (α, A, D of six frames) and BETA of the extended ones.

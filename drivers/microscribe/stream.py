@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Any, NamedTuple
 
-from armd.drivers.microscribe.wire import MARK, TICKS, standard_size, streamed_command
+from armd.drivers.microscribe.wire import MARK, TICKS, get_standard_size, parse_streamed_command
 from armd.drivers.sample import RawFrame
 
 PACE_PACKETS = 16  # over which the pace is taken
@@ -30,12 +30,12 @@ class PacketStream:
     """Of one command to stream, *request*."""
 
     def __init__(self, request: bytes) -> None:
-        command, delay = streamed_command(request)
+        command, delay = parse_streamed_command(request)
         self.request = request
         self.malformed = 0
         self.packets = 0  # that began and ended
         self._head = command | MARK
-        self._size = standard_size(command)
+        self._size = get_standard_size(command)
         self._open = b""  # what began and may not have ended
         self._heard: RawFrame | None = None  # that `_open` became whole with
         self._complete: tuple[bytes, RawFrame] | None = None  # the next one decides of it

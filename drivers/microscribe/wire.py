@@ -44,7 +44,7 @@ class StandardReply(NamedTuple):
     counts: tuple[int, ...]  # running on past a turn; modulo 2^14
 
 
-def standard_size(command: int) -> int:
+def get_standard_size(command: int) -> int:
     """Bytes of the reply to a standard command."""
     controllers = _CONTROLLERS[command >> 2 & 3]
     extra = controllers + 1 if controllers else 0
@@ -84,14 +84,14 @@ def start_streaming(command: int, delay_ticks: int) -> bytes:
     return head + bytes(_CHANGES)
 
 
-def streamed_command(request: bytes) -> tuple[int, int]:
+def parse_streamed_command(request: bytes) -> tuple[int, int]:
     """The command that a RESPOND_TO_MOTION has the arm answer, and the delay in ticks."""
     return request[3] & 0x7F, int.from_bytes(request[1:3], "big")
 
 
-def delay_ticks(command: int, baud: int) -> int:
+def compute_delay_ticks(command: int, baud: int) -> int:
     """The shortest delay in which a reply passes the line, were a tick 1 ms only; 2 at least."""
-    return max(2, 1 + standard_size(command) * 10_000 // baud)
+    return max(2, 1 + get_standard_size(command) * 10_000 // baud)
 
 
 def take(command: int, buffer: bytes, complete: bool = False) -> tuple[bytes | None, bytes]:
@@ -123,21 +123,21 @@ def _size(command: int, packet: bytes, complete: bool) -> int | None:
             end = packet.find(b"\0")
             return end + 1 if end >= 0 else len(packet) if complete and len(packet) > 1 else None
         case _:
-            return 1 if command & 0x40 else standard_size(command)
+            return 1 if command & 0x40 else get_standard_size(command)
 
 
-def text(packet: bytes) -> str:
+def decode_text(packet: bytes) -> str:
     """What a reply to one of the text commands says."""
     return packet[1:].rstrip(b"\0").decode("ascii", "replace").strip()
 
 
-def counts_per_turn(maxima: bytes) -> tuple[int, ...]:
+def decode_counts_per_turn(maxima: bytes) -> tuple[int, ...]:
     """Of the five joints, from the reply to MAXIMA."""
     angles = maxima[1 + _ANGLES_AT :]
     return tuple(int.from_bytes(angles[2 * k : 2 * k + 2], "big") + 1 for k in range(N_JOINTS))
 
 
-def words(packet: bytes) -> tuple[int, ...]:
+def decode_words(packet: bytes) -> tuple[int, ...]:
     """Signed 16-bit numbers of a reply to PARAMETERS or EXTENDED."""
     data = packet[2:]
     return tuple(

@@ -12,7 +12,7 @@ from typing import Any
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.exchange import Exchange, GatheredCycle, Said, contradicts
+from armd.drivers.poll.exchange import Exchange, GatheredCycle, Said, is_contradiction
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.protocol.packet import ReadRequest, Status
 from armd.drivers.poll.sampler import ServoSampler
@@ -23,7 +23,7 @@ from armd.drivers.poll.servos.roster import Roster
 from armd.drivers.poll.servos.stuck import StuckWatch
 from armd.drivers.poll.servos.warmth import Warmth
 from armd.drivers.sample import Event, Item, RawFrame
-from armd.drivers.unwrap import warm_up
+from armd.drivers.unwrap import load_compiled
 
 CHANNEL = "poll"
 COUNTED = ("missed", "late", "foreign", "repeated", "refused", "echoes", "unasked")
@@ -31,7 +31,7 @@ OVER = b'{"note": "over"}'  # no more answers to the last request; another reque
 BITS = 10  # of a byte on the line: start, eight, stop
 
 
-def note(**fields: Any) -> bytes:
+def encode_note(**fields: Any) -> bytes:
     """Data of a "link" frame: {"note": "up", "down", "one_by_one", "missing", "verdict", "foreign",
     "state"}."""
     return json.dumps(fields).encode()
@@ -101,7 +101,7 @@ class ServoDecoder:
 
     def warm_up(self) -> None:
         """Compile, or load from the cache: before the first sample, not while it waits."""
-        warm_up()
+        load_compiled()
 
     def preamble(self) -> list[RawFrame]:
         """What a fresh decoder must be fed to go on from here."""
@@ -109,7 +109,7 @@ class ServoDecoder:
             return []
         under_way = self._under_way if self.exchange or self._gathered else []
         number, broken = self._before if under_way else (self._number, self.chain_broken)
-        state = note(
+        state = encode_note(
             note="state",
             number=number,
             broken=broken,
@@ -175,7 +175,9 @@ class ServoDecoder:
             statuses = [
                 sent_status for packet in packets for sent_status in self.family.statuses(packet, 0)
             ]
-            twice = {status.id for status in statuses if contradicts(status, self._last_answers)}
+            twice = {
+                status.id for status in statuses if is_contradiction(status, self._last_answers)
+            }
             return [*self.roster.contradicted(twice, frame.monotonic_ns)]
         self.exchange.take(packets, frame.monotonic_ns)  # what it tells is said at its end
         return []

@@ -27,7 +27,7 @@ import serial
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, note
+from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, encode_note
 from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, PAUSE_MOST_NS, Pace, RequestPlan
 from armd.drivers.poll.protocol.packet import ReadRequest
@@ -47,7 +47,7 @@ ASLEEP = 0.9  # of the time that answers need on the line at least, nobody liste
 class ServoDriver(SerialShell[ServoDecoder]):
     """See `armd.drivers.sample.Driver`."""
 
-    DOWN = note(note="down")
+    DOWN = encode_note(note="down")
 
     def __init__(self, config: ServoConfig, expectation: Expectation) -> None:
         super().__init__(ServoDecoder(config, expectation), config.port, CHANNEL)
@@ -263,7 +263,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         self._plan.restart(now_ns)
         self._side = self._next = None
         self._due_ns = self._hold_ns = now_ns
-        items = self._feed("link", note(note="up"))
+        items = self._feed("link", encode_note(note="up"))
         self._acquaintance.restart()
         return items
 

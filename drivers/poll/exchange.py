@@ -86,7 +86,7 @@ class Exchange:
             is_known = is_asked or status.id in self._other_ids
             why = "foreign" if not is_known else "refused" if refuses else "late"
             self._counted[why] += 1
-            if contradicts(status, self._last_answers):
+            if is_contradiction(status, self._last_answers):
                 self.contradicted.add(status.id)
         elif refuses:
             self._counted["refused"] += 1
@@ -107,7 +107,7 @@ class Exchange:
         ]
         size_ns = self._family.answer_bytes(request) * byte_ns
         request_ns = len(self.sent.data) * byte_ns
-        return instants(self.sent.monotonic_ns, request_ns, arrived, size_ns, gaps_ns)
+        return compute_instants(self.sent.monotonic_ns, request_ns, arrived, size_ns, gaps_ns)
 
     def late_ns(self, byte_ns: float, gaps_ns: Sequence[float]) -> int:
         """How long after the line's own time the last answer was here: within so long, and no
@@ -196,12 +196,12 @@ class GatheredCycle:
         return max(late_ns)
 
 
-def contradicts(status: Status, last_answers: Said) -> bool:
+def is_contradiction(status: Status, last_answers: Said) -> bool:
     """Whether its sender has answered that request before, and said something else."""
     return last_answers.get((status.id, len(status.data)), status) != status
 
 
-def instants(
+def compute_instants(
     sent_ns: int,
     request_ns: float,
     arrived_ns: Sequence[int | None],

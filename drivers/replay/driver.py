@@ -28,7 +28,7 @@ _CAN_KEYS = {"rate_hz", "max_joint_rate_deg_s"}
 BATCH = 256  # frames fed in one `read` at most
 
 
-def decoder_of(recording: Recording, expectation: Expectation) -> Decoder:
+def make_decoder(recording: Recording, expectation: Expectation) -> Decoder:
     """A fresh decoder as the recorded daemon was configured; raises `BadInput`."""
     driver = recording.driver
     location = f"{recording.path}: configuration of the recorded daemon"
@@ -46,9 +46,9 @@ def decoder_of(recording: Recording, expectation: Expectation) -> Decoder:
             scribe = validate(location, driver, MicroScribeConfig)
             return MicroScribeDecoder(expectation, scribe.max_joint_rate_deg_s, scribe.stream)
         case str(kind) if kind not in DRIVERS:
-            from armd.drivers.plugin import plugin_driver
+            from armd.drivers.plugin import load_plugin_driver
 
-            model = plugin_driver(kind, DRIVERS)
+            model = load_plugin_driver(kind, DRIVERS)
             plugin = None if model is None else validate(location, driver, model)
             decoder = None if plugin is None else plugin.make_decoder(expectation)
             if decoder is not None:
@@ -66,7 +66,7 @@ class ReplayDriver:
     def __init__(self, config: ReplayConfig, expectation: Expectation) -> None:
         self._recording = recording = Recording(config.file)
         self._speed = config.speed
-        self._decoder = decoder_of(recording, expectation)
+        self._decoder = make_decoder(recording, expectation)
         self._frames: Iterator[RawFrame] = recording.frames()
         self._next: RawFrame | None = None
         self._before: list[Item] = []  # what the preamble told

@@ -17,7 +17,7 @@ from armd.drivers.replay import raw
 from armd.drivers.replay.mcap_file import McapFile, Recorded
 from armd.drivers.sample import RawFrame
 from armd.errors import BadInput
-from armd.files.schema import json_data
+from armd.files.schema import load_json_data
 
 RAW_TOPIC = "/raw"
 PREAMBLE_TOPIC = "/preamble"
@@ -82,7 +82,7 @@ class Recording:
 
     def _checked_info(self) -> dict[str, Any]:
         location = f"{self.path}: {INFO_ATTACHMENT}"
-        info = json_data(location, self.attachments[INFO_ATTACHMENT])
+        info = load_json_data(location, self.attachments[INFO_ATTACHMENT])
         for keys in (("arm",), ("configuration", "driver", "kind")):
             value = info
             for key in keys:

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from armd.compiled.jit import jit, settled
+from armd.compiled.jit import jit, select_compiled
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, SampleArray, sample_dtype
-from armd.drivers.serial.clock import ClockMapping, holds, host_ns
-from armd.drivers.serial.sequence import Rows, Run, SequenceExtender, goes_on
+from armd.drivers.serial.clock import ClockMapping, can_promise, compute_host_ns
+from armd.drivers.serial.sequence import Rows, Run, SequenceExtender, is_continuous
 from armd.drivers.serial.unpacking import SampleBytes, unpack_samples
-from armd.drivers.serial.wire import encode_sample, row_layout
+from armd.drivers.serial.wire import encode_sample, make_row_layout
 from armd.drivers.unwrap import Unwrapper, unwrap
 
 #: Samples that an array is made for at once: to make one costs numpy as much as to fill it.
@@ -72,7 +72,7 @@ class SampleAssembler:
             unwrapper.memory, out, self._jumped,
         )  # fmt: skip
         if self._go_on is None:
-            self._go_on = settled(_unpack_and_go_on, *arguments)
+            self._go_on = select_compiled(_unpack_and_go_on, *arguments)
         trouble = self._go_on(*arguments)
         return None if trouble == NONE else self._with_events(sample_bytes.rows, out, trouble)
 
@@ -112,7 +112,7 @@ class SampleAssembler:
         n_joints = self._dtype["count"].shape[0]
         trial = SampleAssembler(n_joints, self._clock, self._max_rate)
         trial.set_bits([20] * n_joints)
-        sequence, rows = SequenceExtender(), np.zeros(1, row_layout(n_joints))
+        sequence, rows = SequenceExtender(), np.zeros(1, make_row_layout(n_joints))
         trial.go_on(encode_sample(0, 0, [0] * n_joints), sequence, 0, 0)
         for run in sequence.push(rows, 0):
             trial.assemble(run, 0)
@@ -128,7 +128,7 @@ def _unpack_and_go_on(
     if not unpack_samples(n, packets, row_bytes):
         return NONE
     rows = rows[:n]
-    if not goes_on(rows, arrival_ns, sequence):
+    if not is_continuous(rows, arrival_ns, sequence):
         return NONE
     return _assemble(
         rows, sequence[0].epoch, line, arrival_ns, unix_minus_monotonic_ns, next_seq, memory, out,
@@ -149,8 +149,8 @@ def _assemble(
         row, sample = rows[i], out[i]
         seq, t_us = epoch << 32 | np.int64(row.seq), np.int64(row.t_us)
         device_ns = t_us * 1000
-        monotonic_ns = host_ns(device_ns, line)
-        mapped = holds(device_ns, monotonic_ns, arrival_ns, line)
+        monotonic_ns = compute_host_ns(device_ns, line)
+        mapped = can_promise(device_ns, monotonic_ns, arrival_ns, line)
         if not mapped:
             monotonic_ns = arrival_ns - (last_ns - device_ns)
         status = np.uint16(row.joint_status)

@@ -42,7 +42,7 @@ class ClockMapping:
     def __init__(self, noise_ns: float = FLOOR_NS) -> None:
         """*noise_ns*: of an exchange, beside what its round trip shows."""
         self._noise_ns = noise_ns
-        #: What `host_ns` takes. `drift`: host seconds gained per device second.
+        #: What `compute_host_ns` takes. `drift`: host seconds gained per device second.
         self.line = np.zeros(1, _LINE)
         self.reset()
 
@@ -86,7 +86,7 @@ class ClockMapping:
 
     def to_host(self, device_ns: int) -> int:
         """An instant on the host's clock; only meaningful while `mapped`."""
-        return int(host_ns(device_ns, self.line))
+        return int(compute_host_ns(device_ns, self.line))
 
     def _fit(self) -> None:
         device, sent, received = np.array(self._exchanges, dtype=np.int64).T
@@ -108,14 +108,14 @@ class ClockMapping:
 
 
 @jit
-def host_ns(device_ns: Any, line: Any) -> Any:
+def compute_host_ns(device_ns: Any, line: Any) -> Any:
     """The host's instant of the device's, by a `ClockMapping`'s line."""
     since = device_ns - line[0].device_ns
     return line[0].host_ns + since + np.int64(np.rint(since * line[0].drift))
 
 
 @jit
-def holds(device_ns: Any, instant_ns: Any, arrival_ns: Any, line: Any) -> Any:
+def can_promise(device_ns: Any, instant_ns: Any, arrival_ns: Any, line: Any) -> Any:
     """Whether *instant_ns*, the host's of *device_ns* by the line, can be promised for a sample
     that arrived at *arrival_ns*."""
     return (

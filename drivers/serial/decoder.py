@@ -17,7 +17,7 @@ from armd.drivers.serial import wire
 from armd.drivers.serial.assembler import SampleAssembler
 from armd.drivers.serial.clock import EAGER_INTERVAL_NS, ClockMapping
 from armd.drivers.serial.exchanges import Exchanges
-from armd.drivers.serial.reading_buffer import HeldReading, ReadingBuffer, weight
+from armd.drivers.serial.reading_buffer import HeldReading, ReadingBuffer, count_packets
 from armd.drivers.serial.sequence import Rows, Run, SequenceExtender
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 
@@ -262,7 +262,7 @@ class SerialDecoder:
         if self.accepted:
             return self._deliver(reading, frame.monotonic_ns, frame.unix_ns)
         if self.hello is not None:
-            self._counted["foreign"] += weight(reading)
+            self._counted["foreign"] += count_packets(reading)
             return []
         dropped = self._held_readings.add(reading, frame.monotonic_ns, frame.unix_ns)
         self._counted["unidentified"] += dropped

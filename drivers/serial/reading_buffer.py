@@ -22,10 +22,10 @@ class ReadingBuffer:
     def add(self, reading: HeldReading, arrival_ns: int, unix_ns: int) -> int:
         """How many had to go for it."""
         self._readings.append((reading, arrival_ns, unix_ns))
-        self._weight += weight(reading)
+        self._weight += count_packets(reading)
         before = self._weight
         while self._weight > HELD_SAMPLES:
-            self._weight -= weight(self._readings.popleft()[0])
+            self._weight -= count_packets(self._readings.popleft()[0])
         return before - self._weight
 
     def take(self) -> list[tuple[HeldReading, int, int]]:
@@ -41,6 +41,6 @@ class ReadingBuffer:
         return dropped
 
 
-def weight(reading: HeldReading) -> int:
+def count_packets(reading: HeldReading) -> int:
     """Packets."""
     return 1 if isinstance(reading, TemperatureReading) else len(reading)

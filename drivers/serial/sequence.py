@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from armd.compiled.jit import jit
 
-Rows = npt.NDArray[np.void]  # (m,) of serial_wire.row_layout
+Rows = npt.NDArray[np.void]  # (m,) of wire.make_row_layout
 
 WRAP = 1 << 32
 LATENESS_NS = 100_000_000  # by how much bytes may arrive late
@@ -59,7 +59,7 @@ class SequenceExtender:
     def __init__(self) -> None:
         self.repeated = 0
         self._cleared: list[tuple[Rows, int]] = []
-        self.memory = np.zeros(1, _MEMORY)  # what `goes_on` takes and keeps
+        self.memory = np.zeros(1, _MEMORY)  # what `is_continuous` takes and keeps
         self._last = self.memory[0]
         self._last["seq"] = self._last["t_us"] = -1
         self._suspects: deque[tuple[Rows, int]] = deque()
@@ -120,7 +120,7 @@ class SequenceExtender:
         """*rows* in the order of the wire, arrived at *arrival_ns* (host, monotonic)."""
         runs: list[Run] = []
         while len(rows):
-            if not self._suspects and goes_on(rows, arrival_ns, self.memory):
+            if not self._suspects and is_continuous(rows, arrival_ns, self.memory):
                 return [*runs, Run(rows, self.epoch, arrival_ns, False)]
             runs += self._judge(rows[:1], arrival_ns)
             rows = rows[1:]
@@ -209,7 +209,7 @@ class SequenceExtender:
 
 
 @jit
-def goes_on(rows: Any, arrival_ns: int, memory: Any) -> bool:
+def is_continuous(rows: Any, arrival_ns: int, memory: Any) -> bool:
     """Whether *rows* (m,) plainly follow what went before, the usual case: then all are accepted,
     else none. *memory* is a `SequenceExtender`'s."""
     last = memory[0]

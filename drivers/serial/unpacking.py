@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from armd.compiled.jit import jit
-from armd.drivers.serial.wire import CRC_RESIDUE, Type, row_layout
+from armd.drivers.serial.wire import CRC_RESIDUE, Type, make_row_layout
 
 #: Bytes that COBS and the final 0x00 add to a SAMPLE, whose bytes are fewer than 254.
 FRAMING = 2
@@ -28,7 +28,7 @@ class SampleBytes:
     """A read's bytes and the rows that they hold, in memory that compiled functions share."""
 
     def __init__(self, n_joints: int) -> None:
-        layout = row_layout(n_joints)
+        layout = make_row_layout(n_joints)
         self.packet_bytes = layout.itemsize + FRAMING
         room = bytearray(ROOM * self.packet_bytes)
         self._view = memoryview(room)

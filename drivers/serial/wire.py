@@ -39,7 +39,7 @@ class Type(IntEnum):
 
 
 @cache
-def sample_layout(n_joints: int) -> np.dtype[np.void]:
+def make_sample_layout(n_joints: int) -> np.dtype[np.void]:
     return np.dtype(
         [
             ("type", "u1"),
@@ -54,13 +54,13 @@ def sample_layout(n_joints: int) -> np.dtype[np.void]:
 
 
 @cache
-def row_layout(n_joints: int) -> np.dtype[np.void]:
+def make_row_layout(n_joints: int) -> np.dtype[np.void]:
     """A SAMPLE as it is unpacked."""
-    return np.dtype([*sample_layout(n_joints).descr, ("crc", "<u4")])
+    return np.dtype([*make_sample_layout(n_joints).descr, ("crc", "<u4")])
 
 
 @cache
-def temperature_layout(n_sensors: int) -> np.dtype[np.void]:
+def make_temperature_layout(n_sensors: int) -> np.dtype[np.void]:
     return np.dtype(
         [
             ("type", "u1"),
@@ -73,7 +73,7 @@ def temperature_layout(n_sensors: int) -> np.dtype[np.void]:
 
 
 @cache
-def hello_layout(n_joints: int) -> np.dtype[np.void]:
+def make_hello_layout(n_joints: int) -> np.dtype[np.void]:
     return np.dtype(
         [
             ("type", "u1"),
@@ -92,9 +92,9 @@ PONG_LAYOUT = np.dtype([("type", "u1"), ("nonce", "<u4"), ("t_us", "<u8")])
 PING_LAYOUT = np.dtype([("type", "u1"), ("nonce", "<u4")])
 
 # Where SAMPLE and TEMPERATURE say how many values follow, and how long they are without any.
-_SAMPLE_N, _SAMPLE_HEAD = 3, sample_layout(0).itemsize
-_TEMPERATURE_N, _TEMPERATURE_HEAD = 1, temperature_layout(0).itemsize
-_HELLO_N, _HELLO_HEAD = 2, hello_layout(0).itemsize
+_SAMPLE_N, _SAMPLE_HEAD = 3, make_sample_layout(0).itemsize
+_TEMPERATURE_N, _TEMPERATURE_HEAD = 1, make_temperature_layout(0).itemsize
+_HELLO_N, _HELLO_HEAD = 2, make_hello_layout(0).itemsize
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ def encode_sample(
 ) -> bytes:
     """One SAMPLE packet; *seq* and *counts* are taken modulo 2^32."""
     wrapped = np.asarray(counts, dtype=np.int64) & 0xFFFFFFFF
-    row = np.zeros((), sample_layout(len(wrapped)))
+    row = np.zeros((), make_sample_layout(len(wrapped)))
     row["type"], row["n"] = Type.SAMPLE, len(wrapped)
     row["joint_status"], row["buttons"] = joint_status, buttons
     row["seq"], row["t_us"], row["count"] = seq & 0xFFFFFFFF, t_us, wrapped
@@ -154,7 +154,7 @@ def encode_temperature(t_us: int, celsius: npt.ArrayLike) -> bytes:
     values = np.asarray(celsius, dtype=np.float64)
     ticks = np.nan_to_num(np.round(values / TEMPERATURE_UNIT_C), nan=np.inf)
     fits = np.abs(ticks) <= np.iinfo(np.int16).max
-    row = np.zeros((), temperature_layout(len(values)))
+    row = np.zeros((), make_temperature_layout(len(values)))
     row["type"], row["n"], row["t_us"] = Type.TEMPERATURE, len(values), t_us
     row["valid"] = sum(1 << i for i, ok in enumerate(fits) if ok)
     row["centi_celsius"] = np.where(fits, ticks, 0)
@@ -162,7 +162,7 @@ def encode_temperature(t_us: int, celsius: npt.ArrayLike) -> bytes:
 
 
 def encode_hello(hello: Hello) -> bytes:
-    row = np.zeros((), hello_layout(hello.n_joints))
+    row = np.zeros((), make_hello_layout(hello.n_joints))
     row["type"] = Type.HELLO
     for name in ("protocol", "n_joints", "n_sensors", "rate_hz", "boot_id", "bits"):
         row[name] = getattr(hello, name)
@@ -193,8 +193,8 @@ def is_sample(data: bytes, n_joints: int) -> bool:
 
 
 def decode_samples(run: list[bytes], n_joints: int) -> npt.NDArray[np.void]:
-    """Unpacked SAMPLEs of *n_joints* each → one array (m,) of `row_layout(n_joints)`."""
-    return np.frombuffer(bytearray().join(run), row_layout(n_joints))
+    """Unpacked SAMPLEs of *n_joints* each → one array (m,) of `make_row_layout(n_joints)`."""
+    return np.frombuffer(bytearray().join(run), make_row_layout(n_joints))
 
 
 def decode_temperature(data: bytes) -> TemperatureReading | None:
@@ -202,7 +202,7 @@ def decode_temperature(data: bytes) -> TemperatureReading | None:
     n = data[_TEMPERATURE_N]
     if n > CHANNELS_MAX or len(data) != _TEMPERATURE_HEAD + 2 * n + 4:
         return None
-    row = np.frombuffer(data[:-4], temperature_layout(n))[0]
+    row = np.frombuffer(data[:-4], make_temperature_layout(n))[0]
     if row["t_us"] >= T_US_LIMIT:
         return None
     valid = (int(row["valid"]) >> np.arange(n)) & 1
@@ -221,7 +221,7 @@ def decode_hello(data: bytes) -> Hello | None:
         return Hello(data[1], 0, 0, 0, 0, "", ())
     if len(data) < _HELLO_HEAD + 4 or len(data) != _HELLO_HEAD + data[_HELLO_N] + 4:
         return None
-    row = np.frombuffer(data[:-4], hello_layout(data[_HELLO_N]))[0]
+    row = np.frombuffer(data[:-4], make_hello_layout(data[_HELLO_N]))[0]
     return Hello(
         protocol=int(row["protocol"]),
         n_joints=int(row["n_joints"]),

@@ -18,7 +18,7 @@ from armd.arrays import F64
 from armd.errors import BadInput
 from armd.simulator.measured.artefact import Artefact, Length
 from armd.simulator.measured.campaign import Campaign, Rig
-from armd.simulator.measured.measuring import Measured, reach_of, take_readings
+from armd.simulator.measured.measuring import Measured, find_reach, take_readings
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.placement import Placement, place
 from armd.simulator.measured.plan import MOUNTED, Climate, SessionPlan, Visit
@@ -28,7 +28,7 @@ from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import SELF_HEATING_W
-from armd.simulator.truth.rotations import random_unit, rotate_about
+from armd.simulator.truth.rotations import draw_directions, rotate_about
 
 #: The first check is so long after the arm was mounted, when it has been calibrated.
 FIRST_H = 75.0
@@ -138,7 +138,7 @@ ARTEFACTS |= {"seats": (make_seats, 7), "sphere": (make_sphere, 15), "bar": (mak
 
 
 def plan_interim(seed: int, noise: Noise, artefact: str = "bar") -> Campaign:
-    """The rig as it is on the first day; `carry_out` measures it."""
+    """The rig as it is on the first day; `measure_checks` measures it."""
     rig_artefact = ARTEFACTS[artefact][0](np.random.default_rng([seed, 0x1A7]))
     return Campaign(nominal.make_arm_toml(), Rig(TrueArm.default(seed), rig_artefact, noise), [])
 
@@ -170,7 +170,7 @@ def plant_happenings(
     return today
 
 
-def carry_out(
+def measure_checks(
     history: CheckSeries, seed: int, noise: Noise, drawn: int | None = None
 ) -> Iterator[Measured]:
     """Measure check after check with the arm of *seed*; *drawn*: the seed of all else, if
@@ -186,7 +186,7 @@ def carry_out(
     rng = np.random.default_rng([luck, 0x17E2])
     begun = plan_interim(seed, noise, history.artefact)
     artefact, count = begun.rig.artefact, ARTEFACTS[history.artefact][1]
-    reach = reach_of(begun.rig, rng)
+    reach = find_reach(begun.rig, rng)
     used = use(history.days, luck)
     visit = Visit("P1", (), count, radius_mm=(200.0, 750.0))
     stand, _ = place(visit, artefact.true_mm, reach, rng)
@@ -227,7 +227,7 @@ def _spoilt(rig: Rig, kind: Bad, rng: np.random.Generator) -> Rig:
     if kind == "wrong-artefact":
         scaled_mm = artefact.true_mm * (1.0 + OTHER_MM / max(np.ptp(artefact.true_mm), 1.0))
         return replace(rig, artefact=replace(artefact, true_mm=scaled_mm))
-    grain = GRAIN_MM * random_unit(rng, 1)[0]
+    grain = GRAIN_MM * draw_directions(rng, 1)[0]
     begins = rng.uniform(0.2, 0.5)
 
     def spoil(later: np.random.Generator, n: int) -> F64:

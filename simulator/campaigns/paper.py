@@ -14,7 +14,7 @@ import numpy as np
 
 from armd.simulator.measured.artefact import Artefact, make_ball_beam
 from armd.simulator.measured.campaign import Campaign, Rig
-from armd.simulator.measured.measuring import Measured, measure, reach_of
+from armd.simulator.measured.measuring import Measured, find_reach, measure
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import Climate, SessionPlan, plan_rounds
 from armd.simulator.truth import nominal
@@ -66,7 +66,7 @@ def _before_ageing(arm: TrueArm, beam: Artefact, rng: np.random.Generator) -> Tr
     """The arm as its maker calibrated it, with changes since then drawn until its distances err
     as those of the paper's arm did."""
     rig = Rig(arm, beam, Noise().scaled(0.0))
-    reach = reach_of(rig, rng)
+    reach = find_reach(rig, rng)
     trials = [
         measure(rig, SessionPlan("trial", 0.0, Climate(celsius), plan_rounds(8, 4)), reach, rng)
         for celsius in (16.0, 20.0, 25.0, 30.0)

@@ -150,7 +150,7 @@ def check_wire(faults: Sequence[Fault], wire: Wire, joints: int) -> None:
             )
 
 
-def random_faults(
+def draw_faults(
     seed: int, per_minute: float, seconds: float, wire: Wire, joints: int
 ) -> list[Fault]:
     """Faults of all kinds at random times, places and lengths, the same for the same seed.

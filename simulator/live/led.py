@@ -22,7 +22,7 @@ from armd.files.schema import Strict, load_toml
 from armd.simulator.live.operator import Hand, Stretch
 from armd.simulator.measured import plan as visits
 from armd.simulator.measured.placement import Placement, place
-from armd.simulator.measured.poses import Reach, Unreachable, settle_on
+from armd.simulator.measured.poses import Reach, Unreachable, solve_posture
 from armd.simulator.truth.arm import Movable
 from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.rotations import rotate_about
@@ -162,7 +162,7 @@ class LedOperator(Hand):
             return Stretch(start_s, 1e-9, np.inf, begin, 0.0 * begin, np.inf)
         missed = stop.goal_mm + self._rng.normal(0.0, 1e-3 * self._plan.miss_um, 3)
         still = Conditions.at_rest(1, len(begin), link_c)
-        posture = settle_on(self._arm, stop.posture[None], missed[None], still)[0]
+        posture = solve_posture(self._arm, stop.posture[None], missed[None], still)[0]
         change = posture - begin
         move_s = max(self._shortest_s(begin, change, link_c), SHORTEST_MOVE_S)
         end_s = start_s + move_s + self._plan.rest_s

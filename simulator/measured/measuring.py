@@ -20,11 +20,11 @@ from armd.simulator.measured.artefact import Artefact
 from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.placement import Placement, place
 from armd.simulator.measured.plan import Climate, SessionPlan
-from armd.simulator.measured.poses import Reach, compute_tip_jacobian, settle_on
+from armd.simulator.measured.poses import Reach, compute_tip_jacobian, solve_posture
 from armd.simulator.truth import nominal
 from armd.simulator.truth.effects.effect import Conditions, Posture
 from armd.simulator.truth.heat import HeatField
-from armd.simulator.truth.rotations import random_unit
+from armd.simulator.truth.rotations import draw_directions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,14 +72,14 @@ def _down(placements: list[Placement], placement: I64) -> F64:
     return -np.array([pose.rotation[2] for pose in placements])[placement]
 
 
-def reach_of(rig: Rig, rng: np.random.Generator) -> Reach:
+def find_reach(rig: Rig, rng: np.random.Generator) -> Reach:
     """What the rig's arm can reach."""
     return Reach(rig.arm, rng, rig.limits_rad)
 
 
-def carry_out(campaign: Campaign, rng: np.random.Generator) -> Iterator[Measured]:
+def measure_campaign(campaign: Campaign, rng: np.random.Generator) -> Iterator[Measured]:
     """Measure session after session."""
-    reach = reach_of(campaign.rig, rng)
+    reach = find_reach(campaign.rig, rng)
     for plan, artefact in campaign.sessions:
         yield measure(replace(campaign.rig, artefact=artefact), plan, reach, rng)
 
@@ -151,7 +151,7 @@ def take_readings(
     moved = rig.noise.seating(rng, n) + rig.noise.wander(rng, time_s)
     thrown = np.zeros((n, 3)) if rig.spoil is None else rig.spoil(rng, n)
     moved = moved + thrown
-    phi = settle_on(arm, phi, goal + moved, conditions)
+    phi = solve_posture(arm, phi, goal + moved, conditions)
     encoder_noise = rig.noise.encoders(rng, phi.shape) + rig.interpolation(phi)
     jacobian = compute_tip_jacobian(arm.posture(phi, conditions))
     encoder = arm.encoder_angles(phi, conditions) + encoder_noise
@@ -251,7 +251,7 @@ def _motion(
     The approach is *pushed* (n, 3), where a surface prescribes it, and mostly from above if NaN.
     """
     n = posture.tip.shape[0]
-    above = random_unit(rng, n) + np.array([0.0, 0.0, -0.8])
+    above = draw_directions(rng, n) + np.array([0.0, 0.0, -0.8])
     above /= np.linalg.norm(above, axis=1, keepdims=True)
     approach = np.where(np.isnan(pushed), above, pushed)
     jacobian = compute_tip_jacobian(posture)

@@ -19,7 +19,7 @@ from armd.arrays import F64
 from armd.simulator.measured.campaign import Campaign, Touched
 from armd.simulator.measured.electronics import draw_brown_outs, draw_restarts
 from armd.simulator.truth.nominal import list_sensor_names
-from armd.simulator.truth.rotations import random_unit
+from armd.simulator.truth.rotations import draw_directions
 
 Rng = np.random.Generator
 Texts = dict[str, str]  # session.toml and readings.csv
@@ -53,7 +53,10 @@ def spoil_campaign(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
 
             def spoil(row_rng: Rng, n: int) -> F64:
                 offset_mm = (
-                    1e-3 * GROSS_UM * row_rng.uniform(0.7, 1.5, (n, 1)) * random_unit(row_rng, n)
+                    1e-3
+                    * GROSS_UM
+                    * row_rng.uniform(0.7, 1.5, (n, 1))
+                    * draw_directions(row_rng, n)
                 )
                 return np.where(row_rng.uniform(size=(n, 1)) < GROSS_SHARE, offset_mm, 0.0)
 
@@ -74,8 +77,8 @@ def spoil_campaign(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
             rig = replace(rig, repeats=3, in_rounds=rounds, interpolation_rad=float(small))
         case "touched":
             distance_mm = 1e-3 * float(np.exp(rng.uniform(np.log(100.0), np.log(600.0))))
-            turn = 1e-3 * rng.uniform(0.0, 1.0) * random_unit(rng, 1)[0]
-            shift = distance_mm * random_unit(rng, 1)[0]
+            turn = 1e-3 * rng.uniform(0.0, 1.0) * draw_directions(rng, 1)[0]
+            shift = distance_mm * draw_directions(rng, 1)[0]
             touched = Touched(str(rng.choice(names)), float(rng.uniform(0.25, 0.75)), turn, shift)
             rig = replace(rig, touched=touched)
     return replace(campaign, rig=rig)

@@ -29,7 +29,7 @@ def compute_tip_jacobian(posture: Posture) -> F64:
     return np.stack(columns, axis=2)
 
 
-def settle_on(arm: Movable, phi: F64, goal_mm: F64, conditions: Conditions) -> F64:
+def solve_posture(arm: Movable, phi: F64, goal_mm: F64, conditions: Conditions) -> F64:
     """Angles (n, N) near *phi* with which the arm's true tip is at *goal_mm* (n, 3).
 
     Shortest steps of the rigid arm towards the goal; imperfections change the tip by so little
@@ -80,7 +80,7 @@ class Reach:
         start = self._phi[picked.ravel()]
         goal = np.repeat(goals_mm, tries, axis=0)
         still = Conditions.at_rest(len(start), start.shape[1])
-        phi = settle_on(self._arm, start, goal, still)
+        phi = solve_posture(self._arm, start, goal, still)
         missed = np.linalg.norm(self._arm.tip(phi, still) - goal, axis=1)
         inside = ((phi >= self._low) & (phi <= self._high)).all(axis=1)
         good = (inside & (missed < 1e-3)).reshape(len(goals_mm), tries)

@@ -44,11 +44,11 @@ class MotionReport:
     COMMAND_BYTES = 25
 
     def __init__(self, heard: bytes, timer: Timer, baud: int, now_s: float) -> None:
-        self._command, delay = wire.streamed_command(heard)
+        self._command, delay = wire.parse_streamed_command(heard)
         self._buttons = heard[4]
         self._changes = np.frombuffer(heard[13:25], ">u2")
         self._timer = timer
-        self._line_s = READ_TO_LINE_S + wire.standard_size(self._command) * 10 / baud
+        self._line_s = READ_TO_LINE_S + wire.get_standard_size(self._command) * 10 / baud
         self._every = max(delay, math.ceil(self._line_s * Timer.HZ))
         self._tick = timer.ticks(now_s)
         self._sent: wire.StandardReply | None = None

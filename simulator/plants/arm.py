@@ -29,7 +29,7 @@ from armd.simulator.truth.effects import (
     WideHysteresis,
     WobblingAxis,
 )
-from armd.simulator.truth.rotations import ARC_SECOND, random_unit
+from armd.simulator.truth.rotations import ARC_SECOND, draw_directions
 
 
 def draw_angle(plant: Plant, rng: np.random.Generator, name: str = "direction") -> float:
@@ -106,11 +106,11 @@ def make_warm(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
     return WarmHousing(plant.number, plant.size)
 
 
-def mount(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+def plant_mount(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     """`kind` "drift" (size × 3″ and 5 µm an hour) or "step" (size × 4″ and 5 µm at once)."""
     step = plant.detail.get("kind", "drift") == "step"
-    turn = plant.size * (4.0 if step else 3.0) * random_unit(rng, 1)[0]
-    shift = plant.size * 5.0 * random_unit(rng, 1)[0]
+    turn = plant.size * (4.0 if step else 3.0) * draw_directions(rng, 1)[0]
+    shift = plant.size * 5.0 * draw_directions(rng, 1)[0]
     since = campaign.span_s()[0][0]
     instant_s = draw_instant(plant, rng, campaign) if step else None
     return MovingMount(tuple(turn), tuple(shift), since, instant_s)
@@ -118,7 +118,7 @@ def mount(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
 
 def make_tip_change(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     """`kind` "refit" (from an instant on) or "once" (all along)."""
-    shift = tuple(plant.size * random_unit(rng, 1)[0])
+    shift = tuple(plant.size * draw_directions(rng, 1)[0])
     if plant.detail.get("kind", "refit") == "once":
         return RefittedTip(shift)
     return RefittedTip(shift, draw_instant(plant, rng, campaign))

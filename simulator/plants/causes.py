@@ -34,7 +34,7 @@ from armd.simulator.truth.effects import (
     WarmDisc,
 )
 from armd.simulator.truth.nominal import list_sensor_names
-from armd.terminal.suggest import did_you_mean, few
+from armd.terminal.suggest import format_names, suggest
 
 How = Callable[[Campaign, Plant, np.random.Generator], Campaign]
 MakeEffect = Callable[[Plant, np.random.Generator, Campaign], Effect]
@@ -80,7 +80,7 @@ def plant_all(campaign: Campaign, plants: Sequence[Plant], rng: np.random.Genera
     """The campaign with all *plants* in it; raises `BadInput` for what cannot be planted."""
     for plant in plants:
         if plant.cause not in CAUSES:
-            suggestion = did_you_mean(plant.cause, CAUSES)
+            suggestion = suggest(plant.cause, CAUSES)
             expected = f"a cause{suggestion}" if suggestion else f"one of {', '.join(CAUSES)}"
             raise BadInput("--plant", plant.cause, "an unknown cause", expected)
         _check_location(campaign, plant)
@@ -105,7 +105,7 @@ def _check_location(campaign: Campaign, plant: Plant) -> None:
             locations = [places]
     if plant.location not in locations:
         same = [name for name in locations if _bare(name) == _bare(plant.location)]
-        expected = f"{same[0]!r}" if same else few(locations)
+        expected = f"{same[0]!r}" if same else format_names(locations)
         raise BadInput("--plant", plant.cause, f"location {plant.location!r}", expected)
 
 
@@ -192,7 +192,7 @@ CAUSES: dict[str, Planting] = {
     "time_skew": Planting(
         "µs", 80.0, "joint", plant_imperfection(lambda p, _r, _: LateLatch(p.number, p.size))
     ),
-    "mount_drift": Planting("×", 1.0, "base", plant_imperfection(allow_drift(arm.mount))),
+    "mount_drift": Planting("×", 1.0, "base", plant_imperfection(allow_drift(arm.plant_mount))),
     "tip_offset": Planting("µm", 7.0, "tip", plant_imperfection(arm.make_tip_change)),
     "outliers": Planting("µm", 60.0, "rows", surroundings.plant_outliers),
     "unknown": Planting("by kind", 5.0, "-", plant_imperfection(arm.make_unknown)),

@@ -19,7 +19,7 @@ from armd.simulator.truth.effects import (
     DriftingZero,
     Effect,
 )
-from armd.simulator.truth.rotations import random_unit
+from armd.simulator.truth.rotations import draw_directions
 
 COURSES = ("creeping", "relaxing", "swelling", "daily", "wandering")
 #: Typical sizes by parameter: ″ of a zero or twist, ppm of a length.
@@ -38,7 +38,7 @@ def make_drifting(plant: Plant, rng: np.random.Generator, campaign: Campaign) ->
     along = _course(str(plant.detail["course"]), plant, rng, campaign)
     if plant.cause == "mount_drift":
         turn, shift = (
-            tuple(plant.size * amplitude * random_unit(rng, 1)[0]) for amplitude in (4.0, 5.0)
+            tuple(plant.size * amplitude * draw_directions(rng, 1)[0]) for amplitude in (4.0, 5.0)
         )
         return DriftingMount(turn, shift, along)
     match plant.detail["parameter"]:

@@ -12,7 +12,7 @@ from armd.simulator.measured.artefact import Artefact, Sag
 from armd.simulator.measured.campaign import Campaign
 from armd.simulator.plants.plant import Plant
 from armd.simulator.truth.nominal import list_sensor_names
-from armd.simulator.truth.rotations import random_unit
+from armd.simulator.truth.rotations import draw_directions
 
 
 def plant_lag(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
@@ -58,7 +58,7 @@ def plant_artefact_expansion(campaign: Campaign, plant: Plant, _: np.random.Gene
 
 def plant_artefact_length(campaign: Campaign, plant: Plant, rng: np.random.Generator) -> Campaign:
     """One ball moved since its certificate (µm), or everything grown ("artefact", µm/m)."""
-    direction = random_unit(rng, 1)[0]
+    direction = draw_directions(rng, 1)[0]
 
     def change(artefact: Artefact) -> Artefact:
         true = artefact.true_mm.copy()
@@ -87,7 +87,7 @@ def plant_outliers(campaign: Campaign, plant: Plant, _: np.random.Generator) -> 
     fraction = float(plant.detail.get("fraction", 0.015))
 
     def spoil(rng: np.random.Generator, n: int) -> F64:
-        offset_mm = 1e-3 * plant.size * rng.uniform(0.7, 1.5, (n, 1)) * random_unit(rng, n)
+        offset_mm = 1e-3 * plant.size * rng.uniform(0.7, 1.5, (n, 1)) * draw_directions(rng, n)
         return np.where(rng.uniform(size=(n, 1)) < fraction, offset_mm, 0.0)
 
     return replace(campaign, rig=replace(campaign.rig, spoil=spoil))

@@ -16,7 +16,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.simulator.printed.arm import LIMITS_DEG, PrintedArm
-from armd.simulator.truth.rotations import random_unit, rotate_about
+from armd.simulator.truth.rotations import draw_directions, rotate_about
 
 #: The plate: a triangle of 90° cones, measured with a calliper.
 SEATS_MM = {"S1": (0.0, 0.0, 0.0), "S2": (120.0, 0.0, 0.0), "S3": (40.0, 90.0, 0.0)}
@@ -81,7 +81,7 @@ def _plate_visits(
         radius = (215.0, 280.0)[i % 2] + rng.uniform(-15, 15)
         height = (30.0, 80.0, 130.0)[i % 3] + rng.uniform(-10, 10)
         turn = rotate_about(np.array([0.0, 0.0, angle + rng.uniform(-0.5, 0.5)]))
-        turn = turn @ rotate_about(random_unit(rng, 1)[0] * rng.uniform(0.0, 0.5))
+        turn = turn @ rotate_about(draw_directions(rng, 1)[0] * rng.uniform(0.0, 0.5))
         middle = np.mean(list(true.values()), axis=0)
         corner = np.array([radius * np.cos(angle), radius * np.sin(angle), height]) - turn @ middle
         visits += [

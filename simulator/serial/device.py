@@ -160,7 +160,7 @@ class SerialDevice:
     def _stamp(self) -> None:
         """The block's SAMPLE bodies, numbered and timed from the last boot."""
         n, n_joints = self._block.encoder_rad.shape
-        self._rows = np.zeros(n, wire.sample_layout(n_joints))
+        self._rows = np.zeros(n, wire.make_sample_layout(n_joints))
         since_boot = np.arange(self._buffer.first_k, self._buffer.first_k + n) - self._boot_k
         self._rows["type"], self._rows["n"] = wire.Type.SAMPLE, n_joints
         self._rows["seq"] = (self._boot_seq + since_boot) & 0xFFFFFFFF

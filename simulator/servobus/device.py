@@ -60,7 +60,7 @@ class ServoBus:
         self._servos = {
             n: SimulatedServo(n, family, model=AX_12 if n in old else MX_28) for n in self._arm.ids
         }
-        self._splitter = self._codec.splitter()
+        self._splitter = self._codec.make_splitter()
         self._once: list[Fault] = []  # faults of one cycle that have not been yet
         self._late_status = b""  # an answer that comes a cycle late
         self._byte_ns = 0.0
@@ -111,7 +111,7 @@ class ServoBus:
     def _obey(self, packet: Packet, heard_ns: float) -> None:
         """A packet whose last bit came at *heard_ns*."""
         codec = self._codec
-        request = codec.read_request(packet)
+        request = codec.decode_read_request(packet)
         if request is not None:
             self._read(request.ids, request.address, request.length, request.fast, heard_ns,
                        to_one_servo=packet.id in self._servos)  # fmt: skip
@@ -126,12 +126,12 @@ class ServoBus:
                 address, data = address | packet.params[1] << 8, packet.params[2:]
             error = self._servos[packet.id].write(address, data)
             self._log.write("write", servo=packet.id, address=address, data=list(data))
-            self._say(codec.status(packet.id, error), heard_ns, packet.id)
+            self._say(codec.make_status(packet.id, error), heard_ns, packet.id)
 
     def _pong(self, n: int) -> bytes:
         servo = self._servos[n]
         data = b"" if self._is_short else servo.read(0, 2) + servo.read(6, 1)
-        status: bytes = self._codec.status(n, servo.error, data)
+        status: bytes = self._codec.make_status(n, servo.error, data)
         return status
 
     def _read(
@@ -157,7 +157,7 @@ class ServoBus:
                 continue
             begin_ns = end_ns + self._gap_ns(servo)
             self._feel(servo, begin_ns, faults)
-            status = self._codec.status(n, servo.error, servo.read(address, length))
+            status = self._codec.make_status(n, servo.error, servo.read(address, length))
             if is_cycle and any(f.name == "late_answer" and f.joint == n for f in once):
                 self._late_status = status
                 continue
@@ -186,7 +186,7 @@ class ServoBus:
         padded_answers = [
             a or Status(n, 0, bytes(length)) for a, n in zip(answers, ids, strict=True)
         ]
-        blocks = dynamixel.fast_status_blocks(
+        blocks = dynamixel.make_fast_status_blocks(
             padded_answers, lambda n, block: self._flip(block, -1) if _flips(n, faults) else block
         )[: len(answers_before_gap)]
         if blocks:

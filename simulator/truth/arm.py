@@ -14,7 +14,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.simulator.truth import nominal
 from armd.simulator.truth.effects.effect import Conditions, Effect, Masses, Posture, SmallMotion
-from armd.simulator.truth.rotations import make_tilt, rotate_about, turn_z
+from armd.simulator.truth.rotations import make_tilt, rotate_about, rotate_about_z
 
 
 class Movable(Protocol):
@@ -153,7 +153,7 @@ class TrueArm:
             for effect in self.effects:
                 motion = effect.axis(joint, rigid, conditions)
                 position, rotation = _move(position, rotation, motion)
-            rotation = turn_z(rotation, phi[:, joint - 1] + self.rows[joint - 1, 0])
+            rotation = rotate_about_z(rotation, phi[:, joint - 1] + self.rows[joint - 1, 0])
             position = position + _apply(rotation, self._link_vector(joint, conditions))
             for effect in self.effects:
                 motion = effect.link(joint, rigid, conditions)
@@ -171,7 +171,7 @@ class TrueArm:
         position, rotation = _start(len(phi))
         origins, rotations, turning = [position], [rotation], []
         for joint in range(1, self.n_joints + 1):
-            rotation = turn_z(rotation, phi[:, joint - 1] + self.rows[joint - 1, 0])
+            rotation = rotate_about_z(rotation, phi[:, joint - 1] + self.rows[joint - 1, 0])
             turning.append(rotation)
             position = position + _apply(rotation, self._link_vector(joint, conditions))
             rotation = rotation @ make_tilt(self.rows[joint - 1, 3], self.rows[joint - 1, 4])

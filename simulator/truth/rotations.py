@@ -24,7 +24,7 @@ def rotate_about(vector: F64) -> F64:
     return rotation
 
 
-def turn_z(rotation: F64, angle: F64) -> F64:
+def rotate_about_z(rotation: F64, angle: F64) -> F64:
     """rotation (n, 3, 3) · Rz(angle (n,)): two columns change, which is cheaper than a product."""
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     turned = np.empty_like(rotation)
@@ -41,7 +41,7 @@ def make_tilt(alpha: float, beta: float) -> F64:
     return np.array([[cb, 0.0, sb], [s * sb, c, -s * cb], [-c * sb, s, c * cb]])
 
 
-def random_unit(rng: np.random.Generator, n: int) -> F64:
+def draw_directions(rng: np.random.Generator, n: int) -> F64:
     """Directions (n, 3) uniform on the sphere."""
     vectors = rng.normal(size=(n, 3))
     unit: F64 = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

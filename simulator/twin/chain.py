@@ -59,7 +59,7 @@ class LinkWeights:
         return moment
 
 
-def turn(axis: int, angle: F64) -> F64:
+def make_rotation(axis: int, angle: F64) -> F64:
     """Rotations (…, 3, 3) by *angle* (…) about x, y or z (0, 1, 2)."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     rotation = np.zeros((*np.shape(angle), 3, 3))
@@ -74,25 +74,31 @@ def compute_frames(q: F64, parameters: Parameters) -> Frames:
     """The arm at angles *q* (n, N) rad."""
     n, joints = q.shape
     base = parameters.base
-    rotation = turn(2, base[:, 5]) @ turn(1, base[:, 4]) @ turn(0, base[:, 3])
+    rotation = (
+        make_rotation(2, base[:, 5]) @ make_rotation(1, base[:, 4]) @ make_rotation(0, base[:, 3])
+    )
     rotation = np.broadcast_to(rotation, (n, 3, 3))
     origin = np.broadcast_to(base[:, :3], (n, 3))
     origins, rotations = [origin], [rotation]
     for k in range(joints):
         theta, d, a, alpha, beta = np.moveaxis(parameters.rows[:, k], -1, 0)
-        rotation = rotation @ turn(2, q[:, k] + theta)
+        rotation = rotation @ make_rotation(2, q[:, k] + theta)
         origin = origin + a[:, None] * rotation[:, :, 0] + d[:, None] * rotation[:, :, 2]
-        rotation = rotation @ turn(0, alpha) @ turn(1, beta)
+        rotation = rotation @ make_rotation(0, alpha) @ make_rotation(1, beta)
         origins.append(origin)
         rotations.append(rotation)
     tip = origin + np.einsum("nij,nj->ni", rotation, np.broadcast_to(parameters.tip_mm, (n, 3)))
     return Frames(np.array(origins), np.array(rotations), tip)
 
 
-def assume_weight(row: F64, end_mm: F64) -> tuple[float, F64]:
+def estimate_weight(row: F64, end_mm: F64) -> tuple[float, F64]:
     """A link of which arm.toml gives neither: 1 kg per metre, its centre in the middle of the
     stretch from its joint to *end_mm* (3,) in its outgoing frame; *row* (5,) as drawn."""
     _, d, a, alpha, beta = (float(x) for x in row)
-    start_mm = -(turn(0, np.array(alpha)) @ turn(1, np.array(beta))).T @ [a, 0.0, d]
+    start_mm = -(make_rotation(0, np.array(alpha)) @ make_rotation(1, np.array(beta))).T @ [
+        a,
+        0.0,
+        d,
+    ]
     length_mm = math.dist(start_mm, end_mm)
     return DEFAULT_KG_PER_M * length_mm / 1000.0, (start_mm + end_mm) / 2.0

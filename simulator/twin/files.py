@@ -18,7 +18,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.errors import ArmdError, BadInput
 from armd.files.inputs import read_input
-from armd.simulator.twin.chain import LinkWeights, Parameters, assume_weight
+from armd.simulator.twin.chain import LinkWeights, Parameters, estimate_weight
 from armd.simulator.twin.factors import POSE, SLOW, FactorData
 
 OF_A_JOINT = ("theta", "d", "a", "alpha", "beta")
@@ -119,7 +119,7 @@ def to_arm_data(content: Mapping[str, Any]) -> ArmData:
     kg, centre_mm = np.empty(len(joints)), np.empty((len(joints), 3))
     for k, joint in enumerate(joints):
         end_mm = tip_mm if k == len(joints) - 1 else np.zeros(3)
-        kg[k], centre_mm[k] = assume_weight(rows[k], end_mm)
+        kg[k], centre_mm[k] = estimate_weight(rows[k], end_mm)
         kg[k] = joint.get("mass_kg", kg[k])
         centre_mm[k] = joint.get("centre_of_mass_mm", centre_mm[k])
     down = np.array(content.get("gravity", (0.0, 0.0, -1.0)), dtype=float)

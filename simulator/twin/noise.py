@@ -13,7 +13,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.schema import json_data
+from armd.files.schema import load_json_data
 
 #: The drift is a random walk from knot to knot, so far apart and so many per session at most: as
 #: docs/developer/diagnosis-how.md has it.
@@ -36,7 +36,7 @@ def read_noise(path: Path) -> FoundNoise:
 
     Of a file without its parts (before armd 0.2), all of `noise_floor_um` is the repeat's.
     """
-    content = json_data(path, read_input(path))
+    content = load_json_data(path, read_input(path))
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema != "armd.diagnosis/1":
         raise BadInput(path, "schema", repr(schema), "'armd.diagnosis/1': armd diagnose --json")

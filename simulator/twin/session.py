@@ -30,7 +30,7 @@ from armd.simulator.twin.session_files import (
     list_touched,
     read_session,
 )
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: The joints turn until the tip is so close, in so many steps; terms change a step by a thousandth.
 CLOSE_MM, STEPS = 1e-10, 40
@@ -177,10 +177,9 @@ def write_copy(options: argparse.Namespace, seed: int) -> int:
     output.mkdir(parents=True, exist_ok=True)
     for path, content in files.items():
         write_whole(path, content)
-    print(f"{counted(copied.n, 'reading')} in {output}")
+    print(f"{format_count(copied.n, 'reading')} in {output}")
     if copied.n_unchanged:
-        lack = (
-            f"{counted(copied.n_unchanged, 'reading')} without a temperature or time that is needed"
-        )
-        print(f"{lack}: angles as measured", file=sys.stderr)
+        count = format_count(copied.n_unchanged, "reading")
+        lack = "without a temperature or time that is needed"
+        print(f"{count} {lack}: angles as measured", file=sys.stderr)
     return 0

@@ -27,11 +27,11 @@ from measured import measured
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import (
     Calibration,
-    constants_of,
     load_calibration,
+    name_constants,
     save_calibration,
 )
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from support.synthetic import STARTED
 from support.synthetic import arm as synthetic_arm
 
@@ -132,7 +132,7 @@ def _stages(folder: Path, rows: int) -> dict[str, dict[str, float]]:
 def _write_model(folder: Path) -> None:
     arm = synthetic_arm()
     (folder / "session").mkdir()
-    (folder / "arm.toml").write_text(toml_text(arm.model_dump(by_alias=True, exclude_none=True)))
+    (folder / "arm.toml").write_text(format_toml(arm.model_dump(by_alias=True, exclude_none=True)))
     names = [f"{letter}_{k}" for letter in "da" for k in range(1, 7)]
     content = {
         "schema": "armd.calibration/1",
@@ -140,7 +140,7 @@ def _write_model(folder: Path) -> None:
         "created": "2026-01-01T00:00:00Z",
         "reference_temperature_c": 20.0,
         "temperature_range_c": {f"t{k}": [10.0, 40.0] for k in range(1, 7)},
-        "constants": constants_of(arm.nominal(), 6),
+        "constants": name_constants(arm.nominal(), 6),
         "terms": [_expansion(f"a_{k}", f"t{k}") for k in range(1, 7)],
         "covariance_of": names,
         "covariance": (1e-6 * np.eye(len(names))).tolist(),
@@ -154,7 +154,7 @@ def _write_model(folder: Path) -> None:
         "angle_unit": "rad",
         "artefact": {"name": "tracker", "target": [{"name": "reflector"}]},
     }
-    (folder / "session/session.toml").write_text(toml_text(session))
+    (folder / "session/session.toml").write_text(format_toml(session))
 
 
 def _expansion(parameter: str, sensor: str) -> dict[str, Any]:

@@ -17,14 +17,14 @@ from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.estimate.noise.reading import ReadingNoise
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import compute_centres
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import fit
 from armd.compensation.identify.thermal.terms import make_length_terms
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 from support.synthetic import arm as synthetic_arm
 from support.synthetic import disturbed, session
@@ -57,7 +57,7 @@ def _run(repeats: int) -> dict[str, Any]:
         )
         for celsius in TEMPERATURES_C
     ]  # fmt: skip
-    observations = gather(sessions, arm)
+    observations = collect_observations(sessions, arm)
     unknowns = Unknowns(names, range(24))
     seconds = []
     for _ in range(repeats + 1):  # the first compiles or loads
@@ -69,14 +69,16 @@ def _run(repeats: int) -> dict[str, Any]:
         seconds.append(time.perf_counter() - began)
 
     nominal = arm.nominal()
-    basis = basis_values(terms, observations.states, arm, 20.0, nominal)
+    basis = compute_basis_values(terms, observations.states, arm, 20.0, nominal)
     scale = unknowns.get_plausible(terms, basis)
     start = unknowns.values(nominal, terms)
     placements = len(observations.placement_names)
 
     def tip(scaled: np.ndarray) -> np.ndarray:
         constants, filled = unknowns.put(start + scaled * scale, nominal, terms)
-        return forward(observations.states.q, parameter_rows(constants, filled, basis))[0]
+        return compute_pose(
+            observations.states.q, compute_parameter_rows(constants, filled, basis)
+        )[0]
 
     begin = fit_poses(observations, tip(np.zeros(57)))
     centre = compute_centres(observations, begin.compute_target_points(observations))

@@ -22,7 +22,7 @@ def run() -> dict[str, float]:
     required = {name: _size_mb(name) for name in _packages()}
     root = Path(armd.__file__).parent
     own_mb = sum(path.stat().st_size for path in root.rglob("*") if path.is_file()) / 1e6
-    made = [path for path in library.places() if path.exists()]
+    made = [path for path in library.list_places() if path.exists()]
     library_mb = made[0].stat().st_size / 1e6 if made and root not in made[0].parents else 0.0
     return {
         "mb": sum(required.values()) + own_mb + library_mb,

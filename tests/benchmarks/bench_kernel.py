@@ -29,8 +29,8 @@ from armd.compensation.kernel import kernel
 from armd.compensation.kernel.model import Model
 from armd.compensation.kernel.points import fill
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.calibration import Calibration, LoadedCalibration, name_constants
+from armd.compensation.model.kinematics import compute_jacobian
 from armd.compensation.model.state import States
 
 SAMPLES = 1 << 14
@@ -109,7 +109,7 @@ def covariance(model: Model) -> dict[str, float]:
     slow = np.ascontiguousarray(model.slow_values(states))
     model.fold(celsius[0], 0.0)
     factor, rows, floor = model.covariance
-    derivatives = jacobian(angle, model.constants)[1][:, :, rows].reshape(3 * n, -1)
+    derivatives = compute_jacobian(angle, model.constants)[1][:, :, rows].reshape(3 * n, -1)
     product, points = np.empty((3 * n, factor.shape[1])), np.zeros(n, POINT)
 
     def live(floor_mm2: float) -> Callable[[], object]:
@@ -136,7 +136,7 @@ def live(model: Model) -> dict[str, float]:
     tip = np.zeros((1, 3))
     batch = np.zeros((64, 6)), np.zeros((64, 6)), np.zeros((64, 3)), np.zeros(64, POINT)
     ways: dict[str, Callable[[], object]] = {
-        "uncorrected_call_ns": lambda: kernel.uncorrected(q, model.flat, tip),
+        "uncorrected_call_ns": lambda: kernel.compute_uncorrected(q, model.flat, tip),
         "point_call_ns": lambda: model.correct(q, q, approach, points),
         "point_of_64_ns": lambda: model.correct(*batch),
         "fold_us": lambda: model.fold(np.full(6, 25.0), 0.0),
@@ -221,9 +221,9 @@ def calibrated(arm: Arm, terms: list[dict[str, object]]) -> LoadedCalibration:
         "arm": arm.serial_number,
         "created": "2026-01-01T00:00:00Z",
         "reference_temperature_c": 20.0,
-        "constants": constants_of(arm.nominal(), 6),
+        "constants": name_constants(arm.nominal(), 6),
         "terms": terms,
-        "covariance_of": list(constants_of(arm.nominal(), 6))[:30],
+        "covariance_of": list(name_constants(arm.nominal(), 6))[:30],
         "covariance": (np.eye(30) * 1e-10).tolist(),
     }
     return LoadedCalibration(Calibration.model_validate(content), "00" * 32, Path("bench.json"))

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from bench_servo import SERVO_PRIORITY
 
-from armd.daemon.host.priority import go_first
+from armd.daemon.host.priority import raise_priority
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.microscribe.decoder import MicroScribeDecoder
 from armd.drivers.table import open_driver
@@ -31,7 +31,7 @@ ROUNDS, SECONDS, HOMED_S = 3, 15.0, 15.0
 def run() -> dict[str, Any]:
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     MicroScribeDecoder(EXPECTED).warm_up()
-    go_first()
+    raise_priority()
     try:
         rounds = [{way: _measure(way == "streamed") for way in ("asked", "streamed")}
                   for _ in range(ROUNDS)]  # fmt: skip

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from bench_daemon import processors_awake
 
-from armd.daemon.host.priority import go_first
+from armd.daemon.host.priority import raise_priority
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.lateness import IN_DOUBT_NS
@@ -47,7 +47,7 @@ def run() -> dict[str, Any]:
     """Of each family: six servos at 1 Mbaud for a minute, with the processors kept awake as
     `armd run` keeps them."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
-    go_first()
+    raise_priority()
     try:
         with processors_awake():
             return {family: _measure(family) for family in ("feetech", "dynamixel")}
@@ -70,11 +70,11 @@ def _bare_client(family: str) -> np.ndarray | None:
         return None
     ids = range(1, SERVOS + 1)
     if family == "feetech":
-        asked = [feetech.sync_read(ids, 56, n) for n in (2, 3)]
-        sizes = [SERVOS * feetech.status_size(n) for n in (2, 3)]
+        asked = [feetech.make_sync_read(ids, 56, n) for n in (2, 3)]
+        sizes = [SERVOS * feetech.compute_status_size(n) for n in (2, 3)]
     else:
-        asked = [dynamixel.fast_sync_read(ids, 132, n) for n in (4, 5)]
-        sizes = [dynamixel.fast_status_size(SERVOS, n) for n in (4, 5)]
+        asked = [dynamixel.make_fast_sync_read(ids, 132, n) for n in (4, 5)]
+        sizes = [dynamixel.compute_fast_status_size(SERVOS, n) for n in (4, 5)]
     turns = [
         text for n, request in zip(sizes, asked, strict=True) for text in (str(n), request.hex())
     ]
@@ -85,7 +85,9 @@ def _bare_client(family: str) -> np.ndarray | None:
         subprocess.run(["gcc", "-O2", str(source), "-o", str(client)], check=True)
         with _servos(family, folder, BARE_SECONDS + 30.0) as arm:
             command = [client, arm.port, str(BARE_SECONDS), *turns]
-            told = subprocess.run(command, check=True, capture_output=True, preexec_fn=go_first)
+            told = subprocess.run(
+                command, check=True, capture_output=True, preexec_fn=raise_priority
+            )
     return np.frombuffer(told.stdout, float)
 
 
@@ -93,11 +95,11 @@ def _line_hz(family: str) -> float:
     """The mean of two cycles in a row, of which one asks for a byte more."""
     pause_s = TURN_ROUND_NS[family] * 1e-9
     if family == "feetech":
-        asked, answers = 8 + SERVOS, [SERVOS * feetech.status_size(n) for n in (2, 3)]
+        asked, answers = 8 + SERVOS, [SERVOS * feetech.compute_status_size(n) for n in (2, 3)]
         pauses_s = SERVOS * pause_s
     else:  # by one fast read
         asked = 14 + SERVOS
-        answers = [dynamixel.fast_status_size(SERVOS, n) for n in (4, 5)]
+        answers = [dynamixel.compute_fast_status_size(SERVOS, n) for n in (4, 5)]
         pauses_s = pause_s
     return 1 / ((asked + sum(answers) / 2) * BYTE_S + pauses_s)
 

@@ -82,9 +82,9 @@ def correct_stages(
     clock, corrector = _Clock(), Corrector(arm, calibration, "rad", None)
     with ExitStack() as patched:
         for name, stand_in in (
-            ("in_order", clock.in_turn),
+            ("map_in_order", clock.in_turn),
             ("read_ahead", iter),
-            ("parquet_pieces", clock.pulled("decode", offline_files.parquet_pieces)),
+            ("read_parquet_pieces", clock.pulled("decode", offline_files.read_parquet_pieces)),
             ("GroupWriter", _in_turn_writer(clock)),
         ):
             patched.enter_context(patch.object(offline_files, name, stand_in))
@@ -102,9 +102,9 @@ def evaluate_stages(
     clock = _Clock()
     with ExitStack() as patched:
         for module, name, stand_in in (
-            (evaluate_files, "in_order", clock.in_turn),
+            (evaluate_files, "map_in_order", clock.in_turn),
             (session, "read_ahead", iter),
-            (session, "reading_pieces", clock.pulled("decode", session.reading_pieces)),
+            (session, "read_pieces", clock.pulled("decode", session.read_pieces)),
         ):
             patched.enter_context(patch.object(module, name, stand_in))
         with clock.stage("all"):

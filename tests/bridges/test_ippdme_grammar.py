@@ -16,10 +16,10 @@ from armd.daemon.bridges.ippdme.grammar import (
     SyntaxFault,
     Text,
     Word,
-    decimal,
-    number,
+    format_decimal,
+    format_quoted,
     parse,
-    quoted,
+    parse_number,
 )
 
 BASIC = st.from_regex(r"[A-Za-z][A-Za-z0-9]{0,8}", fullmatch=True)
@@ -124,15 +124,15 @@ def test_faults(line: str, expected: int, tag: str | None) -> None:
 
 def test_numbers_of_the_standard() -> None:
     for text, value in {"1": 1, "+1.": 1, "-.5": -0.5, "1e3": 1000, "1.5E-003": 0.0015}.items():
-        assert number(text) == value
+        assert parse_number(text) == value
     for text in ("", ".", "1e", "e5", "1e1234", "0x1", "1,5", "nan", "1" * 17):
-        assert number(text) is None
+        assert parse_number(text) is None
 
 
 @given(st.floats(-1e9, 1e9), st.integers(0, 6))
 def test_what_we_write_is_a_number_of_the_standard(value: float, places: int) -> None:
-    text = decimal(value, places)
-    read = number(text)
+    text = format_decimal(value, places)
+    read = parse_number(text)
     assert read is not None
     assert read == pytest.approx(value, abs=0.51 * 10.0**-places)
     assert not re.fullmatch(r"-0(\.0*)?", text)
@@ -140,7 +140,7 @@ def test_what_we_write_is_a_number_of_the_standard(value: float, places: int) ->
 
 @given(st.text(max_size=300))
 def test_what_we_quote_is_a_string_of_the_standard(text: str) -> None:
-    command = parse(f"00001 KeyPress({quoted(text)})")
+    command = parse(f"00001 KeyPress({format_quoted(text)})")
     assert isinstance(command.args[0], Text)
 
 
@@ -154,19 +154,19 @@ NIST_NUMBERS = """
 
 @pytest.mark.parametrize("text", NIST_NUMBERS.split())
 def test_every_number_of_nist_is_taken(text: str) -> None:
-    assert number(text) == float(text)
+    assert parse_number(text) == float(text)
 
 
 @pytest.mark.parametrize(
     "text", ["1e400", "-1E999", "1E9999", "12345678901234567", "\u0661", "1_0"]
 )
 def test_what_a_double_cannot_hold_is_no_number(text: str) -> None:
-    assert number(text) is None
+    assert parse_number(text) is None
 
 
 @given(st.floats(-1e300, 1e300))
 def test_whatever_is_written_is_a_number_of_the_grammar(value: float) -> None:
-    assert number(decimal(value, 9)) is not None
+    assert parse_number(format_decimal(value, 9)) is not None
 
 
 def test_deep_nesting_is_a_fault_of_the_grammar() -> None:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from armd import Flag
 from armd.daemon.bridges.ippdme.commands_2_5 import VERSIONS
-from armd.daemon.bridges.ippdme.csy import Transformation, state_file
+from armd.daemon.bridges.ippdme.csy import Transformation, locate_state_file
 from armd.daemon.bridges.ippdme.dialogue import MOST_WAITING
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.tips import CmmTip
@@ -365,7 +365,7 @@ def test_a_damaged_state_is_set_aside_and_the_host_must_clear_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str
 ) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
-    path = state_file("S")
+    path = locate_state_file("S")
     assert path == tmp_path / "ippdme-S.json"
     bench = Bench(tmp_path)
     path = tmp_path / "state" / "ippdme-S.json"

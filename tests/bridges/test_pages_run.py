@@ -24,7 +24,7 @@ import zenoh
 
 import armd
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
 from support.pages import page_path
 from support.running_bridge import RunningBridge, running_bridge
 from support.running_daemon import PATIENCE_S, Daemon, free_endpoint, running_daemon
@@ -244,7 +244,7 @@ def test_the_subscriber_of_the_page(place: Place) -> None:
 
 def calibration_of(folder: Path) -> None:
     arm = load_arm(folder / "arm.toml")
-    constants = constants_of(arm.nominal(), len(arm.joint))
+    constants = name_constants(arm.nominal(), len(arm.joint))
     constants["a_2"] += 0.5
     content = {
         "arm": arm.serial_number, "created": "2026-01-01T00:00:00+00:00", "constants": constants,

@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import Browser, sync_playwright
 
 from armd import __version__
-from armd.daemon.cli import COMMANDS, parsers
+from armd.daemon.cli import COMMANDS, make_parsers
 from armd.daemon.cli import main as armd
 from support.browser import find_browser
 from support.simulated_sessions import list_sessions, simulate_sessions
@@ -124,7 +124,7 @@ def browser() -> Iterator[Browser]:
 
 
 def test_there_is_no_report_that_nobody_looks_at() -> None:
-    _, commands = parsers(COMMANDS.keys() - {"simulate"})  # a program of its own
+    _, commands = make_parsers(COMMANDS.keys() - {"simulate"})  # a program of its own
     writing = {name for name, command in commands.items() if "--report" in command.list_options()}
     assert writing == set(COMMAND.values())
 

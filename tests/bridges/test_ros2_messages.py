@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.bridges.ros2 import messages, urdf
-from armd.daemon.bridges.ros2.node import escaped, legal
+from armd.daemon.bridges.ros2.node import escape, make_legal_name
 from support.small_arm_toml import ARM, CALIBRATION
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -27,13 +27,13 @@ STORE = STORES[0]
 
 VECTORS = {
     "0001000000f1536515cd5b0705000000626173650000000000000000226e4e2503c0e73fd5b2b5be4868cd3f"
-    "1cb28174b1e9e73f": messages.point_stamped(STAMP_NS, "base", P),
+    "1cb28174b1e9e73f": messages.encode_point(STAMP_NS, "base", P),
     "000100000100000000f1536515cd5b070500000062617365000000000400000074697000226e4e2503c0e73f"
     "d5b2b5be4868cd3f1cb28174b1e9e73f00000000000000000000000000000000cd3b7f669ea0e63f"
-    "cd3b7f669ea0e63f": messages.transform(STAMP_NS, "base", "tip", P, Q),
+    "cd3b7f669ea0e63f": messages.encode_transform(STAMP_NS, "base", "tip", P, Q),
     "0001000000f1536515cd5b07010000000000000001000000010000000f00000061726d643a2053494d2d3030"
     "30310000080000005741524d494e47000900000053494d2d3030303100000000010000000300000074310000"
-    "0600000032372e373300": messages.diagnostics(
+    "0600000032372e373300": messages.encode_diagnostics(
         STAMP_NS, messages.WARN, "armd: SIM-0001", "WARMING", "SIM-0001", {"t1": "27.73"}
     ),
 }  # fmt: skip
@@ -69,7 +69,7 @@ def read(data: bytes, name: str) -> Any:
 
 def test_joint_state() -> None:
     names = ["joint_1", "joint_2"]
-    data = messages.joint_state(STAMP_NS, names, [0.5, -1.0], [0.1, 0.2])
+    data = messages.encode_joint_state(STAMP_NS, names, [0.5, -1.0], [0.1, 0.2])
     message = read(data, "sensor_msgs/msg/JointState")
     assert message.name == names
     assert message.position.tolist() == [0.5, -1.0]
@@ -77,7 +77,7 @@ def test_joint_state() -> None:
     assert (
         len(
             read(
-                messages.joint_state(0, names, [1.0, 2.0], []), "sensor_msgs/msg/JointState"
+                messages.encode_joint_state(0, names, [1.0, 2.0], []), "sensor_msgs/msg/JointState"
             ).velocity
         )
         == 0
@@ -85,7 +85,7 @@ def test_joint_state() -> None:
 
 
 def test_pose_with_covariance() -> None:
-    data = messages.pose_with_covariance(STAMP_NS, "base", P, Q, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    data = messages.encode_pose(STAMP_NS, "base", P, Q, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
     assert len(data) == 372
     message = read(data, "geometry_msgs/msg/PoseWithCovarianceStamped")
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == divmod(STAMP_NS, 10**9)
@@ -93,26 +93,28 @@ def test_pose_with_covariance() -> None:
     assert matrix[:3, :3].tolist() == [[1, 2, 3], [2, 4, 5], [3, 5, 6]]
     assert not matrix[3:].any()
     assert not matrix[:, 3:].any()
-    unknown = messages.pose_with_covariance(STAMP_NS, "base", P, Q, None)
+    unknown = messages.encode_pose(STAMP_NS, "base", P, Q, None)
     assert read(unknown, "geometry_msgs/msg/PoseWithCovarianceStamped").pose.covariance[0] == -1
 
 
 @pytest.mark.parametrize("frame", ["", "a", "ab", "abcdefgh", "SIM_0001_base"])
 def test_every_alignment(frame: str) -> None:
-    point = read(messages.point_stamped(STAMP_NS, frame, P), "geometry_msgs/msg/PointStamped")
+    point = read(messages.encode_point(STAMP_NS, frame, P), "geometry_msgs/msg/PointStamped")
     assert (point.header.frame_id, point.point.z) == (frame, P[2])
-    tf = read(messages.transform(STAMP_NS, frame, "x" + frame, P, Q), "tf2_msgs/msg/TFMessage")
+    tf = read(
+        messages.encode_transform(STAMP_NS, frame, "x" + frame, P, Q), "tf2_msgs/msg/TFMessage"
+    )
     assert tf.transforms[0].child_frame_id == "x" + frame
     values = {"t1": "1", "longer": "22"}
-    text = messages.diagnostics(STAMP_NS, 3, frame, "m", "h", values)
+    text = messages.encode_diagnostics(STAMP_NS, 3, frame, "m", "h", values)
     status = read(text, "diagnostic_msgs/msg/DiagnosticArray").status[0]
     assert {pair.key: pair.value for pair in status.values} == values
 
 
 def test_names() -> None:
-    assert legal("SIM-0001") == "SIM_0001"
-    assert legal("0815 ü") == "arm_0815__"
-    assert escaped("/a/b") == "%a%b"
+    assert make_legal_name("SIM-0001") == "SIM_0001"
+    assert make_legal_name("0815 ü") == "arm_0815__"
+    assert escape("/a/b") == "%a%b"
 
 
 # --- the drawn arm -----------------------------------------------------------------------------
@@ -149,7 +151,7 @@ def test_the_drawn_arm_ends_where_the_arm_does(calibrated: bool) -> None:
         assert not np.allclose(parameters, arm.nominal())
     rng = np.random.default_rng(3)
     for q in rng.uniform(-2, 2, (20, arm.n_joints)):
-        expected, last = forward(q[None], parameters)
+        expected, last = compute_pose(q[None], parameters)
         angles = {f"joint_{k}": float(angle) for k, angle in enumerate(q, 1)}
         position, rotation = drawn_tip(robot, angles)
         assert position * 1e3 == pytest.approx(expected[0], abs=1e-6)
@@ -162,10 +164,10 @@ def test_terms_that_a_urdf_drops_are_reported() -> None:
         {"parameter": "a_2", "coefficient": 4e-3},
     ]
     file = json.dumps(CALIBRATION | {"terms": terms})
-    said = urdf.left_out(file)
+    said = urdf.describe_omissions(file)
     assert "without 2 terms of the calibration (joint_compliance joint 2, of a_2)" in said
-    assert urdf.left_out(json.dumps(CALIBRATION | {"terms": []})) == ""
-    assert urdf.left_out(None) == ""
+    assert urdf.describe_omissions(json.dumps(CALIBRATION | {"terms": []})) == ""
+    assert urdf.describe_omissions(None) == ""
 
 
 def test_the_drawing_is_one_tree_with_tubes_of_the_right_length() -> None:

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from armd import POINT, Flag
 from armd.daemon.bridges import lines
-from armd.daemon.bridges.tips import Tips, rotated
+from armd.daemon.bridges.tips import Tips, rotate
 from armd.errors import BadInput
 from support.pages import page_path
 from support.punctuality import Punctuality
@@ -47,31 +47,33 @@ PAGE = page_path("record-export")
 
 
 def fields(**changes: Any) -> lines.Fields:
-    told = lines.of_measurement(MEASUREMENT | changes, TIPS, "SIM-0001")
+    told = lines.convert_measurement(MEASUREMENT | changes, TIPS, "SIM-0001")
     assert told is not None
     return told
 
 
 def test_presets() -> None:
-    assert lines.xyz(fields()) == "1.500000 -2.250000 3.000000 0.000000 -0.600000 0.800000"
-    assert lines.pcdmis(fields()) == "X1.500000,Y-2.250000,Z3.000000"
+    assert lines.format_xyz(fields()) == "1.500000 -2.250000 3.000000 0.000000 -0.600000 0.800000"
+    assert lines.format_pcdmis(fields()) == "X1.500000,Y-2.250000,Z3.000000"
     row = dict(
-        zip(lines.CSV_HEADER.split(","), next(csv.reader([lines.csv(fields())])), strict=True)
+        zip(
+            lines.CSV_HEADER.split(","), next(csv.reader([lines.format_csv(fields())])), strict=True
+        )
     )
     assert row["stamp_ns"] == "1700000000123456789"
     assert float(row["u_y_mm"]) == pytest.approx(0.02)
     assert float(row["sd_z_mm"]) == pytest.approx(0.003)
     assert (row["count"], row["flags"], row["seq"]) == ("12", "512", "7")
-    assert json.loads(lines.jsonl(fields())) == MEASUREMENT
+    assert json.loads(lines.format_jsonl(fields())) == MEASUREMENT
 
 
 def test_the_page_shows_these_lines() -> None:
     shown = PAGE.read_text(encoding="utf-8").splitlines()
-    for line in (lines.xyz, lines.pcdmis, lines.csv):
+    for line in (lines.format_xyz, lines.format_pcdmis, lines.format_csv):
         assert line(fields()) in shown
     assert lines.CSV_HEADER in shown
     own = next(line.partition("--template ")[2] for line in shown if "--template '" in line)
-    assert lines.template(own.strip().strip("'"))(fields()) in shown
+    assert lines.parse_template(own.strip().strip("'"))(fields()) in shown
     words = [word for line in shown for word in re.findall(r"^\| `([a-z_0-9`, ]+)` \|", line)]
     assert {name for word in words for name in word.split("`, `")} - set(lines.PRESETS) == set(
         lines.FIELDS
@@ -92,23 +94,23 @@ def test_without_travel_the_shaft_shows_the_way() -> None:
 
 def test_what_is_not_known_is_empty_and_names_are_quoted() -> None:
     told = fields(standard_deviation_mm=None, covariance_mm2=None, tip='ruby, 3"')
-    row = next(csv.reader([lines.csv(told)]))
+    row = next(csv.reader([lines.format_csv(told)]))
     assert row[7:13] == [""] * 6
     assert row[17] == 'ruby, 3"'
 
 
 def test_no_line_without_a_position() -> None:
-    assert lines.of_measurement(MEASUREMENT | {"position_mm": None}, TIPS, "S") is None
+    assert lines.convert_measurement(MEASUREMENT | {"position_mm": None}, TIPS, "S") is None
     point = np.zeros(1, POINT)[0]
     point["flags"] = Flag.INVALID
-    assert lines.of_point(point, TIPS, None, "S") is None
+    assert lines.convert_point(point, TIPS, None, "S") is None
 
 
 def test_templates() -> None:
-    assert lines.template("{x:.1f}\\t{tip}|{seq}")(fields()) == "1.5\t|7"
+    assert lines.parse_template("{x:.1f}\\t{tip}|{seq}")(fields()) == "1.5\t|7"
     for bad in ("{q}", "{x", "{}", "{x.__class__}", "{x:d}", "a\nb"):
         with pytest.raises(BadInput, match="--template"):
-            lines.template(bad)
+            lines.parse_template(bad)
 
 
 @settings(deadline=None)
@@ -116,7 +118,7 @@ def test_templates() -> None:
 def test_turning_by_a_quaternion_is_scipys(q: tuple[float, ...]) -> None:
     unit = np.array(q) / np.linalg.norm(q)
     expected = Rotation.from_quat(unit).apply([0.3, -0.5, 0.8])
-    assert rotated(unit.tolist(), (0.3, -0.5, 0.8)) == pytest.approx(expected, abs=1e-12)
+    assert rotate(unit.tolist(), (0.3, -0.5, 0.8)) == pytest.approx(expected, abs=1e-12)
 
 
 # --- live ------------------------------------------------------------------------------------

@@ -23,17 +23,17 @@ from hypothesis import strategies as st
 
 from armd import POINT, Flag
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import constants_of
-from armd.daemon.bridges.listening import listen
+from armd.compensation.model.calibration import name_constants
+from armd.daemon.bridges.listening import open_listener
 from armd.daemon.bridges.view import page_messages
 from armd.daemon.bridges.view.access import Access, read_token
 from armd.daemon.bridges.view.board import KEPT, MOST_BYTES, Board
-from armd.daemon.bridges.view.features import feature
+from armd.daemon.bridges.view.features import fit_feature
 from armd.daemon.bridges.view.files import Files
 from armd.daemon.bridges.view.history import TemperatureHistory
 from armd.daemon.bridges.view.http import MOST_HEAD_BYTES, NotServed, parse
 from armd.daemon.bridges.view.server import SEND_BUFFER_BYTES, PageServer
-from armd.daemon.bridges.view.sessions import results
+from armd.daemon.bridges.view.sessions import list_results
 from armd.daemon.cli import main
 from armd.daemon.files.tip_history import keep
 from armd.errors import ArmdError, BadInput
@@ -100,7 +100,9 @@ def test_a_point_is_told_to_the_last_bit_and_an_invalid_one_has_no_position() ->
     points["position_mm"] = [[1 / 3, -2e-17, 1e3], [np.nan] * 3]
     points["covariance_mm2"] = [[1e-4, 0, 0, 4e-4, 0, 9e-4], [np.nan] * 6]
     points["flags"] = [0, Flag.INVALID]
-    valid, invalid = (json.loads(page_messages.live(point, [0.5, math.nan])) for point in points)
+    valid, invalid = (
+        json.loads(page_messages.format_live(point, [0.5, math.nan])) for point in points
+    )
     assert valid["p"] == points["position_mm"][0].tolist()
     assert valid["u"] == pytest.approx([0.01, 0.02, 0.03], rel=1e-6)
     assert valid["q"] == [0.5, None]
@@ -108,7 +110,7 @@ def test_a_point_is_told_to_the_last_bit_and_an_invalid_one_has_no_position() ->
 
 
 def test_every_flag_has_words() -> None:
-    flags = page_messages.flags()
+    flags = page_messages.describe_flags()
     assert [int(bit) for bit in flags] == [flag.bit_length() - 1 for flag in Flag]
     assert {flag["severity"] for flag in flags.values()} <= {"info", "warning", "error"}
     assert flags["0"]["text"].startswith("Position is NaN: ")
@@ -124,16 +126,16 @@ def test_the_geometry_is_the_calibrations_and_the_tips(tmp_path: Path) -> None:
         "tip": None,
     }
     nominal = arm.nominal()
-    drawn = page_messages.geometry(info, None)
+    drawn = page_messages.compute_geometry(info, None)
     assert np.allclose(drawn["rows"], nominal[:30].reshape(6, 5), atol=1e-15)
     identified = nominal + np.arange(39) * 1e-3
-    calibration = {"constants": constants_of(identified, 6)}
-    found = page_messages.geometry(info, calibration)
+    calibration = {"constants": name_constants(identified, 6)}
+    found = page_messages.compute_geometry(info, calibration)
     flat = [*np.ravel(found["rows"]), *found["tip"], *found["base"]]
     assert np.array_equal(flat, identified)
-    assert page_messages.geometry(info | {"tip": "long"}, calibration)["tip"] == [0, 1, 200]
+    assert page_messages.compute_geometry(info | {"tip": "long"}, calibration)["tip"] == [0, 1, 200]
     assert (
-        page_messages.geometry(info | {"tip": "long"}, calibration)["radius_mm"]
+        page_messages.compute_geometry(info | {"tip": "long"}, calibration)["radius_mm"]
         == arm.tip.radius_mm
     )
 
@@ -164,15 +166,15 @@ def test_features_through_what_was_picked() -> None:
         )
     }
     measured["none"] = {"position_mm": None, "covariance_mm2": None}
-    plane = feature(measured, {"of": "plane:0,1,2,3"})
+    plane = fit_feature(measured, {"of": "plane:0,1,2,3"})
     assert np.abs(plane["direction"]) == pytest.approx([0, 0, 1], abs=1e-9)
     assert plane["uncertainty_from"] == "points"
-    related = feature(measured, {"of": "plane:0,1,2,3", "and": "point:4"})
+    related = fit_feature(measured, {"of": "plane:0,1,2,3", "and": "point:4"})
     assert related["distance"]["value"] == pytest.approx(20.0)
     assert related["angle"] is None
     for of in ("plane:0,1", "blob:0,1,2", "plane:0,1,none", "plane:0,1,9", ""):
         with pytest.raises(ArmdError):
-            feature(measured, {"of": of})
+            fit_feature(measured, {"of": of})
 
 
 # --- who may look, who may do ----------------------------------------------------------------
@@ -325,7 +327,7 @@ async def serving(
     access: Access | None = None, sessions: Path | None = None, tls: ssl.SSLContext | None = None
 ) -> AsyncIterator[tuple[PageServer, int]]:
     server = PageServer(access or Access(), None, NOWHERE, sessions)
-    listening, where = await listen(("127.0.0.1", 0), server._connection, tls)
+    listening, where = await open_listener(("127.0.0.1", 0), server._connection, tls)
     async with listening:
         yield server, int(where.rpartition(":")[2])
 
@@ -420,7 +422,7 @@ def test_results_of_a_session_are_read_and_nothing_beside_them(tmp_path: Path) -
             assert (await ask(port, asked))[0] == 404
 
     asyncio.run(scenario())
-    found = [file["name"] for file in results(session)]
+    found = [file["name"] for file in list_results(session)]
     assert found == ["calibrate.html", "session.toml"]
 
 
@@ -429,7 +431,7 @@ def test_the_history_of_tips_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     async def scenario() -> None:
         server = PageServer(Access(), "SIM-0001", NOWHERE, None)
-        listening, where = await listen(("127.0.0.1", 0), server._connection)
+        listening, where = await open_listener(("127.0.0.1", 0), server._connection)
         port = int(where.rpartition(":")[2])
         async with listening:
             asked = f"GET /tips HTTP/1.1\nHost: localhost:{port}"
@@ -611,9 +613,9 @@ def test_an_arm_that_nothing_can_trigger_is_told() -> None:
     """Servos have no button but one that is named; other arms have theirs."""
     servos = {"kind": "feetech", "trigger": None}
     by_button, by_rest = {"trigger": "button"}, {"trigger": "rest"}
-    assert page_messages.trigger({"driver": servos, "measurement": by_button}) is None
-    assert page_messages.trigger({"driver": servos, "measurement": by_rest}) == "rest"
+    assert page_messages.find_trigger({"driver": servos, "measurement": by_button}) is None
+    assert page_messages.find_trigger({"driver": servos, "measurement": by_rest}) == "rest"
     named = servos | {"trigger": {"id": 6, "pressed_below": 1000}}
-    assert page_messages.trigger({"driver": named, "measurement": by_button}) == "button"
+    assert page_messages.find_trigger({"driver": named, "measurement": by_button}) == "button"
     serial = {"kind": "serial", "port": "/dev/ttyUSB0"}
-    assert page_messages.trigger({"driver": serial, "measurement": by_button}) == "button"
+    assert page_messages.find_trigger({"driver": serial, "measurement": by_button}) == "button"

@@ -23,7 +23,7 @@ import armd
 from armd import keys
 from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.files.tip_history import keep
 from support.browser import find_browser
 from support.punctuality import Punctuality
@@ -191,7 +191,7 @@ def test_the_arm_is_drawn_where_the_kernel_has_it(
             " return all.map((q) => tip(geometry, q)); }",
             [geometry, q.tolist()],
         )
-        assert np.allclose(drawn, forward(q, nominal)[0], atol=1e-9)
+        assert np.allclose(drawn, compute_pose(q, nominal)[0], atol=1e-9)
         told = page.evaluate("import('/main.js').then((main) => main.page.arm.geometry.rows)")
         assert np.allclose(told, load_arm(arm.arm_toml).nominal()[:30].reshape(6, 5))
         # The picture is not empty, and it moves.

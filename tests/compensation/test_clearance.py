@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.design.clearance import column_distance_mm, height_mm
+from armd.compensation.design.clearance import compute_column_distance_mm, compute_height_mm
 from armd.compensation.model.arm import Arm
 from support import synthetic
 from support.plain_kinematics import frames, tip_pose
@@ -29,15 +29,15 @@ def test_the_lowest_of_all_joints_and_the_tip_counts(up: tuple[float, ...]) -> N
     origins, tips = parts(q)
     every = np.concatenate([origins, tips[:, None]], axis=1) - origins[:, :1]
     expected = (every @ up).min(axis=1)
-    assert height_mm(q, ARM.nominal(), arm) == pytest.approx(expected, abs=1e-9)
+    assert compute_height_mm(q, ARM.nominal(), arm) == pytest.approx(expected, abs=1e-9)
     assert expected.min() < -50.0 and (expected <= 0.0).all()  # the base is a part of it
 
 
 def test_the_distance_is_from_the_first_axis() -> None:
     q = np.random.default_rng(2).uniform(-2.5, 2.5, (40, ARM.n_joints))
     tips = parts(q)[1]
-    found = column_distance_mm(q, ARM.nominal())
+    found = compute_column_distance_mm(q, ARM.nominal())
     assert found == pytest.approx(np.linalg.norm(tips[:, :2], axis=1))
     turned = q.copy()
     turned[:, 0] += 1.0  # about that axis nothing comes nearer
-    assert column_distance_mm(turned, ARM.nominal()) == pytest.approx(found)
+    assert compute_column_distance_mm(turned, ARM.nominal()) == pytest.approx(found)

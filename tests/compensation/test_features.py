@@ -5,9 +5,9 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from armd.compensation.features.algebraic import LEAST_MM, algebraic_sphere
+from armd.compensation.features.algebraic import LEAST_MM, fit_algebraic_sphere
 from armd.compensation.features.fit import fit
-from armd.compensation.features.relate import angle, distance
+from armd.compensation.features.relate import compute_angle, compute_distance
 from support.selection import parametrize_default
 
 #: They tell a variance of a few unknowns within about 10 %, one sigma.
@@ -147,16 +147,16 @@ def test_distances_and_angles_of_known_shapes():
     shaft = shifted("cylinder", 90, [0.0, 0, 25.0])
     edge = shifted("line", 30, [0, 0, 0])
     other = shifted("plane", 0, [0, 0, 8.0])
-    assert distance(table, ball).value == pytest.approx(40.0, abs=1e-6)
-    assert distance(ball, bore).value == pytest.approx(np.hypot(25.0, 5.0), abs=1e-6)
-    assert distance(bore, shaft).value == pytest.approx(30.0, abs=1e-6)
-    assert distance(table, other).value == pytest.approx(8.0, abs=1e-6)
-    assert angle(bore, shaft).value == pytest.approx(90.0, abs=1e-6)
-    assert angle(table, bore).value == pytest.approx(90.0, abs=1e-6)
-    assert angle(table, edge).value == pytest.approx(60.0, abs=1e-6)
-    assert angle(table, other).value == pytest.approx(0.0, abs=1e-6)
+    assert compute_distance(table, ball).value == pytest.approx(40.0, abs=1e-6)
+    assert compute_distance(ball, bore).value == pytest.approx(np.hypot(25.0, 5.0), abs=1e-6)
+    assert compute_distance(bore, shaft).value == pytest.approx(30.0, abs=1e-6)
+    assert compute_distance(table, other).value == pytest.approx(8.0, abs=1e-6)
+    assert compute_angle(bore, shaft).value == pytest.approx(90.0, abs=1e-6)
+    assert compute_angle(table, bore).value == pytest.approx(90.0, abs=1e-6)
+    assert compute_angle(table, edge).value == pytest.approx(60.0, abs=1e-6)
+    assert compute_angle(table, other).value == pytest.approx(0.0, abs=1e-6)
     with pytest.raises(ArithmeticError, match="a sphere has no direction"):
-        angle(ball, table)
+        compute_angle(ball, table)
 
 
 @pytest.mark.slow
@@ -167,7 +167,7 @@ def test_the_uncertainty_of_a_distance_is_that_of_many_repetitions():
     for _ in range(TRIES):
         one, other = (fit(s, x + rng.normal(0, 0.01, x.shape)) for s, x in
                       (("plane", table), ("sphere", ball)))  # fmt: skip
-        found = distance(one, other)
+        found = compute_distance(one, other)
         values.append(found.value)
         stated.append(found.standard_uncertainty**2)
     assert 0.7 < np.mean(stated) / np.var(values, ddof=1) < 1.4
@@ -199,7 +199,7 @@ def test_points_on_a_sphere_give_it_by_one_linear_system(d: int) -> None:
     rng = np.random.default_rng(d)
     way = rng.normal(size=(9, d))
     way /= np.linalg.norm(way, axis=1, keepdims=True)
-    centre, radius = algebraic_sphere(np.arange(1.0, d + 1) + 7.5 * way)
+    centre, radius = fit_algebraic_sphere(np.arange(1.0, d + 1) + 7.5 * way)
     assert centre == pytest.approx(np.arange(1.0, d + 1))
     assert radius == pytest.approx(7.5)
-    assert algebraic_sphere(np.zeros((5, d)))[1] == LEAST_MM  # all in one place
+    assert fit_algebraic_sphere(np.zeros((5, d)))[1] == LEAST_MM  # all in one place

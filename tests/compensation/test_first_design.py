@@ -10,27 +10,27 @@ from threadpoolctl import threadpool_limits
 
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.design.artefact_places import ArtefactReadings
-from armd.compensation.design.clearance import height_mm
+from armd.compensation.design.clearance import compute_height_mm
 from armd.compensation.design.exchange import (
     choose_readings,
-    log_determinant,
+    compute_log_determinant,
     make_candidates,
-    share_out,
+    split_count,
 )
 from armd.compensation.design.first import Bounds, FirstExperiment, design_first
 from armd.compensation.design.observability import (
     compute_observability_indices,
-    decompose_constants,
-    structural_rank,
-    tracker_columns,
+    compute_structural_rank,
+    compute_tracker_columns,
+    factorise_constants,
 )
 from armd.compensation.estimate.gauge import list_free_constants
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.certificate import LEAST_PLACEMENTS
 from armd.compensation.identify.fit import fit
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.errors import BadInput
 from support import synthetic
 from support.selection import parametrize_default
@@ -53,7 +53,7 @@ def test_exchanges_come_near_the_best_of_all_choices(seed: int) -> None:
     """Of 20 postures of a small arm the best six, of 38 760 choices; 5 % in each direction."""
     arm = synthetic.arm(3)
     q = np.random.default_rng(seed).uniform(-2.5, 2.5, (20, 3))
-    candidates = make_candidates(tracker_columns(arm, q, arm.nominal()))
+    candidates = make_candidates(compute_tracker_columns(arm, q, arm.nominal()))
     chosen = choose_readings(candidates, 6, np.zeros(20, dtype=np.int64))
     sets = np.array(list(combinations(range(20), 6)))
     k = candidates.nuisances
@@ -61,14 +61,16 @@ def test_exchanges_come_near_the_best_of_all_choices(seed: int) -> None:
     found = dense_log_determinants(candidates.rows, k, np.array([chosen]))[0]
     assert len(set(chosen)) == 6
     assert np.exp((found - best) / 9) >= 0.95
-    assert log_determinant(candidates, chosen) == pytest.approx(found, abs=1e-3)
+    assert compute_log_determinant(candidates, chosen) == pytest.approx(found, abs=1e-3)
 
 
 @pytest.mark.slow
 def test_of_thirty_candidates_it_is_as_good_as_exchanges_from_many_starts() -> None:
     arm, count = synthetic.arm(3), 9
     rng = np.random.default_rng(5)
-    candidates = make_candidates(tracker_columns(arm, rng.uniform(-2, 2, (30, 3)), arm.nominal()))
+    candidates = make_candidates(
+        compute_tracker_columns(arm, rng.uniform(-2, 2, (30, 3)), arm.nominal())
+    )
     k, rows = candidates.nuisances, candidates.rows
     best = -np.inf
     for _ in range(20):
@@ -91,13 +93,15 @@ def test_the_criterion_is_the_determinant_of_the_calibrations_own_unknowns() -> 
     """Up to a constant: by the singular values of the raw columns, nuisances eliminated."""
     arm = synthetic.arm(4)
     rng = np.random.default_rng(2)
-    columns = tracker_columns(arm, rng.uniform(-2, 2, (80, 4)), arm.nominal())
+    columns = compute_tracker_columns(arm, rng.uniform(-2, 2, (80, 4)), arm.nominal())
     candidates = make_candidates(columns)
     difference = []
     for _ in range(4):
         chosen = rng.choice(80, 20, replace=False)
-        s = decompose_constants(columns.rows(chosen))[0][:13]
-        difference.append(log_determinant(candidates, chosen.tolist()) - 2 * np.log(s).sum())
+        s = factorise_constants(columns.rows(chosen))[0][:13]
+        difference.append(
+            compute_log_determinant(candidates, chosen.tolist()) - 2 * np.log(s).sum()
+        )
     assert np.ptp(difference) < 1e-3
 
 
@@ -113,7 +117,7 @@ def test_indices_are_those_of_numpys_singular_values_by_hand() -> None:
         size = 0.02 if name.startswith(("theta", "alpha", "beta")) else 10.0
         step = np.zeros_like(nominal)
         step[i] = 1e-4 * size
-        ahead, behind = (forward(found.q, nominal + sign * step)[0] for sign in (1.0, -1.0))
+        ahead, behind = (compute_pose(found.q, nominal + sign * step)[0] for sign in (1.0, -1.0))
         columns.append(((ahead - behind) / 2e-4).ravel())
     turned = [np.cross(axis, found.tip_mm).ravel() for axis in np.eye(3)]
     shifted = [np.tile(axis, (20, 1)).ravel() for axis in np.eye(3)]
@@ -136,7 +140,7 @@ def test_indices_are_those_of_numpys_singular_values_by_hand() -> None:
 @pytest.mark.parametrize("n", [3, 4, 6, 7, 9])
 def test_the_structural_rank_of_a_chain_is_four_a_joint_less_three(n: int) -> None:
     arm = synthetic.arm(n)
-    assert structural_rank(arm, arm.nominal()) == 4 * n - 3
+    assert compute_structural_rank(arm, arm.nominal()) == 4 * n - 3
 
 
 def test_parallel_axes_have_beta_for_d_and_lose_no_direction() -> None:
@@ -145,7 +149,7 @@ def test_parallel_axes_have_beta_for_d_and_lose_no_direction() -> None:
     joints[1] = joints[1].model_copy(update={"alpha_deg": 0.0, "a_mm": 400.0})
     arm = arm.model_copy(update={"joint": joints})
     assert "beta_2" in list_free_constants(arm) and "d_2" not in list_free_constants(arm)
-    assert structural_rank(arm, arm.nominal()) == 21
+    assert compute_structural_rank(arm, arm.nominal()) == 21
 
 
 @pytest.mark.slow
@@ -190,7 +194,7 @@ def test_an_artefact_is_touched_all_over_in_three_placements(
     assert len(set(zip(found.placements, found.targets, strict=True))) == 3 * targets
     counts = np.unique(found.placements, return_counts=True)[1]
     assert np.ptp(counts) <= targets
-    tip = forward(found.q, arm.nominal())[0]
+    tip = compute_pose(found.q, arm.nominal())[0]
     apart = {
         (p, t): tip[
             [p == a and t == b for a, b in zip(found.placements, found.targets, strict=True)]
@@ -217,7 +221,7 @@ def test_limits_reach_and_height_are_kept() -> None:
         degrees, away = np.degrees(found.q), np.linalg.norm(found.tip_mm, axis=1)
         assert degrees.min() >= -100 and degrees.max() <= 120
         assert away.min() >= 300 and away.max() <= 700
-        assert height_mm(found.q, arm.nominal(), arm).min() >= 0 and found.below_base == 0
+        assert compute_height_mm(found.q, arm.nominal(), arm).min() >= 0 and found.below_base == 0
 
 
 def test_what_cannot_be_chosen_is_refused() -> None:
@@ -237,8 +241,8 @@ def test_what_cannot_be_chosen_is_refused() -> None:
 
 
 def test_readings_are_shared_out_evenly() -> None:
-    assert share_out(7, np.array([5, 1, 5])).tolist() == [3, 1, 3]
-    assert share_out(99, np.array([2, 1])).tolist() == [2, 1]
+    assert split_count(7, np.array([5, 1, 5])).tolist() == [3, 1, 3]
+    assert split_count(99, np.array([2, 1])).tolist() == [2, 1]
     number = np.array([0, 0, 1, 1])
     places = ArtefactReadings(np.zeros((4, 3)), number, np.array([0, 1, 0, 1]), np.zeros((2, 3, 3)))
     assert places.groups(4).tolist() == [0, 1, 2, 3]
@@ -253,13 +257,13 @@ def campaign_errors(arm: Arm, q: np.ndarray, seeds: range) -> np.ndarray:
         truth = synthetic.disturbed(arm, rng)
         measured = synthetic.tracked(arm, truth, rng, len(q))
         measured.states.q[:] = q
-        measured.truth_mm[:] = forward(q, truth)[0] + rng.normal(0.0, 0.1, (len(q), 3))
+        measured.truth_mm[:] = compute_pose(q, truth)[0] + rng.normal(0.0, 0.1, (len(q), 3))
         unknowns = Unknowns(list_free_constants(arm))
         with threadpool_limits(limits=1, user_api="blas"):
-            found = fit(gather([measured], arm), arm.nominal(), [], unknowns, 20.0)
+            found = fit(collect_observations([measured], arm), arm.nominal(), [], unknowns, 20.0)
         fresh = rng.uniform(-2.5, 2.5, (300, arm.n_joints))
-        wrong = forward(fresh, found.constants)[0] - forward(fresh, truth)[0]
-        tip = forward(fresh, truth)[0] - forward(fresh, truth)[0].mean(axis=0)
+        wrong = compute_pose(fresh, found.constants)[0] - compute_pose(fresh, truth)[0]
+        tip = compute_pose(fresh, truth)[0] - compute_pose(fresh, truth)[0].mean(axis=0)
         frame = np.concatenate(
             [np.tile(np.eye(3), (300, 1, 1)), np.cross(np.eye(3), tip[:, None]).swapaxes(1, 2)],
             axis=2,

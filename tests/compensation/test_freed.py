@@ -7,13 +7,13 @@ import sys
 
 import pytest
 
-from armd.compensation.freed import seldom_collected
+from armd.compensation.freed import collect_seldom
 
 #: Once a large array was freed, glibc takes all up to its size from the heap.
 HEAP = """
 import os
 import numpy as np
-from armd.compensation.freed import give_back_freed
+from armd.compensation.freed import drop_freed
 
 def resident_mb():
     with open("/proc/self/statm") as statm:
@@ -24,7 +24,7 @@ blocks = [np.ones(size) for _ in range(50) for size in (500_000, 100_000)]
 freed, above = blocks[::2], blocks[1::2]  # no older hole holds so many
 del blocks, freed
 before = resident_mb()
-give_back_freed()
+drop_freed()
 print(before - resident_mb(), sum(one.sum() for one in above))
 """
 
@@ -46,7 +46,7 @@ def test_python_looks_for_what_could_be_freed_seldom_and_then_as_before() -> Non
     gc.callbacks.append(look := lambda phase, _: looks.append(looks.pop() + (phase == "start")))
     try:
         often = _looks_at_cycles(looks)
-        with pytest.raises(ZeroDivisionError), seldom_collected():
+        with pytest.raises(ZeroDivisionError), collect_seldom():
             seldom = _looks_at_cycles(looks)
             1 / 0  # noqa: B018
     finally:

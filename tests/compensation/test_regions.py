@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.noise.regions import find_regions
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify import fit as fitting
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
@@ -26,7 +26,7 @@ def half(truth: np.ndarray, rng: np.random.Generator, bump_rad: float) -> Observ
     q = seen.states.q.copy()
     q[:, 1] += bump_rad * np.exp(-(((q[:, 2] - 1.5) / 0.3) ** 2))
     q += 1e-5 * rng.normal(size=q.shape)
-    return gather([replace(seen, states=replace(seen.states, q=q))], ARM)
+    return collect_observations([replace(seen, states=replace(seen.states, q=q))], ARM)
 
 
 def fitted(observations: Observations) -> Identification:

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.report.calibration.arm_picture import draw_arm_picture
 from armd.compensation.report.calibration.residual_plots import (
+    choose_round,
     compute_running_mean,
     draw_residuals_by_joint,
     draw_residuals_by_sensor,
     draw_vectors,
-    round_down,
 )
 from armd.compensation.report.coverage import MOST_NAMED, add_coverage
 from armd.compensation.report.layout.drawing import make_svg
@@ -106,7 +106,7 @@ def test_vectors_are_to_a_scale_that_is_named() -> None:
     key = figure.axes[0].lines[0].get_xdata()
     assert ">20 µm<" in make_svg(figure, "v", "v")
     assert np.ptp(key) == pytest.approx(0.020 * times)
-    assert [round_down(x) for x in (1.0, 4.9, 0.07, 230.0)] == [1.0, 2.0, 0.05, 200.0]
+    assert [choose_round(x) for x in (1.0, 4.9, 0.07, 230.0)] == [1.0, 2.0, 0.05, 200.0]
 
 
 def test_lengths_stand_in_the_band_of_their_limit() -> None:
@@ -149,7 +149,7 @@ def test_seats_and_spheres_show_their_points() -> None:
 def test_the_tip_of_the_picture_is_the_models() -> None:
     q = np.full(ARM.n_joints, 0.3)
     figure = draw_arm_picture(ARM, q, [])
-    tip = forward(q[None], ARM.nominal())[0][0]
+    tip = compute_pose(q[None], ARM.nominal())[0][0]
     height = figure.axes[0].lines[0].get_xydata()[-1, 1]
     low, high = sorted((tip[2] - np.hypot(tip[0], tip[1]), tip[2] + np.hypot(tip[0], tip[1])))
     assert low <= height <= high

@@ -9,7 +9,7 @@ import pytest
 
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.data.soundness.soundness import fit_to_identify, make_sound
-from armd.compensation.diagnose.heldout.gain import cap_squares, compute_gain
+from armd.compensation.diagnose.heldout.gain import compute_gain, limit_squares
 from armd.compensation.diagnose.noise.variances import clip_gross
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.identify.calibrate import calibrate
@@ -157,8 +157,8 @@ def test_gross_errors_do_not_outvote_all_other_readings() -> None:
     after = before / 1.5
     after[::40] = before[::40] = 1e4 * rng.uniform(0.5, 1.5, 8)
     after[::40] *= 1.0 + 0.01 * rng.normal(size=8)
-    assert compute_gain(*cap_squares(before, after), groups).is_confirmed
-    assert not compute_gain(*cap_squares(before, before[::-1]), groups).is_confirmed
+    assert compute_gain(*limit_squares(before, after), groups).is_confirmed
+    assert not compute_gain(*limit_squares(before, before[::-1]), groups).is_confirmed
 
 
 def test_calibrate_takes_no_still_channel_for_a_temperature() -> None:

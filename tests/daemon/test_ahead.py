@@ -16,7 +16,7 @@ from armd.compensation.kernel import kernel
 from armd.compensation.kernel.model import Model
 from armd.compiled import ahead as program
 from armd.compiled import library
-from armd.compiled.ahead import call_for_sessions, can_link, tidy
+from armd.compiled.ahead import call_for_sessions, can_link, remove_others
 from armd.daemon.config import load_config
 from support import synthetic
 from support.own_environment import own_environment
@@ -24,7 +24,7 @@ from support.small_arm import small_arm, thermal_calibration
 
 TESTS = Path(__file__).parents[1]
 #: Where an environment has its library.
-OF_ENVIRONMENT = Path("share/armd") / library.file_name()
+OF_ENVIRONMENT = Path("share/armd") / library.name_file()
 ARM = """\
 schema = "armd.arm/1"
 serial_number = "AHEAD"
@@ -193,19 +193,19 @@ def test_what_is_compiled_ahead_is_called_with_the_same_types_by_verify(monkeypa
 @pytest.mark.slow
 def test_a_library_of_the_cache_alone_is_copied(tmp_path: Path, python: Path) -> None:
     """One that another installation made there; nothing is compiled, then or without a cache."""
-    modules = library.loaded()
+    modules = library.load_libraries()
     ours = [Path(module.__file__) for module in modules if module.__file__ is not None]
-    if [path.name for path in ours] != [library.file_name()]:
+    if [path.name for path in ours] != [library.name_file()]:
         pytest.skip("no library of compiled functions: there was no C++ compiler to make it")
     cache, made = tmp_path / "cache", ours[0].read_bytes()
     cache.mkdir()
-    (cache / library.file_name()).write_bytes(made)
+    (cache / library.name_file()).write_bytes(made)
     kept = python.parents[1] / OF_ENVIRONMENT
     config = configured(tmp_path, 3)
     done = ahead(python, cache, config)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert kept.read_bytes() == made and files_in(kept.parent) == [kept]
-    assert files_in(cache) == [cache / library.file_name()]
+    assert files_in(cache) == [cache / library.name_file()]
     needed, points = points_of(python, tmp_path / "empty", config)
     assert not needed and not (tmp_path / "empty").exists()
     assert np.ptp(points["position_mm"], axis=0).min() > 1.0
@@ -226,7 +226,7 @@ def test_where_the_environment_takes_no_file_the_cache_has_the_library(
     monkeypatch.setattr(sys, "prefix", str(environment))
     monkeypatch.setattr(sys, "argv", ["ahead"])
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
-    monkeypatch.setattr(library, "loaded", lambda: ())
+    monkeypatch.setattr(library, "load_libraries", lambda: ())
     monkeypatch.setattr(program, "can_link", lambda: True)
     monkeypatch.setattr(subprocess, "run", noted)
     assert program.main() == 0
@@ -279,10 +279,10 @@ def test_other_versions_leave_cache_and_environment_and_nothing_else_does(
     cache, environment = tmp_path / "cache", tmp_path / "environment/share/armd"
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "environment"))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
-    own = {library.sources(), library.file_name(), "notes.txt", "0123456789abcdef"}
-    own.add(library.file_name("live"))
+    own = {library.hash_sources(), library.name_file(), "notes.txt", "0123456789abcdef"}
+    own.add(library.name_file("live"))
     others = {"0123456789ab", "kernel_0123456789ab.cpython-311-x86_64-linux-gnu.so"}
-    others.add(f"kernel_{library.sources()}.cpython-39-x86_64-linux-gnu.so")
+    others.add(f"kernel_{library.hash_sources()}.cpython-39-x86_64-linux-gnu.so")
     others.add("kernel_0123456789ab_sessions.cpython-311-x86_64-linux-gnu.so")
     for folder in cache, environment:
         folder.mkdir(parents=True)
@@ -291,8 +291,8 @@ def test_other_versions_leave_cache_and_environment_and_nothing_else_does(
                 (folder / name).write_text("machine code")
             else:
                 (folder / name / "kernel").mkdir(parents=True)
-    tidy()
+    remove_others()
     assert {path.name for path in cache.iterdir()} == own
     assert {path.name for path in environment.iterdir()} == own
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "none"))
-    tidy()
+    remove_others()

@@ -10,7 +10,7 @@ import pytest
 from armd import Flag
 from armd.daemon.host.journal import BURST, Journal
 from armd.daemon.host.systemd import Systemd
-from armd.daemon.state import Observation, State, assess
+from armd.daemon.state import Observation, State, judge_state
 from armd.drivers.sample import Event
 
 FINE = {"silent_s": 0.01, "points": 1000}
@@ -43,7 +43,7 @@ FINE = {"silent_s": 0.01, "points": 1000}
     ],
 )
 def test_the_worst_reason_wins(seen, state, reason):
-    found, why = assess(Observation(**(FINE | seen)))
+    found, why = judge_state(Observation(**(FINE | seen)))
     assert found is state
     assert reason in why
 

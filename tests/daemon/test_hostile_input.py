@@ -20,13 +20,13 @@ from armd.daemon.bridges.export.source import MeasurementLine
 from armd.daemon.bridges.ros2 import urdf
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.cli import main
-from armd.daemon.commands.live.fleet import table_of
+from armd.daemon.commands.live.fleet import make_table
 from armd.daemon.commands.screen import Screen
 from armd.daemon.host.metrics import render
 from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame
 from armd.errors import ArmdError
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from armd.received import is_sound
 from armd.simulator.__main__ import main as simulate
 from support.careless_network import HEALTH, fleet_of
@@ -55,7 +55,7 @@ def test_half_a_character_that_is_no_escape_is_malformed() -> None:
 
 
 def test_a_fleet_shows_a_state_of_another_version_and_obeys_no_word() -> None:
-    text = shown(table_of(fleet_of(HEALTH | {"state": "DANCING", "reason": "[/x]\x1b[2J"})))
+    text = shown(make_table(fleet_of(HEALTH | {"state": "DANCING", "reason": "[/x]\x1b[2J"})))
     assert "DANCING" in text and "[/x]\\x1b[2J" in text and "\x1b" not in text
 
 
@@ -78,9 +78,9 @@ def test_a_time_that_ros_cannot_write_is_told_by_the_bridges_own() -> None:
 def test_a_variance_below_zero_is_no_uncertainty() -> None:
     point = np.zeros(1, POINT)[0]
     point["orientation"], point["covariance_mm2"] = [0, 0, 0, 1], [-1, 0, 0, 1, 0, 1]
-    fields = lines.of_point(point, Tips(TIPLESS), None, "S")
+    fields = lines.convert_point(point, Tips(TIPLESS), None, "S")
     assert fields is not None and np.isnan(fields["u_x_um"])
-    assert ",,,," in lines.csv(fields)
+    assert ",,,," in lines.format_csv(fields)
 
 
 @pytest.mark.parametrize("answer", [b"\xff", b"[]", b'{"constants": []}', b"[" * 3000])
@@ -150,7 +150,7 @@ def test_a_folder_may_have_any_name_and_messages_escape_it(
     """It is the file system's, and its owner cannot always rename it: used, and shown escaped."""
     folder = tmp_path / HIDDEN
     folder.mkdir()
-    (folder / "arm.toml").write_text(toml_text(ARM))
+    (folder / "arm.toml").write_text(format_toml(ARM))
     assert main(["check", str(folder / "arm.toml")]) == 0
     said = "".join(capsys.readouterr())
     assert "a\\x1b[2J\\u202eb" in said and "\x1b" not in said and "\u202e" not in said
@@ -177,10 +177,10 @@ def test_a_point_whose_numbers_are_none_becomes_no_line() -> None:
     for name in ("position_mm", "orientation"):
         bad = point.copy()
         bad[name][0, 1] = np.inf
-        assert lines.of_point(bad[0], tips, None, "S") is None
+        assert lines.convert_point(bad[0], tips, None, "S") is None
     point["correction_mm"][0, 2] = np.inf
-    fields = lines.of_point(point[0], tips, None, "S")
-    assert fields is not None and json.loads(lines.jsonl(fields))["correction_mm"] is None
+    fields = lines.convert_point(point[0], tips, None, "S")
+    assert fields is not None and json.loads(lines.format_jsonl(fields))["correction_mm"] is None
 
 
 def test_a_raw_frame_of_before_1970_is_none() -> None:

@@ -16,7 +16,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from armd.daemon.commands.live.status import _write_lines as status_lines
-from armd.daemon.interim_checks import InterimChecks, complaint
+from armd.daemon.interim_checks import InterimChecks, explain_complaints
 from support.interim_history import write_history
 from support.running_daemon import Heard, running_daemon
 from support.simulated_arm import simulated_arm
@@ -60,35 +60,35 @@ def read(folder: Path, text: str) -> InterimChecks:
 
 def test_in_control_and_in_time_there_is_no_complaint(tmp_path: Path) -> None:
     last = read(tmp_path, json.dumps(result())).last
-    assert complaint(last, {}, NOON, 26.0) == ("", "")
+    assert explain_complaints(last, {}, NOON, 26.0) == ("", "")
 
 
 def test_an_old_check_is_due(tmp_path: Path) -> None:
     last = read(tmp_path, json.dumps(result())).last
-    changed, due = complaint(last, {}, NOON + 8 * 3600, 26.0)
+    changed, due = explain_complaints(last, {}, NOON + 8 * 3600, 26.0)
     assert not changed and "day-04, is 32 h old (26)" in due
-    assert complaint(last, {}, NOON + 1e6, None) == ("", "")
+    assert explain_complaints(last, {}, NOON + 1e6, None) == ("", "")
 
 
 def test_a_check_dated_after_now_has_no_age(tmp_path: Path) -> None:
     """It would never become old: a clock is wrong, and that is told."""
     last = read(tmp_path, json.dumps(result())).last
-    _, due = complaint(last, {}, NOON - 48 * 3600, 26.0)
+    _, due = explain_complaints(last, {}, NOON - 48 * 3600, 26.0)
     assert "day-04 is dated 24 h after now" in due
-    assert complaint(last, {}, NOON - 48 * 3600, None) == ("", "")
-    assert complaint(last, {}, NOON - 24.5 * 3600, 26.0) == ("", "")
+    assert explain_complaints(last, {}, NOON - 48 * 3600, None) == ("", "")
+    assert explain_complaints(last, {}, NOON - 24.5 * 3600, 26.0) == ("", "")
 
 
 def test_a_change_is_told_until_the_calibration_has_it(tmp_path: Path) -> None:
     last = read(tmp_path, json.dumps(CHANGED)).last
-    changed, _ = complaint(last, {}, NOON, None)
+    changed, _ = explain_complaints(last, {}, NOON, None)
     assert "encoder slip, joint 3, since 2026-03-05 09:00 UTC" in changed
     mended = {"interim": {"calibration": "abc", "changes": ["encoder_slip joint 3 since …"]}}
-    assert complaint(last, mended, NOON, None) == ("", "")
+    assert explain_complaints(last, mended, NOON, None) == ("", "")
     of_another = {"interim": {"calibration": "xyz", "changes": ["…"]}}
-    assert complaint(last, of_another, NOON, None)[0]
+    assert explain_complaints(last, of_another, NOON, None)[0]
     of_none = {"interim": {"calibration": "abc", "changes": []}}
-    assert complaint(last, of_none, NOON, None)[0]
+    assert explain_complaints(last, of_none, NOON, None)[0]
 
 
 NO_RESULTS = (
@@ -102,35 +102,35 @@ NO_RESULTS = (
 @pytest.mark.parametrize("text", NO_RESULTS, ids=range(len(NO_RESULTS)))
 def test_a_history_that_cannot_be_read_is_told(tmp_path: Path, text: str) -> None:
     last = read(tmp_path, text).last
-    changed, due = complaint(last, {}, NOON, None)
+    changed, due = explain_complaints(last, {}, NOON, None)
     assert not changed and "report.json cannot be read" in due
 
 
 def test_a_history_of_another_arm_says_nothing_of_this_one(tmp_path: Path) -> None:
     last = read(tmp_path, json.dumps(CHANGED | {"arm": "SIM-0002"})).last
-    changed, due = complaint(last, {}, NOON, None)
+    changed, due = explain_complaints(last, {}, NOON, None)
     assert not changed
     assert due.endswith("report.json is of arm SIM-0002, expected one of SIM-0001")
     own = read(tmp_path, json.dumps(CHANGED | {"arm": "SIM-0001"})).last
-    assert complaint(own, {}, NOON, None)[0]
+    assert explain_complaints(own, {}, NOON, None)[0]
 
 
 def test_a_missing_history_is_told_and_found_when_it_comes(tmp_path: Path) -> None:
     checks = InterimChecks(tmp_path, "SIM-0001")
     checks.look()
-    assert "is not there" in complaint(checks.last, {}, NOON, None)[1]
+    assert "is not there" in explain_complaints(checks.last, {}, NOON, None)[1]
     (tmp_path / "report.json").write_text(json.dumps(result()))
     checks.look()
-    assert complaint(checks.last, {}, NOON, None) == ("", "")
+    assert explain_complaints(checks.last, {}, NOON, None) == ("", "")
     (tmp_path / "report.json").write_text(json.dumps(CHANGED))
     os.utime(tmp_path / "report.json", (NOON, NOON))
     checks.look()
-    assert complaint(checks.last, {}, NOON, None)[0]
+    assert explain_complaints(checks.last, {}, NOON, None)[0]
 
 
 def looked(checks: InterimChecks) -> str:
     checks.look()
-    return complaint(checks.last, {}, NOON, None)[1]
+    return explain_complaints(checks.last, {}, NOON, None)[1]
 
 
 def test_a_history_cut_short_is_told_at_the_next_look(tmp_path: Path) -> None:

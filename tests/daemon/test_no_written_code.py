@@ -35,7 +35,7 @@ def test_it_is_forbidden(prot: str, allowed: bool) -> None:
 
 @pytest.mark.slow
 def test_the_daemon_streams_all_the_same(tmp_path: Path) -> None:
-    if not library.loaded():
+    if not library.load_libraries():
         pytest.skip("no library of compiled functions: there was no C++ compiler to make it")
     with (
         simulated_arm(tmp_path) as arm,

@@ -13,19 +13,19 @@ from armd.arrays import F64
 from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.acting_causes import (
+    add_acting,
     find_acting,
-    rebuild_candidate,
-    with_acting,
+    update_candidate,
 )
-from armd.compensation.diagnose.problem.baseline import with_findings
+from armd.compensation.diagnose.problem.baseline import add_findings
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import compile_candidates, make_finding_columns
 from armd.compensation.diagnose.scoring import candidates
 from armd.compensation.diagnose.scoring.candidates import find_weakest, score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.kinematics import compute_pose
 from support.found_problem import (
     ARM,
     FOUND,
@@ -45,13 +45,13 @@ __all__ = ["problem"]  # the fixture
 
 def tip(problem: Problem, found: Any, sensor: int, step_k: float) -> F64:
     """(n, 3) where the arm with what was found is, one of its sensors reading *step_k* more."""
-    model = with_findings(problem.baseline.model, found.findings, found.amplitudes)
+    model = add_findings(problem.baseline.model, found.findings, found.amplitudes)
     states = problem.rests.observations.states
     celsius = states.temperature_c.copy()
     celsius[:, sensor] += step_k
     states = replace(states, temperature_c=celsius)
-    values = basis_values(model.terms, states, ARM, model.reference_c, model.constants)
-    return forward(states.q, parameter_rows(model.constants, model.terms, values))[0]
+    values = compute_basis_values(model.terms, states, ARM, model.reference_c, model.constants)
+    return compute_pose(states.q, compute_parameter_rows(model.constants, model.terms, values))[0]
 
 
 @parametrize_default("sensor", [2, 3, 4])
@@ -60,9 +60,9 @@ def test_an_offset_is_the_derivative_of_all_that_was_found(
     problem: Problem, sensor: int, causes: tuple[str, ...]
 ) -> None:
     found = problem.found(*causes)
-    model = with_findings(problem.baseline.model, found.findings, found.amplitudes)
+    model = add_findings(problem.baseline.model, found.findings, found.amplitudes)
     offset = problem.offset(f"t{sensor + 1}")
-    made = rebuild_candidate(offset, problem.facts, find_acting(found))
+    made = update_candidate(offset, problem.facts, find_acting(found))
     assert made is not None
     linear = linearise(problem.rests, model, ARM)
     own = make_finding_columns(linear, [made], ARM)[0][: 3 * problem.rests.n, 0]
@@ -109,9 +109,9 @@ def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
     gradient, offset = own.found(GRADIENT).findings[0], own.offset()
     with_it, without = fitted(own, [gradient]), fitted(own, [])
     plain = compile_candidates([gradient, offset], without.linear, ARM)
-    assert with_acting(plain, without, own.facts, (), ARM) is plain
-    assert with_acting(plain, with_it, own.facts, {offset.place}, ARM).n_columns > plain.n_columns
-    both = with_acting(plain, with_it, own.facts, (), ARM)
+    assert add_acting(plain, without, own.facts, (), ARM) is plain
+    assert add_acting(plain, with_it, own.facts, {offset.place}, ARM).n_columns > plain.n_columns
+    both = add_acting(plain, with_it, own.facts, (), ARM)
     assert both.bases is plain.bases or len(both.bases) > len(plain.bases)
     at = next(i for i, c in enumerate(both.candidates) if c.through and c.place == offset.place)
     scored = score_candidates(make_projection(with_it, ARM), both)
@@ -134,4 +134,4 @@ def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
     monkeypatch.setattr(candidates, "score_candidates", lambda *_: Asked())
     find_weakest(about)
     assert Asked.of == [(0, 1), (1,)]
-    assert rebuild_candidate(last.findings[1], own.facts, find_acting(without)).is_like(offset)  # type: ignore[union-attr]
+    assert update_candidate(last.findings[1], own.facts, find_acting(without)).is_like(offset)  # type: ignore[union-attr]

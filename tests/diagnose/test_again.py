@@ -12,15 +12,15 @@ from armd.compensation.diagnose.diagnosis import Finding
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.search import repeated_search as module
 from armd.compensation.diagnose.search.repeated_search import (
     has_clearly_lower_noise,
+    has_fewer_findings,
     is_likely_beside,
     limit_to_repeated,
-    tells_less,
 )
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.identify.calibrate import calibrate
@@ -50,10 +50,12 @@ def test_a_tenth_less_noise_is_not_clearly_less(one: float, other: float, clearl
 
 def test_less_is_told_only_where_no_more_is_left() -> None:
     one, two = (finding(DISC, 0.9),), (finding(DISC, 0.9), finding(SCALE, 0.9))
-    assert tells_less(result(6.4, *one), result(6.0, *two))
-    assert not tells_less(result(9.0, *one), result(6.0, *two))  # what it lacks is in its noise
-    assert not tells_less(result(6.0, *two), result(6.0, *two))
-    assert not tells_less(result(6.0), result(6.0, *two))  # something is there
+    assert has_fewer_findings(result(6.4, *one), result(6.0, *two))
+    assert not has_fewer_findings(
+        result(9.0, *one), result(6.0, *two)
+    )  # what it lacks is in its noise
+    assert not has_fewer_findings(result(6.0, *two), result(6.0, *two))
+    assert not has_fewer_findings(result(6.0), result(6.0, *two))  # something is there
 
 
 def test_what_both_found_is_no_surer_than_either() -> None:
@@ -81,7 +83,7 @@ def test_a_set_repeated_counts_only_if_hardly_less_likely_than_the_first() -> No
         for name in ("before", "later")
     ]
     given = from_calibration(calibrate(sessions[:1], ARM).calibration, ARM, is_given=True)
-    rests = gather_rests(planted(sessions[1:], wave(2, 60.0)), ARM)
+    rests = collect_rests(planted(sessions[1:], wave(2, 60.0)), ARM)
     true, false = (searched(rests, given, eccentric(joint)) for joint in (2, 4))
     assert not is_likely_beside(false, true, ARM)
     assert is_likely_beside(true, false, ARM)

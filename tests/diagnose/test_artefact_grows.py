@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from armd.compensation.diagnose.problem.linear import Linear, ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.model.calibration import ArtefactCorrection
@@ -25,7 +25,7 @@ def measured(targets: int, *, known: bool) -> Linear:
     one = synthetic.session(arm, truth, rng, targets=targets, known=known, readings=60)
     one = replace(one, artefact_c=rng.normal(24.0, 0.02, one.n))
     model = ModelState(truth, (), 20.0, ArtefactCorrection())
-    return linearise(gather_rests([one], arm), model, arm)
+    return linearise(collect_rests([one], arm), model, arm)
 
 
 def seen_from(linear: Linear, turn: Rotation, shift_mm: np.ndarray) -> Linear:

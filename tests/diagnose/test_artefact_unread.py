@@ -11,7 +11,7 @@ from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.calibration import ArtefactCorrection
@@ -46,7 +46,7 @@ def test_it_grows_by_the_arms_temperature_where_its_own_was_not_read() -> None:
     rng = np.random.default_rng(3)
     unread, read = (session(rng, k, 24.0, 0.0) for k in range(2))
     read = replace(read, artefact_c=np.full(read.n, 24.0))
-    rests = gather_rests([unread, read], ARM)
+    rests = collect_rests([unread, read], ARM)
     linear = linearise(rests, ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection()), ARM)
     observations = rests.observations
     rise = observations.states.temperature_c.mean(axis=1) - REFERENCE_C

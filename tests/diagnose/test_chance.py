@@ -8,7 +8,7 @@ import pytest
 
 from armd.compensation.diagnose.diagnosis import Finding
 from armd.compensation.diagnose.search import chance
-from armd.compensation.diagnose.search.chance import bound_probability
+from armd.compensation.diagnose.search.chance import limit_probability
 from support.small_fit import candidate, small_fit
 
 
@@ -18,13 +18,13 @@ from support.small_fit import candidate, small_fit
 def test_the_chance_of_nothing_is_as_sellke_bayarri_and_berger_have_it(
     p: float, nothing: float
 ) -> None:
-    assert 1.0 - bound_probability(p) == pytest.approx(nothing, abs=5e-4)
+    assert 1.0 - limit_probability(p) == pytest.approx(nothing, abs=5e-4)
 
 
 def test_what_is_beyond_doubt_or_of_no_weight_has_its_bounds() -> None:
-    assert bound_probability(0.0) == 1.0
-    assert bound_probability(1e-12) > 0.9999
-    assert bound_probability(0.5) == bound_probability(1.0) == 0.5
+    assert limit_probability(0.0) == 1.0
+    assert limit_probability(1e-12) > 0.9999
+    assert limit_probability(0.5) == limit_probability(1.0) == 0.5
 
 
 @pytest.mark.parametrize("lasts", [False, True])
@@ -50,7 +50,7 @@ def test_beside_noise_that_lasts_each_is_as_sure_as_its_own_p_value_allows(
     found = [Finding(cause, 1e-9, 50.0, 0.8, (), ()) for cause in causes]
     slip, scale = chance.limit_by_lasting_noise(found, scored, tests)
     assert slip.probability == pytest.approx(
-        0.8 * (bound_probability(1e-3) if lasts else 1.0), rel=1e-3
+        0.8 * (limit_probability(1e-3) if lasts else 1.0), rel=1e-3
     )
     assert scale.probability == pytest.approx(0.8)
     assert chance.limit_by_lasting_noise([], scored, tests) == ()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.conclusion import lower_odds, name_outliers
+from armd.compensation.diagnose.conclusion import name_outliers, reduce_odds
 from armd.compensation.diagnose.diagnosis import Finding, Outlier
 from armd.compensation.diagnose.problem.layout import EXPANSIONS
 from armd.compensation.diagnose.report.verdict import _nothing_found
@@ -18,7 +18,7 @@ from support.small_fit import candidate
 def test_held_out_readings_lower_the_odds_of_a_finding_that_they_speak_against() -> None:
     causes = [candidate("encoder_slip", 1), candidate("encoder_scale", 2)]
     found = [Finding(cause, 1e-9, 90.0, 0.8, (), ()) for cause in causes]
-    doubted, other = lower_odds(found, {0: 0.25})
+    doubted, other = reduce_odds(found, {0: 0.25})
     assert doubted.probability == pytest.approx(0.5)  # four to one, by a quarter
     assert other.probability == pytest.approx(0.8)
 

@@ -8,16 +8,16 @@ from scipy.spatial.transform import Rotation
 
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnosis import SearchResult
-from armd.compensation.diagnose.heldout.cross_validation import CrossValidated, cross_validate
+from armd.compensation.diagnose.heldout.cross_validation import CrossValidated, validate_in_turn
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
 from armd.compensation.diagnose.search import search
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
+from armd.compensation.effects.encoder.encoder_eccentricity import make_harmonic_columns
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
 from armd.compensation.wording import ARC_SECOND
@@ -27,7 +27,9 @@ ARM = synthetic.arm()
 PLACEMENTS, READINGS = 4, 240
 NOISE_RAD, PLANTED_RAD = 1 * ARC_SECOND, 40 * ARC_SECOND
 CANDIDATES = [
-    Candidate("encoder_eccentricity", location.joint(k), harmonic_columns(k, 1, 1e-4), (f"q{k}",))
+    Candidate(
+        "encoder_eccentricity", location.joint(k), make_harmonic_columns(k, 1, 1e-4), (f"q{k}",)
+    )
     for k in range(1, 7)
 ]
 
@@ -53,19 +55,19 @@ def searched(
     session: Session, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[SearchResult, PartedSurvey | None]:
     """Under the true arm, held; only eccentric discs are in the catalogue."""
-    monkeypatch.setattr(search.catalogue, "candidates", lambda _facts: iter(CANDIDATES))
+    monkeypatch.setattr(search.catalogue, "list_all_candidates", lambda _facts: iter(CANDIDATES))
     content = Calibration(
         arm=ARM.serial_number, created="2026-03-01T00:00:00Z", reference_temperature_c=20.0,
         constants={},
     )  # fmt: skip
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
     baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
-    whole = search.Search(gather_rests([session], ARM), ARM, baseline)
+    whole = search.Search(collect_rests([session], ARM), ARM, baseline)
     return whole.run(), whole.survey.parted
 
 
 def validated(result: SearchResult, parted: PartedSurvey | None) -> CrossValidated:
-    return cross_validate(result, parted, ARM, lambda _text, _share: None)
+    return validate_in_turn(result, parted, ARM, lambda _text, _share: None)
 
 
 def rigid_squares(session: Session, terms: Sequence[Term] = ()) -> np.ndarray:
@@ -73,7 +75,7 @@ def rigid_squares(session: Session, terms: Sequence[Term] = ()) -> np.ndarray:
     p = np.tile(ARM.nominal(), (session.n, 1))
     for term in terms:
         p[:, ARM.layout.index(term.parameter)] += term.coefficient * np.sin(session.states.q[:, 2])
-    tip = forward(session.states.q, p)[0]
+    tip = compute_pose(session.states.q, p)[0]
     at = session.artefact.positions_mm()[session.target]
     found = np.empty(session.n)
     for placement in range(PLACEMENTS):

@@ -14,7 +14,7 @@ from armd.compensation.diagnose.fitting.expansions import make_expansion_columns
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
@@ -93,7 +93,7 @@ def test_what_is_wrong_beside_it_is_found_alone() -> None:
 def test_they_are_free_by_what_materials_do_and_beside_no_other_model() -> None:
     sessions = measured(1, ONE_C)
     baseline = make_model_under_test(sessions, ARM, None)[0]
-    linear = linearise(gather_rests(sessions, ARM), baseline.model, ARM)
+    linear = linearise(collect_rests(sessions, ARM), baseline.model, ARM)
     columns, variance = make_expansion_columns(linear, baseline, ARM)
     lengths_mm = [
         baseline.model.constants[ARM.layout.index(t.parameter)] for t in make_length_terms(ARM, [1])
@@ -112,5 +112,5 @@ def test_they_are_free_by_what_materials_do_and_beside_no_other_model() -> None:
     warm = measured(1, (14.0, 20.0, 26.0))
     thermal = make_model_under_test(warm, ARM, None)[0]
     assert thermal.calibration.provenance["thermal_order"] == 1
-    linear = linearise(gather_rests(warm, ARM), thermal.model, ARM)
+    linear = linearise(collect_rests(warm, ARM), thermal.model, ARM)
     assert make_expansion_columns(linear, thermal, ARM)[0].shape[1] == 0

@@ -14,7 +14,7 @@ from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.report import sizes
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, tie
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
@@ -61,7 +61,7 @@ def baseline(held: bool) -> Baseline:
         arm=ARM.serial_number,
         created="2026-03-01T09:00:00+00:00",
         reference_temperature_c=20.0,
-        constants=constants_of(ARM.nominal(), ARM.n_joints),
+        constants=name_constants(ARM.nominal(), ARM.n_joints),
         terms=[Term(parameter="d_1", basis=[Temperature(weights={"t1": 1.0})], coefficient=0.007)],
         covariance_of=["theta_2", "a_2"],
         covariance=[[4e-10, 1e-7], [1e-7, 2.5e-3]],

@@ -17,9 +17,9 @@ from armd.compensation.diagnose.search.findings import find_likelier_rival
 from armd.compensation.diagnose.search.findings import find_nearest_step as nearest
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, join_finding
-from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
-from armd.compensation.model.basis import basis_values
-from armd.compensation.model.curve import curve_at
+from armd.compensation.effects.encoder.encoder_eccentricity import make_harmonic_columns
+from armd.compensation.model.basis import compute_basis_values
+from armd.compensation.model.curve import evaluate_curve
 from armd.compensation.model.pose_factors import Curve, Harmonic
 from support.small_fit import candidate
 
@@ -73,8 +73,8 @@ def test_no_name_for_a_part_of_a_stronger_unknown_at_the_same_joint() -> None:
 
 def test_a_finding_takes_the_place_of_those_it_contains() -> None:
     first, both = (
-        harmonic_columns(2, 3, 1.0),
-        harmonic_columns(2, 3, 1.0) + harmonic_columns(2, 4, 1.0),
+        make_harmonic_columns(2, 3, 1.0),
+        make_harmonic_columns(2, 3, 1.0) + make_harmonic_columns(2, 4, 1.0),
     )
     one = Candidate("encoder_periodic", location.joint(2), first, ("q2",))
     more = Candidate("encoder_periodic", location.joint(2), both, ("q2",))
@@ -89,7 +89,9 @@ def test_what_an_experiment_need_not_part() -> None:
 
 
 def test_a_shape_is_the_signature_times_harmonics_of_the_joints_at_its_place() -> None:
-    own = Candidate("encoder_eccentricity", location.joint(2), harmonic_columns(2, 1, 1.0), ("q2",))
+    own = Candidate(
+        "encoder_eccentricity", location.joint(2), make_harmonic_columns(2, 1, 1.0), ("q2",)
+    )
     shape = make_shape(own, np.array([3.0, 4.0]), 6)
     assert shape is not None and is_shape(shape) and shape.location == locate_shape(own)
     assert len(shape.columns) == 4 and shape.depends_on == ("q2",)
@@ -98,7 +100,7 @@ def test_a_shape_is_the_signature_times_harmonics_of_the_joints_at_its_place() -
     states: Any = SimpleNamespace(n=50, q=q)
 
     def moved(column: Column) -> np.ndarray:
-        values = basis_values(column.terms, states, arm, 20.0, np.zeros(39))
+        values = compute_basis_values(column.terms, states, arm, 20.0, np.zeros(39))
         return values @ [term.coefficient for term in column.terms]
 
     signature = 3.0 * moved(own.columns[0]) + 4.0 * moved(own.columns[1])
@@ -114,7 +116,7 @@ def test_a_shape_is_the_signature_times_harmonics_of_the_joints_at_its_place() -
 
 
 def test_a_curve_is_its_harmonics_where_the_joint_stood_and_their_mean_elsewhere() -> None:
-    columns = tuple(c for order in (3, 4) for c in harmonic_columns(2, order, 1.0))
+    columns = tuple(c for order in (3, 4) for c in make_harmonic_columns(2, order, 1.0))
     curve = Candidate("encoder_periodic", location.joint(2), columns, ("q2",))
     assert list_orders(curve) == [3, 4]
     values = np.array([1.0, -0.5, 0.3, 2.0])
@@ -130,7 +132,7 @@ def test_a_curve_is_its_harmonics_where_the_joint_stood_and_their_mean_elsewhere
         assert isinstance(wave, Harmonic)
         turn = np.sin if wave.kind == "sin" else np.cos
         expected += value * weight * turn(wave.order * q[:, 1])
-    at = curve_at(factor.values, q[:, 1])
+    at = evaluate_curve(factor.values, q[:, 1])
     # Where the mean begins, a step, the spline swings by half a per cent of the curve.
     largest = np.abs(expected).max()
     np.testing.assert_allclose(at, expected, atol=5e-3 * largest)

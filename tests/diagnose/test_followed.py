@@ -12,11 +12,11 @@ from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
 from support import synthetic
@@ -41,7 +41,7 @@ def given() -> Calibration:
         arm=ARM.serial_number,
         created="2026-03-01T09:00:00+00:00",
         reference_temperature_c=20.0,
-        constants=constants_of(ARM.nominal(), ARM.n_joints),
+        constants=name_constants(ARM.nominal(), ARM.n_joints),
         terms=[],
         covariance_of=names,
         covariance=np.diag(np.square([TWIST_RAD, 2e-3, 2e-3])).tolist(),
@@ -57,7 +57,7 @@ def measured(twist: float, rng: np.random.Generator, name: str) -> Session:
 
 def fitted(baseline: Baseline, sessions: Sequence[Session], findings: list[Candidate]) -> Fit:
     start = [np.zeros(len(c.columns)) for c in findings]
-    return fit(gather_rests(sessions, ARM), ARM, baseline, baseline.model, findings, start)
+    return fit(collect_rests(sessions, ARM), ARM, baseline, baseline.model, findings, start)
 
 
 def rms_um(sessions: Sequence[Session], model: Calibration) -> float:

@@ -10,9 +10,9 @@ from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis, Finding
 from armd.compensation.diagnose.fitting.free_expansion import (
+    drop_growth,
+    open_growth,
     report_growth,
-    with_growth_open,
-    without_growth,
 )
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.report.verdict import write_verdict
@@ -89,7 +89,7 @@ def test_a_disc_is_found_beside_it_and_both_are_written(kept: Calibration) -> No
 def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibration) -> None:
     """And 10 K warmer by 10 × 20e-6 of each length less, whichever constants were identified."""
     plain = from_calibration(kept, ARM, is_given=True)
-    opened = with_growth_open(plain, ARM)
+    opened = open_growth(plain, ARM)
     n = len(plain.parameters)
     np.testing.assert_array_equal(opened.root[:n, : plain.root.shape[1]], plain.root)
     assert not opened.root[:n, plain.root.shape[1] :].any()
@@ -103,7 +103,7 @@ def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibrati
         length_mm = max(abs(kept.constants[term.parameter]), 1.0)
         grown = np.linalg.norm(opened.root[n + j])
         assert grown == pytest.approx(EXPANSION_PER_K * length_mm, rel=1e-6) or length_mm < 10.0
-    still = without_growth(opened)
+    still = drop_growth(opened)
     np.testing.assert_allclose(still.root @ still.root.T, plain.root @ plain.root.T, rtol=1e-6)
     assert (still.terms, still.growth, still.model.terms) == (plain.terms, (), plain.model.terms)
 
@@ -112,14 +112,14 @@ def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibrati
 def test_one_of_several_temperatures_stays_as_it_is() -> None:
     known = from_calibration(calibrate(measured(SEED, SHOP_C), ARM).calibration, ARM, is_given=True)
     assert known.terms
-    assert with_growth_open(known, ARM) is known
-    assert report_growth(with_growth_open(known, ARM)) == []
+    assert open_growth(known, ARM) is known
+    assert report_growth(open_growth(known, ARM)) == []
     silent = known.calibration.model_copy(
         update={"terms": [], "covariance": [], "covariance_of": []}
     )
     without = from_calibration(silent, ARM, is_given=True)  # it saw 11 K, and no growth
-    assert with_growth_open(without, ARM) is without
-    assert report_growth(with_growth_open(without, ARM)) == []
+    assert open_growth(without, ARM) is without
+    assert report_growth(open_growth(without, ARM)) == []
 
 
 @pytest.mark.slow
@@ -133,7 +133,7 @@ def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
             update={"provenance": {**silent.provenance, "heldout_without_outliers_um": left_um}}
         )
         baseline = from_calibration(missed, ARM, is_given=True)
-        opened = with_growth_open(baseline, ARM)
+        opened = open_growth(baseline, ARM)
         assert (opened is not baseline) == is_open
         assert bool(report_growth(opened)) == is_open
     assert len(opened.terms) == len(make_length_terms(ARM, [1]))
@@ -183,12 +183,12 @@ def known() -> Calibration:
 @pytest.mark.slow
 def test_coefficients_of_lengths_at_one_temperature_are_open(known: Calibration) -> None:
     baseline = from_calibration(guess_growth(known, 3, 15e-6), ARM, is_given=True)
-    opened = with_growth_open(baseline, ARM)
+    opened = open_growth(baseline, ARM)
     names = [opened.model.terms[i].parameter for i in opened.growth]
     assert set(names) == {t.parameter for t in known.terms} - {"d_1", "a_1"}
     assert (opened.model, opened.terms) == (baseline.model, baseline.terms)
     np.testing.assert_array_equal(opened.root, baseline.root)
-    closed = without_growth(opened)
+    closed = drop_growth(opened)
     assert closed.model.terms == baseline.model.terms  # none loses its coefficient
     assert [closed.model.terms[i].parameter for i in closed.terms] == [
         term.parameter for term in known.terms if term.parameter in ("d_1", "a_1")

@@ -18,7 +18,7 @@ CLEAR = 1.5
 
 def shares(problem: Problem) -> dict[float, Column]:
     """Time constant, s → what is late of link 3."""
-    every = [c for c in catalogue.candidates(problem.facts) if c.cause == "thermal_lag"]
+    every = [c for c in catalogue.list_all_candidates(problem.facts) if c.cause == "thermal_lag"]
     return {
         c.setting[0][1]: c.columns[0]
         for c in every

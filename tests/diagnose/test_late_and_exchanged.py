@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from armd.arrays import F64
-from armd.compensation.diagnose.fitting.refit import with_findings_unsolved
+from armd.compensation.diagnose.fitting.refit import set_findings
 from armd.compensation.diagnose.problem.acting_causes import (
+    add_acting,
     find_acting,
     list_acting_through,
-    rebuild_candidate,
-    with_acting,
+    update_candidate,
 )
-from armd.compensation.diagnose.problem.baseline import with_findings
+from armd.compensation.diagnose.problem.baseline import add_findings
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import compile_candidates, make_finding_columns
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey, score_candidates
@@ -26,8 +26,8 @@ from armd.compensation.diagnose.scoring.projection import Projection, make_proje
 from armd.compensation.diagnose.search.revisit import Revisit
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
@@ -42,9 +42,9 @@ SOME = [(), (GRADIENT,), (GRADIENT, "joint_thermal", "encoder_thermal")]
 
 def tip(problem: Problem, found: Any, states: States) -> F64:
     """(n, 3) where the arm with what was *found* is, its temperatures being those of *states*."""
-    model = with_findings(problem.baseline.model, found.findings, found.amplitudes)
-    values = basis_values(model.terms, states, ARM, model.reference_c, model.constants)
-    return forward(states.q, parameter_rows(model.constants, model.terms, values))[0]
+    model = add_findings(problem.baseline.model, found.findings, found.amplitudes)
+    values = compute_basis_values(model.terms, states, ARM, model.reference_c, model.constants)
+    return compute_pose(states.q, compute_parameter_rows(model.constants, model.terms, values))[0]
 
 
 def read(problem: Problem) -> States:
@@ -61,12 +61,12 @@ def late(problem: Problem) -> States:
     term = Term(parameter="a_1", basis=[mean], coefficient=1.0)
     celsius = read(problem).temperature_c.copy()
     about = read(problem), ARM, 20.0, ARM.nominal()
-    celsius[:, 2] = basis_values([term], *about)[:, 0]
+    celsius[:, 2] = compute_basis_values([term], *about)[:, 0]
     return with_celsius(read(problem), celsius)
 
 
 def lag(problem: Problem, value: float = LAG_S, link: int = 3) -> Candidate:
-    every = catalogue.candidates(problem.facts)
+    every = catalogue.list_all_candidates(problem.facts)
     grid = next(c for c in every if c.place == ("thermal_lag", f"link {link}"))
     assert grid.elsewhere is not None
     return grid.elsewhere(value)
@@ -75,12 +75,12 @@ def lag(problem: Problem, value: float = LAG_S, link: int = 3) -> Candidate:
 def exchange(problem: Problem) -> Candidate:
     """Of sensors t3 and t5."""
     place = ("sensor_swapped", "sensors t3, t5")
-    return next(c for c in catalogue.candidates(problem.facts) if c.place == place)
+    return next(c for c in catalogue.list_all_candidates(problem.facts) if c.place == place)
 
 
 def column(problem: Problem, found: Any, made: Candidate) -> F64:
     """(n, 3) of a candidate's first amplitude, about the arm with what was found."""
-    model = with_findings(problem.baseline.model, found.findings, found.amplitudes)
+    model = add_findings(problem.baseline.model, found.findings, found.amplitudes)
     linear = linearise(problem.rests, model, ARM)
     return make_finding_columns(linear, [made], ARM)[0][: 3 * problem.rests.n, 0].reshape(-1, 3)
 
@@ -90,7 +90,7 @@ def test_all_that_was_found_to_go_by_a_link_is_late_with_it(
     problem: Problem, causes: tuple[str, ...]
 ) -> None:
     found = problem.found(*causes)
-    made = rebuild_candidate(lag(problem), problem.facts, find_acting(found))
+    made = update_candidate(lag(problem), problem.facts, find_acting(found))
     assert made is not None
     expected = tip(problem, found, late(problem)) - tip(problem, found, read(problem))
     np.testing.assert_allclose(
@@ -103,12 +103,12 @@ def test_all_that_was_found_to_go_by_a_link_is_late_with_it(
 
 def test_a_lag_is_made_anew_at_its_own_time_constant(problem: Problem) -> None:
     found = problem.found(GRADIENT)
-    made = rebuild_candidate(lag(problem, 700.0), problem.facts, find_acting(found))
+    made = update_candidate(lag(problem, 700.0), problem.facts, find_acting(found))
     assert made is not None
     assert made.setting == (("time constant", 700.0, "s"),)
     assert made.elsewhere is not None
     assert made.through == made.elsewhere(600.0).through == find_acting(found)
-    again = rebuild_candidate(made, problem.facts, ())
+    again = update_candidate(made, problem.facts, ())
     assert again is not None
     assert again.columns == lag(problem, 700.0).columns
 
@@ -156,9 +156,9 @@ def test_it_goes_by_the_other_only_beside_the_exchange(problem: Problem) -> None
     assert scored.scores.freedom[0] == 1
     assert scored.without(0).freedom[0] == 0
     assert score_candidates(make_projection(without, ARM), plain).scores.freedom[0] == 0
-    more = with_acting(plain, with_it, problem.facts, (), ARM).candidates
+    more = add_acting(plain, with_it, problem.facts, (), ARM).candidates
     assert turned in more[2:]
-    assert with_acting(plain, without, problem.facts, (), ARM) is plain
+    assert add_acting(plain, without, problem.facts, (), ARM) is plain
     assert fitted(problem, [exchanged, turned]).findings[1] is turned
     assert fitted(problem, [turned, lag(problem)]).findings[0].cause == "thermal_lag"
 
@@ -172,7 +172,7 @@ def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
     true = problem.found(EXPANSION)
     own = problem_of(measured(true))
     (expansion,) = own.found(EXPANSION).findings
-    shift = next(c for c in catalogue.candidates(own.facts) if c.cause == "geometry_shift")
+    shift = next(c for c in catalogue.list_all_candidates(own.facts) if c.cause == "geometry_shift")
     lags = [lag(own, link=3), lag(own, link=5)]
     offered: dict[tuple[str, ...], list[Candidate]] = {}
 
@@ -186,8 +186,8 @@ def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
     for findings in ([shift], [expansion, shift]):
         last = fitted(own, findings)
         plain = compile_candidates([shift, expansion, *lags], last.linear, ARM)
-        signatures = with_acting(plain, last, own.facts, (), ARM)
-        parted = PartedSurvey.from_fit(with_findings_unsolved(last, [], ARM), signatures, ARM)
+        signatures = add_acting(plain, last, own.facts, (), ARM)
+        parted = PartedSurvey.from_fit(set_findings(last, [], ARM), signatures, ARM)
         through = partial(list_acting_through, facts=own.facts, refused=())
         Revisit(parted.with_findings(last), parted, ARM, 100, choose, through).find_rival_sets()
     for causes in ((), ("geometry_shift",)):

@@ -14,12 +14,12 @@ from armd.compensation.diagnose.fitting.neighbourhood import (
     compute_arm_size,
     compute_scale_factor,
     find_refusal,
+    is_near,
     is_possible,
-    stays_near,
 )
 from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.calibration import ArtefactCorrection
@@ -84,7 +84,7 @@ def fitted(changes: dict[str, float], known: bool = False, encoder_rad: float = 
         solution=-np.array(list(changes.values())),
         baseline=SimpleNamespace(model=model, is_given=False, parameters=tuple(moved), terms=()),
         model=model,
-        linear=linearise(gather_rests([session], ARM), model, ARM),
+        linear=linearise(collect_rests([session], ARM), model, ARM),
     )
 
 
@@ -112,11 +112,11 @@ def test_scatter_on_seats_is_stated_as_of_an_arm_that_kept_its_size() -> None:
 def test_no_constant_leaves_what_an_arm_of_its_drawing_can_be(
     name: str, near: float, far: float, told: str
 ) -> None:
-    assert stays_near(fitted({name: near}), ARM)
+    assert is_near(fitted({name: near}), ARM)
     gone = fitted({name: far})
-    assert not stays_near(gone, ARM)
+    assert not is_near(gone, ARM)
     assert find_refusal(gone, gone, ARM) == f"it would move {told}"
-    assert stays_near(fitted({"base_x": 1e4, "base_rz": 2.0}), ARM), "it was carried there"
+    assert is_near(fitted({"base_x": 1e4, "base_rz": 2.0}), ARM), "it was carried there"
 
 
 def test_the_last_joint_and_the_tips_offset_place_one_point() -> None:
@@ -130,7 +130,7 @@ def test_the_last_joint_and_the_tips_offset_place_one_point() -> None:
     }
     assert np.hypot(*back.values()) > 1.0, "the tip is off the axis of the twist"
     last = f"alpha_{ARM.n_joints}"
-    assert stays_near(fitted({last: angle, **back}), ARM)
+    assert is_near(fitted({last: angle, **back}), ARM)
     far = fitted({"tip_x": 10.2})
     assert find_refusal(far, far, ARM) == "it would move the tip's x by 10 mm"
     turned = fitted({last: 11.0 / math.hypot(y, z)})
@@ -187,4 +187,4 @@ def test_what_a_named_cause_turns_makes_no_arm_smaller(
     column = Column("c", "1", 1.0, tie([(parameter, 1.0)]))
     found.findings = (Candidate(cause, location.joint(2), (column,), ()),)
     found.amplitudes = (np.array([size]),)
-    assert stays_near(found, ARM) == near
+    assert is_near(found, ARM) == near

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from armd.compensation.diagnose.fitting.nuisance import with_other_findings
+from armd.compensation.diagnose.fitting.nuisance import replace_findings
 from armd.compensation.diagnose.problem.amplitudes import compute_amplitude_variance, is_sized
 from armd.compensation.diagnose.problem.layout import select_findings
 from support.small_fit import candidate, small_fit
@@ -36,7 +36,7 @@ def test_other_findings_take_the_place_of_those_there() -> None:
     fit, _ = fit_of_three()
     other = candidate("axis_wobble", 5, 4)
     block = np.ones((30, 4))
-    nuisance, layout = with_other_findings(fit.nuisance, fit.layout, [other], [block], [3.0])
+    nuisance, layout = replace_findings(fit.nuisance, fit.layout, [other], [block], [3.0])
     (at,) = layout.findings
     np.testing.assert_array_equal(nuisance.columns.to_dense(at), block)
     np.testing.assert_array_equal(

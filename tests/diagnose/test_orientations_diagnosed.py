@@ -14,12 +14,12 @@ import armd
 from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.diagnose.problem.linear import Linear, ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests, count_spare_rows
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.observations import TURN_MM
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import ArtefactCorrection
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.simulator.plants.live import plant_in_arm
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
@@ -113,7 +113,7 @@ def linear_of(folder: Path, poses: int = 12) -> Linear:
         nominal.make_arm_toml(rows=true.rows, tip=true.tip_offset), encoding="utf-8"
     )
     arm = load_arm(arm_file)
-    rests = gather_rests(load_sessions([folder / "now"], arm), arm)
+    rests = collect_rests(load_sessions([folder / "now"], arm), arm)
     model = ModelState(arm.nominal(), (), 20.0, ArtefactCorrection())
     return linearise(rests, model, arm)
 
@@ -143,10 +143,10 @@ def test_columns_of_orientations_are_how_the_last_frame_turns(tmp_path: Path) ->
     arm = observations.arm
     turned = np.flatnonzero(observations.turned)
     q, rows = observations.states.q[turned], np.tile(arm.nominal(), (len(turned), 1))
-    at = forward(q, rows)[1]
+    at = compute_pose(q, rows)[1]
     for name in ("theta_2", "alpha_3", "beta_5", "d_4", "tip_x"):
         moved = rows.copy()
         moved[:, arm.layout.index(name)] += step
-        turn = Rotation.from_matrix(forward(q, moved)[1] @ at.transpose(0, 2, 1)).as_rotvec()
+        turn = Rotation.from_matrix(compute_pose(q, moved)[1] @ at.transpose(0, 2, 1)).as_rotvec()
         column = linear.jacobian[arm.layout.index(name), : 3 * linear.rests.n].reshape(-1, 3)
         assert np.allclose(column[turned], TURN_MM * turn / step, atol=1e-3), name

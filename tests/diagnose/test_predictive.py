@@ -20,7 +20,7 @@ from armd.compensation.diagnose.predictive.bins import (
     Bins,
     _bin_by_value,
     _find_inseparable,
-    bin_all_variables,
+    make_bins,
 )
 from armd.compensation.diagnose.predictive.components import Component, make_components
 from armd.compensation.diagnose.predictive.curves import (
@@ -31,7 +31,7 @@ from armd.compensation.diagnose.predictive.curves import (
     make_layout,
 )
 from armd.compensation.diagnose.predictive.moments import Moments
-from armd.compensation.diagnose.predictive.replicates import Refitted, refit
+from armd.compensation.diagnose.predictive.replicates import Refitted, solve_again
 from armd.compensation.diagnose.predictive.strength import Strength, make_features
 from armd.compensation.diagnose.predictive.sums import Functions, FunctionSums
 from armd.compensation.report.diagnosis.predictive_plot import (
@@ -111,7 +111,7 @@ def test_temperatures_and_time_that_only_rise_together_are_alike() -> None:
 def test_every_recorded_variable_has_bins_and_no_other() -> None:
     scene = whole_scene()
     rests = scene.linear.rests
-    found = {bins.variable: bins for bins in bin_all_variables(rests)}
+    found = {bins.variable: bins for bins in make_bins(rests)}
     joints = [f"{letter}{k}" for letter in "qw" for k in range(1, 7)]
     sensors = rests.observations.arm.sensors
     expected = {*joints, *sensors, "artefact_c", "time_s", "placement", "target", "approach"}
@@ -129,7 +129,7 @@ def test_every_recorded_variable_has_bins_and_no_other() -> None:
             approach=np.full_like(rests.observations.states.approach, np.nan),
         ),
     )
-    without = {bins.variable for bins in bin_all_variables(replace(rests, observations=still))}
+    without = {bins.variable for bins in make_bins(replace(rests, observations=still))}
     assert without == expected - {f"w{k}" for k in range(1, 7)} - {"approach"}
 
 
@@ -138,7 +138,7 @@ def test_a_refit_takes_of_data_what_least_squares_takes() -> None:
     fit = a_fit(rng)
     columns = fit.nuisance.columns.to_dense()[:, :6]
     left = fit.residual - columns @ np.linalg.lstsq(columns, fit.residual, rcond=None)[0]
-    found = refit(fit, replace(unit_noise(N), scale_mm=1.0))
+    found = solve_again(fit, replace(unit_noise(N), scale_mm=1.0))
     assert np.abs(found.residual_mm.ravel() - left).max() < 1e-9
 
 
@@ -185,7 +185,7 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
         rng = np.random.default_rng([seed, 5])
         fit = a_fit(rng)
         bins = ten_bins(rng)
-        for curve in _make_curves(refit(fit, fit.noise), make_layout([bins], N), even):
+        for curve in _make_curves(solve_again(fit, fit.noise), make_layout([bins], N), even):
             low.append(curve.p_value <= 0.1)
             high.append(curve.p_value > 0.3)
     # Of few bins the share is coarse: p-values stand on few steps, none too small too often.
@@ -197,15 +197,15 @@ def test_p_values_of_data_from_the_model_are_even_and_a_structure_stands_out(
     step[bins.order[:48]] = 3.0 * fit.linear.joints[bins.order[:48], :, 1]
     planted = replace(fit, residual=fit.residual + step.ravel())
     layout = make_layout([bins], N)
-    first, second = _make_curves(refit(planted, fit.noise), layout, even)
+    first, second = _make_curves(solve_again(planted, fit.noise), layout, even)
     assert second.outside >= 0.4 and second.p_value <= 0.01
     assert (np.abs(second.mean[:4] - 3.0) < 1.0).all() and second.draws == 2 * DRAWS_AT_ONCE
     assert second.outside > first.outside and second.rms_um > 2 * first.rms_um
     assert second.strength.noise_units > 20 and first.strength.noise_units < 8
     # Where the last fit's residuals scatter more along a joint, so does its band.
-    scale = _compute_noise_scale(refit(planted, fit.noise))
+    scale = _compute_noise_scale(solve_again(planted, fit.noise))
     assert scale[1] > 1.5 and scale[1] > 1.2 * scale[0]
-    wide = _make_curves(refit(planted, fit.noise), layout, scale)[1]
+    wide = _make_curves(solve_again(planted, fit.noise), layout, scale)[1]
     assert wide.high == pytest.approx(scale[1] * second.high)
 
 
@@ -328,7 +328,7 @@ def test_what_is_the_same_all_over_is_of_the_time_and_names_give_way_to_values()
 def test_a_model_without_findings_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = a_fit(np.random.default_rng(7))
     monkeypatch.setattr(replicates, "MOST_DRAWS", DRAWS_AT_ONCE)
-    monkeypatch.setattr(curves, "bin_all_variables", lambda _: [ten_bins(np.random.default_rng(1))])
+    monkeypatch.setattr(curves, "make_bins", lambda _: [ten_bins(np.random.default_rng(1))])
     search = SimpleNamespace(first=fit, last=fit)
     diagnosis: Any = SimpleNamespace(search=search, arm=SimpleNamespace(n_joints=JOINTS))
     for comparison in curves.compare(diagnosis):

@@ -11,7 +11,7 @@ import pytest
 
 import armd
 from armd.compensation.data.sessions.session import load_sessions
-from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests, count_spare_rows
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
 from armd.simulator.plants.live import plant_in_arm
@@ -39,7 +39,7 @@ def test_a_bad_encoder_is_found_by_reflectors_of_unknown_place(tmp_path: Path) -
     assert 1e3 * TRACKER_MM < found.baseline.noise_floor_um < 2.5e3 * TRACKER_MM
     assert finding.gain.heldout_rms_um_after < 1.2 * found.baseline.noise_floor_um
     content = load_arm(arm)
-    rests = gather_rests(load_sessions([tmp_path / "now"], content), content)
+    rests = collect_rests(load_sessions([tmp_path / "now"], content), content)
     assert count_spare_rows(rests.observations) == 3 * 30 * len(NEST) - 6 - 3 * len(NEST)
 
 

@@ -12,8 +12,8 @@ import pytest
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.heldout.refutation import (
+    is_better,
     is_refuted,
-    predicts_better,
     select_refuted,
 )
 from armd.compensation.diagnose.report.verdict import write_verdict
@@ -109,6 +109,6 @@ def test_what_is_refuted_bars_its_place_and_what_has_no_name_by_the_same() -> No
 
 def test_the_diagnosis_without_it_counts_where_it_writes_and_predicts_better() -> None:
     before = described((-2.0, -0.5), rms_um=5.0)
-    assert predicts_better(described((0.5, 2.0), written=True, rms_um=4.0), before)
-    assert not predicts_better(described((0.5, 2.0), written=True, rms_um=5.5), before)
-    assert not predicts_better(described((-2.0, 0.5), rms_um=4.0), before)
+    assert is_better(described((0.5, 2.0), written=True, rms_um=4.0), before)
+    assert not is_better(described((0.5, 2.0), written=True, rms_um=5.5), before)
+    assert not is_better(described((-2.0, 0.5), rms_um=4.0), before)

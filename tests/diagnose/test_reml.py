@@ -151,7 +151,7 @@ def test_a_rest_far_off_counts_as_the_edge_in_its_own_direction() -> None:
     residual = np.zeros(9)
     residual[3:6] = [0.0, 6.0, 8.0]
     residual[6:] = [1.0, 1.0, 1.0]
-    clipped = noise_model.winsorise(residual, np.zeros(9), unit_noise(3), limit=5.0)
+    clipped = noise_model.clip_residual(residual, np.zeros(9), unit_noise(3), limit=5.0)
     np.testing.assert_allclose(clipped, [0, 0, 0, 0, 3, 4, 1, 1, 1])
 
 

@@ -6,9 +6,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.estimate.placements.fit_poses import fit_poses
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from support import synthetic
 
 #: What an observation has for each reading.
@@ -23,11 +23,11 @@ def test_three_readings_of_each_rest_are_one_row_of_every_column() -> None:
     thrice = one.rows(np.repeat(np.arange(60), 3))
     q = thrice.states.q + 1e-6 * rng.normal(size=thrice.states.q.shape)
     states = replace(thrice.states, q=q, time_s=np.arange(180.0))
-    observations = gather_rests([replace(thrice, states=states)], arm).observations
+    observations = collect_rests([replace(thrice, states=states)], arm).observations
     named = {field.name for field in fields(observations)}
     for name in EACH:
         assert name in named
         assert len(getattr(observations, name)) == 60, name
-    position = forward(observations.states.q, np.tile(arm.nominal(), (60, 1)))[0]
+    position = compute_pose(observations.states.q, np.tile(arm.nominal(), (60, 1)))[0]
     residual = fit_poses(observations, position).residual(observations, position)
     assert np.abs(residual).max() < 1e-2

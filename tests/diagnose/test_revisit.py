@@ -50,8 +50,8 @@ def test_an_amplitude_is_of_the_likeliest_scale_and_a_large_one_costs_its_prior(
 
 def test_where_a_curve_is_taken_out_its_orders_may_stand_beside_others() -> None:
     facts: Any = SimpleNamespace(joints=(2, 3))
-    of_place = [c for c in encoder_periodic.candidates(facts) if c.location.joint == 3]
-    elsewhere = next(c for c in encoder_periodic.candidates(facts) if c.location.joint == 2)
+    of_place = [c for c in encoder_periodic.list_candidates(facts) if c.location.joint == 3]
+    elsewhere = next(c for c in encoder_periodic.list_candidates(facts) if c.location.joint == 2)
     curve = next(c for c in of_place if c.setting[0][0] == "highest order")
     whole, as_free = revisit._barred(curve)
     assert all(map(whole, of_place)) and not whole(elsewhere) and not as_free(elsewhere)

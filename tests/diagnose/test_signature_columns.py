@@ -13,14 +13,14 @@ from armd.compensation.diagnose.problem.session_facts import _span as span
 from armd.compensation.diagnose.problem.signatures import compile_candidates
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
-from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
+from armd.compensation.effects.encoder.encoder_eccentricity import make_harmonic_columns
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.pose_factors import Angle, Harmonic
 
 N, JOINTS = 30, 6
 WAVE = Harmonic(kind="sin", joint=2, order=1)
 CANDIDATES = [
-    Candidate("encoder_eccentricity", location.joint(2), harmonic_columns(2, 1, 1.0), ("q2",)),
+    Candidate("encoder_eccentricity", location.joint(2), make_harmonic_columns(2, 1, 1.0), ("q2",)),
     Candidate(
         "axis_wobble",
         location.joint(4),

@@ -11,13 +11,13 @@ import pytest
 from armd.compensation.diagnose.report.sizes import compute_tip_rms_um, is_size_known, measure_curve
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
+from armd.compensation.effects.encoder.encoder_eccentricity import make_harmonic_columns
 
 ORDERS = range(3, 9)
 CURVE = Candidate(
     "encoder_periodic",
     location.joint(2),
-    tuple(column for order in ORDERS for column in harmonic_columns(2, order, 1e-5)),
+    tuple(column for order in ORDERS for column in make_harmonic_columns(2, order, 1e-5)),
     ("q2",),
     (("highest order", 8.0, "1/turn"),),
 )

@@ -14,7 +14,7 @@ import armd
 from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import count_spare_rows, gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests, count_spare_rows
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.noise.robust import (
     WINSOR_AT,
@@ -116,7 +116,7 @@ def test_columns_of_surfaces_are_what_the_residuals_do(tmp_path: Path) -> None:
     true = nominal.make_arm_toml(rows=workshop.arm.rows, tip=workshop.arm.tip_offset)
     (tmp_path / "arm.toml").write_text(true, encoding="utf-8")
     arm = load_arm(tmp_path / "arm.toml")
-    rests = gather_rests(load_sessions([tmp_path / "session"], arm), arm)
+    rests = collect_rests(load_sessions([tmp_path / "session"], arm), arm)
     # 6 placements: of each of the blocks 3 unknowns, of the balls 3; and the block's length
     assert count_spare_rows(rests.observations) == 72 + 1 - 4 * 3 - 2
     linear, more = (

@@ -16,11 +16,11 @@ from armd.compensation.diagnose.fitting.absorbed_error import _absorbed_by, allo
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.search.repeated_search import (
-    counts_instead,
-    loses_a_cause,
-    tells_less,
+    has_fewer_findings,
+    has_lost_cause,
+    may_replace,
 )
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
@@ -103,7 +103,7 @@ def test_the_calibration_counts_as_wrong_by_what_another_with_the_disc_has_taken
     plain = calibrate(years.calibrated, ARM).calibration
     with_disc = calibrate(planted(years.calibrated, DISC), ARM).calibration
     given = from_calibration(with_disc, ARM, is_given=True)
-    rests = gather_rests(planted(years.later, DISC), ARM)
+    rests = collect_rests(planted(years.later, DISC), ARM)
     disc, knock = eccentric(2), SHIFT
 
     def counted(findings: list[Candidate]) -> F64 | None:
@@ -137,28 +137,28 @@ def test_a_cause_lost_to_the_doubt_that_it_made_itself_is_not_given_up(years: Ye
     """A new disc and a knock. The calibration being wrong by what it may have taken up of the disc,
     a search without the disc leaves hardly more to the noise, and tells less."""
     given = from_calibration(calibrate(years.calibrated, ARM).calibration, ARM, is_given=True)
-    rests = gather_rests(planted(years.later, wave(4, 8.0), KNOCK), ARM)
+    rests = collect_rests(planted(years.later, wave(4, 8.0), KNOCK), ARM)
     before = searched(rests, given, eccentric(4), SHIFT)
     older = allow_absorbed_error(before.last, ARM)
     assert older is not None
     again = searched(rests, older, SHIFT)
-    assert tells_less(again, before)
-    assert loses_a_cause(again, before, ARM)
-    assert not counts_instead(again, before, ARM)
-    assert not loses_a_cause(before, before, ARM)
+    assert has_fewer_findings(again, before)
+    assert has_lost_cause(again, before, ARM)
+    assert not may_replace(again, before, ARM)
+    assert not has_lost_cause(before, before, ARM)
     nameless = searched(rests, given, replace(eccentric(4), cause="unknown"), SHIFT)
-    assert not loses_a_cause(again, nameless, ARM)
+    assert not has_lost_cause(again, nameless, ARM)
 
 
 def test_a_knock_that_only_an_older_disc_made_is_given_up(years: Years) -> None:
     """Of a disc the constants had taken up a part, and nobody knocked the arm."""
     with_disc = calibrate(planted(years.calibrated, wave(4, 60.0)), ARM).calibration
     given = from_calibration(with_disc, ARM, is_given=True)
-    rests = gather_rests(planted(years.later, wave(4, 60.0)), ARM)
+    rests = collect_rests(planted(years.later, wave(4, 60.0)), ARM)
     before = searched(rests, given, eccentric(4), SHIFT)
     older = allow_absorbed_error(before.last, ARM)
     assert older is not None
-    assert counts_instead(searched(rests, older, eccentric(4)), before, ARM)
+    assert may_replace(searched(rests, older, eccentric(4)), before, ARM)
 
 
 def searched(rests: Rests, baseline: Baseline, *found: Candidate) -> Any:

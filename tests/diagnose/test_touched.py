@@ -21,7 +21,7 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.linear import Rests
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.search.moved_artefact import (
     _at_the_instant,
@@ -34,7 +34,7 @@ from armd.compensation.diagnose.search.moved_artefact import (
 )
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.effects.setup.artefact_moved import moved
+from armd.compensation.effects.setup.artefact_moved import make_candidate
 from armd.compensation.estimate.noise.robust import WINSOR_AT, compute_huber_loss
 from support import synthetic
 from support.selection import parametrize_default
@@ -170,7 +170,7 @@ def test_of_each_rival_the_step_nearest_to_the_instant_is_compared() -> None:
     scored: Any = SimpleNamespace(scores=SimpleNamespace(signatures=signatures))
     of: Any = SimpleNamespace(observations=observations, point_of=np.arange(12))
     of.in_order = Rests.in_order.func(of)
-    found = _at_the_instant(moved(0, 6), scored, of)  # between 50 and 60 s
+    found = _at_the_instant(make_candidate(0, 6), scored, of)  # between 50 and 60 s
     assert [(c.cause, str(c.location), c.setting[0][1]) for c in found] == [
         ("encoder_slip", "joint 1", 56.0),
         ("encoder_slip", "joint 2", 40.0),
@@ -201,7 +201,7 @@ def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:
 
 def looked_at(sessions: list[Session]) -> ScoredCandidates:
     baseline = make_model_under_test(sessions, ARM, None)[0]
-    return Search(gather_rests(sessions, ARM), ARM, baseline).first
+    return Search(collect_rests(sessions, ARM), ARM, baseline).first
 
 
 @pytest.mark.slow

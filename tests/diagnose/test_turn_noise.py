@@ -11,7 +11,7 @@ import pytest
 
 from armd.compensation.diagnose.constants import TURN_RATIOS
 from armd.compensation.diagnose.noise.turns import compute_fitted_share, estimate_turn_ratio
-from armd.compensation.diagnose.problem.whitening import guess_turn_ratio
+from armd.compensation.diagnose.problem.whitening import compute_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from support.small_fit import unit_noise
 
@@ -29,9 +29,9 @@ def test_the_first_ratio_is_that_of_the_middle_ones_whatever_a_few_are() -> None
     rng = np.random.default_rng(1)
     residual = residual_of(rng, RATIO)
     residual[: 3 * 20] *= 1e4
-    assert guess_turn_ratio(residual, TURNED) == pytest.approx(RATIO, rel=0.1)
-    assert guess_turn_ratio(residual, np.zeros(2 * N, dtype=bool)) == 1.0
-    assert guess_turn_ratio(np.where(np.repeat(TURNED, 3), 1.0, 0.0), TURNED) == TURN_RATIOS[1]
+    assert compute_turn_ratio(residual, TURNED) == pytest.approx(RATIO, rel=0.1)
+    assert compute_turn_ratio(residual, np.zeros(2 * N, dtype=bool)) == 1.0
+    assert compute_turn_ratio(np.where(np.repeat(TURNED, 3), 1.0, 0.0), TURNED) == TURN_RATIOS[1]
 
 
 @pytest.mark.parametrize("assumed", [0.1, 1.0])

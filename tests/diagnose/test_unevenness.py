@@ -14,7 +14,7 @@ from armd.compensation.diagnose.scoring import time_discrepancy
 from armd.compensation.diagnose.scoring.evidence import compute_log_bayes_factors
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from support import synthetic
@@ -119,7 +119,7 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
         np.testing.assert_allclose(first, most * faded, atol=2e-4 * mm)
     fading = time_discrepancy.make_unsettled(linear, lag, np.array([1.5]), arm)
     for own, known in zip(fading.columns, columns.T[2:], strict=True):
-        values = basis_values(own.terms, states, arm, model.reference_c, model.constants)
+        values = compute_basis_values(own.terms, states, arm, model.reference_c, model.constants)
         moved = np.zeros(3 * n)
         for term, value in zip(own.terms, values.T, strict=True):
             moved += linear.signature(arm.layout.index(term.parameter), term.coefficient * value)

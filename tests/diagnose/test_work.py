@@ -16,14 +16,14 @@ from armd.compensation.diagnose.constants import (
     TRIAL_WORK,
 )
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.search import search
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.search_outcome import is_farther_off
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
+from armd.compensation.effects.encoder.encoder_eccentricity import make_harmonic_columns
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
@@ -85,10 +85,10 @@ def test_a_search_without_work_left_ends_and_reports_it(
 ) -> None:
     """A disc that is plain to see; the same answer each time."""
     candidates = [
-        Candidate("encoder_eccentricity", location.joint(k), harmonic_columns(k, 1, 1e-4), ())
+        Candidate("encoder_eccentricity", location.joint(k), make_harmonic_columns(k, 1, 1e-4), ())
         for k in range(1, 7)
     ]
-    monkeypatch.setattr(search.catalogue, "candidates", lambda _facts: iter(candidates))
+    monkeypatch.setattr(search.catalogue, "list_all_candidates", lambda _facts: iter(candidates))
     wave = Harmonic(kind="sin", joint=3, order=1)
     term = Term(parameter="theta_3", basis=[wave], coefficient=2e-4)
     session = synthetic.session(
@@ -100,7 +100,7 @@ def test_a_search_without_work_left_ends_and_reports_it(
     )  # fmt: skip
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
     baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
-    rests = gather_rests([session], ARM)
+    rests = collect_rests([session], ARM)
     for work in (WorkBudget(most), WorkBudget(most)):
         result = search.Search(rests, ARM, baseline, work=work).run()
         skipped = ["more than 0 causes"] if most == 1.0 else []

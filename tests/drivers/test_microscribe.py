@@ -17,14 +17,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon import cli
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.microscribe import wire
 from armd.drivers.microscribe.conversation import Conversation, Phase
 from armd.drivers.microscribe.decoder import MicroScribeDecoder
-from armd.drivers.microscribe.geometry import rows_and_tip
+from armd.drivers.microscribe.geometry import compute_rows_and_tip
 from armd.drivers.microscribe.homing import Homing
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.table import open_driver
@@ -73,7 +73,7 @@ def test_a_captured_pose() -> None:
 
 def test_the_sizes_of_replies() -> None:
     sizes = {0x03: 14, 0x23: 16, 0x21: 14, 0x22: 18, 0x0F: 2 + 9 + 12}
-    assert {command: wire.standard_size(command) for command in sizes} == sizes
+    assert {command: wire.get_standard_size(command) for command in sizes} == sizes
 
 
 @given(
@@ -124,27 +124,29 @@ def test_texts_end_with_zero_or_with_silence() -> None:
     assert wire.take(0xCB, b"\xcb40937\0\x83") == (b"\xcb40937\0", b"\x83")
     assert wire.take(0xCB, b"\xcb40937")[0] is None
     packet, _ = wire.take(0xCB, b"\xcb40937", complete=True)
-    assert packet is not None and wire.text(packet) == "40937"
+    assert packet is not None and wire.decode_text(packet) == "40937"
 
 
 def test_what_the_factory_wrote() -> None:
     packet, _ = wire.take(wire.MAXIMA, MAXIMA)
-    assert packet is not None and wire.counts_per_turn(packet) == TURNS
+    assert packet is not None and wire.decode_counts_per_turn(packet) == TURNS
     block, _ = wire.take(wire.PARAMETERS, PARAMETERS)
     assert block is not None
-    rows, tip = rows_and_tip(wire.words(block), 3)
+    rows, tip = compute_rows_and_tip(wire.decode_words(block), 3)
     for row, expected in zip(rows, ROWS, strict=True):
         found = (row.d_mm, row.a_mm, row.alpha_deg, row.beta_deg)
         assert found == pytest.approx(expected, abs=1e-9)
     assert tip == pytest.approx((0, 0, -133.9596))
-    assert rows_and_tip(wire.words(block), 3, ball=True)[1][2] == pytest.approx(-127.8128)
+    assert compute_rows_and_tip(wire.decode_words(block), 3, ball=True)[1][2] == pytest.approx(
+        -127.8128
+    )
 
 
 def test_geometry_in_another_form_is_refused() -> None:
     with pytest.raises(ValueError, match="17 parameters, not 18"):
-        rows_and_tip([0] * 17)
+        compute_rows_and_tip([0] * 17)
     with pytest.raises(ValueError, match="a base displaced by alpha 1 and A 0"):
-        rows_and_tip([1] + [0] * 17)
+        compute_rows_and_tip([1] + [0] * 17)
 
 
 # --- homing ----------------------------------------------------------------------------------
@@ -206,10 +208,10 @@ def run(
 
 def test_factory_rows_are_the_makers_chain() -> None:
     angles = np.random.default_rng(3).uniform(-np.pi, np.pi, (300, 5))
-    ours = forward(angles, nominal().nominal())[0]
+    ours = compute_pose(angles, nominal().nominal())[0]
     assert np.abs(ours - [compute_tip_mm(pose) for pose in angles]).max() < 1e-11
     captured = np.array([13903, 6238, 6868, 4098, 3193]) / TURNS * 2 * np.pi
-    tip = forward(captured[None], nominal().nominal())[0][0]
+    tip = compute_pose(captured[None], nominal().nominal())[0][0]
     assert tip == pytest.approx((54.19662, -51.84271, 212.20047), abs=1e-5)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.microscribe.decoder import MicroScribeDecoder
 from armd.drivers.microscribe.driver import MicroScribeDriver
@@ -100,7 +100,7 @@ def read(port: Path, seconds: float) -> tuple[list[Item], list[RawFrame], int]:
 def farthest_mm(rows: np.ndarray, hand: ScriptedHand, began_ns: int) -> float:
     """Of a valid point from every place where the tip was within 0.1 s of its stamp."""
     valid = rows[rows["joint_invalid"] == 0]
-    tips = forward(valid["count"] / np.array(TURNS) * 2 * np.pi, nominal().nominal())[0]
+    tips = compute_pose(valid["count"] / np.array(TURNS) * 2 * np.pi, nominal().nominal())[0]
     at_s = (valid["monotonic_ns"] - began_ns) / S
     near = [
         np.linalg.norm(

@@ -41,8 +41,8 @@ def test_the_command_is_the_manuals() -> None:
     """Byte 0 CF, 1-2 delay, 3 command, 4 buttons, 5-12 controllers, 13-24 angles 0 to 5."""
     request = wire.start_streaming(0x21, 2)
     assert request == bytes.fromhex("CF 0002 21 00 0000000000000000") + bytes(12)
-    assert wire.streamed_command(request) == (0x21, 2)
-    assert len(request) == len(BY_MOTION) and wire.streamed_command(BY_MOTION) == (0x03, 50)
+    assert wire.parse_streamed_command(request) == (0x21, 2)
+    assert len(request) == len(BY_MOTION) and wire.parse_streamed_command(BY_MOTION) == (0x03, 50)
 
 
 @given(st.integers(1, 63), st.sampled_from(wire.POLLS))
@@ -59,7 +59,7 @@ def test_a_command_that_would_be_none_is_refused(command: int, delay: int) -> No
 
 @pytest.mark.parametrize("baud", wire.BAUDS)
 def test_a_packet_passes_the_line_within_the_delay(baud: int) -> None:
-    delay = wire.delay_ticks(0x21, baud)
+    delay = wire.compute_delay_ticks(0x21, baud)
     on_the_line_ms = 14 * 10 / baud * 1000
     assert on_the_line_ms <= delay < 64 and (delay == 2 or delay - 1 <= on_the_line_ms)
 

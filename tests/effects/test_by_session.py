@@ -9,9 +9,9 @@ from armd.compensation.effects import location
 from armd.compensation.effects.by_session import (
     LEAST_SESSIONS,
     as_written,
+    compute_values_by_session,
     is_by_session,
     make_session_functions,
-    values_by_session,
 )
 from armd.compensation.effects.courses import is_drift
 from armd.compensation.effects.effect import Candidate, Column, SessionFacts
@@ -96,7 +96,7 @@ def test_no_session_is_likelier_to_stand_otherwise_than_another(facts: SessionFa
 
 
 def test_the_values_are_told_by_the_sessions_names(facts: SessionFacts) -> None:
-    told, against = values_by_session(candidate(facts), amplitudes(facts))
+    told, against = compute_values_by_session(candidate(facts), amplitudes(facts))
     first = 0 if facts.has_fixed_constants else 1
     assert [name for name, _ in told] == list(NAMES[first:])
     assert np.concatenate([own for _, own in told]) == pytest.approx((VALUES - VALUES[0])[first:])
@@ -134,7 +134,7 @@ def test_columns_with_other_names_write_the_same(facts: SessionFacts) -> None:
 def test_sessions_in_folders_of_one_name_are_listed_one_by_one(facts: SessionFacts) -> None:
     alike = [("measured", since, until) for _, since, until in facts.sessions]
     facts = replace(facts, sessions=tuple(alike))
-    told, _ = values_by_session(candidate(facts), amplitudes(facts))
+    told, _ = compute_values_by_session(candidate(facts), amplitudes(facts))
     first = 0 if facts.has_fixed_constants else 1
     assert [name for name, _ in told] == ["measured"] * (4 - first)
     assert np.concatenate([own for _, own in told]) == pytest.approx((VALUES - VALUES[0])[first:])

@@ -47,9 +47,9 @@ def test_what_goes_by_temperature_may_be_older_with_a_name_or_without() -> None:
     """Else what has no name grew likelier by the share that the named ones give to being older."""
     facts = whole_scene().free
     warm = dict.fromkeys(facts.sensors, (22.0, 26.0, 30.0))
-    assert not any(map(_is_older, catalogue.candidates(facts)))
+    assert not any(map(_is_older, catalogue.list_all_candidates(facts)))
     by_age: dict[bool, set[tuple[str, str, str]]] = {True: set(), False: set()}
-    for candidate in catalogue.candidates(replace(facts, calibrated_c=warm)):
+    for candidate in catalogue.list_all_candidates(replace(facts, calibrated_c=warm)):
         if candidate.cause in ("joint_thermal", "unknown") and "theta" in candidate.columns[0].name:
             name = candidate.columns[0].name.removesuffix(f", {OLDER}")
             by_age[_is_older(candidate)].add((*candidate.place, name))

@@ -19,7 +19,7 @@ def whole() -> Whole:
 
 @pytest.fixture(scope="module")
 def found(whole: Whole) -> list[Course]:
-    return courses.courses(whole.held)
+    return courses.list_courses(whole.held)
 
 
 def at(function: Function, time_s: np.ndarray) -> np.ndarray:
@@ -45,7 +45,7 @@ def test_there_is_one_course_of_each_kind(whole: Whole, found: list[Course]) -> 
     assert len(called(found, "in the end, each session")) == len(courses.SETTLING_SHARES)
     assert len(called(found, "sin of the day", "cos of the day")) == 1
     untimed: Any = type("Facts", (), {"timed": False, "start_unix_s": 0.0, "end_unix_s": 1.0})()
-    assert courses.courses(untimed) == []
+    assert courses.list_courses(untimed) == []
 
 
 def test_a_typical_size_is_of_the_whole_time_seen(whole: Whole, found: list[Course]) -> None:

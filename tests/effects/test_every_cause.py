@@ -15,7 +15,7 @@ import pytest
 from armd.compensation.diagnose.problem.signatures import compile_candidates
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, SessionFacts, Use
-from armd.compensation.effects.setup.artefact_moved import moved
+from armd.compensation.effects.setup.artefact_moved import make_candidate
 from armd.compensation.model.pose_factors import Approach, Rate, Side
 from armd.compensation.model.slow_factors import Dated, Temperature, TemperatureRate
 from support.plain_basis import Scene, value
@@ -222,7 +222,7 @@ def test_it_is_told_in_words(cause: str, whole: Whole) -> None:
 
 def test_an_artefact_moved_takes_its_later_targets_along(whole: Whole) -> None:
     """Of placement 4, from its eighth rest on: as one body, about the middle of its targets."""
-    signatures = compile_candidates([moved(4, 7)], whole.linear, whole.plain.arm)
+    signatures = compile_candidates([make_candidate(4, 7)], whole.linear, whole.plain.arm)
     rows = signatures.rows(whole.linear, np.arange(6))
     observations, poses = whole.linear.rests.observations, whole.linear.poses
     own = np.flatnonzero(observations.placement == 4)  # readings stand in the order of time

@@ -12,7 +12,7 @@ import pytest
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import Candidate, SessionFacts, temperature
+from armd.compensation.effects.effect import Candidate, SessionFacts, make_temperature
 from armd.compensation.effects.thermal.link_expansion import TOGETHER
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.thermal.terms import make_length_terms
@@ -40,7 +40,7 @@ def test_links_of_one_material_grow_together_where_the_calibration_knew_their_gr
     assert len(grown) == len(candidate.columns[0].terms) == 12  # d and a of six links
     for name, term in grown.items():
         assert term.coefficient == facts.constants[facts.arm.layout.index(name)]
-        assert term.basis == [temperature(facts.weights(int(name[-1])))]
+        assert term.basis == [make_temperature(facts.weights(int(name[-1])))]
     text = CATALOGUE["link_expansion"].describe(candidate, np.array([3e-6]))
     assert text == "all links expand by +3.0 µm per metre and kelvin more"
     assert _list_together(replace(facts, has_fixed_constants=False)) == []

@@ -31,7 +31,7 @@ def test_it_is_one_wave_of_both_angles(other: int, own: int, others: int) -> Non
     facts: Any = SimpleNamespace(joints=(1, 2, 3))
     sign = "+" if others > 0 else "-"
     name = f"{own}q2 {sign} {abs(others)}q{other})"
-    (candidate,) = [c for c in rolled.candidates(facts) if c.columns[0].name.endswith(name)]
+    (candidate,) = [c for c in rolled.list_candidates(facts) if c.columns[0].name.endswith(name)]
     angle = own * Q[:, 1] + others * Q[:, other - 1]
     sine, cosine = map(value, candidate.columns)
     assert sine == pytest.approx(np.sin(angle)) and cosine == pytest.approx(np.cos(angle))

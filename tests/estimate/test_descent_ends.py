@@ -9,11 +9,11 @@ import pytest
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise.reading import ReadingNoise, Weighting
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.descent import MOST_STEPS, Descent, End
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from support import synthetic
 
 ARM = synthetic.arm()
@@ -31,7 +31,7 @@ def measured(exact: bool = False, size: float = 1.0) -> tuple[Observations, np.n
         ARM, truth, rng, readings=90, encoder_rad=share * NOISE.encoder_rad,
         noise_mm=share * NOISE.reading_mm,
     )  # fmt: skip
-    return gather([session], ARM), truth
+    return collect_observations([session], ARM), truth
 
 
 def descended(
@@ -42,7 +42,7 @@ def descended(
 ) -> End:
     """From constants *begin*, the drawing to lean on being the nominal one."""
     nominal, n = ARM.nominal(), observations.n
-    position = forward(observations.states.q, np.tile(begin, (n, 1)))[0]
+    position = compute_pose(observations.states.q, np.tile(begin, (n, 1)))[0]
     poses = fit_poses(observations, position)
     basis = np.zeros((n, 0))
     at = linearise(observations, begin, [], poses, 20.0, basis)
@@ -95,7 +95,7 @@ def test_at_rest_whitened_columns_are_square_to_the_residual() -> None:
 
 def test_far_off_and_held_it_comes_near_from_where_it_is_let_go() -> None:
     observations, truth = measured(size=5.0)
-    drawn = forward(observations.states.q, np.tile(ARM.nominal(), (observations.n, 1)))[0]
+    drawn = compute_pose(observations.states.q, np.tile(ARM.nominal(), (observations.n, 1)))[0]
     before = fit_poses(observations, drawn).residual(observations, drawn)
     end = descended(observations, ARM.nominal(), held=True)
     assert np.linalg.norm(end.linearisation.residual_mm) < 0.02 * np.linalg.norm(before)
@@ -140,7 +140,7 @@ def test_of_many_readings_a_step_keeps_what_it_promises(monkeypatch: pytest.Monk
         ARM, truth, rng, readings=400, targets=12, placements=4, encoder_rad=NOISE.encoder_rad,
         spread_mm=80.0, uncertainty_mm=0.02,
     )  # fmt: skip
-    observations = gather([session], ARM)
+    observations = collect_observations([session], ARM)
     noise = ReadingNoise(0.0, 0.02)
     exact = replace(observations, uncertainty_mm=np.zeros(12))
     first = descended(exact, ARM.nominal(), held=True, noise=noise)

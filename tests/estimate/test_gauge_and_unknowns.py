@@ -14,7 +14,7 @@ from armd.compensation.estimate.gauge import (
 )
 from armd.compensation.estimate.unknowns import PLAUSIBLE_TERM, Unknowns, describe_term
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.kinematics import compute_jacobian
 from armd.compensation.model.pose_factors import GravityTorque
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
@@ -34,7 +34,7 @@ def with_parallel_axes() -> Arm:
 
 def columns_of(arm: Arm, unknowns: Unknowns, n: int = 60) -> np.ndarray:
     q = np.random.default_rng(1).uniform(-2.5, 2.5, (n, arm.n_joints))
-    moved = jacobian(q, np.tile(arm.nominal(), (n, 1)))[1]
+    moved = compute_jacobian(q, np.tile(arm.nominal(), (n, 1)))[1]
     return unknowns.columns(moved, np.zeros((n, 0)), [])
 
 
@@ -116,7 +116,7 @@ def test_columns_are_plain_derivatives_but_what_moves_the_whole_arm() -> None:
         off[:, NAMES.index(name)] = h * np.asarray(by)
         return (tip_pose(q, p + off) - tip_pose(q, p - off))[:, :3, 3] / (2.0 * h)
 
-    found = ASKED.columns(jacobian(q, p)[1], basis, [WARM, BENT])
+    found = ASKED.columns(compute_jacobian(q, p)[1], basis, [WARM, BENT])
     assert found[:, :, 0] == pytest.approx(moved("a_2"), abs=1e-6)
     assert (found[:, :, 1] == 0.0).all()  # θ₁
     assert found[:, :, 2] == pytest.approx(moved("theta_4"), rel=1e-6, abs=1e-5)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from armd.compensation.estimate.linearise import Linearisation, linearise, linearise_as_read
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
@@ -29,7 +29,7 @@ def problem() -> tuple[Linearisation, np.ndarray]:
     rng = np.random.default_rng(3)
     truth = synthetic.disturbed(ARM, rng)
     session = synthetic.session(ARM, truth, rng, terms=TERMS, readings=60, known=False, targets=3)
-    observations = gather([session], ARM)
+    observations = collect_observations([session], ARM)
     at = linearise(observations, truth, TERMS, poses_of(observations, truth), 20.0)
     assert np.abs(at.residual_mm).max() < 1e-5
     return at, truth
@@ -43,7 +43,7 @@ def poses_of(observations, constants) -> Poses:
 
 
 def plain(observations) -> np.ndarray:
-    position: np.ndarray = forward(
+    position: np.ndarray = compute_pose(
         observations.states.q, np.tile(ARM.nominal(), (observations.n, 1))
     )[0]
     return position
@@ -135,7 +135,8 @@ def test_columns_as_read_are_those_of_the_angles_read() -> None:
         rows[:, ARM.layout.index(term.parameter)] += value
         further[:, ARM.layout.index(term.parameter)] += value
     slope = (
-        forward(observations.states.q, further)[0] - forward(observations.states.q, rows)[0]
+        compute_pose(observations.states.q, further)[0]
+        - compute_pose(observations.states.q, rows)[0]
     ) / STEP
     assert read.jacobian[:, :, index] == pytest.approx(slope, abs=1e-4)
     assert np.abs(off.jacobian[:, :, index] - slope).max() > 1e-3

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.placements import Placements
 from armd.compensation.estimate.placements.poses import (
@@ -13,7 +13,7 @@ from armd.compensation.estimate.placements.poses import (
     make_pose_columns,
     make_target_columns,
 )
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from support import synthetic
 
 ARM = synthetic.arm()
@@ -32,8 +32,8 @@ def measured(known: bool) -> tuple[Placements, np.ndarray]:
         )
         for name in ("a", "b")
     ]  # fmt: skip
-    observations = gather(sessions, ARM)
-    position = forward(observations.states.q, np.tile(ARM.nominal(), (N, 1)))[0]
+    observations = collect_observations(sessions, ARM)
+    position = compute_pose(observations.states.q, np.tile(ARM.nominal(), (N, 1)))[0]
     poses = fit_poses(observations, position)
     placed = poses.compute_target_points(observations)
     whitening = rng.normal(size=(N, 3, 3)) + 3.0 * np.eye(3)
@@ -112,8 +112,8 @@ def test_seats_of_hundreds_of_placements_are_found() -> None:
     session = synthetic.session(
         ARM, truth, rng, readings=1200, targets=3, placements=300, spread_mm=80.0, known=False
     )
-    observations = gather([session], ARM)
-    position = forward(observations.states.q, np.tile(truth, (1200, 1)))[0]
+    observations = collect_observations([session], ARM)
+    position = compute_pose(observations.states.q, np.tile(truth, (1200, 1)))[0]
     poses = fit_poses(observations, position)
     assert np.abs(poses.residual(observations, position)).max() < 1e-6
     one = observations.placement == 0

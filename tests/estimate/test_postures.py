@@ -10,7 +10,7 @@ from armd.compensation.estimate.noise.postures import (
     compute_counts,
     estimate_shared_part,
 )
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from support import synthetic
 
 
@@ -21,7 +21,7 @@ def copied(times: int, scatter_rad: float = 1e-4, in_rounds: bool = False) -> Ob
     rows = np.tile(np.arange(20), times) if in_rounds else np.repeat(np.arange(20), times)
     session = one.rows(rows)
     moved = session.states.q + rng.uniform(-scatter_rad, scatter_rad, session.states.q.shape)
-    return gather([replace(session, states=replace(session.states, q=moved))], arm)
+    return collect_observations([replace(session, states=replace(session.states, q=moved))], arm)
 
 
 @pytest.mark.parametrize("in_rounds", [False, True])

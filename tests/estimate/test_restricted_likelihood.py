@@ -9,10 +9,10 @@ from scipy.optimize import minimize
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise.reading import ReadingNoise, estimate_noise, make_whitening
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.identify.arm_alone import ArmAlone
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from support import synthetic
 
 ENCODER_RAD, READING_MM = 3e-5, 0.03  # about alike at the tip: the best ratio lies inside
@@ -72,8 +72,8 @@ def linearised(known: bool) -> Linearisation:
         arm, synthetic.disturbed(arm, rng), rng, readings=36, targets=3, known=known,
         distances=[(0, 1)], uncertainty_mm=0.01 * known,
     )  # fmt: skip
-    observations = gather([session], arm)
-    position = forward(observations.states.q, np.tile(arm.nominal(), (36, 1)))[0]
+    observations = collect_observations([session], arm)
+    position = compute_pose(observations.states.q, np.tile(arm.nominal(), (36, 1)))[0]
     return linearise(observations, arm.nominal(), [], fit_poses(observations, position), 20.0)
 
 

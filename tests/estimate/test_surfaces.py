@@ -14,7 +14,7 @@ from armd.arrays import F64
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.linearise import linearise
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.surface_kinds import (
@@ -27,7 +27,7 @@ from armd.compensation.estimate.surface_kinds import (
 )
 from armd.compensation.estimate.surfaces import choose_side, measure_heights, project_on_normals
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.state import States
 from armd.errors import BadInput
 from armd.files.schema import validate
@@ -113,7 +113,7 @@ def test_each_surface_has_a_placement_of_its_own_and_a_block_one_for_both_faces(
 
 
 def test_a_reading_on_a_surface_is_one_equation() -> None:
-    observations = gather([session(["seat", "plate", "pin"], [0, 0, 0])], ARM)
+    observations = collect_observations([session(["seat", "plate", "pin"], [0, 0, 0])], ARM)
     assert observations.freedom.tolist() == [3, 1, 1]
     unknown = [
         name for name, u in zip(names_of(observations), observations.unknown, strict=True) if u
@@ -193,7 +193,11 @@ def bodies_touched(seed: int) -> tuple[Observations, F64, dict[str, F64]]:
     tips.append(np.tile(turn.apply(balls) + where, (2, 1)))
     pushed.append(np.full((8, 3), np.nan))
     of = session(names, [0] * len(names), np.concatenate(pushed))
-    return gather([of], ARM), np.concatenate(tips), {k: np.array(v) for k, v in true.items()}
+    return (
+        collect_observations([of], ARM),
+        np.concatenate(tips),
+        {k: np.array(v) for k, v in true.items()},
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -224,7 +228,7 @@ def test_a_bore_is_touched_from_inside() -> None:
     out /= np.linalg.norm(out, axis=1, keepdims=True)
     along = np.random.default_rng(1).uniform(-20.0, 20.0, 20)
     tips = (15.0 - RADIUS_MM) * out + np.outer(along, [0.0, 0.0, 1.0])
-    observations = gather([session(["pin"] * 20, [0] * 20, approach=out)], ARM)
+    observations = collect_observations([session(["pin"] * 20, [0] * 20, approach=out)], ARM)
     poses = fit_poses(observations, tips)
     assert poses.side is not None and poses.side[observations.target[0]] == -1.0
     assert poses.target_mm[observations.target[0], 2] == pytest.approx(15.0, abs=1e-7)
@@ -234,7 +238,7 @@ def test_columns_are_the_residuals_slopes() -> None:
     """Central differences of the residual along the normal, by constants, poses and radii."""
     observations = bodies_touched(1)[0]
     constants = ARM.nominal()
-    position = forward(observations.states.q, np.tile(constants, (observations.n, 1)))[0]
+    position = compute_pose(observations.states.q, np.tile(constants, (observations.n, 1)))[0]
     poses = fit_poses(observations, position)
     at = linearise(observations, constants, [], poses, 20.0)
     normal = poses.compute_normals(observations, position)
@@ -266,7 +270,7 @@ def test_a_pin_along_the_shaft_asks_for_the_approach(approach: bool) -> None:
     surfaces = [{"name": "ball", "kind": "cylinder", "radius_mm": 25.0}]
     artefact = validate("artefact", {"name": "pin", "surface": surfaces}, Artefact)
     q = np.tile(one.states.q[0], (24, 1))
-    frame = forward(q[:1], ARM.nominal()[None])[1][0]
+    frame = compute_pose(q[:1], ARM.nominal()[None])[1][0]
     shaft = frame @ np.array(ARM.tip.offset_mm)
     upright = np.linalg.svd(shaft[None])[2][[1, 2, 0]]  # rows: two across the shaft, the shaft
     angle = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
@@ -276,7 +280,7 @@ def test_a_pin_along_the_shaft_asks_for_the_approach(approach: bool) -> None:
     if approach:
         states = replace(states, approach=-out)
     one = replace(one, artefact=artefact, target=np.zeros(24, dtype=np.int64), states=states)
-    observations = gather([one], ARM)
+    observations = collect_observations([one], ARM)
     poses = fit_poses(observations, tips)
     if approach:
         assert poses.side is not None and poses.side[0] == 1.0
@@ -288,5 +292,5 @@ def test_a_pin_along_the_shaft_asks_for_the_approach(approach: bool) -> None:
 
 def test_poses_without_surfaces_need_none() -> None:
     at = Poses(np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
-    observations = gather([session(["seat"] * 3, [0] * 3)], ARM)
+    observations = collect_observations([session(["seat"] * 3, [0] * 3)], ARM)
     assert not at.compute_normals(observations, np.zeros((3, 3))).any()

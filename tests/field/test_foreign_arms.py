@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.cli import main
 
 FIELD = Path(__file__).parent
@@ -29,7 +29,7 @@ def imported(capsys: Said, path: Path, out: Path, *options: str) -> tuple[int, s
 
 
 def tips(arm_toml: Path, angles: list[list[float]]) -> F64:
-    return forward(np.array(angles), load_arm(arm_toml).nominal())[0]
+    return compute_pose(np.array(angles), load_arm(arm_toml).nominal())[0]
 
 
 def misfit_mm(ours: F64, theirs: F64) -> float:

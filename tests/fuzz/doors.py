@@ -87,7 +87,7 @@ def check_message(text: str) -> None:
 
 def page(folder: Path) -> Door:
     """Whatever a browser, or anybody else, sends to `armd view`."""
-    from armd.daemon.bridges.listening import listen
+    from armd.daemon.bridges.listening import open_listener
     from armd.daemon.bridges.view.access import Access
     from armd.daemon.bridges.view.server import PageServer
 
@@ -96,7 +96,7 @@ def page(folder: Path) -> Door:
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, context: faults.append(repr(context)))
         server = PageServer(Access(), None, "tcp/127.0.0.1:9", folder)
-        listening, where = await listen(("127.0.0.1", 0), server._connection)
+        listening, where = await open_listener(("127.0.0.1", 0), server._connection)
         async with listening:
             reader, writer = await asyncio.open_connection(
                 "127.0.0.1", int(where.rpartition(":")[2])

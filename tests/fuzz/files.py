@@ -11,9 +11,9 @@ import numpy as np
 from fuzz.doors import Door, command
 from fuzz.messages import WHOLE
 
-from armd.compensation.model.calibration import content_hash
+from armd.compensation.model.calibration import hash_content
 from armd.daemon.bridges.ros2 import urdf
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from support.small_arm_toml import ARM, CALIBRATION
 
 FIELD = Path(__file__).parents[1] / "field"
@@ -74,7 +74,7 @@ def sealed(data: bytes) -> bytes:
     would write it; what is no JSON stays as it is."""
     try:
         content = json.loads(data)
-        content["content_sha256"] = content_hash(content)
+        content["content_sha256"] = hash_content(content)
         return json.dumps(content).encode()
     except (ValueError, TypeError, RecursionError, AttributeError):
         return data
@@ -86,11 +86,11 @@ def file_doors(folder: Path) -> Iterator[Door]:
     session.mkdir(parents=True)
     arm = ARM | {"temperature_sensor": [{"name": "t1"}]}
     contents = {
-        "arm.toml": toml_text(arm).encode(),
+        "arm.toml": format_toml(arm).encode(),
         "armd.toml": DAEMON.encode(),
         "cal.json": sealed(json.dumps(CALIBRATION).encode()),
         "mpe.toml": MPE.encode(),
-        "s/session.toml": toml_text(SESSION).encode(),
+        "s/session.toml": format_toml(SESSION).encode(),
         "s/readings.csv": table(),
         "table.csv": table(),
         "table.xlsx": sheet(table()),

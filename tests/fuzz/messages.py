@@ -18,7 +18,7 @@ from armd.daemon.bridges.fleet import Fleet
 from armd.daemon.bridges.ros2.bridge import Bridge
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.bridges.view import page_messages
-from armd.received import is_sound, json_object
+from armd.received import is_sound, parse_object
 from support.careless_network import EVENT, HEALTH, MEASUREMENT, fleet_of
 
 WHOLE = MEASUREMENT | {
@@ -53,14 +53,16 @@ def message_doors(folder: Path) -> Iterator[Door]:
     machine = Bench(folder / "messages")
     machine.type("00001 StartSession()", "00002 EnableUser()",
                  "00003 OnPtMeasReport(X(),Y(),Z(),IJK(),ER(),Q())")  # fmt: skip
-    table = lines.template("{x:.3f};{sd_x_um};{u_x_um};{tip};{calibration};{count};{flag_names}")
+    table = lines.parse_template(
+        "{x:.3f};{sd_x_um};{u_x_um};{tip};{calibration};{count};{flag_names}"
+    )
 
     def measurement(data: bytes) -> None:
-        content = json_object(keys.MEASUREMENT, data)
+        content = parse_object(keys.MEASUREMENT, data)
         if content is None:
             return
-        page_messages.measurement(content)
-        fields = lines.of_measurement(content, tips, "S")
+        page_messages.format_measurement(content)
+        fields = lines.convert_measurement(content, tips, "S")
         for form in (*lines.PRESETS.values(), table):
             if fields is not None:
                 form(fields)
@@ -68,25 +70,25 @@ def message_doors(folder: Path) -> Iterator[Door]:
         ros2()._tell_measurement(content)
 
     def health(data: bytes) -> None:
-        content = json_object(keys.HEALTH, data)
+        content = parse_object(keys.HEALTH, data)
         if content is None:
             return
         json.dumps(fleet_of(content).rows(), allow_nan=False)
         ros2()._tell_health(content)
 
     def event(data: bytes) -> None:
-        content = json_object(keys.EVENT, data)
+        content = parse_object(keys.EVENT, data)
         if content is None:
             return
         Fleet().note_event("S", content)
-        page_messages.event(content)
+        page_messages.format_event(content)
 
     def joints(data: bytes) -> None:
         if is_sound(keys.JOINTS, data):
             ros2()._tell_joints(data)
 
     def info(data: bytes) -> None:
-        content = json_object(keys.INFO, data)
+        content = parse_object(keys.INFO, data)
         if content is not None:
             Tips(content)
 

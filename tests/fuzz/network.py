@@ -27,13 +27,13 @@ from armd import POINT, Point, keys
 from armd.client import Arm
 from armd.daemon.bridges import lines
 from armd.daemon.bridges.fleet import Fleet
-from armd.daemon.bridges.listening import listen
+from armd.daemon.bridges.listening import open_listener
 from armd.daemon.bridges.ros2 import urdf
 from armd.daemon.bridges.stream import Reader
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.bridges.view import page_messages
 from armd.daemon.bridges.view.feed import describe_arm
-from armd.daemon.commands.live.fleet import table_of
+from armd.daemon.commands.live.fleet import make_table
 from armd.daemon.commands.screen import Screen
 from armd.daemon.config import load_config
 from armd.daemon.files.recorder import Recorder
@@ -41,14 +41,14 @@ from armd.daemon.host.metrics import MetricsServer, render
 from armd.daemon.info import describe
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.changes import Changes
-from armd.daemon.measure.in_use import ask_in_use
+from armd.daemon.measure.in_use import get_in_use
 from armd.daemon.network.queries import Queries
 from armd.daemon.service import Service
 from armd.daemon.unexpected import Unexpected
 from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame
-from armd.files.toml_text import toml_text
-from armd.received import is_sound, json_object
+from armd.files.toml_text import format_toml
+from armd.received import is_sound, parse_object
 from support.careless_network import EVENT, HEALTH
 from support.small_arm_toml import ARM
 
@@ -106,7 +106,7 @@ def answers(folder: Path, info: bytes) -> Iterator[Door]:
 
     def info_door(data: bytes) -> None:
         arm = Both(data, calibration)
-        ask_in_use(arm)  # type: ignore[arg-type]
+        get_in_use(arm)  # type: ignore[arg-type]
         describe_everywhere(arm, calibration.decode())
 
     def calibration_door(data: bytes) -> None:
@@ -146,23 +146,23 @@ def screens() -> Iterator[Door]:
         check_printed(console.file.getvalue())
 
     def health(data: bytes) -> None:
-        content = json_object(keys.HEALTH, data)
+        content = parse_object(keys.HEALTH, data)
         if content is None:
             return
         fleet = fleet_of(content)
-        shown(table_of(fleet))
+        shown(make_table(fleet))
         render(fleet.healths()).encode()
         screen = Screen(arm_answering(b""), Console(file=io.StringIO()))
         screen._health = content
         shown(screen._panel(1.0))
 
     def event(data: bytes) -> None:
-        content = json_object(keys.EVENT, data)
+        content = parse_object(keys.EVENT, data)
         if content is None:
             return
         fleet = Fleet()
         fleet.note_event("S", content)
-        shown(table_of(fleet))
+        shown(make_table(fleet))
         screen = Screen(arm_answering(b""), Console(file=io.StringIO()))
         screen._events = [content["text"]]
         shown(screen._panel(1.0))
@@ -184,10 +184,10 @@ def binary() -> Iterator[Door]:
         array = arm.decode(payloads)
         Point.from_array(array)
         for row in array:
-            fields = lines.of_point(row, tips, None, "S")
+            fields = lines.convert_point(row, tips, None, "S")
             for form in lines.PRESETS.values() if fields is not None else ():
                 form(fields or {}).encode()
-            json.loads(page_messages.live(row, [0.1]))
+            json.loads(page_messages.format_live(row, [0.1]))
         ros2()._tell_points(array)
         recorder = Recorder(io.BytesIO(), info, None)
         recorder.take_points(payloads)
@@ -318,7 +318,7 @@ def listeners() -> Iterator[Door]:
         broken: list[str] = []
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, context: broken.append(repr(context)))
-        listening, where = await listen(("127.0.0.1", 0), lambda: Reader(readers, "header"))
+        listening, where = await open_listener(("127.0.0.1", 0), lambda: Reader(readers, "header"))
         async with listening:
             reader, writer = await asyncio.open_connection(
                 "127.0.0.1", int(where.rpartition(":")[2])
@@ -347,7 +347,7 @@ def listeners() -> Iterator[Door]:
 def network_doors(folder: Path) -> Iterator[Door]:
     folder.mkdir(parents=True)
     for name, text in (
-        ("arm.toml", toml_text(ARM)), ("armd.toml", LISTENING), ("cal.json", SEALED.decode()),
+        ("arm.toml", format_toml(ARM)), ("armd.toml", LISTENING), ("cal.json", SEALED.decode()),
     ):  # fmt: skip
         (folder / name).write_text(text)
     config = load_config(folder / "armd.toml")

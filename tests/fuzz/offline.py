@@ -14,7 +14,7 @@ from fuzz.files import FIELD, SESSION, sealed
 
 import armd
 from armd.errors import ArmdError
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from armd.simulator.__main__ import main as simulate
 from armd.simulator.live.led import LedOperator, load_plan
 from armd.simulator.options import make_parser, read_scenario
@@ -147,11 +147,11 @@ def offline_doors(folder: Path) -> Iterator[Door]:
     spat = (FIELD / "xyz-only" / "spat.csv").read_bytes()
     lerobot = FIELD / "lerobot-normalised"
     contents = {
-        "arm.toml": toml_text(ARM).encode(),
+        "arm.toml": format_toml(ARM).encode(),
         "cal.json": SEALED,
         "mpe.toml": b'schema = "armd.mpe/1"\n[mpe]\nspat_max_mm = 0.5\n',
-        "s/session.toml": toml_text(session).encode(),
-        "verify/session.toml": toml_text(seats).encode(),
+        "s/session.toml": format_toml(session).encode(),
+        "verify/session.toml": format_toml(seats).encode(),
         "spat.csv": spat,
         "bar.toml": LENGTHS.encode(),
         "bar.csv": b"target;x [mm];y [mm];z [mm]\nB1;0,0;0,0;0,0\nB2;500,01;0,0;0,0\n",

@@ -29,7 +29,7 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.causes import CAUSES
@@ -388,7 +388,7 @@ def _judged(
 def _moves(session: Session, effect: Effect, calibration: Calibration) -> np.ndarray:
     """How far an effect moves what the model says of the tip, (n, 3) mm."""
     q, constants = session.states.q, calibration.vector(session.states.q.shape[1])
-    tip = [forward(angles, constants)[0] for angles in (q + effect(session.states), q)]
+    tip = [compute_pose(angles, constants)[0] for angles in (q + effect(session.states), q)]
     moved: np.ndarray = tip[0] - tip[1]
     return moved
 

@@ -21,7 +21,7 @@ from armd.compensation.diagnose.heldout.judge import Look
 from armd.compensation.diagnose.heldout.validation import (
     choose,
     may_go_on_otherwise,
-    stands_alone,
+    may_stand_alone,
 )
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.diagnose.report.verdict import format_um, write_verdict
@@ -156,8 +156,8 @@ def test_a_sure_finding_is_asked_by_placements_left_out_alone() -> None:
         (1e-300, "unknown", True),
     ):
         found: Any = SimpleNamespace(candidate=SimpleNamespace(cause=cause_of), p_value=p_value)
-        assert stands_alone(found, worse) != asked
-        assert stands_alone(found, equal)
+        assert may_stand_alone(found, worse) != asked
+        assert may_stand_alone(found, equal)
 
 
 def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_the_gain() -> None:
@@ -243,7 +243,9 @@ def test_a_look_that_is_deaf_to_the_first_links_growth_does_not_speak_of_it() ->
 
 
 def test_a_shape_is_not_written_without_its_cause() -> None:
-    shape = Candidate("unknown", location.shape_of("encoder_scale", location.joint(1)), (), ("q1",))
+    shape = Candidate(
+        "unknown", location.make_shape_location("encoder_scale", location.joint(1)), (), ("q1",)
+    )
     worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 4.4}
     chosen = choose(search_of(cause(1), shape), [Look(squares_of(worth), GROUPS)], [True, True])
     assert chosen.numbers == ()

@@ -16,7 +16,7 @@ from cases import NOISES
 
 from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.heldout.gain import cap_squares
+from armd.compensation.diagnose.heldout.gain import limit_squares
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import load_arm
@@ -55,7 +55,7 @@ def before_and_after(seed: int) -> tuple[bool, float, float]:
     )
     if not found.written:
         assert (old == new).all()
-    old, new = cap_squares(old, new)
+    old, new = limit_squares(old, new)
     return bool(found.written), 1e3 * float(np.sqrt(old.mean())), 1e3 * float(np.sqrt(new.mean()))
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from armd.compensation.diagnose.fitting.refit import (
     make_refits_without,
+    set_findings,
     solve_again,
-    with_findings_unsolved,
 )
 from armd.compensation.diagnose.problem.rests import assign_folds
 from armd.compensation.diagnose.problem.signatures import compile_candidates, make_finding_columns
@@ -112,7 +112,7 @@ def test_a_survey_by_parts_is_the_one_of_all_rows_and_of_all_but_a_part(problem)
     few = compile_candidates(candidates[20::400], current.linear, arm)
     finding = next(c for c in candidates if c.place == ("encoder_eccentricity", "joint 3"))
     found = solve_again(current, [finding], arm)
-    parted = PartedSurvey.from_fit(with_findings_unsolved(found, [], arm), signatures, arm)
+    parted = PartedSurvey.from_fit(set_findings(found, [], arm), signatures, arm)
     surveys = [(parted.with_findings(found), found), (parted.without_findings(current), current)]
     folds = assign_folds(current.linear.rests)
     outs = [folds == 0, folds == 1]

@@ -20,9 +20,9 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.refit import Refits
-from armd.compensation.diagnose.heldout.open_constants import record_open_constants
+from armd.compensation.diagnose.heldout.open_constants import keep_open_constants
 from armd.compensation.diagnose.problem.baseline import from_calibration
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.estimate.linear.bordered import compute_pseudo_inverse_factor
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import Arm, load_arm
@@ -120,7 +120,7 @@ def test_an_effect_that_was_not_written_is_no_other_cause_later(history: History
     last, sessions = first.search.last, first.sessions
     without = Refits(last).with_subset(())
     plain = extend_calibration(without, arm, sessions, left_out=last.findings)
-    written = record_open_constants(plain, last, (), arm, sessions)
+    written = keep_open_constants(plain, last, (), arm, sessions)
     assert rms_um(history.holdout, arm, written) == rms_um(history.holdout, arm, plain)
     found = diagnose(planted(history.second, since), arm, written)
     assert [f.candidate.place for f in found.findings] == [("encoder_eccentricity", "joint 2")]
@@ -186,7 +186,7 @@ def test_what_the_rows_are_silent_about_stays_as_uncertain_as_it_was(history: Hi
     terms = [Term(parameter="a_2", basis=[Temperature(weights={"t2": 1.0})], coefficient=5e-3)]
     known = {"terms": terms, "covariance_of": ["term 0"], "covariance": [[4e-6]]}
     baseline = from_calibration(history.plain.model_copy(update=known), arm, is_given=True)
-    rests = gather_rests(history.second, arm)
+    rests = collect_rests(history.second, arm)
     states = rests.observations.states
     reference = np.full_like(states.temperature_c, baseline.model.reference_c)
     states = replace(states, temperature_c=reference)

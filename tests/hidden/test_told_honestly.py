@@ -18,11 +18,11 @@ from armd.compensation.diagnose.report.sizes import is_size_known
 from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.diagnose.search.findings import as_reported
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
-from armd.compensation.model.kinematics import frames
+from armd.compensation.model.kinematics import compute_frames
 from armd.errors import BadInput
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
@@ -127,7 +127,7 @@ def test_a_correction_of_one_artefact_is_not_anothers(measured: Measured) -> Non
     session = measured.sessions[0]
     other = replace(session, artefact=session.artefact.model_copy(update={"name": "another"}))
     correction = ArtefactCorrection(artefacts=[session.artefact.name], scale=1.001)
-    stretch = gather([session, other], measured.arm, correction).stretch
+    stretch = collect_observations([session, other], measured.arm, correction).stretch
     assert stretch[: session.n] == pytest.approx(1.001, abs=2e-4)
     assert stretch[session.n :] == pytest.approx(1.0, abs=2e-4)
 
@@ -160,8 +160,8 @@ def test_without_limits_poses_stay_where_the_arm_was_seen(measured: Measured) ->
     assert (poses.q >= seen.min(axis=0) - 1e-3).all()
     assert (poses.q <= seen.max(axis=0) + 1e-3).all()
     constants = measured.calibration.vector(arm.n_joints)
-    lowest = min(0.0, float(frames(seen, constants)[0][:, :, 2].min()))
-    assert frames(poses.q, constants)[0][:, :, 2].min() > lowest - 0.5
+    lowest = min(0.0, float(compute_frames(seen, constants)[0][:, :, 2].min()))
+    assert compute_frames(poses.q, constants)[0][:, :, 2].min() > lowest - 0.5
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from armd.compensation.identify.evaluation.condensed import compute_moments
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 from armd.errors import BadInput
 from support.selection import parametrize_default
 from support.synthetic import STARTED, disturbed, session
@@ -34,7 +34,7 @@ def calibration(arm: Arm) -> Calibration:
             "created": "2026-01-01T00:00:00Z",
             "reference_temperature_c": 20.0,
             "temperature_range_c": {"t2": [10.0, 40.0]},
-            "constants": constants_of(arm.nominal(), arm.n_joints),
+            "constants": name_constants(arm.nominal(), arm.n_joints),
             # Of the second, a missing temperature leaves two coordinates of the tip known.
             "terms": [
                 {"parameter": parameter, "basis": [LAGGED], "coefficient": 0.01}

@@ -11,7 +11,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.estimate.gauge import describe_unidentifiable, list_free_constants
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
@@ -19,8 +19,8 @@ from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Term
 from support import synthetic
@@ -48,16 +48,18 @@ def test_a_noise_free_fit_returns_the_truth(n_joints: int) -> None:
     rng = np.random.default_rng(n_joints)
     arm = synthetic.arm(n_joints)
     truth = disturbed(arm, rng)  # up to 1 mm and 0.5° off
-    found = identify(arm, gather([tracked(arm, truth, rng, readings=40 * n_joints)], arm))
+    found = identify(
+        arm, collect_observations([tracked(arm, truth, rng, readings=40 * n_joints)], arm)
+    )
     names = found.unknowns.names
     error = found.unknowns.values(found.constants, []) - found.unknowns.values(truth, [])
     identifiable = np.abs(found.solution.null).max(axis=1) < 1e-6
     assert identifiable.sum() >= 4 * n_joints - 6
     for name, e, wanted in zip(names, error, identifiable, strict=True):
-        size = 100.0 if parameters.unit(name) == "mm" else 1.0
+        size = 100.0 if parameters.find_unit(name) == "mm" else 1.0
         assert not wanted or abs(e) < 1e-6 * size, name
     # Combinations that are identifiable return too: the arm measures like the true one elsewhere.
-    fresh = gather([tracked(arm, truth, rng)], arm)
+    fresh = collect_observations([tracked(arm, truth, rng)], arm)
     assert evaluate_model(fresh, found.constants, [], 20.0).distance_um.max() < 1e-3
 
 
@@ -79,13 +81,15 @@ def test_thermal_coefficients_return_too() -> None:
         session(ARM, truth, rng, terms=true_terms, readings=100, temperature_c=t, name=f"{t}")
         for t in (15.0, 20.0, 26.0, 31.0)
     ]
-    found = identify(ARM, gather(sessions, ARM), terms)
+    found = identify(ARM, collect_observations(sessions, ARM), terms)
     for term, true in zip(found.terms, true_terms, strict=True):
         # The tip's axes turn with θ of the last joint, which is not identifiable.
         if not term.parameter.startswith("tip"):
             assert term.coefficient == pytest.approx(true.coefficient, rel=1e-6)
     fresh = session(ARM, truth, rng, terms=true_terms, readings=60, temperature_c=23.0)
-    residual = evaluate_model(gather([fresh], ARM), found.constants, found.terms, 20.0)
+    residual = evaluate_model(
+        collect_observations([fresh], ARM), found.constants, found.terms, 20.0
+    )
     assert residual.distance_um.max() < 1e-3
 
 
@@ -93,7 +97,7 @@ def test_thermal_coefficients_return_too() -> None:
 def test_normalised_errors_have_unit_variance_over_100_seeds() -> None:
     rng = np.random.default_rng(11)
     truth = disturbed(ARM, rng, 0.1)
-    clean = gather([session(ARM, truth, rng, readings=120, targets=6)], ARM)
+    clean = collect_observations([session(ARM, truth, rng, readings=120, targets=6)], ARM)
     normalised = []
     for seed in range(100):
         noise = np.random.default_rng(1000 + seed)
@@ -131,7 +135,7 @@ def test_rank_equals_theory(kind: str, noise: float) -> None:
     rng = np.random.default_rng(1)
     truth = disturbed(ARM, rng)
     measured = session(ARM, truth, rng, readings=240, encoder_rad=noise * ARCSEC, **settings)
-    found = identify(ARM, gather([measured], ARM))
+    found = identify(ARM, collect_observations([measured], ARM))
     assert found.converged
     assert found.solution.rank == rank
     words = describe_unidentifiable(found.solution.null, found.unknowns.names, ARM)
@@ -156,7 +160,7 @@ def test_hayati_replaces_d_between_parallel_axes() -> None:
     truth = disturbed(arm, rng)
     truth[ParameterLayout(6).index("beta_2")] = 0.003
     truth[ParameterLayout(6).index("d_2")] = arm.nominal()[ParameterLayout(6).index("d_2")]
-    found = identify(arm, gather([session(arm, truth, rng, readings=300)], arm))
+    found = identify(arm, collect_observations([session(arm, truth, rng, readings=300)], arm))
     assert found.solution.rank == LENGTH
     assert found.constants[ParameterLayout(6).index("beta_2")] == pytest.approx(0.003, rel=1e-6)
 
@@ -167,7 +171,7 @@ def test_outliers_are_found_and_do_not_matter() -> None:
     measured = session(ARM, truth, rng, readings=240, encoder_rad=ARCSEC)
     wrong = rng.choice(240, 8, replace=False)
     measured.states.q[wrong, 2] += 3e-4  # about 0.2 mm at the tip
-    found = identify(ARM, gather([measured], ARM))
+    found = identify(ARM, collect_observations([measured], ARM))
     assert set(wrong) == set(found.outliers.tolist())
     along = known_directions(found).T @ (
         (found.unknowns.values(found.constants, []) - found.unknowns.values(truth, []))
@@ -186,7 +190,7 @@ def test_a_certified_position_s_uncertainty_shows_in_the_result() -> None:
         measured = session(
             ARM, truth, again, encoder_rad=ARCSEC, readings=240, uncertainty_mm=position_mm
         )
-        found = identify(ARM, gather([measured], ARM))
+        found = identify(ARM, collect_observations([measured], ARM))
         length = found.unknowns.names.index("d_3")
         return float(np.sqrt(found.covariance[length, length]))
 
@@ -197,7 +201,9 @@ def test_a_fit_s_arrays_go_with_it() -> None:
     """Were there a circle, they would stay until Python looks for circles: of 20,000 readings all
     steps' arrays stayed, a gigabyte."""
     rng = np.random.default_rng(51)
-    found = identify(ARM, gather([session(ARM, disturbed(ARM, rng), rng, readings=90)], ARM))
+    found = identify(
+        ARM, collect_observations([session(ARM, disturbed(ARM, rng), rng, readings=90)], ARM)
+    )
     columns = weakref.ref(found.arm_problem.columns)
     gc.disable()
     try:
@@ -211,7 +217,9 @@ def test_evaluation_fits_poses_and_seats_only() -> None:
     rng = np.random.default_rng(41)
     truth = disturbed(ARM, rng)
     for settings in ({"known": True}, {"known": False}, {"known": False, "targets": 1}):
-        observations = gather([session(ARM, truth, rng, readings=90, **settings)], ARM)
+        observations = collect_observations(
+            [session(ARM, truth, rng, readings=90, **settings)], ARM
+        )
         assert evaluate_model(observations, truth, [], 20.0).distance_um.max() < 1e-4
         wrong = evaluate_model(observations, ARM.nominal(), [], 20.0)
         assert wrong.distance_um.max() > 100
@@ -221,9 +229,11 @@ def test_poses_of_an_unweighted_fit_are_its_minimum() -> None:
     """No small change of a pose or a seat lowers the sum of squares that `fit_poses` found."""
     rng = np.random.default_rng(51)
     truth = disturbed(ARM, rng)
-    observations = gather([session(ARM, truth, rng, readings=90, known=False)], ARM)
-    basis = basis_values([], observations.states, ARM, 20.0, ARM.nominal())
-    position = forward(observations.states.q, parameter_rows(ARM.nominal(), [], basis))[0]
+    observations = collect_observations([session(ARM, truth, rng, readings=90, known=False)], ARM)
+    basis = compute_basis_values([], observations.states, ARM, 20.0, ARM.nominal())
+    position = compute_pose(
+        observations.states.q, compute_parameter_rows(ARM.nominal(), [], basis)
+    )[0]
     poses = fit_poses(observations, position)
     least = np.sum(poses.residual(observations, position) ** 2)
     for _ in range(20):

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.identify.admission.needed import count_certificate_readings
 from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, choose_next_step
-from armd.daemon.cli import parsers
+from armd.daemon.cli import make_parsers
 from support import synthetic
 
 ARM = synthetic.arm()
@@ -23,12 +23,12 @@ def artefact(placements: int = 1, readings: int = 24) -> Observations:
     rng = np.random.default_rng(1)
     truth = synthetic.disturbed(ARM, rng)
     session = synthetic.session(ARM, truth, rng, placements=placements, readings=readings)
-    return gather([session], ARM)
+    return collect_observations([session], ARM)
 
 
 def tracked() -> Observations:
     rng = np.random.default_rng(2)
-    return gather([synthetic.tracked(ARM, synthetic.disturbed(ARM, rng), rng)], ARM)
+    return collect_observations([synthetic.tracked(ARM, synthetic.disturbed(ARM, rng), rng)], ARM)
 
 
 def command_in(step: str) -> list[str]:
@@ -50,7 +50,7 @@ def test_each_reason_has_one_step_whose_command_armd_takes(why, kind):
     step = choose_next_step([fault(why)], observations, FILES)
     program, name, *words = command_in(step)
     assert program == "armd"
-    args = parsers([name])[0].parse_args([name, *words])  # exits where it does not take them
+    args = make_parsers([name])[0].parse_args([name, *words])  # exits where it does not take them
     sessions = [str(path) for path in FILES.sessions]
     if name in ("calibrate", "diagnose"):
         kept = sessions[:1] if why is Why.ODD_SESSION else sessions
@@ -84,7 +84,7 @@ def test_of_several_reasons_the_first_cause_is_the_next_step():
 def test_what_is_measured_as_told_is_enough(placements):
     observations = artefact(placements)
     step = choose_next_step([fault(Why.PLACEMENTS)], observations, FILES)
-    args = parsers(["measure"])[0].parse_args(command_in(step)[1:])
+    args = make_parsers(["measure"])[0].parse_args(command_in(step)[1:])
     n_targets = len(np.unique(observations.target))
     assert len(args.placements) == 3 - placements
     more = len(args.placements) * n_targets * args.repeats
@@ -122,5 +122,5 @@ def test_a_tracker_sees_the_arm_everywhere(why):
 def test_two_tips_or_places_are_parted_by_session_or_by_row(objection, words, kept):
     step = choose_next_step([objection, fault(Why.FAR)], artefact(), FILES)
     assert words in step and objection.rows in step
-    args = parsers(["calibrate"])[0].parse_args(command_in(step)[1:])
+    args = make_parsers(["calibrate"])[0].parse_args(command_in(step)[1:])
     assert [str(path) for path in args.session] == [str(path) for path in FILES.sessions][:kept]

@@ -13,19 +13,19 @@ from scipy.spatial.transform import Rotation
 from armd.compensation.data.sessions.session import load_session, load_sessions
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise.reading import ReadingNoise, estimate_turn_noise
-from armd.compensation.estimate.observations import TURN_MM, Observations, gather
+from armd.compensation.estimate.observations import TURN_MM, Observations, collect_observations
 from armd.compensation.estimate.orientations import (
+    add_orientation_rows,
+    add_orientations,
+    compute_observed,
     compute_turn_columns,
-    observe,
-    with_orientation_rows,
-    with_orientations,
 )
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.orientation import compute_orientation_gain
 from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.cli import main
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
@@ -50,7 +50,7 @@ def calibrated(folder: Path, seed: int, poses: int = 60) -> Result:
 def whole_of(folder: Path, poses: int = 8) -> Observations:
     session, arm_file = prepared(folder, 1, poses)
     arm = load_arm(arm_file)
-    return with_orientations(gather([load_session(session, arm)], arm))
+    return add_orientations(collect_observations([load_session(session, arm)], arm))
 
 
 def test_the_arm_is_better_known_and_within_what_is_stated(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_each_orientation_is_a_row_of_its_own(tmp_path: Path) -> None:
     assert whole.row.tolist() == [*range(8), *range(8)]
     assert not whole.has_truth[8:].any() and whole.has_truth[:8].all()
     points = whole.rows(~whole.turned)
-    chosen = with_orientation_rows(points, np.arange(8) < 3)
+    chosen = add_orientation_rows(points, np.arange(8) < 3)
     assert np.flatnonzero(chosen).tolist() == [0, 1, 2, 8, 9, 10]
 
 
@@ -114,7 +114,7 @@ def test_a_turn_moves_as_its_columns_say(tmp_path: Path) -> None:
     for k in range(rows.shape[1]):
         step = np.zeros(rows.shape[1])
         step[k] = 1e-6
-        ahead, behind = (forward(q, rows + sign * step)[1] for sign in (1.0, -1.0))
+        ahead, behind = (compute_pose(q, rows + sign * step)[1] for sign in (1.0, -1.0))
         turn = Rotation.from_matrix(ahead @ behind.transpose(0, 2, 1)).as_rotvec()
         np.testing.assert_allclose(TURN_MM * turn / 2e-6, columns[:, :, k], atol=1e-5)
 
@@ -122,7 +122,7 @@ def test_a_turn_moves_as_its_columns_say(tmp_path: Path) -> None:
 def test_residuals_follow_poses_and_bodies_as_their_columns_say(tmp_path: Path) -> None:
     whole = whole_of(tmp_path)
     constants = whole.arm.nominal()
-    position = observe(whole.states.q, np.tile(constants, (whole.n, 1)), whole.turned)
+    position = compute_observed(whole.states.q, np.tile(constants, (whole.n, 1)), whole.turned)
     poses = fit_poses(whole, position)
     at = linearise(whole, constants, [], poses, 20.0)
     p, k, turned = len(whole.placement_names), len(whole.target_names), whole.turned

@@ -10,7 +10,7 @@ import pytest
 
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
+from armd.compensation.model.calibration import Calibration, LoadedCalibration, name_constants
 from armd.compensation.verify.figures import correct_positions
 from armd.errors import BadInput
 from support import synthetic
@@ -26,7 +26,7 @@ def absurd(coefficient: float) -> Calibration:
             "arm": ARM.serial_number,
             "created": "2026-01-01T00:00:00Z",
             "reference_temperature_c": 20.0,
-            "constants": constants_of(ARM.nominal(), ARM.n_joints),
+            "constants": name_constants(ARM.nominal(), ARM.n_joints),
             "terms": [{**term, "coefficient": coefficient}],
         }
     )

@@ -11,13 +11,13 @@ import pytest
 
 from armd.arrays import F64
 from armd.compensation.data.sessions.session import load_session, load_sessions
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.unknowns import describe_term
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.reflectors import make_reflector_terms
 from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.cli import main
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
@@ -66,7 +66,7 @@ def test_unknown_reflectors_are_found_and_the_arm_with_them(tmp_path: Path) -> N
     true = replace(true_arm(1), tip_offset=NEST["B"]).tip(q, Conditions.at_rest(200, 6))
     constants = found.fit.constants.copy()
     constants[found.fit.observations.arm.layout.tip] = found.reflectors[1].offset_mm
-    tips = forward(q, np.tile(constants, (200, 1)))[0]
+    tips = compute_pose(q, np.tile(constants, (200, 1)))[0]
     one, other = (np.linalg.norm(np.diff(points, axis=0), axis=1) for points in (tips, true))
     assert np.sqrt(np.mean((one - other) ** 2)) < 0.01
 
@@ -105,13 +105,13 @@ def test_the_term_of_a_reflector_is_its_place() -> None:
         session, reflector=np.arange(12) % 2, reflector_names=("A", "B"),
         offset_mm={"B": (1.0, 2.0, 3.0)},
     )  # fmt: skip
-    tips = make_reflector_terms(gather([named], arm), np.array([0.5, 0.5, 0.5]))
+    tips = make_reflector_terms(collect_observations([named], arm), np.array([0.5, 0.5, 0.5]))
     assert [describe_term(term) for term in tips.terms[::3]] == [
         "tip_x of reflector A", "tip_x of reflector B",
     ]  # fmt: skip
     assert tips.free == [0, 1, 2] and tips.hides_tip
     assert [term.coefficient for term in tips.terms[3:]] == [0.5, 1.5, 2.5]
-    plain = make_reflector_terms(gather([session], arm), np.zeros(3))
+    plain = make_reflector_terms(collect_observations([session], arm), np.zeros(3))
     assert plain.terms == [] and not plain.hides_tip
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.estimate.gauge import list_free_constants
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.row_groups import clear_rows, order_by_acquisition
 from armd.compensation.identify.fit import Identification, fit
@@ -35,7 +35,7 @@ def found() -> Identification:
                 seen, name=name, path=Path(name), states=states, truth_mm=seen.truth_mm + noise_mm
             )
         )
-    observations = gather(sessions, ARM)
+    observations = collect_observations(sessions, ARM)
     unknowns = Unknowns(list_free_constants(ARM))
     return fit(observations, ARM.nominal(), [], unknowns, ARM.reference_temperature_c)
 

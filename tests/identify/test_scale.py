@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
 from armd.compensation.estimate.gauge import list_free_constants
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import Identification, fit
 from support import synthetic
@@ -32,7 +32,7 @@ def seats(truth: np.ndarray, rng: np.random.Generator) -> Observations:
         ARM, truth, rng, readings=180, targets=2, placements=4, known=False,
         distances=[(0, 1)], spread_mm=25.0,
     )  # fmt: skip
-    return gather([measured], ARM)
+    return collect_observations([measured], ARM)
 
 
 def disturbed(clean: Observations, encoder_rad: float, rng: np.random.Generator) -> Observations:
@@ -97,7 +97,7 @@ def sessions_on_one_bar(rng: np.random.Generator, artefacts: list[str]) -> tuple
         )
         for i, name in enumerate(artefacts)
     ]
-    return truth, gather(sessions, ARM)
+    return truth, collect_observations(sessions, ARM)
 
 
 def test_a_bar_measured_six_times_is_no_better_known() -> None:
@@ -122,7 +122,7 @@ def test_lengths_to_a_seat_that_nobody_touched_say_nothing() -> None:
         encoder_rad=5e-6,
     )  # fmt: skip
     touched = whole.rows(whole.target != 2)
-    observations = gather([touched], ARM)
+    observations = collect_observations([touched], ARM)
     assert observations.distances.between.tolist() == [[i, j] for i, j in pairs if 2 not in (i, j)]
     found = fit(observations, ARM.nominal(), [], UNKNOWNS, 20.0)
     error, uncertainty = size_of(found, truth)

@@ -12,7 +12,7 @@ from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.evaluation import seated_again
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
-from armd.compensation.identify.evaluation.seated_again import fit_tip, make_tip_hint, with_tip
+from armd.compensation.identify.evaluation.seated_again import fit_tip, make_tip_hint, replace_tip
 from armd.compensation.model.calibration import Calibration
 from support import synthetic
 from support.small_arm import small_arm, thermal_calibration
@@ -35,7 +35,7 @@ def test_the_tip_is_found_and_the_rest_is_noise() -> None:
     assert (np.abs(off) < 4 * tip.standard_uncertainty_mm).all()
     assert (tip.standard_uncertainty_mm < NOISE_MM).all()
     before = evaluate([session], ARM, None)
-    after = evaluate([session], *with_tip(ARM, None, tip))
+    after = evaluate([session], *replace_tip(ARM, None, tip))
     assert before.rms_um > 300.0
     assert after.rms_um == pytest.approx(1e3 * NOISE_MM * np.sqrt(3.0), rel=0.15)
     assert make_tip_hint(ARM, None, before) == []  # a drawing misses by more than its tip
@@ -55,7 +55,7 @@ def test_one_linear_step_tells_of_the_tip_as_a_whole_fit_does(monkeypatch) -> No
     session, calibration = seated(MOVED_MM), nominal_calibration()
     before = evaluate([session], ARM, calibration)
     tip = fit_tip([session], ARM, calibration)
-    after = evaluate([session], *with_tip(ARM, calibration, tip))
+    after = evaluate([session], *replace_tip(ARM, calibration, tip))
     monkeypatch.setattr(seated_again, "fit", None)  # a whole fit is not called
     (hint,) = make_tip_hint(ARM, calibration, before)
     assert "--fit-tip" in hint and f"{before.rms_um:.4g}" in hint

@@ -13,7 +13,7 @@ import pytest
 from armd.arrays import F64
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.gauge import list_free_constants
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission import find_second_group as module
 from armd.compensation.identify.admission import group_fit
@@ -124,7 +124,7 @@ def in_the_air(rows: Sequence[int]) -> list[Session]:
 
 
 def fitted(sessions: Sequence[Session]) -> Identification:
-    observations = gather(sessions, ARM)
+    observations = collect_observations(sessions, ARM)
     unknowns = Unknowns(list_free_constants(ARM))
     return fit(observations, ARM.nominal(), [], unknowns, ARM.reference_temperature_c)
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate, evaluate_model
 from armd.compensation.identify.fit import compute_rms_um
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.per_temperature import make_regression
-from armd.compensation.identify.thermal.temperatures import group_temperatures, leave_out_in_turn
+from armd.compensation.identify.thermal.temperatures import (
+    group_temperatures,
+    validate_by_temperature,
+)
 from armd.compensation.identify.thermal.terms import make_angle_terms, make_length_terms
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
@@ -44,7 +47,10 @@ def calibrated(true_terms: list[Term], options: Options | None = None) -> Result
     # one temperature for all links, so what tells these apart (0.3 K here) stays uncorrected.
     fresh = synthetic.session(ARM, truth, rng, terms=true_terms, temperature_c=23.0)
     held = evaluate_model(
-        gather([fresh], ARM), result.fit.constants, result.fit.terms, ARM.reference_temperature_c
+        collect_observations([fresh], ARM),
+        result.fit.constants,
+        result.fit.terms,
+        ARM.reference_temperature_c,
     )
     assert np.sqrt(np.mean(held.distance_um**2)) < 5
     return result
@@ -171,7 +177,7 @@ def test_placements_are_grouped_by_their_temperature() -> None:
         synthetic.session(ARM, truth, rng, readings=30, temperature_c=celsius)
         for celsius in (20.0, 26.0, 20.2)
     ]
-    groups = group_temperatures(gather(sessions, ARM))
+    groups = group_temperatures(collect_observations(sessions, ARM))
     assert [int(mask.sum()) for _, mask in groups] == [60, 30]
     assert [mean for mean, _ in groups] == pytest.approx([20.1, 26.0], abs=0.2)
 
@@ -189,7 +195,7 @@ def test_placements_close_to_the_next_are_not_all_of_one_temperature() -> None:
         )
         for c in rng.permutation(np.arange(18.0, 29.1, 0.5))
     ]  # fmt: skip
-    observations = gather(sessions, ARM)
+    observations = collect_observations(sessions, ARM)
     groups = group_temperatures(observations)
     assert [mean for mean, _ in groups] == sorted(mean for mean, _ in groups)
     assert (np.sum([mask for _, mask in groups], axis=0) == 1).all()
@@ -240,9 +246,9 @@ def test_every_reading_is_left_out_once_and_each_end_keeps_some(placements: int)
         )
         for c in (15.0, 20.0, 25.0)
     ]
-    observations = gather(sessions, ARM)
+    observations = collect_observations(sessions, ARM)
     groups = group_temperatures(observations)
-    sets = leave_out_in_turn(observations, groups)
+    sets = validate_by_temperature(observations, groups)
     assert (np.sum([left.rows for left in sets], axis=0) == 1).all()
     for left in sets:
         own = groups[left.group][1]

@@ -21,7 +21,7 @@ from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.kinematics import compute_jacobian
 from armd.daemon.cli import main
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
@@ -98,7 +98,7 @@ def size_of(found: Result, true: TrueArm) -> float:
     low, high = nominal.get_limits_rad()
     q = np.random.default_rng(6).uniform(low, high, (400, 6))
     wanted = true.tip(q, Conditions.at_rest(len(q), 6))
-    tips = jacobian(q, np.tile(found.fit.constants, (len(q), 1)))[0]
+    tips = compute_jacobian(q, np.tile(found.fit.constants, (len(q), 1)))[0]
     one, other = (np.linalg.norm(np.diff(points, axis=0), axis=1) for points in (tips, wanted))
     return float(one @ other / (other @ other)) - 1.0
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armd.compensation.data.sessions.session import load_session
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import find_wrong_names
 from armd.compensation.model.arm import load_arm
@@ -185,7 +185,7 @@ def test_a_check_with_one_is_not_kept(measured: Path, capsys: pytest.CaptureFixt
 @pytest.fixture(scope="module")
 def readings(good: Path) -> Observations:
     arm = load_arm(good / "arm.toml")
-    return gather([load_session(good / "T20", arm)], arm)
+    return collect_observations([load_session(good / "T20", arm)], arm)
 
 
 def as_drawn(observations: Observations) -> AssumedModel:

@@ -23,7 +23,12 @@ from armd.compensation.model.calibration import Calibration, save_calibration
 from armd.simulator.campaigns import interim
 from armd.simulator.campaigns.calibration import plan_calibration as calibration_campaign
 from armd.simulator.measured.artefact import Artefact
-from armd.simulator.measured.measuring import Measured, carry_out, take_readings, write_session
+from armd.simulator.measured.measuring import (
+    Measured,
+    measure_campaign,
+    take_readings,
+    write_session,
+)
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.placement import Placement
 from armd.simulator.measured.plan import Climate, SessionPlan, Visit
@@ -46,7 +51,7 @@ class Bench:
         self.arm: Arm = load_arm(path)
         campaign = calibration_campaign(seed, Noise())
         sessions = []
-        for measured in carry_out(campaign, np.random.default_rng([seed, 0x5E55])):
+        for measured in measure_campaign(campaign, np.random.default_rng([seed, 0x5E55])):
             write_session(folder / measured.plan.name, measured)
             sessions.append(load_session(folder / measured.plan.name, self.arm))
         found = calibrate(sessions, self.arm, Options()).calibration
@@ -55,7 +60,7 @@ class Bench:
         self.causes = list_causes(self.arm, self.calibration)
 
     def checks(self, history: interim.CheckSeries, seed: int) -> Iterator[Reduced]:
-        for measured in interim.carry_out(history, self.seed, Noise(), seed):
+        for measured in interim.measure_checks(history, self.seed, Noise(), seed):
             yield self._reduced(measured)
 
     def arm_at(self, case: Case, day: float) -> TrueArm:

@@ -29,9 +29,9 @@ from armd.compensation.interim.evidence.stack import (
     DAY_S,
     RAMP_DAYS,
     TRUST,
-    stack_checks,
+    join_checks,
 )
-from armd.compensation.interim.evidence.watch import watch
+from armd.compensation.interim.evidence.watch import detect_changes
 from armd.compensation.interim.report import next_check
 from armd.compensation.interim.report.judge import judge
 from armd.compensation.interim.report.judgement import Epoch, Judgement
@@ -97,7 +97,7 @@ def told(
     after one more check, the usual or the proposed one."""
     drawn = Drawn(bench, month, rng)
     checks = [drawn.measured(check) for check in month]
-    alarm = watch(stack_checks(checks, bench.causes), bench.causes).alarm
+    alarm = detect_changes(join_checks(checks, bench.causes), bench.causes).alarm
     if alarm is None or alarm < drawn.first or alarm + SETTLED + 1 >= len(checks):
         return []
     until = alarm + SETTLED + 1

@@ -14,7 +14,7 @@ from armd.arrays import F64
 from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.signals import Signals
-from armd.compensation.interim.report.amend import Amplitudes, amend_calibration, fit
+from armd.compensation.interim.report.amend import Amplitudes, extend_calibration, fit
 from armd.compensation.interim.report.judgement import Epoch
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.state import States
@@ -52,7 +52,7 @@ def _mended(
 ) -> Calibration:
     begun = epoch.checks[0].reduced.mean_unix_s
     last = epoch.checks[-1].reduced.last_unix_s
-    return amend_calibration(
+    return extend_calibration(
         bench.calibration, begun, epoch.causes, changes, instants, amplitudes, last, {}
     )
 

@@ -12,7 +12,7 @@ from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import MOST_BACK, NOISE_WORD, SIZES
-from armd.compensation.interim.evidence.stack import DAY_S, OnsetSums, RunningSums, stack_checks
+from armd.compensation.interim.evidence.stack import DAY_S, OnsetSums, RunningSums, join_checks
 
 #: Standing errors of a size less likely than this are left out: without a change no ratio is so
 #: large as to make up for it.
@@ -28,7 +28,7 @@ def noise_alone(
         replace(month[i % len(month)], mean_unix_s=month[0].mean_unix_s + DAY_S * i)
         for i in range(checks)
     ]
-    of = stack_checks(many, causes)
+    of = join_checks(many, causes)
     rng = np.random.default_rng([seed, 0x1C])
     known = rng.normal(size=(of.error_columns[0].shape[1], draws))
     known[slice(*of.standing)] *= rng.choice(of.scales, draws)

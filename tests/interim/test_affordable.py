@@ -13,12 +13,12 @@ from test_interim_history import true_calibration
 from armd.compensation.interim.changes.change import Change, ChangeScenario
 from armd.compensation.interim.checks.columns import Cause, list_causes
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.report.amend import amend_calibration
+from armd.compensation.interim.report.amend import extend_calibration
 from armd.compensation.interim.report.average import (
     MOST_ROWS,
     _list_terms,
-    average_amplitudes,
     choose_affordable,
+    compute_average,
 )
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, load_calibration, save_calibration
@@ -62,9 +62,9 @@ def a_growth(causes: list[Cause], cause: int, first: int) -> Change:
 def written(
     path: Path, of: Stack, causes: list[Cause], calibration: Calibration, ways: list[ChangeScenario]
 ) -> Calibration:
-    every = average_amplitudes(of, causes, ways, ())
+    every = compute_average(of, causes, ways, ())
     instants = [BEGUN_UNIX_S] * len(every.changes)
-    made = amend_calibration(calibration, BEGUN_UNIX_S, causes, every.changes, instants,
+    made = extend_calibration(calibration, BEGUN_UNIX_S, causes, every.changes, instants,
                    every.amplitudes, BEGUN_UNIX_S + 86400.0 * CHECKS, {})  # fmt: skip
     return save_calibration(path, made).content
 

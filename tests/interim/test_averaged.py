@@ -15,7 +15,7 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, SIZES
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.report.amend import fit
-from armd.compensation.interim.report.average import Averaged, average_amplitudes
+from armd.compensation.interim.report.average import Averaged, compute_average
 
 
 def a_step(of: Stack, cause: int, first: int) -> Change:
@@ -69,7 +69,7 @@ def test_mean_and_variance_are_those_of_the_posterior(
     causes = steps_alone(causes)
     every = list_scenarios(of, causes, [a_step(of, 0, 2)], ())
     assert len(every) == of.n * len(causes) * len(SIZES)
-    found = average_amplitudes(of, causes, every, ())
+    found = compute_average(of, causes, every, ())
     for _ in range(3):
         probe = rng.normal(size=3)
         assert at_probe(found, of, probe) == pytest.approx(moments(of, causes, probe), rel=1e-8)
@@ -85,7 +85,7 @@ def test_what_is_left_out_has_little_share(seed: int) -> None:
     assert sum(shares) == pytest.approx(1.0) and shares == sorted(shares, reverse=True)
     probe = rng.normal(size=3)
     mean, variance = moments(of, causes, probe)
-    near, its_variance = at_probe(average_amplitudes(of, causes, few, ()), of, probe)
+    near, its_variance = at_probe(compute_average(of, causes, few, ()), of, probe)
     assert abs(near - mean) < 0.1 * np.sqrt(variance)
     assert its_variance == pytest.approx(variance, rel=0.2)
 
@@ -97,7 +97,7 @@ def test_two_changes_are_averaged_each_over_its_own_causes() -> None:
         z + 30.0 * (x[:, 0] * (i >= 1) + x[:, 1] * (i >= 3))
         for i, (z, x) in enumerate(zip(of.residual, of.columns, strict=True))
     ))  # fmt: skip
-    found = average_amplitudes(
+    found = compute_average(
         of, causes, list_scenarios(of, causes, [a_step(of, 0, 1), a_step(of, 1, 3)], ()), ()
     )
     assert found.of_change == tuple(sorted(found.of_change)) and set(found.of_change) == {0, 1}
@@ -113,7 +113,7 @@ def test_two_changes_are_averaged_each_over_its_own_causes() -> None:
 def test_an_unnamed_change_has_no_amplitudes() -> None:
     of, causes = a_stack(np.random.default_rng(1))
     strange = Change(None, False, 3, 3, 3, np.nan, 1.0)
-    found = average_amplitudes(of, causes, list_scenarios(of, causes, [strange], ()), ())
+    found = compute_average(of, causes, list_scenarios(of, causes, [strange], ()), ())
     assert found.changes == (strange,) and found.amplitudes.covariance.size == 0
 
 

@@ -76,7 +76,7 @@ def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
     of, causes = wearing(seed)
     begun: list[Any] = []
     rounds: list[Sequence[SearchState]] = []
-    looking, choosing = search.watch, search.choose_best_stand
+    looking, choosing = search.detect_changes, search.choose_best_stand
 
     def watch(*given: Any) -> Any:
         begun.append(given[2])
@@ -88,7 +88,7 @@ def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
         return choosing(of, stands)
 
     with monkeypatch.context() as patched:
-        patched.setattr(search, "watch", watch)
+        patched.setattr(search, "detect_changes", watch)
         patched.setattr(search, "choose_best_stand", chosen)
         found = find(of, causes)
     # It came back, and looked nowhere twice.

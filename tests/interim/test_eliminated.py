@@ -17,7 +17,7 @@ from armd.compensation.interim.evidence.elimination import (
 )
 from armd.compensation.interim.evidence.likelihood import integrate_amplitudes, weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
-from armd.compensation.interim.evidence.watch import UNSETTLED, watch
+from armd.compensation.interim.evidence.watch import UNSETTLED, detect_changes
 
 SCALES = (0.03, 0.3, 1.0, 10.0)
 
@@ -93,7 +93,7 @@ def eliminations(of: Stack, causes: list[Cause], monkeypatch: pytest.MonkeyPatch
     with monkeypatch.context() as patched:
         patched.setattr(stacked, "eliminate_standing", counted)
         patched.setattr(Stack, "sum_checks", never)
-        assert watch(of, causes).alarm is None
+        assert detect_changes(of, causes).alarm is None
     return count
 
 

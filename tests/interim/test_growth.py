@@ -21,7 +21,7 @@ from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main
 from armd.simulator.campaigns.calibration import plan_calibration
-from armd.simulator.measured.measuring import carry_out, write_session
+from armd.simulator.measured.measuring import measure_campaign, write_session
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import Climate, SessionPlan, Visit
 from armd.simulator.truth.arm import Materials
@@ -43,7 +43,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("measured")
     campaign = plan_calibration(5, Noise())
     (folder / "arm.toml").write_text(campaign.arm_toml)
-    for session in carry_out(campaign, np.random.default_rng(5)):
+    for session in measure_campaign(campaign, np.random.default_rng(5)):
         write_session(folder / session.plan.name, session)
     words = ["calibrate", str(folder / "T20"), "--arm", str(folder / "arm.toml")]
     assert main([*words, "-o", str(folder / "T20.json")]) == 0
@@ -151,7 +151,7 @@ def warming(folder: Path, count: int, repeats: int, seed: int) -> list[str]:
                      7200.0 / (8 * repeats)), artefact)
         for i in range(count)
     ]  # fmt: skip
-    for session in carry_out(replace(campaign, sessions=plans), np.random.default_rng(seed)):
+    for session in measure_campaign(replace(campaign, sessions=plans), np.random.default_rng(seed)):
         write_session(folder / session.plan.name, session)
     return [str(folder / plan.name) for plan, _ in plans]
 

@@ -11,7 +11,7 @@ import pytest
 from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.checks.open_growth import OpenGrowth, list_open_growth
-from armd.compensation.interim.report.growth import LinkGrowth, with_growth
+from armd.compensation.interim.report.growth import LinkGrowth, add_growth
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import Temperature
 from support import synthetic
@@ -42,7 +42,7 @@ def test_lengths_stay_what_they_were_where_they_were_calibrated() -> None:
     assert len(growth) > 6
     values = np.linspace(1e-3, 9e-3, len(growth))
     seen: Any = SimpleNamespace(temperature_c={"t1": (14.0, 21.0), "t2": (20.0, 38.0)})
-    grown = with_growth(CALIBRATION, growth, values, np.eye(len(growth)) * 1e-8, [seen])
+    grown = add_growth(CALIBRATION, growth, values, np.eye(len(growth)) * 1e-8, [seen])
     for one, value, term in zip(growth, values, grown.terms, strict=True):
         assert (term.parameter, term.coefficient) == (one.term.parameter, pytest.approx(value))
         rise_k = per_kelvin(one) * (MADE_C - REFERENCE_C)
@@ -60,7 +60,7 @@ def test_a_length_is_as_sure_there_as_it_was_and_less_elsewhere(above_k: float) 
     number = next(i for i, one in enumerate(growth) if one.term.parameter == "a_2")
     size = per_kelvin(growth[number])
     spread = np.eye(len(growth)) * 1e-8
-    grown = with_growth(CALIBRATION, growth, np.zeros(len(growth)), spread, [])
+    grown = add_growth(CALIBRATION, growth, np.zeros(len(growth)), spread, [])
     row = np.zeros(len(grown.covariance_of))
     row[grown.covariance_of.index("a_2")] = 1.0
     row[grown.covariance_of.index(f"term {number}")] = size * (MADE_C + above_k - REFERENCE_C)

@@ -13,7 +13,10 @@ from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.changes.growing import Growing
 from armd.compensation.interim.changes.growth import Growths
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import estimate_known_errors, log_marginal
+from armd.compensation.interim.evidence.likelihood import (
+    compute_log_marginal,
+    estimate_known_errors,
+)
 from armd.compensation.interim.evidence.stack import Stack
 from support.selection import parametrize_default
 
@@ -70,7 +73,7 @@ def a_month(rng: np.random.Generator) -> Stack:
 def plainly(of: Stack, course: Change) -> float:
     """Log of how likely all readings are with a course, by a stack that knows it."""
     knowing = add_known_changes(of, [course])
-    return log_marginal(knowing, knowing.sum_checks(range(of.n)))
+    return compute_log_marginal(knowing, knowing.sum_checks(range(of.n)))
 
 
 @pytest.mark.parametrize("cause", [0, 1])

@@ -21,14 +21,14 @@ from armd.compensation.interim.evidence.bad_check import Rest
 from armd.compensation.interim.evidence.likelihood import (
     NOISE_WORD,
     SIZES,
+    compute_log_marginal,
     fit_standing_share,
-    log_marginal,
     weigh,
 )
 from armd.compensation.interim.evidence.stack import ALL_ALONG, RAMP_DAYS, RunningSums, Stack
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import load_calibration
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.measure.plan.poses import read_poses
 from armd.daemon.measure.plan.proposed import load_proposed_check
 from armd.errors import BadInput
@@ -115,7 +115,7 @@ def turned(arm: Arm, constants: np.ndarray, q: np.ndarray, by: np.ndarray) -> np
     """Tips (n, 3) mm where joint 3's angles are off *by* so much, rad."""
     off = q.copy()
     off[:, 2] += by
-    return forward(off, np.tile(constants, (len(q), 1)))[0]
+    return compute_pose(off, np.tile(constants, (len(q), 1)))[0]
 
 
 @pytest.mark.slow
@@ -176,7 +176,7 @@ def test_without_a_doubt_there_are_no_poses(tmp_path: Path) -> None:
 def test_the_marginal_is_a_density(seed: int) -> None:
     of, _ = a_stack(np.random.default_rng(seed))
     nothing = [np.zeros((len(z), 1)) for z in of.residual]
-    marginal = log_marginal(of, of.sum_checks(range(of.n)))
+    marginal = compute_log_marginal(of, of.sum_checks(range(of.n)))
     assert marginal == pytest.approx(density(of, nothing, 0.0), abs=1e-8)
 
 
@@ -252,7 +252,7 @@ def test_how_large_standing_errors_are_is_averaged_over(seed: int) -> None:
         with_it = logsumexp([density(one, step, size) for one in each])
         expected = with_it - without - np.log(len(SIZES)) + np.log(0.25)
         assert weighed.log_by_size[0, 1, 0, s] == pytest.approx(expected, abs=1e-8)
-    marginal = log_marginal(of, of.sum_checks(range(of.n)))
+    marginal = compute_log_marginal(of, of.sum_checks(range(of.n)))
     assert marginal == pytest.approx(without - np.log(len(ALL_ALONG)), abs=1e-8)
 
 

@@ -24,7 +24,7 @@ from armd.compensation.interim.checks.chain import REPORT
 from armd.compensation.interim.checks.columns import list_causes
 from armd.compensation.interim.report import watch_memory
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, Noise, constants_of, save_calibration
+from armd.compensation.model.calibration import Calibration, Noise, name_constants, save_calibration
 from armd.daemon.commands.offline import interim
 from armd.errors import BadInput
 from armd.files.writing import write_whole
@@ -59,7 +59,7 @@ def true_calibration(folder: Path) -> Path:
         }
         for name, sensor, rate in list_true_expansion(true)
     ]
-    constants = constants_of(arm.nominal(), arm.n_joints) | list_true_constants(true)
+    constants = name_constants(arm.nominal(), arm.n_joints) | list_true_constants(true)
     calibration = Calibration.model_validate(
         {
             "arm": arm.serial_number,

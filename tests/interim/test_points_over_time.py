@@ -20,8 +20,8 @@ from armd.compensation.interim.points.evidence import (
     OWN_SCATTER_FACTOR,
     ChangeCourse,
     Series,
+    compute_log_ratios,
     fit_change_size,
-    log_ratios,
 )
 from armd.compensation.interim.points.find import find_changes
 from armd.daemon.cli import main
@@ -159,7 +159,7 @@ def test_the_ratio_is_the_integral() -> None:
     series = Series(y[:, None], np.array([own]), np.zeros(1), 86400.0 * np.arange(5))
     step = ChangeCourse(3, gradual=False).shape(series.instant_s)
     rows = np.ones(5, bool)
-    expected = log_ratios(series, rows, [], step[:, None], [g])[0]
+    expected = compute_log_ratios(series, rows, [], step[:, None], [g])[0]
     scale = OWN_SCATTER_FACTOR * own
     sums = np.ones((5, 5)) / 5
 

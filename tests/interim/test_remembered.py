@@ -29,13 +29,13 @@ from armd.compensation.interim.evidence.looks import (
     QuietRun,
 )
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.evidence.watch import watch
+from armd.compensation.interim.evidence.watch import detect_changes
 from armd.compensation.interim.report.watch_memory import (
     NOTHING,
     WATCHED,
     hash_sources,
-    recall,
-    remember,
+    read_memory,
+    write_memory,
 )
 from support.selection import parametrize_default
 
@@ -53,26 +53,26 @@ def with_a_bad_check(seed: int, bad: int) -> tuple[Stack, list[Any]]:
 @parametrize_default("until", [1, 5, 9, 10, 11, 12, 13, 30], default=3)
 def test_watched_on_from_any_check_is_watched_from_the_first(until: int) -> None:
     of, causes = with_a_bad_check(3, 9)
-    whole = watch(of, causes)
+    whole = detect_changes(of, causes)
     assert whole.alarm is None and whole.bad == (9,)
-    before = watch(of.select_checks(range(until)), causes).quiet
+    before = detect_changes(of.select_checks(range(until)), causes).quiet
     assert len(before.statistic) == until - 1
-    later = watch(of, causes, begun=before)
+    later = detect_changes(of, causes, begun=before)
     assert later.statistic == pytest.approx(whole.statistic, abs=1e-9)
     assert (later.alarm, later.bad, later.quiet.bad) == (None, (9,), (9,))
 
 
 def test_a_change_is_told_at_the_same_check() -> None:
     of, causes = off_from(np.random.default_rng(1), 12, 40)
-    whole = watch(of, causes)
+    whole = detect_changes(of, causes)
     assert whole.alarm is not None and len(whole.quiet.statistic) == whole.alarm
-    before = watch(of.select_checks(range(13)), causes).quiet
-    later = watch(of, causes, begun=before)
+    before = detect_changes(of.select_checks(range(13)), causes).quiet
+    later = detect_changes(of, causes, begun=before)
     assert later.alarm == whole.alarm
     until = whole.alarm + 1
     assert later.statistic[:until] == pytest.approx(whole.statistic[:until], abs=1e-9)
     # And what is remembered of a history with an alarm ends before it: it is raised again.
-    again = watch(of, causes, begun=whole.quiet)
+    again = detect_changes(of, causes, begun=whole.quiet)
     assert again.alarm == whole.alarm and again.quiet == whole.quiet
 
 
@@ -108,12 +108,12 @@ CHECKS: Any = tuple(FakeCheck(i) for i in range(5))
 def folder(tmp_path: Path) -> Path:
     epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=QUIET))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
-    remember(tmp_path, judgement)
+    write_memory(tmp_path, judgement)
     return tmp_path
 
 
 def test_what_is_remembered_is_of_these_checks_in_this_order(folder: Path) -> None:
-    found = recall(folder)
+    found = read_memory(folder)
     assert found.recall_looks(CHECKS) == found.recall_looks([*CHECKS, FakeCheck(9)]) == QUIET  # type: ignore[list-item]
     others: list[Any] = [
         CHECKS[:2],  # a history put back to what it was: its last check is watched again
@@ -169,11 +169,11 @@ def test_what_is_in_doubt_is_not_believed(folder: Path, how: str) -> None:
     path = folder / WATCHED
     text = path.read_text()
     path.write_text(broken(text, how))
-    assert recall(folder) == NOTHING
+    assert read_memory(folder) == NOTHING
     path.unlink()
-    assert recall(folder) == NOTHING
+    assert read_memory(folder) == NOTHING
     path.write_text(text)
-    assert recall(folder) != NOTHING
+    assert read_memory(folder) != NOTHING
 
 
 def test_any_edit_makes_another_state_of_the_code(tmp_path: Path) -> None:
@@ -210,9 +210,9 @@ def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late
         checks=[*map(FakeCheck, others)], detected=SimpleNamespace(looked=looked)
     )
     judgement: Any = SimpleNamespace(epochs=(epoch,))
-    remember(tmp_path, judgement)
+    write_memory(tmp_path, judgement)
     every: Any = [*map(FakeCheck, range(of.n))]
-    before = recall(tmp_path).recall_looks(every)
+    before = read_memory(tmp_path).recall_looks(every)
     assert all(look.until <= late for look in before.looks)
     found, anew = find(of, causes, before), find(of, causes)
     assert found.statistic == pytest.approx(anew.statistic, abs=1e-9)
@@ -238,16 +238,16 @@ def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: EpochLooks) -> N
     """A statistic over the limit, or a bad check that is none of these: its hash may be right."""
     epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=looked))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
-    remember(tmp_path, judgement)
-    assert recall(tmp_path) == NOTHING
+    write_memory(tmp_path, judgement)
+    assert read_memory(tmp_path) == NOTHING
 
 
 def test_where_it_cannot_be_written_nothing_is_lost(tmp_path: Path) -> None:
     (tmp_path / WATCHED).mkdir()
     epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=QUIET))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
-    remember(tmp_path, judgement)
-    assert recall(tmp_path) == NOTHING
+    write_memory(tmp_path, judgement)
+    assert read_memory(tmp_path) == NOTHING
 
 
 def weighings(monkeypatch: pytest.MonkeyPatch, search: Callable[[], ChangesFound]) -> int:

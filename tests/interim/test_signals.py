@@ -8,7 +8,7 @@ import pytest
 from armd.compensation.effects.effect import Column, tie
 from armd.compensation.interim.checks.signals import LEAST_MM, USUAL_MM, Signals
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
@@ -38,7 +38,7 @@ def calibration(arm: Arm = ARM, **more: object) -> Calibration:
         "arm": arm.serial_number,
         "created": "2026-01-01T00:00:00+00:00",
         "reference_temperature_c": 20.0,
-        "constants": constants_of(arm.nominal(), arm.n_joints),
+        "constants": name_constants(arm.nominal(), arm.n_joints),
         "terms": [WARM],
     }
     return Calibration.model_validate(content | more)

@@ -13,15 +13,15 @@ from test_interim_evidence import a_stack
 
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, find_spoilt
-from armd.compensation.interim.evidence.likelihood import LIMIT, log_marginal, run, weigh
+from armd.compensation.interim.evidence.likelihood import LIMIT, compute_log_marginal, run, weigh
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
-from armd.compensation.interim.evidence.watch import UNSETTLED, watch
+from armd.compensation.interim.evidence.watch import UNSETTLED, detect_changes
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_where_no_check_is_doubted_the_statistic_is_the_alarms(seed: int) -> None:
     of, causes = off_from(np.random.default_rng(seed), 99, 99)  # never off
-    watched = watch(of, causes)
+    watched = detect_changes(of, causes)
     assert watched.bad == ()
     expected = run(RunningSums(of), causes)
     until = of.n if watched.alarm is None else watched.alarm + 1
@@ -31,10 +31,10 @@ def test_where_no_check_is_doubted_the_statistic_is_the_alarms(seed: int) -> Non
 
 def test_the_alarm_is_the_first_check_over_the_limit() -> None:
     of, causes = off_from(np.random.default_rng(1), 12, 40)
-    watched = watch(of, causes)
+    watched = detect_changes(of, causes)
     expected = run(RunningSums(of), causes)
     assert watched.alarm == int(np.argmax(expected >= LIMIT)) > 12
-    later = watch(of, causes, since=20)  # what was before is no onset any more
+    later = detect_changes(of, causes, since=20)  # what was before is no onset any more
     assert np.isnan(later.statistic[:20]).all()
     assert later.statistic[20] < watched.statistic[watched.alarm]
 
@@ -43,7 +43,7 @@ def test_a_check_known_to_be_bad_has_no_part() -> None:
     of, causes = off_from(np.random.default_rng(2), 99, 99)
     spoilt_one = 5
     kept = [i for i in range(of.n) if i != spoilt_one]
-    watched = watch(of, causes, since=8, known_bad=[spoilt_one])
+    watched = detect_changes(of, causes, since=8, known_bad=[spoilt_one])
     expected = run(RunningSums(of.select_checks(kept)), causes, since=7)
     until = len(expected) if watched.alarm is None else watched.alarm - 7
     assert watched.statistic[8 : 8 + until] == pytest.approx(expected[:until], abs=1e-9)
@@ -54,7 +54,7 @@ def by_hand(of: Stack, causes: list[Cause], doubted: list[int]) -> float:
     """Log odds of a change, over all ways in which the *doubted* checks may be bad."""
 
     def marginal(checks: list[int]) -> float:
-        return log_marginal(of, of.sum_checks(checks))
+        return compute_log_marginal(of, of.sum_checks(checks))
 
     clean = [i for i in range(of.n) if i not in doubted]
     nothing, change = [], []
@@ -84,7 +84,7 @@ def test_a_doubted_check_is_weighed_both_ways() -> None:
     off = Stack(of.time_d, tuple(residual), of.columns, of.error_columns, of.targets, of.blocks)
     doubted = list(find_spoilt(off, off.sum_checks(range(off.n)), range(off.n - UNSETTLED, off.n)))
     assert doubted == [off.n - 1]
-    watched = watch(off, causes)
+    watched = detect_changes(off, causes)
     assert watched.statistic[-1] == pytest.approx(by_hand(off, causes, doubted), abs=1e-9)
     assert watched.bad == (off.n - 1,) and not watched.strange
     # Taken for good, it would have been a change.
@@ -99,6 +99,6 @@ def test_three_in_a_row_that_nothing_explains_are_a_change_without_a_name() -> N
     for i, shift in zip(range(20, 20 + UNSETTLED), far, strict=True):
         residual[i] = residual[i] + 3.0 * of.targets[i] @ shift
     off = Stack(of.time_d, tuple(residual), of.columns, of.error_columns, of.targets, of.blocks)
-    watched = watch(off, causes)
+    watched = detect_changes(off, causes)
     assert watched.alarm == 20 + UNSETTLED - 1
     assert watched.strange and watched.bad == ()

@@ -55,7 +55,7 @@ def _added(bench: Bench, history: interim.CheckSeries, seed: int) -> dict:
     """What `armd interim add` reports of a history's checks."""
     folder = bench.folder / f"history-{seed}"
     sessions = []
-    for measured in interim.carry_out(history, bench.seed, Noise(), seed):
+    for measured in interim.measure_checks(history, bench.seed, Noise(), seed):
         sessions.append(folder / measured.plan.name)
         write_session(sessions[-1], measured)
     files = ("--arm", bench.folder / "arm.toml", "--calibration", bench.folder / "calibration.json")

@@ -11,15 +11,15 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.curve import curve_at, curve_pieces
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.curve import compute_curve_pieces, evaluate_curve
 from armd.compensation.model.gravity import (
-    gravity_directions,
-    gravity_moments,
-    gravity_torques,
-    link_masses,
+    compute_gravity_directions,
+    compute_gravity_moments,
+    compute_gravity_torques,
+    list_link_masses,
 )
-from armd.compensation.model.kinematics import forward, frames
+from armd.compensation.model.kinematics import compute_frames, compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
@@ -58,7 +58,7 @@ def some_states(n: int = 50) -> States:
 def value_of(basis: list[dict[str, object]], states: States, arm: Arm | None = None) -> np.ndarray:
     arm = arm or an_arm()
     term = Term.model_validate({"parameter": "theta_1", "basis": basis})
-    return basis_values([term], states, arm, REFERENCE_C, arm.nominal())[:, 0]
+    return compute_basis_values([term], states, arm, REFERENCE_C, arm.nominal())[:, 0]
 
 
 S = some_states()
@@ -117,7 +117,7 @@ def test_a_term_is_the_product_of_its_factors() -> None:
 
 
 def test_approach_in_the_tip_frame() -> None:
-    last = forward(Q, an_arm().nominal())[1]
+    last = compute_pose(Q, an_arm().nominal())[1]
     expected = [last[i, :, 2] @ A[i] for i in range(50)]
     got = value_of([{"kind": "approach", "axis": "z", "frame": "tip"}], S)
     assert got == pytest.approx(expected, abs=1e-12)
@@ -176,7 +176,7 @@ def test_parameter_rows_add_up() -> None:
         for name, coefficient in (("a_2", 0.5), ("tip_z", -1.0), ("a_2", 0.25))
     ]
     values = np.array([[1.0, 2.0, 4.0], [0.0, 0.0, 0.0]])
-    rows = parameter_rows(arm.nominal(), terms, values)
+    rows = compute_parameter_rows(arm.nominal(), terms, values)
     changed = rows[0] - arm.nominal()
     assert changed[ParameterLayout(4).index("a_2")] == 1.5
     assert changed[ParameterLayout(4).index("tip_z")] == -2.0
@@ -186,8 +186,8 @@ def test_parameter_rows_add_up() -> None:
 
 def energy(q: np.ndarray, arm: Arm) -> np.ndarray:
     """Potential energy in J of the arm's links."""
-    kg, centre_mm = link_masses(arm)
-    origins, rotations = frames(q, arm.nominal())
+    kg, centre_mm = list_link_masses(arm)
+    origins, rotations = compute_frames(q, arm.nominal())
     height_mm = np.zeros(len(q))
     for k in range(arm.n_joints):
         centre = origins[:, k + 1] + rotations[:, k + 1] @ centre_mm[k]
@@ -197,7 +197,7 @@ def energy(q: np.ndarray, arm: Arm) -> np.ndarray:
 
 def test_gravity_torque_is_the_slope_of_the_energy() -> None:
     arm = an_arm(mass_kg=2.0, centre_of_mass_mm=(10.0, -100.0, 5.0))
-    torques = gravity_torques(Q, arm.nominal(), arm)
+    torques = compute_gravity_torques(Q, arm.nominal(), arm)
     for k in range(4):
         step = np.zeros(4)
         step[k] = 1e-5
@@ -211,9 +211,9 @@ def test_gravity_torque_is_the_slope_of_the_energy() -> None:
 def test_gravity_moment_and_direction_in_the_link_frame() -> None:
     arm = an_arm()
     p, down = arm.nominal(), np.array(arm.gravity)
-    moments, directions = gravity_moments(Q, p, arm), gravity_directions(Q, p, arm)
-    kg, centre_mm = link_masses(arm)
-    origins, rotations = frames(Q, p)
+    moments, directions = compute_gravity_moments(Q, p, arm), compute_gravity_directions(Q, p, arm)
+    kg, centre_mm = list_link_masses(arm)
+    origins, rotations = compute_frames(Q, p)
     for i in range(5):
         for link in range(1, 5):
             moment = np.zeros(3)
@@ -229,13 +229,13 @@ def test_gravity_moment_and_direction_in_the_link_frame() -> None:
 
 def test_default_masses_lie_in_the_middle_of_their_links() -> None:
     arm = an_arm()
-    kg, centre_mm = link_masses(arm)
+    kg, centre_mm = list_link_masses(arm)
     assert kg[:2] == pytest.approx(math.hypot(300, 40) / 1000)
     assert kg[2] == 0.7
-    origins, rotations = frames(Q[:1], arm.nominal())
+    origins, rotations = compute_frames(Q[:1], arm.nominal())
     middle = origins[0, 1] + rotations[0, 1] @ centre_mm[0]
     assert middle == pytest.approx((origins[0, 0] + origins[0, 1]) / 2, abs=1e-9)
-    tip = forward(Q[:1], arm.nominal())[0][0]
+    tip = compute_pose(Q[:1], arm.nominal())[0][0]
     assert kg[3] == pytest.approx(np.linalg.norm(tip - origins[0, 3]) / 1000)
 
 
@@ -245,6 +245,8 @@ def test_a_curve_is_scipys_periodic_spline(n: int) -> None:
     turn = np.linspace(0.0, math.tau, n + 1)
     spline = CubicSpline(turn, [*values, values[0]], bc_type="periodic")
     scale = np.abs(spline.c[::-1].T).max(axis=0)
-    np.testing.assert_allclose(curve_pieces(values) / scale, spline.c[::-1].T / scale, atol=1e-12)
+    np.testing.assert_allclose(
+        compute_curve_pieces(values) / scale, spline.c[::-1].T / scale, atol=1e-12
+    )
     angle = np.concatenate([turn, np.random.default_rng(1).uniform(-9, 9, 300), [np.nan]])
-    np.testing.assert_allclose(curve_at(values, angle), spline(angle), atol=1e-12)
+    np.testing.assert_allclose(evaluate_curve(values, angle), spline(angle), atol=1e-12)

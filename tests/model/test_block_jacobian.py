@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from armd.compensation.kernel.block_jacobian import (
-    block_jacobian,
+    compute_block_jacobian,
+    find_row,
     make_work,
-    row_of,
     take_parameters,
 )
 from armd.compensation.kernel.memory import BLOCK
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from support.selection import parametrize_default
 
 
@@ -22,7 +22,7 @@ def difference(q: np.ndarray, parameters: np.ndarray, column: int) -> np.ndarray
         for sign in (1.0, -1.0):
             moved = parameters.copy()
             moved[:, column] += sign * step
-            sides.append(np.concatenate([forward(q[[i]], p)[0] for i, p in enumerate(moved)]))
+            sides.append(np.concatenate([compute_pose(q[[i]], p)[0] for i, p in enumerate(moved)]))
         slopes.append((sides[0] - sides[1]) / (2 * step))
     return (4 * slopes[1] - slopes[0]) / 3
 
@@ -37,9 +37,9 @@ def test_they_are_the_slopes_of_the_tip(n_joints: int) -> None:
     q = rng.uniform(-3, 3, (7, n_joints))
     work, columns = make_work(n_joints, 0), np.ascontiguousarray(parameters.T)
     take_parameters(columns, n_joints, work)
-    block_jacobian(q, 2, m, columns, work)
+    compute_block_jacobian(q, 2, m, columns, work)
     for column in range(parameters.shape[1]):
-        first = row_of(column, n_joints)
+        first = find_row(column, n_joints)
         expected = difference(q[2 : 2 + m], parameters[:m], column)
         found = work[first : first + 3, :m].T
         assert found == pytest.approx(expected, rel=1e-7, abs=1e-6)

@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from armd.compensation.effects.effect import SessionFacts
-from armd.compensation.effects.setup.mount_drift import steady_drift
+from armd.compensation.effects.setup.mount_drift import make_steady_drift
 from armd.compensation.model import calibration as module
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.calibration import (
     MOST_TERMS,
     Calibration,
-    content_hash,
+    hash_content,
     load_calibration,
     save_calibration,
 )
@@ -57,7 +57,7 @@ def rewritten(path: Path, change, rehash: bool = True) -> None:
     content = json.loads(path.read_text())
     change(content)
     if rehash:
-        content["content_sha256"] = content_hash(content)
+        content["content_sha256"] = hash_content(content)
     path.write_text(json.dumps(content))
 
 
@@ -185,7 +185,7 @@ def test_a_term_that_follows_time_ends_when_its_file_was_made_unless_it_says_whe
     n = len(at_s)
     nothing = np.zeros((n, 3))
     states = States(nothing, nothing, np.full((n, 2), 20.0), at_s, nothing, np.zeros(n, np.int64))
-    hours = basis_values(loaded[:1], states, an_arm(3), 20.0, np.zeros(24))[:, 0]
+    hours = compute_basis_values(loaded[:1], states, an_arm(3), 20.0, np.zeros(24))[:, 0]
     np.testing.assert_allclose(hours, [0.0, 0.0, 1.0, 2.0, 2.0, math.nan])
 
 
@@ -193,7 +193,7 @@ def test_what_a_diagnosis_writes_of_time_says_from_when_to_when_it_was_seen() ->
     facts = cast(SessionFacts, SimpleNamespace(start_unix_s=1.7e9, end_unix_s=1.7e9 + 3600))
     factors = [
         factor
-        for column in steady_drift(facts).columns
+        for column in make_steady_drift(facts).columns
         for term in column.terms
         for factor in term.basis
     ]

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.kernel.chain import sincos
+from armd.compensation.kernel.chain import compute_sincos
 from armd.compensation.kernel.memory import BLOCK
 from armd.compiled.jit import jit
 
@@ -39,7 +39,7 @@ np.savez(sys.argv[1], position=position, ymm="ymm" in code, mulpd="mulpd\\t" in 
 
 @jit
 def all_of(angle: np.ndarray, found: np.ndarray) -> None:
-    sincos(angle, 0, len(angle), 1.0, found, 0)
+    compute_sincos(angle, 0, len(angle), 1.0, found, 0)
 
 
 @pytest.mark.parametrize("reach_rad", [0.8, 3.2, 100.0])

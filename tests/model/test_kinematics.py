@@ -19,7 +19,7 @@ def matrix_product(q: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def an_arm(seed: int, n_joints: int, n: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
-    lengths = [parameters.unit(name) == "mm" for name in ParameterLayout(n_joints).names]
+    lengths = [parameters.find_unit(name) == "mm" for name in ParameterLayout(n_joints).names]
     scale = np.where(lengths, 600.0, 3.0)
     return rng.uniform(-4, 4, (n, n_joints)), rng.uniform(-1, 1, len(scale)) * scale
 
@@ -28,7 +28,7 @@ def an_arm(seed: int, n_joints: int, n: int) -> tuple[np.ndarray, np.ndarray]:
 @given(seed=st.integers(0, 10**6), n_joints=st.integers(3, 9))
 def test_forward_is_the_matrix_product(seed: int, n_joints: int) -> None:
     q, p = an_arm(seed, n_joints, 5)
-    position, last = kinematics.forward(q, p)
+    position, last = kinematics.compute_pose(q, p)
     for i in range(len(q)):
         pose = matrix_product(q[i], p)
         assert position[i] == pytest.approx(pose[:3, 3], abs=1e-9)
@@ -39,11 +39,11 @@ def test_forward_is_the_matrix_product(seed: int, n_joints: int) -> None:
 @given(seed=st.integers(0, 10**6), n_joints=st.integers(3, 9))
 def test_jacobian_is_the_slope_of_the_matrix_product(seed: int, n_joints: int) -> None:
     q, p = an_arm(seed, n_joints, 1)
-    position, derivatives = kinematics.jacobian(q, p)
+    position, derivatives = kinematics.compute_jacobian(q, p)
     assert position[0] == pytest.approx(matrix_product(q[0], p)[:3, 3], abs=1e-9)
     for i, name in enumerate(ParameterLayout(n_joints).names):
         step = np.zeros(len(p))
-        step[i] = 1e-5 if parameters.unit(name) == "rad" else 1e-3
+        step[i] = 1e-5 if parameters.find_unit(name) == "rad" else 1e-3
         up, down = matrix_product(q[0], p + step), matrix_product(q[0], p - step)
         slope = (up - down)[:3, 3] / (2 * step[i])
         assert derivatives[0, :, i] == pytest.approx(slope, rel=1e-6, abs=1e-5), name
@@ -51,21 +51,21 @@ def test_jacobian_is_the_slope_of_the_matrix_product(seed: int, n_joints: int) -
 
 def test_joint_jacobian_is_the_slope_by_the_angles() -> None:
     q, p = an_arm(3, 6, 4)
-    slopes = kinematics.joint_jacobian(q, p)
+    slopes = kinematics.compute_joint_jacobian(q, p)
     for k in range(6):
         step = np.zeros(6)
         step[k] = 1e-5
-        up, down = kinematics.forward(q + step, p)[0], kinematics.forward(q - step, p)[0]
+        up, down = kinematics.compute_pose(q + step, p)[0], kinematics.compute_pose(q - step, p)[0]
         assert slopes[:, :, k] == pytest.approx((up - down) / 2e-5, rel=1e-6, abs=1e-5)
 
 
 def test_parameters_may_differ_from_row_to_row() -> None:
     q, p = an_arm(4, 6, 3)
     rows = p + np.random.default_rng(5).normal(0, 0.1, (3, len(p)))
-    together, _ = kinematics.forward(q, rows)
-    position, derivatives = kinematics.jacobian(q, rows)
+    together, _ = kinematics.compute_pose(q, rows)
+    position, derivatives = kinematics.compute_jacobian(q, rows)
     for i in range(3):
-        alone = kinematics.jacobian(q[i : i + 1], rows[i])
+        alone = kinematics.compute_jacobian(q[i : i + 1], rows[i])
         assert together[i] == pytest.approx(alone[0][0], abs=1e-10)
         assert position[i] == pytest.approx(alone[0][0], abs=1e-10)
         assert derivatives[i] == pytest.approx(alone[1][0], abs=1e-9)
@@ -73,4 +73,4 @@ def test_parameters_may_differ_from_row_to_row() -> None:
 
 def test_parameters_of_another_arm_are_refused() -> None:
     with pytest.raises(ValueError, match="do not fit"):
-        kinematics.forward(np.zeros((2, 6)), np.zeros(34))
+        kinematics.compute_pose(np.zeros((2, 6)), np.zeros(34))

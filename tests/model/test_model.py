@@ -14,9 +14,9 @@ from armd import POINT
 from armd.compensation.kernel import kernel
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
 from support.drawn_calibration import REFERENCE_C, WARM, an_arm, calibrated, term
@@ -67,8 +67,8 @@ def reference(arm: Arm, calibration: LoadedCalibration, states: States) -> np.nd
     """Positions by way of the parameters of each row."""
     content = calibration.content
     constants = content.vector(arm.n_joints)
-    values = basis_values(content.terms, states, arm, REFERENCE_C, constants)
-    return forward(states.q, parameter_rows(constants, content.terms, values))[0]
+    values = compute_basis_values(content.terms, states, arm, REFERENCE_C, constants)
+    return compute_pose(states.q, compute_parameter_rows(constants, content.terms, values))[0]
 
 
 def check(arm: Arm, terms: list[dict[str, object]], n: int = 150) -> None:
@@ -76,7 +76,7 @@ def check(arm: Arm, terms: list[dict[str, object]], n: int = 150) -> None:
     states = some_states(n, arm.n_joints)
     position, correction = Model(arm, calibration).correct_states(states)
     assert position == pytest.approx(reference(arm, calibration, states), abs=2e-9)
-    plain, _ = forward(states.q, calibration.content.vector(arm.n_joints))
+    plain, _ = compute_pose(states.q, calibration.content.vector(arm.n_joints))
     assert correction == pytest.approx(position - plain, abs=2e-9)
     if terms:
         assert np.abs(correction).max() > 1e-5, "the terms do something"
@@ -165,7 +165,7 @@ def test_orientation_is_the_last_frames() -> None:
     states = some_states(300, 6)
     points = np.zeros(300, POINT)
     model.correct(states.q, states.rate, states.approach, points)
-    rotation = Rotation.from_matrix(forward(states.q, arm.nominal())[1])
+    rotation = Rotation.from_matrix(compute_pose(states.q, arm.nominal())[1])
     turn = rotation.inv() * Rotation.from_quat(points["orientation"])
     assert np.abs(turn.as_rotvec()).max() < 1e-14
     assert (points["orientation"][:, 3] >= 0).all()
@@ -187,8 +187,10 @@ def test_covariance_is_jacobian_times_covariance() -> None:
     constants = content.vector(4)
     folded = np.full_like(STATES.temperature_c, 1.0) * [25.0, 24.0]
     states = replace(STATES, temperature_c=folded, time_s=np.full(STATES.n, 1.7e9))
-    values = basis_values(content.terms, states, LIVE_ARM, REFERENCE_C, constants)
-    derivatives = jacobian(STATES.q, parameter_rows(constants, content.terms, values))[1]
+    values = compute_basis_values(content.terms, states, LIVE_ARM, REFERENCE_C, constants)
+    derivatives = compute_jacobian(
+        STATES.q, compute_parameter_rows(constants, content.terms, values)
+    )[1]
     index = {name: i for i, name in enumerate(ParameterLayout(4).names)}
     harmonic = np.sin(STATES.q[:, 1])
     warm = 0.4 * 25.0 + 0.6 * 24.0 - REFERENCE_C
@@ -211,7 +213,7 @@ def test_without_a_calibration_uncertainty_is_unknown() -> None:
     points = points_of(Model(LIVE_ARM, None), STATES, [])
     assert np.isnan(points["covariance_mm2"]).all()
     assert points["position_mm"] == pytest.approx(
-        forward(STATES.q, LIVE_ARM.nominal())[0], abs=1e-9
+        compute_pose(STATES.q, LIVE_ARM.nominal())[0], abs=1e-9
     )
     assert not points["correction_mm"].any()
 
@@ -219,8 +221,8 @@ def test_without_a_calibration_uncertainty_is_unknown() -> None:
 def test_uncorrected_is_by_the_constants_alone() -> None:
     constants = calibrated(LIVE_ARM, []).content.vector(4)
     position = np.empty((STATES.n, 3))
-    kernel.uncorrected(np.ascontiguousarray(STATES.q), LIVE.flat, position)
-    assert position == pytest.approx(forward(STATES.q, constants)[0], abs=1e-9)
+    kernel.compute_uncorrected(np.ascontiguousarray(STATES.q), LIVE.flat, position)
+    assert position == pytest.approx(compute_pose(STATES.q, constants)[0], abs=1e-9)
 
 
 def test_a_missing_temperature_gives_no_position() -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import joint_jacobian
-from armd.compensation.model.parameters import ParameterLayout, unit
+from armd.compensation.model.kinematics import compute_joint_jacobian
+from armd.compensation.model.parameters import ParameterLayout, find_unit
 from armd.errors import ArmdError
 from support.small_arm import small_arm
 
@@ -26,7 +26,7 @@ def test_every_parameter_has_one_place(n_joints: int) -> None:
     lengths = [
         name for name, length in zip(layout.names, layout.are_lengths, strict=True) if length
     ]
-    assert {unit(name) for name in lengths} == {"mm"} and len(lengths) == 2 * n_joints + 6
+    assert {find_unit(name) for name in lengths} == {"mm"} and len(lengths) == 2 * n_joints + 6
     assert ParameterLayout.from_count(layout.count) == layout
     assert "d_1" in layout and "d_0" not in layout
 
@@ -66,7 +66,7 @@ def test_what_an_arm_says_of_itself() -> None:
     np.testing.assert_allclose(high, [np.inf, np.inf, np.pi / 4])
     assert arm.reach_mm == pytest.approx(500.0 + 200.0 + 100.0 + 5.0)
     q = np.random.default_rng(1).uniform(-np.pi, np.pi, (500, 3))
-    levers = np.linalg.norm(joint_jacobian(q, arm.nominal()), axis=1)
+    levers = np.linalg.norm(compute_joint_jacobian(q, arm.nominal()), axis=1)
     assert levers.max() <= arm.reach_mm
     assert arm.nominal()[arm.layout.joint(2)].tolist() == [0.0, 0.0, 200.0, np.pi / 6, 0.0]
 

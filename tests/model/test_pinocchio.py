@@ -11,19 +11,19 @@ import numpy as np
 import pytest
 
 from armd.arrays import F64
-from armd.compensation.geometry.geometry import geometry_at
+from armd.compensation.geometry.geometry import compute_geometry
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import (
     Calibration,
-    constants_of,
     load_calibration,
+    name_constants,
     save_calibration,
 )
-from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.daemon.catalogue.known_arms import KNOWN, read_arm_text
 from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from armd.daemon.cli import main
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from armd.offline.model import Model
 from support.own_urdf import OWN
 from support.selection import parametrize_default
@@ -81,7 +81,7 @@ def calibrate(folder: Path, arm: Arm, terms: list[dict[str, Any]]) -> Path:
     values += np.where(layout.are_lengths, 1.0, 4e-3) * rng.normal(size=layout.count)
     content = {
         "arm": arm.serial_number, "created": "2026-01-01T00:00:00+00:00",
-        "reference_temperature_c": 20.0, "constants": constants_of(values, arm.n_joints),
+        "reference_temperature_c": 20.0, "constants": name_constants(values, arm.n_joints),
         "terms": terms, "temperature_range_c": dict.fromkeys(arm.sensors[:1], (15.0, 25.0)),
     }  # fmt: skip
     path = folder / "cal.json"
@@ -114,8 +114,8 @@ def assert_same(peer: Peer, arm: Arm, parameters: F64, base: F64 | None = None) 
     q = postures(arm)
     position, rotation, derivatives = peer.tip(q)
     assert peer.joints == arm.n_joints
-    own_position, own_rotation = forward(q, parameters)
-    columns = jacobian(q, parameters)[1][:, :, arm.layout.angles]
+    own_position, own_rotation = compute_pose(q, parameters)
+    columns = compute_jacobian(q, parameters)[1][:, :, arm.layout.angles]
     turn = base[:3, :3]
     assert np.abs(position - base[:3, 3] - own_position @ turn.T).max() < EXACT
     held = np.swapaxes(turn @ own_rotation, 1, 2) @ rotation
@@ -133,7 +133,7 @@ def test_a_known_arm(name: str, kind: str, tmp_path: Path) -> None:
     path = calibrate(tmp_path, arm, terms_of(arm) if kind == "extended" else [])
     tip = f"{arm.serial_number.replace('-', '_')}_ball"
     write(tmp_path / "arm.toml", path, tmp_path / "new.urdf", "--at-c", 23)
-    geometry = geometry_at(arm, load_calibration(path, arm).content, 23.0)
+    geometry = compute_geometry(arm, load_calibration(path, arm).content, 23.0)
     peer = Peer(tmp_path / "new.urdf", tip)
     assert_same(peer, arm, geometry.parameters)
     assert (
@@ -166,7 +166,7 @@ def test_a_persons_own_urdf(terms: list[dict[str, Any]], tmp_path: Path) -> None
     calibration = calibrate(tmp_path, arm, terms)
     like = ("--like", path, "--tip-link", "tool0")
     write(tmp_path / "arm.toml", calibration, tmp_path / "new.urdf", *like)
-    geometry = geometry_at(arm, load_calibration(calibration, arm).content, None)
+    geometry = compute_geometry(arm, load_calibration(calibration, arm).content, None)
     chain = read_chain(path, "tool0")
     base = np.eye(4)
     base[:3, :3], base[:3, 3] = compute_denavit_hartenberg(chain)[2], chain.origins[0]
@@ -180,9 +180,9 @@ def test_a_chain_of_twenty_joints(tmp_path: Path) -> None:
         "schema": "armd.arm/1", "serial_number": "LONG", "joint": [joint] * 20,
         "tip": {"offset_mm": [10.0, 20.0, 80.0]},
     }  # fmt: skip
-    (tmp_path / "arm.toml").write_text(toml_text(content))
+    (tmp_path / "arm.toml").write_text(format_toml(content))
     arm = load_arm(tmp_path / "arm.toml")
     calibration = calibrate(tmp_path, arm, [])
     write(tmp_path / "arm.toml", calibration, tmp_path / "new.urdf")
-    geometry = geometry_at(arm, load_calibration(calibration, arm).content, None)
+    geometry = compute_geometry(arm, load_calibration(calibration, arm).content, None)
     assert_same(Peer(tmp_path / "new.urdf", "LONG_ball"), arm, geometry.parameters)

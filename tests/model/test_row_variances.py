@@ -12,9 +12,9 @@ from test_model import POSE_FACTORS, SLOW_FACTORS, some_states
 
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.kinematics import compute_jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
 from support.drawn_calibration import REFERENCE_C, WARM, an_arm, calibrated, term
@@ -51,12 +51,14 @@ def row_by_row(arm: Arm, calibration: LoadedCalibration, states: States) -> np.n
 
     def settled(more_c: np.ndarray) -> np.ndarray:
         warmed = replace(states, temperature_c=states.temperature_c + more_c)
-        return basis_values(
+        return compute_basis_values(
             content.terms, warmed, arm, REFERENCE_C, constants, lambda _, value, *__: value
         )
 
-    values = basis_values(content.terms, states, arm, REFERENCE_C, constants)
-    derivatives = jacobian(states.q, parameter_rows(constants, content.terms, values))[1]
+    values = compute_basis_values(content.terms, states, arm, REFERENCE_C, constants)
+    derivatives = compute_jacobian(
+        states.q, compute_parameter_rows(constants, content.terms, values)
+    )[1]
     warmed = [
         settled(noise.temperature_c * sensor) - settled(0 * sensor)
         for sensor in np.eye(len(arm.sensors))

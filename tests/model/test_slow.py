@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from armd.compensation.kernel.slow_factors import SlowFactors
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.slow_factors import (
     After,
     Daily,
@@ -82,7 +82,7 @@ def states_of(celsius: np.ndarray, time_s: np.ndarray, series: np.ndarray) -> St
 
 
 def expected(terms: list[Term], states: States) -> np.ndarray:
-    return basis_values(terms, states, ARM, REFERENCE_C, ARM.nominal())
+    return compute_basis_values(terms, states, ARM, REFERENCE_C, ARM.nominal())
 
 
 @settings(deadline=None)
@@ -101,7 +101,7 @@ def test_an_instant_at_a_time_equals_all_at_once(
 
     half = len(steps) // 2  # the same lags, followed through many instants and one by one
     first = states_of(celsius[:half], time_s[:half], np.zeros(half, np.int64))
-    basis_values(terms, first, ARM, REFERENCE_C, ARM.nominal(), again.delay)
+    compute_basis_values(terms, first, ARM, REFERENCE_C, ARM.nominal(), again.delay)
     for i in range(half, len(steps)):
         values, _ = again.values(celsius[i], time_s[i])
         assert values == pytest.approx(live[i], rel=1e-9, abs=1e-9, nan_ok=True)

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from test_model import POSE_FACTORS
 
 from armd import POINT
-from armd.compensation.kernel.covariance import NEGLECTED, pivoted_cholesky
+from armd.compensation.kernel.covariance import NEGLECTED, factorise_pivoted
 from armd.compensation.kernel.model import Model
 from armd.compensation.model import parameters
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 from support.drawn_calibration import WARM, an_arm, calibrated, term
 
@@ -23,7 +23,7 @@ NAMES = ParameterLayout(N_JOINTS).names
 def factor_of(covariance: np.ndarray) -> np.ndarray:
     n = len(covariance)
     columns = np.empty((n, n))
-    rank = pivoted_cholesky(covariance, np.empty(n), columns)
+    rank = factorise_pivoted(covariance, np.empty(n), columns)
     return columns[:rank].T
 
 
@@ -91,7 +91,7 @@ def test_everything_uncertain_is_in_it(seed: int, noise_c: float) -> None:
     # Judged in mm at the tip: an angle moves it by the arm's reach.
     nominal = arm.nominal()
     reach_mm = np.hypot(nominal[1:15:5], nominal[2:15:5]).sum() + np.linalg.norm([10, 20, 150])
-    units = [parameters.unit(name) for name in NAMES]
+    units = [parameters.find_unit(name) for name in NAMES]
     mm = np.array([1.0 if unit == "mm" else reach_mm for unit in [*units, "rad", "mm"]])
     whole, kept = covariance * np.outer(mm, mm), (mm[:, None] * factor) @ (mm[:, None] * factor).T
     total = np.trace(whole)
@@ -111,7 +111,7 @@ def test_what_only_the_prior_knows_takes_nothing_from_a_points_own_covariance() 
     q = rng.uniform(-2.0, 2.0, (60, N_JOINTS))
 
     def tip(row: np.ndarray, at: np.ndarray) -> np.ndarray:
-        return forward(at, row)[0]
+        return compute_pose(at, row)[0]
 
     def jacobian(at: np.ndarray) -> np.ndarray:
         columns = []
@@ -124,7 +124,7 @@ def test_what_only_the_prior_knows_takes_nothing_from_a_points_own_covariance() 
         return np.stack(columns, axis=-1)  # (n, 3, K)
 
     measured = jacobian(q).reshape(-1, len(of)) / 0.005
-    prior = [1 / 3.0 if parameters.unit(name) == "mm" else 1 / 0.02 for name in of]
+    prior = [1 / 3.0 if parameters.find_unit(name) == "mm" else 1 / 0.02 for name in of]
     _, known, directions = np.linalg.svd(np.vstack([measured, np.diag(prior)]), full_matrices=False)
     covariance = directions.T / known**2 @ directions
     noise = {"encoder_rad": [0.0] * N_JOINTS, "temperature_c": 0.0, "reading_mm": 1e-4}

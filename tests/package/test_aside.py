@@ -54,7 +54,7 @@ def test_compiling_is_told_once_and_only_where_something_is_compiled(
 ) -> None:
     monkeypatch.setattr(compiler, "_cached", False)  # else it is compiled once on this machine
     told: list[str] = []
-    jit.when_compiling(lambda: told.append("compiling"))
+    jit.call_at_compiling(lambda: told.append("compiling"))
 
     @jit.jit
     def doubled(x: float) -> float:

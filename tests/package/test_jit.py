@@ -108,4 +108,4 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch: pytest.MonkeyPatch) -> 
     for name in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(platformdirs, "user_cache_dir", lambda name: f"~/.cache/{name}")
-    assert not library.usable(library.cache_folder())
+    assert not library.is_usable(library.locate_cache())

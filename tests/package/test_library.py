@@ -41,9 +41,9 @@ DIFFERENT = [
 
 
 def test_what_machine_code_must_tell_apart_has_kinds_and_symbols_of_its_own() -> None:
-    kinds = [library.kind(value) for value in DIFFERENT]
+    kinds = [library.describe_kind(value) for value in DIFFERENT]
     assert len(set(kinds)) == len(DIFFERENT)
-    assert len({library.symbol("f", (kind,)) for kind in kinds}) == len(DIFFERENT)
+    assert len({library.name_symbol("f", (kind,)) for kind in kinds}) == len(DIFFERENT)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_what_machine_code_must_tell_apart_has_kinds_and_symbols_of_its_own() ->
     ],
 )
 def test_what_is_one_to_machine_code_is_one_kind(one: object, same: object) -> None:
-    assert library.kind(one) == library.kind(same)
+    assert library.describe_kind(one) == library.describe_kind(same)
 
 
 def added(a: Any, b: Any) -> Any:
@@ -68,14 +68,16 @@ def with_library(monkeypatch: pytest.MonkeyPatch, *arguments: Any) -> tuple[Comp
     """`added`, and what a library that has it for these arguments was called with."""
     calls: list[Any] = []
     compiled = Compiled(added, {})
-    symbol = library.symbol(compiled.name, tuple(map(library.kind, arguments)))
+    symbol = library.name_symbol(compiled.name, tuple(map(library.describe_kind, arguments)))
 
     def machine_code(*args: Any) -> str:
         calls.append(args)
         return "library"
 
     monkeypatch.setattr(
-        library, "loaded", lambda: (SimpleNamespace(), SimpleNamespace(**{symbol: machine_code}))
+        library,
+        "load_libraries",
+        lambda: (SimpleNamespace(), SimpleNamespace(**{symbol: machine_code})),
     )
     monkeypatch.setattr(Compiled, "by_numba", lambda *_: "numba")
     return compiled, calls
@@ -88,7 +90,10 @@ def test_other_arguments_never_reach_the_library(monkeypatch: pytest.MonkeyPatch
     values = [*DIFFERENT, F8.copy(), 2]
     for _ in range(3000):
         args = tuple(values[k] for k in rng.integers(len(values), size=rng.integers(1, 4)))
-        wanted = tuple(map(library.kind, args)) == (library.kind(F8), library.kind(1))
+        wanted = tuple(map(library.describe_kind, args)) == (
+            library.describe_kind(F8),
+            library.describe_kind(1),
+        )
         assert compiled(*args) == ("library" if wanted else "numba")
         if rng.random() < 0.5:
             assert compiled(F8, 1) == "library"
@@ -101,7 +106,7 @@ def test_settled_nobody_looks_at_the_arguments(monkeypatch: pytest.MonkeyPatch) 
     call, other = compiled.settled(F8, 1), compiled.settled(F8, 1.0)
     assert calls == []
     looked: list[Any] = []
-    monkeypatch.setattr(library, "kind", lambda value: looked.append(value))
+    monkeypatch.setattr(library, "describe_kind", lambda value: looked.append(value))
     assert call(F8.copy(), 2) == "library" and other(F8, 1.0) == "numba"
     assert looked == []
 
@@ -131,12 +136,12 @@ def test_without_library_and_numba_it_says_what_to_install(tmp_path: Path) -> No
 
 def test_a_damaged_library_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert library.places()[-1].parent == tmp_path
-    library.places()[-1].write_bytes(b"\x7fELF and no more")
+    assert library.list_places()[-1].parent == tmp_path
+    library.list_places()[-1].write_bytes(b"\x7fELF and no more")
     program = (
         "import json; from armd.compiled import library;"
-        "library.places = lambda: [library.cache_folder() / library.file_name()];"
-        "print(json.dumps(library.loaded()))"
+        "library.list_places = lambda: [library.locate_cache() / library.name_file()];"
+        "print(json.dumps(library.load_libraries()))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert json.loads(done.stdout) == [], done.stderr

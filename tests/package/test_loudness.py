@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from armd.daemon.cli import main, parsers
+from armd.daemon.cli import main, make_parsers
 from armd.daemon.commands.groups import COMMANDS
 from armd.simulator import options, sessions
 from armd.terminal.loudness import OWN_FAULT
@@ -40,7 +40,7 @@ def leaves(parser: Parser) -> Iterator[Parser]:
 
 
 def test_every_command_takes_them_alike() -> None:
-    _, commands = parsers(COMMANDS.keys() - {"simulate"})
+    _, commands = make_parsers(COMMANDS.keys() - {"simulate"})
     del commands["simulate"]  # a program of its own, with two command lines
     simulated = Parser()
     sessions.add_arguments(simulated)

@@ -69,12 +69,12 @@ def test_records_are_named_by_their_layout() -> None:
 
 def test_constants_compile_a_called_function_once() -> None:
     """`Dispatcher.get_call_template` is asked for the types of a call."""
-    inner = compiler.compiled(lambda x: x + 1, {})
+    inner = compiler.make_dispatcher(lambda x: x + 1, {})
 
     def outer(x: int) -> int:
         return int(inner(1) + inner(2) + inner(x))
 
-    called = compiler.compiled(outer, {})
+    called = compiler.make_dispatcher(outer, {})
     assert called(3) == 9
     assert len(inner.nopython_signatures) == 1, (
         f"{VERSION}: Dispatcher.get_call_template no longer decides what a called function is "
@@ -86,8 +86,8 @@ def test_a_compilation_is_an_event(monkeypatch: pytest.MonkeyPatch) -> None:
     """`numba.core.event` has one named "numba:compile". From the cache of a run before, none is."""
     monkeypatch.setattr(compiler, "_cached", False)
     said: list[str] = []
-    compiler.when_compiling(lambda: said.append("compiling"))
-    compiler.compiled(lambda x: x + 2, {})(1)
+    compiler.call_at_compiling(lambda: said.append("compiling"))
+    compiler.make_dispatcher(lambda x: x + 2, {})(1)
     assert said == ["compiling"], (
         f'{VERSION}: no event "numba:compile" at a compilation: nobody is told why it takes long'
     )
@@ -140,7 +140,7 @@ def test_what_is_to_be_exported_is_not_optimised_before() -> None:
         return str(function.inspect_llvm(function.signatures[0]))
 
     changed = f"{VERSION}: numba.config.OPT no longer decides how well a function is compiled"
-    with numba_inside.unoptimised():
+    with numba_inside.skip_optimisation():
         plain = compile_now()
     optimised = compile_now()
     assert plain.count(" = alloca") > 5 > optimised.count(" = alloca"), changed

@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.daemon.cli import parsers
+from armd.daemon.cli import make_parsers
 from armd.daemon.commands.groups import COMMANDS
 from armd.simulator import sessions
 from armd.simulator.options import make_parser as simulated_arm
@@ -196,7 +196,7 @@ def test_the_page_of_causes_says_what_the_catalogue_says() -> None:
 
 @pytest.fixture(scope="module")
 def parser() -> argparse.ArgumentParser:
-    return parsers(COMMANDS.keys() - {"simulate"})[0]
+    return make_parsers(COMMANDS.keys() - {"simulate"})[0]
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if shown(page)])

@@ -13,7 +13,7 @@ from rich.console import Console
 import armd
 from armd import keys
 from armd.daemon.commands.screen import Screen
-from armd.printable import printable
+from armd.printable import to_printable
 from armd.received import KEPT_S, is_sound
 from support.careless_network import EVENT, HEALTH, MEASUREMENT, careless_network, points
 
@@ -200,11 +200,11 @@ def test_no_payload_makes_the_check_itself_fail(payload, what):
 
 @given(st.text())
 def test_nothing_that_a_terminal_obeys_gets_through(text):
-    assert printable(text).isprintable() or all(
+    assert to_printable(text).isprintable() or all(
         letter.isspace() or letter.isprintable() or not letter.isascii()
-        for letter in printable(text)
+        for letter in to_printable(text)
     )
-    assert "\x1b" not in printable(text) and "\n" not in printable(text)
+    assert "\x1b" not in to_printable(text) and "\n" not in to_printable(text)
 
 
 @pytest.mark.parametrize("text", ["[/x]", "[bold", "\x1b[2J\x07", "a\nb", "\u202egnp", "\\[red]"])
@@ -217,4 +217,4 @@ def test_the_screen_shows_what_a_device_says_and_does_not_do_it(text):
             screen._events = [text]
             screen.show(np.zeros(0, armd.POINT), 0.1)
         shown = console.export_text()
-    assert printable(text) in shown and "\x1b[2J" not in shown and "\x07" not in shown
+    assert to_printable(text) in shown and "\x1b[2J" not in shown and "\x07" not in shown

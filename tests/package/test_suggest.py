@@ -16,7 +16,7 @@ from armd.compensation.model.calibration import Calibration
 from armd.daemon.catalogue.known_arms import find_spelling
 from armd.daemon.cli import main
 from armd.files.schema import Strict, parse_json, parse_toml
-from armd.terminal.suggest import did_you_mean, few, hint, list_keys_at
+from armd.terminal.suggest import format_names, list_keys_at, suggest, suggest_names
 
 
 class Cat(Strict):
@@ -41,15 +41,15 @@ class House(Strict):
 )
 def test_the_nearest(word: str, expected: str | None) -> None:
     known = ["theta_deg", "alpha_deg", "d_mm"]
-    assert did_you_mean(word, known) == (f": did you mean {expected}?" if expected else "")
+    assert suggest(word, known) == (f": did you mean {expected}?" if expected else "")
     if expected is None:
-        assert hint(word, known) == ": theta_deg, alpha_deg, d_mm"
+        assert suggest_names(word, known) == ": theta_deg, alpha_deg, d_mm"
 
 
 def test_many_are_cut_short() -> None:
-    assert few("abc") == "a, b, c"
-    assert few(map(str, range(100))).endswith("10, 11, …")
-    assert hint("x", []) == ""
+    assert format_names("abc") == "a, b, c"
+    assert format_names(map(str, range(100))).endswith("10, 11, …")
+    assert suggest_names("x", []) == ""
 
 
 def test_keys_of_a_table_wherever_it_is() -> None:

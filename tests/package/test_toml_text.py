@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 
 #: Whatever may need an escape, and some letters.
 TEXT = st.text(st.sampled_from("\x00\t\n\r\x1f\x7f\"'\\ .=[]#azÅµ-_0\u2028𝛼"), max_size=6)
@@ -27,7 +27,7 @@ WITHIN = st.dictionaries(
     st.dictionaries(TEXT, VALUES | WITHIN | st.lists(TABLES, min_size=1, max_size=2), max_size=3)
 )
 def test_any_content_comes_back(content: dict[str, Any]) -> None:
-    assert tomllib.loads(toml_text(content)) == content
+    assert tomllib.loads(format_toml(content)) == content
 
 
 def test_it_reads_as_a_person_would_write_it() -> None:
@@ -54,10 +54,10 @@ position_mm = [0.1, 2.0, -3e-07]
 d_mm = 300.0
 temperature = { t1 = 0.5, "t 2" = 0.5 }
 """
-    assert toml_text(content) == text.replace("\\\\", "\\")
+    assert format_toml(content) == text.replace("\\\\", "\\")
 
 
 @pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
 def test_what_is_no_number_is_told_as_such(value: float) -> None:
-    (found,) = tomllib.loads(toml_text({"x": value})).values()
+    (found,) = tomllib.loads(format_toml({"x": value})).values()
     assert found == value or (math.isnan(found) and math.isnan(value))

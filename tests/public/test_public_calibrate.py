@@ -171,9 +171,9 @@ def test_a_reading_without_a_temperature_keeps_its_row(measured: MeasuredArm) ->
     factor = {"kind": "temperature", "weights": {"t2": 1.0}}
     content["terms"] = [{"parameter": "a_2", "basis": [factor], "coefficient": 1e-3}]
     from armd.compensation.model.calibration import Calibration
-    from armd.offline.calibration import wrap_calibration
+    from armd.offline.calibration import convert_calibration
 
-    warm = wrap_calibration(Calibration.model_validate_json(json.dumps(content)))
+    warm = convert_calibration(Calibration.model_validate_json(json.dumps(content)))
     found = armd.evaluate(session, nominal, warm)
     assert (found.n, found.to_dict()["n_unused"]) == (71, 1)
     assert len(found.residuals) == 72

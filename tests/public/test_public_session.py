@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 
 import armd
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from support.measured_arm import MeasuredArm, measured_arm
 
 
@@ -98,7 +98,7 @@ def test_degrees_and_counts_are_angles_too(measured: MeasuredArm, expected: dict
     for joint in arm["joint"]:
         joint |= {"counts_per_turn": 1 << 30, "direction": -1}
     counting = measured.arm_file.parent / "counting.toml"
-    counting.write_text(toml_text(arm))
+    counting.write_text(format_toml(arm))
     turn = -(1 << 30) / (2 * np.pi)
     counts = columns | {f"q{k}": np.round(turn * columns[f"q{k}"]) for k in range(1, 7)}
     session = armd.make_session(counts, counting, artefact=measured.artefact, angle_unit="count")
@@ -110,7 +110,7 @@ def test_an_artefact_is_a_dict_a_file_or_unknown_points(
     measured: MeasuredArm, expected: dict[str, Any], tmp_path: Path
 ) -> None:
     file = tmp_path / "artefact.toml"
-    file.write_text(toml_text({"artefact": measured.artefact}))
+    file.write_text(format_toml({"artefact": measured.artefact}))
     assert evaluated(measured, measured.columns, artefact=file) == expected
     armd.make_session(measured.columns, measured.arm_file, artefact=measured.artefact).save(
         tmp_path / "A"

@@ -26,11 +26,11 @@ from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.report.result import describe_needs, describe_place
 from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.estimate.gauge import list_free_constants
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.fit import Unknowns, fit
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 from armd.compensation.model.pose_factors import Curve
 from armd.compensation.model.slow_factors import After, Time
 from armd.compensation.model.terms import Term
@@ -175,14 +175,14 @@ def _with_terms(
 ) -> float:
     """Held-out RMS in mm with *terms* as they are, the constants identified beside them."""
     found = fit(
-        gather([train], arm),
+        collect_observations([train], arm),
         start.vector(arm.n_joints),
         terms,
         Unknowns(list_free_constants(arm), range(0)),
         start.reference_temperature_c,
     )
     update = {
-        "constants": constants_of(found.constants, arm.n_joints),
+        "constants": name_constants(found.constants, arm.n_joints),
         "terms": terms,
         "covariance_of": [],
         "covariance": [],

@@ -17,7 +17,7 @@ from convert import VENDORED, ur10
 from armd.arrays import F64
 from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from support.selection import parametrize_default
 
 #: 3-D RMS in mm of the half that it was fitted to, and of the other.
@@ -51,7 +51,7 @@ def fit_plainly(arm: Arm, q: F64, measured: F64) -> F64:
     n_joint = arm.layout.base.start
     scale = np.where(arm.layout.are_lengths[:n_joint], 1.0, 1e-3)
     for _ in range(8):
-        tip, columns = jacobian(q, parameters)
+        tip, columns = compute_jacobian(q, parameters)
         turns = 1e-3 * np.cross(np.eye(3)[None], tip[:, None]).transpose(0, 2, 1)
         shifts = np.broadcast_to(np.eye(3), (len(q), 3, 3))
         whole = np.concatenate([columns[:, :, :n_joint] * scale, shifts, turns], axis=2)
@@ -64,8 +64,8 @@ def fit_plainly(arm: Arm, q: F64, measured: F64) -> F64:
 
 def placed_rms_mm(parameters: F64, fitted: tuple[F64, F64], judged: tuple[F64, F64]) -> float:
     """Of *judged*, the tracker placed by *fitted*."""
-    turn, shift = placement(forward(fitted[0], parameters)[0], fitted[1])
-    left = forward(judged[0], parameters)[0] @ turn + shift - judged[1]
+    turn, shift = placement(compute_pose(fitted[0], parameters)[0], fitted[1])
+    left = compute_pose(judged[0], parameters)[0] @ turn + shift - judged[1]
     return float(np.sqrt((left**2).sum(axis=1).mean()))
 
 

@@ -12,7 +12,7 @@ from convert import ROBOTS, VENDORED, convert
 from armd.compensation.data.sessions.session import load_session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from support.selection import parametrize_default
 
@@ -74,5 +74,5 @@ def test_urdf_becomes_denavit_hartenberg(converted: Path) -> None:
     p[35:38] = tip
     # At zero the flange stands 88 mm out and 333 + 316 + 384 − 107 mm up; here from joint 1's
     # frame, which lies in the shoulder at 333 mm.
-    position = forward(np.zeros((1, 7)), p)[0][0]
+    position = compute_pose(np.zeros((1, 7)), p)[0][0]
     assert np.linalg.norm(position) == pytest.approx(np.hypot(88.0, 316 + 384 - 107))

@@ -22,15 +22,15 @@ from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import ModelState, Rests
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.rests import collect_rests
+from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.effects import location
-from armd.compensation.effects.catalogue import candidates
+from armd.compensation.effects.catalogue import list_all_candidates
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column
 from armd.compensation.model.arm import Arm, TemperatureSensor, load_arm
 from armd.compensation.model.calibration import ArtefactCorrection
-from armd.compensation.model.kinematics import joint_jacobian
+from armd.compensation.model.kinematics import compute_joint_jacobian
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def seats(folder: Path) -> tuple[Arm, Session, Rests]:
     arm = load_arm(folder / "arm.toml")
     session = load_session(folder / "seats", arm)
-    return arm, session, gather_rests([session], arm)
+    return arm, session, collect_rests([session], arm)
 
 
 @pytest.mark.slow
@@ -75,7 +75,7 @@ def test_a_step_is_judged_by_its_own_scatter(folder: Path, place: str) -> None:
     seat = (session.placement == session.placement_names.index(place)) & (session.target == 0)
     later = np.flatnonzero(seat)[11:]
     q = session.states.q.copy()
-    turns = joint_jacobian(q, np.tile(arm.nominal(), (session.n, 1)))
+    turns = compute_joint_jacobian(q, np.tile(arm.nominal(), (session.n, 1)))
     for row in later:
         q[row] += np.linalg.pinv(turns[row]) @ [4.0, 0.0, 0.0]
     moved = replace(session, states=replace(session.states, q=q))
@@ -85,9 +85,9 @@ def test_a_step_is_judged_by_its_own_scatter(folder: Path, place: str) -> None:
 
 def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session, Rests]) -> None:
     arm, session, rests = seats
-    facts = gather_facts(rests, arm, make_model_under_test([session], arm, None)[0])
+    facts = collect_facts(rests, arm, make_model_under_test([session], arm, None)[0])
     assert not facts.timed
-    for candidate in candidates(facts):
+    for candidate in list_all_candidates(facts):
         assert "time_s" not in candidate.depends_on
         assert "instant" not in {name for name, _, _ in candidate.setting}
 
@@ -96,9 +96,9 @@ def test_the_only_length_is_not_doubted(seats: tuple[Arm, Session, Rests]) -> No
     """An arm shrunk to nothing has no residual: what alone says its size cannot be a finding."""
     arm, session, rests = seats
     free = make_model_under_test([session], arm, None)[0]
-    assert gather_facts(rests, arm, free).distances == ()
+    assert collect_facts(rests, arm, free).distances == ()
     held = from_calibration(free.calibration, arm, is_given=True)
-    assert len(gather_facts(rests, arm, held).distances) == 1
+    assert len(collect_facts(rests, arm, held).distances) == 1
 
 
 def test_noise_stays_finite_where_everything_is_absorbed(
@@ -134,6 +134,6 @@ def test_a_cause_may_be_as_large_as_the_arm_is_coarse(seats: tuple[Arm, Session,
     fine = replace(coarse, calibration=calibration)
     degree = np.radians([1.0, 0.0])
     for baseline, able in ((coarse, True), (fine, False)):
-        known = candidates(gather_facts(rests, arm, baseline))
+        known = list_all_candidates(collect_facts(rests, arm, baseline))
         disc = next(c for c in known if c.cause == "encoder_ellipticity")
         assert is_possible(disc, degree) == able

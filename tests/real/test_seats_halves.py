@@ -35,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def scatter_um(session: Session, arm: Arm, calibration: Calibration) -> float:
     """3-D RMS about the seats, stated with the arm as large as drawn."""
-    lengths = np.array([parameters.unit(n) == "mm" for n in arm.layout.names])
+    lengths = np.array([parameters.find_unit(n) == "mm" for n in arm.layout.names])
     drawn, now = arm.nominal() * lengths, calibration.vector(arm.n_joints) * lengths
     return rms_um([session], arm, calibration) * float(drawn @ drawn) / float(now @ drawn)
 
@@ -47,7 +47,7 @@ def judge(folder: Path, robot: str, seed: int) -> None:
     diagnosis = diagnose([whole.rows(one)], arm)
     before, after = diagnosis.baseline.calibration, diagnosis.extended
     change = np.abs(after.vector(arm.n_joints) - before.vector(arm.n_joints))
-    most = [PLAUSIBLE[parameters.unit(name)] for name in arm.layout.names]
+    most = [PLAUSIBLE[parameters.find_unit(name)] for name in arm.layout.names]
     assert (change <= most).all()
     other = whole.rows(~one)
     was, now = scatter_um(other, arm, before), scatter_um(other, arm, after)

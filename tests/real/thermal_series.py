@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.model.state import lagged
+from armd.compensation.model.state import apply_lag
 
 TIME_CONSTANTS_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 4800.0, 9600.0)
 #: Ridge penalties relative to a column's variance.
@@ -57,7 +57,7 @@ def diagnose_series(
     series = np.zeros(len(time_s), dtype=np.int64)
     static = temperature_c
     delayed = {
-        lag: np.hstack([static, lagged(time_s, static, series, lag)]) for lag in TIME_CONSTANTS_S
+        lag: np.hstack([static, apply_lag(time_s, static, series, lag)]) for lag in TIME_CONSTANTS_S
     }
     static_errors = _errors_ahead(static[:n], y[:n])
     errors = {lag: _errors_ahead(x[:n], y[:n]) for lag, x in delayed.items()}

@@ -15,9 +15,9 @@ from rich.text import Text
 
 import armd
 from armd import keys
-from armd.daemon.commands.screen import WIDTH, Screen, refreshes
+from armd.daemon.commands.screen import WIDTH, Screen, generate_refreshes
 from armd.daemon.commands.service.comparison import compare, load_truth
-from armd.daemon.commands.service.demo import REFRESH_S, WARM_UP_K, WARM_UP_S, Meter, summary
+from armd.daemon.commands.service.demo import REFRESH_S, WARM_UP_K, WARM_UP_S, Meter, format_summary
 from armd.daemon.commands.service.stage import SERIAL, Stage
 from armd.files.writing import write_whole
 
@@ -68,7 +68,7 @@ def record(seconds: float) -> tuple[list[RenderableType], Text]:
             arm.calling(keys.POINT, meter.take),
         ):
             shown_s = 0.0
-            for elapsed_s in refreshes(seconds, REFRESH_S):
+            for elapsed_s in generate_refreshes(seconds, REFRESH_S):
                 screen.show(meter.collect(arm), elapsed_s)
                 shown_s += elapsed_s
                 if shown_s >= FRAME_S * (len(frames) + 1):
@@ -76,7 +76,7 @@ def record(seconds: float) -> tuple[list[RenderableType], Text]:
             meter.collect(arm)
         stage.stop()
         errors = compare(meter.sampled_points, load_truth(stage.truth))
-        return frames, Text(summary(meter, arm.lost, errors, calibrated=True))
+        return frames, Text(format_summary(meter, arm.lost, errors, calibrated=True))
 
 
 def animate(frames: list[RenderableType], result: Text) -> str:

@@ -34,7 +34,7 @@ def test_an_interrupt_as_the_simulator_takes_over_is_not_lost(handler: str, code
     signals in the last 60 µs before, 46 were lost. One that is ignored stays so (`nohup`)."""
     program = f"""
 import os, signal, sys
-from armd.daemon.commands.service.simulate import become
+from armd.daemon.commands.service.simulate import replace_process
 signal.signal(signal.SIGINT, signal.{handler})
 
 def execv(*_):
@@ -45,7 +45,7 @@ def execv(*_):
     sys.exit(9)
 
 os.execv = execv
-become([])
+replace_process([])
 """
     done = subprocess.run([sys.executable, "-c", program], timeout=60, check=False)
     assert done.returncode == code

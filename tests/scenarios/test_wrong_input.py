@@ -16,7 +16,7 @@ import pytest
 
 from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
 from armd.daemon.cli import main
 from armd.daemon.commands.groups import COMMANDS
 from armd.simulator.__main__ import main as simulate
@@ -61,7 +61,7 @@ def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
         arm="TEST-1",
         created="2026-03-01T09:00:00Z",
         reference_temperature_c=20.0,
-        constants=constants_of(arm.nominal(), 3),
+        constants=name_constants(arm.nominal(), 3),
     )
     save_calibration(folder / "cal.json", calibration)
     measure(folder / "session", 12)

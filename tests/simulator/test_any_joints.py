@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.simulator.live.operator import Operator
 from armd.simulator.live.physics import generate_blocks
 from armd.simulator.servobus import arm as servo_arm
@@ -27,7 +27,7 @@ def loaded(path: Path, text: str) -> Arm:
 def worst_mm(arm: Arm, true: TrueArm, n: int) -> float:
     """Between the drawing's tip and the true one, over random postures at 20 °C."""
     q = np.random.default_rng(n).uniform(-2.0, 2.0, (50, n))
-    drawn, _ = forward(q, arm.nominal())
+    drawn, _ = compute_pose(q, arm.nominal())
     return float(np.abs(drawn - true.tip(q, Conditions.at_rest(50, n))).max())
 
 

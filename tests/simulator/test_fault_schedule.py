@@ -12,8 +12,8 @@ from armd.simulator.live.faults import (
     Fault,
     Schedule,
     check_wire,
+    draw_faults,
     parse_fault,
-    random_faults,
 )
 
 
@@ -70,9 +70,9 @@ def test_the_schedule_tells_begin_and_end_once() -> None:
 
 
 def test_random_faults_are_of_their_seed_their_wire_and_apart() -> None:
-    faults = random_faults(7, 12.0, 600.0, "can", 6)
-    assert faults == random_faults(7, 12.0, 600.0, "can", 6)
-    assert faults != random_faults(8, 12.0, 600.0, "can", 6)
+    faults = draw_faults(7, 12.0, 600.0, "can", 6)
+    assert faults == draw_faults(7, 12.0, 600.0, "can", 6)
+    assert faults != draw_faults(8, 12.0, 600.0, "can", 6)
     assert 60 < len(faults) < 180
     assert {fault.name for fault in faults} == {
         name for name, kind in FAULTS.items() if "can" in kind.wires
@@ -95,6 +95,6 @@ def test_a_fault_is_of_a_joint_that_the_arm_has() -> None:
     fourth = Fault(name="sensor_open", at_s=1.0, channel=4)
     with pytest.raises(BadInput, match="fault sensor_open: channel: found 4, expected 1 to 3"):
         check_wire([fourth], "serial", 3)
-    few, many = (random_faults(7, 12.0, 600.0, "serial", n) for n in (3, 9))
+    few, many = (draw_faults(7, 12.0, 600.0, "serial", n) for n in (3, 9))
     assert {fault.joint for fault in few} == {1, 2, 3}
     assert {fault.joint for fault in many} == set(range(1, 10))

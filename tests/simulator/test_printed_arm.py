@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.effects.catalogue import _coarseness
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.catalogue.known_arms import load_known_arm
 from armd.simulator.printed import bench
 from armd.simulator.printed.arm import COUNTS_PER_TURN, TIP_MM, PrintedArm
@@ -34,9 +34,9 @@ def test_without_faults_it_is_the_drawing(perfect: PrintedArm) -> None:
     rng = np.random.default_rng(2)
     for angles in rng.uniform(-1.5, 1.5, (20, 5)):
         counts = perfect.counts(angles, rng) * directions
-        ours = forward(counts[None] * 2 * np.pi / COUNTS_PER_TURN, arm.nominal())[0][0]
+        ours = compute_pose(counts[None] * 2 * np.pi / COUNTS_PER_TURN, arm.nominal())[0][0]
         assert np.linalg.norm(ours - perfect.tip(angles, COLD)) < 2.0  # counts are 0.8 mm
-        exact = forward((angles * directions)[None], arm.nominal())[0][0]
+        exact = compute_pose((angles * directions)[None], arm.nominal())[0][0]
         assert np.linalg.norm(exact - perfect.tip(angles, COLD)) < 1e-3
 
 

@@ -154,8 +154,8 @@ def raw_port(path):
 @parametrize_default(("kind", "codec"), [("feetech", feetech), ("dynamixel", dynamixel)])
 def test_the_line_is_as_slow_as_a_real_one(tmp_path, kind, codec):
     address, length, gap_us = (56, 8, 50) if kind == "feetech" else (132, 15, 40)
-    request = codec.sync_read(IDS, address, length)
-    expected = len(IDS) * codec.status_size(length)
+    request = codec.make_sync_read(IDS, address, length)
+    expected = len(IDS) * codec.compute_status_size(length)
     with simulated_arm(tmp_path, wire=("--servo", kind)) as arm, raw_port(arm.port) as port:
         took = []
         for _ in range(50):

@@ -15,7 +15,7 @@ import pytest
 from armd.errors import BadInput
 from armd.simulator.campaigns import calibration, paper, verification
 from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Measured, carry_out
+from armd.simulator.measured.measuring import Measured, measure_campaign
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.poses import MARGIN_RAD
 from armd.simulator.sessions import KINDS, add_arguments, run
@@ -79,7 +79,7 @@ def test_sessions_keep_the_contract(kind: str, tmp_path: Path) -> None:
 
 
 def first(campaign: Campaign, seed: int = 1) -> Measured:
-    return next(carry_out(campaign, np.random.default_rng(seed)))
+    return next(measure_campaign(campaign, np.random.default_rng(seed)))
 
 
 def test_without_noise_the_true_arm_finds_every_target() -> None:
@@ -131,7 +131,7 @@ def test_the_papers_uncorrected_distances_err_by_70_to_150_um() -> None:
     rows = np.array([[t[0], d, a, t[1], t[2]] for t, (d, a) in zip(turned, long, strict=True)])
     tip_offset = np.array(document["tip"]["offset_mm"])
     stale = TrueArm(rows, tip_offset, Materials.without_expansion(), campaign.rig.arm.masses)
-    sessions = {m.plan.name: m for m in carry_out(campaign, np.random.default_rng(1))}
+    sessions = {m.plan.name: m for m in measure_campaign(campaign, np.random.default_rng(1))}
     assert len(sessions) == 16
     for celsius in paper.TEMPERATURES_C:
         measured = sessions[f"heldout-T{celsius}"]

@@ -11,10 +11,10 @@ import pytest
 
 from armd import Flag
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
-from armd.compensation.model.kinematics import joint_jacobian
+from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
+from armd.compensation.model.kinematics import compute_joint_jacobian
 from armd.drivers.can import objects
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from armd.simulator.canbus.parts import Encoder
 from armd.simulator.live.electronics import ArmParts, Electronics
 from armd.simulator.live.operator import Operator
@@ -73,7 +73,7 @@ def calibrated(arm: Arm) -> Calibration:
             "created": "2026-09-01T00:00:00+00:00",
             "reference_temperature_c": 20.0,
             "temperature_range_c": {"upper": [0.0, 60.0]},
-            "constants": constants_of(constants, 6),
+            "constants": name_constants(constants, 6),
             "terms": TERMS,
         }
     )
@@ -83,14 +83,14 @@ def half_counts_mm(arm: Arm) -> float:
     """The most that half a count at every joint moves the tip by, over the arm's postures."""
     q = np.random.default_rng(1).uniform(*arm.limits_rad, (400, 6))
     half = np.pi / np.array([joint.counts_per_turn for joint in arm.joint])
-    moved = np.abs(joint_jacobian(q, arm.nominal())) * half
+    moved = np.abs(compute_joint_jacobian(q, arm.nominal())) * half
     return float(np.linalg.norm(moved.sum(axis=2), axis=1).max())
 
 
 def write_files(folder: Path) -> tuple[Arm, Calibration]:
     arm = an_arm()
     content = arm.model_dump(mode="json", by_alias=True, exclude_none=True)
-    (folder / "arm.toml").write_text(toml_text(content))
+    (folder / "arm.toml").write_text(format_toml(content))
     calibration = calibrated(arm)
     save_calibration(folder / "calibration.json", calibration)
     return arm, calibration

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.effects.catalogue import candidates
+from armd.compensation.effects.catalogue import list_all_candidates
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
+from armd.compensation.model.calibration import Calibration, LoadedCalibration, name_constants
 from armd.compensation.model.pose_factors import AnyPoseFactor
 from armd.compensation.model.slow_factors import AnySlowFactor
 from armd.compensation.model.state import States
@@ -88,7 +88,7 @@ def calibrated(arm: Arm, terms: list[dict[str, Any]], rng: np.random.Generator) 
             "arm": arm.serial_number,
             "created": "2026-09-01T00:00:00+00:00",
             "reference_temperature_c": 20.5,
-            "constants": constants_of(constants, arm.n_joints),
+            "constants": name_constants(constants, arm.n_joints),
             "terms": terms,
         }
     )
@@ -143,7 +143,7 @@ def test_calibrations_that_a_diagnosis_extended_agree(seed: int) -> None:
     arm = scene.linear.rests.observations.arm
     of_the_arm = [
         candidate
-        for candidate in candidates(scene.free)
+        for candidate in list_all_candidates(scene.free)
         if all(column.terms for column in candidate.columns)
     ]
     causes = sorted({candidate.cause for candidate in of_the_arm})
@@ -171,7 +171,7 @@ def test_a_missing_temperature_leaves_no_position() -> None:
 
 
 def test_turns_are_taken_off_as_where_sessions_are_read() -> None:
-    from armd.compensation.data.soundness.turns import whole_turns as expected
+    from armd.compensation.data.soundness.turns import find_whole_turns as expected
 
     rng = np.random.default_rng(3)
     limits = [(-180.0, 180.0), (-60.0, 130.0), (-155.0, 5.0), (-270.0, 270.0), (None, None)]

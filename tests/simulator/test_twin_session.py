@@ -19,12 +19,12 @@ from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import (
     Calibration,
-    constants_of,
     load_calibration,
+    name_constants,
     save_calibration,
 )
-from armd.compensation.model.kinematics import joint_jacobian
-from armd.files.toml_text import toml_text
+from armd.compensation.model.kinematics import compute_joint_jacobian
+from armd.files.toml_text import format_toml
 from armd.simulator.__main__ import main
 from armd.simulator.twin.files import to_arm_data, to_calibration_data
 from armd.simulator.twin.model import TwinModel
@@ -85,7 +85,7 @@ def a_calibration(arm: Arm, rng: np.random.Generator) -> Calibration:
             "arm": arm.serial_number,
             "created": "2027-03-02T00:00:00+00:00",
             "reference_temperature_c": 20.0,
-            "constants": constants_of(constants, 6),
+            "constants": name_constants(constants, 6),
             "terms": TERMS,
             "artefact": {"artefacts": ["mixed"], "expansion_per_k": 12e-6,
                          "target_offset_mm": {"B2": [0.1, 0.0, -0.2]}, "scale": 1.0001},
@@ -101,7 +101,7 @@ class Measured:
         self.folder, self.arm = folder, an_arm()
         self.arm_path, self.cal_path = folder / "arm.toml", folder / "cal.json"
         content = self.arm.model_dump(mode="json", by_alias=True, exclude_none=True)
-        self.arm_path.write_text(toml_text(content))
+        self.arm_path.write_text(format_toml(content))
         save_calibration(self.cal_path, a_calibration(self.arm, rng))
         self.session = folder / "session"
         self._write(rng, unit)
@@ -183,18 +183,18 @@ class Measured:
 
 
 def _reach(arm: Arm, goal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    from armd.compensation.model.kinematics import forward
+    from armd.compensation.model.kinematics import compute_pose
 
     p = arm.nominal()
     for _ in range(200):
         q = rng.uniform(-2.0, 2.0, (1, 6))
         for _ in range(40):
-            way = goal - forward(q, p)[0][0]
+            way = goal - compute_pose(q, p)[0][0]
             if np.abs(way).max() < 1e-3:
                 if np.abs(q).max() < 3.0:
                     return q[0]
                 break
-            q = q + np.clip(np.linalg.pinv(joint_jacobian(q, p)[0]) @ way, -0.4, 0.4)
+            q = q + np.clip(np.linalg.pinv(compute_joint_jacobian(q, p)[0]) @ way, -0.4, 0.4)
     raise AssertionError(goal)
 
 
@@ -227,7 +227,7 @@ def test_counts_are_whole_and_err_by_half_of_one_at_most(
     measured = folder("count")
     copy = measured.copy()
     copied = load_session(copy, measured.arm)
-    half_mm = np.abs(joint_jacobian(copied.states.q, measured.arm.nominal()))
+    half_mm = np.abs(compute_joint_jacobian(copied.states.q, measured.arm.nominal()))
     bound = (half_mm * (math.pi / COUNTS)).sum(axis=2).max()
     assert np.abs(measured.residual_mm(copy)).max() < 1.01 * bound
 
@@ -280,7 +280,7 @@ def test_noise_is_what_a_diagnosis_found_and_a_seed_repeats_it(
         for seed in range(12)
     ]
     session = load_session(measured.session, measured.arm)
-    jacobian = joint_jacobian(session.states.q, measured.arm.nominal())
+    jacobian = compute_joint_jacobian(session.states.q, measured.arm.nominal())
     expected = (4e-6**2 * (jacobian**2).sum(axis=(1, 2))).mean() + 3 * 0.003**2
     assert np.mean(squares) == pytest.approx(expected, rel=0.1)
     options = ["--noise-from", str(found), "--seed"]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 
 
 def drawn(arm: Arm, d_1_mm: float = 0.0, **more: Any) -> Calibration:
     """The drawing's constants, the first link *d_1_mm* longer, and *more* keys of the file."""
-    constants = constants_of(arm.nominal(), arm.n_joints)
+    constants = name_constants(arm.nominal(), arm.n_joints)
     constants["d_1"] += d_1_mm
     return Calibration(
         arm=arm.serial_number,

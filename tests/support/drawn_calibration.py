@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
+from armd.compensation.model.calibration import Calibration, LoadedCalibration, name_constants
 from support.drawn_arm import draw_arm
 
 REFERENCE_C = 20.0
@@ -27,7 +27,7 @@ def calibrated(arm: Arm, terms: list[dict[str, object]], **more: object) -> Load
             "arm": "TEST",
             "created": "2026-01-01T00:00:00Z",
             "reference_temperature_c": REFERENCE_C,
-            "constants": constants_of(constants, arm.n_joints),
+            "constants": name_constants(constants, arm.n_joints),
             "terms": terms,
             **more,
         }

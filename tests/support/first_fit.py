@@ -13,8 +13,8 @@ from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.rests import collect_rests
+from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate
@@ -31,8 +31,8 @@ def first_fit(
     case = generate_case(folder, seed, plants, Design(sessions=4, articulations=3, holdout=0))
     arm = load_arm(case.arm)
     sessions = [load_session(path, arm) for path in case.sessions]
-    baseline, rests = make_model_under_test(sessions, arm, None)[0], gather_rests(sessions, arm)
-    candidates = list(catalogue.candidates(gather_facts(rests, arm, baseline)))
+    baseline, rests = make_model_under_test(sessions, arm, None)[0], collect_rests(sessions, arm)
+    candidates = list(catalogue.list_all_candidates(collect_facts(rests, arm, baseline)))
     return case, fit(rests, arm, baseline, baseline.model), arm, candidates
 
 

@@ -13,15 +13,15 @@ from armd.arrays import F64
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.fitting.alternating_fit import fit_by_turns
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.problem.baseline import from_calibration, with_findings
+from armd.compensation.diagnose.problem.baseline import add_findings, from_calibration
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
-from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.rests import collect_rests
+from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.identify.thermal.terms import make_length_terms
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 from support import synthetic
 
 ARM = synthetic.arm(6)
@@ -55,7 +55,7 @@ class Problem:
 
     def offset(self, sensor: str = "t3") -> Candidate:
         """The sensor's offset under the model under test."""
-        every = (c for c in catalogue.candidates(self.facts) if c.through is not None)
+        every = (c for c in catalogue.list_all_candidates(self.facts) if c.through is not None)
         return next(c for c in every if c.place == ("sensor_offset", f"sensor {sensor}"))
 
 
@@ -68,7 +68,7 @@ def given() -> Calibration:
         arm=ARM.serial_number,
         created="2026-03-01T09:00:00+00:00",
         reference_temperature_c=20.0,
-        constants=constants_of(ARM.nominal(), ARM.n_joints),
+        constants=name_constants(ARM.nominal(), ARM.n_joints),
         terms=terms,
         covariance_of=["theta_2"],
         covariance=[[1e-16]],
@@ -76,10 +76,10 @@ def given() -> Calibration:
 
 
 def problem_of(session: Session) -> Problem:
-    rests = gather_rests([session], ARM)
+    rests = collect_rests([session], ARM)
     baseline = from_calibration(given(), ARM, is_given=True)
-    facts = gather_facts(rests, ARM, baseline)
-    every = list(catalogue.candidates(facts))
+    facts = collect_facts(rests, ARM, baseline)
+    every = list(catalogue.list_all_candidates(facts))
     findings = [
         [c for c in every if c.place == place][number] for place, (number, _) in FOUND.items()
     ]
@@ -89,7 +89,7 @@ def problem_of(session: Session) -> Problem:
 
 def measured(found: Any, name: str = "own") -> Session:
     """Of an arm with what was *found*, whose sensor t3 reads too much."""
-    model = with_findings(
+    model = add_findings(
         from_calibration(given(), ARM, is_given=True).model, found.findings, found.amplitudes
     )
     rng = np.random.default_rng(len(name))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 
 
 def known_expansion(arm: Arm, expansion_per_k: float) -> Calibration:
     """One term per length of each link that has a temperature, known to a tenth."""
-    constants = constants_of(arm.nominal(), arm.n_joints)
+    constants = name_constants(arm.nominal(), arm.n_joints)
     terms = [
         Term(
             parameter=name,

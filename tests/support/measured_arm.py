@@ -10,7 +10,7 @@ import numpy as np
 
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.model.arm import Arm
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from support import synthetic
 
 Columns = dict[str, Any]
@@ -33,7 +33,7 @@ def measured_arm(folder: Path, seed: int = 1, **options: Any) -> MeasuredArm:
     options = {"readings": 72, "encoder_rad": 5e-6, "placements": 4} | options
     session = synthetic.session(arm, synthetic.disturbed(arm, rng), rng, **options)
     content = arm.model_dump(mode="json", by_alias=True, exclude_defaults=True)
-    (folder / "arm.toml").write_text(toml_text(content), encoding="utf-8")
+    (folder / "arm.toml").write_text(format_toml(content), encoding="utf-8")
     artefact = session.artefact.model_dump(mode="json", by_alias=True, exclude_defaults=True)
     return MeasuredArm(arm, folder / "arm.toml", columns_of(session), artefact)
 

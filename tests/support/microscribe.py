@@ -7,11 +7,11 @@ from contextlib import closing
 import numpy as np
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.microscribe import wire
-from armd.drivers.microscribe.geometry import rows_and_tip
+from armd.drivers.microscribe.geometry import compute_rows_and_tip
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.table import open_driver
 from support.simulated_arm import SimulatedArm
@@ -39,7 +39,7 @@ def events_of(items: list[Item]) -> list[str]:
 
 
 def nominal() -> Arm:
-    rows, tip = rows_and_tip(wire.words(PARAMETERS), 3)
+    rows, tip = compute_rows_and_tip(wire.decode_words(PARAMETERS), 3)
     return Arm.model_validate(
         {
             "schema": "armd.arm/1",
@@ -58,7 +58,7 @@ def held_against_truth(arm: SimulatedArm, rows: np.ndarray) -> tuple[np.ndarray,
     much later (ms) its stamp says that it was."""
     truth = arm.truth()
     instants = truth["seq"].astype(np.int64)
-    tips = forward(rows["count"] / np.array(TURNS) * 2 * np.pi, nominal().nominal())[0]
+    tips = compute_pose(rows["count"] / np.array(TURNS) * 2 * np.pi, nominal().nominal())[0]
     nearest = np.empty(len(rows), int)
     for i, (tip, at_ns) in enumerate(zip(tips, rows["monotonic_ns"], strict=True)):
         first, last = np.searchsorted(instants, [at_ns - 100_000_000, at_ns + 100_000_000])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
+from armd.compensation.model.calibration import Calibration, LoadedCalibration, name_constants
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.drivers.sample import Temperatures, sample_dtype
@@ -44,7 +44,7 @@ def thermal_calibration(arm: Arm, **changes: Any) -> LoadedCalibration:
             "created": "2026-01-01T00:00:00+00:00",
             "reference_temperature_c": 20.0,
             "temperature_range_c": {"a": (15.0, 30.0), "b": (15.0, 30.0)},
-            "constants": constants_of(arm.nominal(), arm.n_joints),
+            "constants": name_constants(arm.nominal(), arm.n_joints),
             "terms": [term],
         }
         | changes

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.calibration import Calibration, name_constants
 
 JOINT = {"a_mm": 300.0, "counts_per_turn": 1 << 20, "min_deg": -170.0, "max_deg": 170.0}
 ARM: dict[str, Any] = {
@@ -23,7 +23,7 @@ ARM: dict[str, Any] = {
 
 def _calibration() -> dict[str, Any]:
     arm = Arm.model_validate_json(json.dumps(ARM))
-    constants = constants_of(arm.nominal(), arm.n_joints)
+    constants = name_constants(arm.nominal(), arm.n_joints)
     for k, name in enumerate(constants):
         constants[name] += (
             0.01 * (k + 1) if name.startswith(("theta", "alpha", "beta", "d", "a")) else 0.001

@@ -99,18 +99,18 @@ class FakeServos:
         return bool(speed == getattr(termios, f"B{self._baud}"))
 
     def _dynamixel(self, heard: bytes) -> bytes:
-        splitter = dynamixel.splitter()
+        splitter = dynamixel.make_splitter()
         for packet in splitter.push(heard):
-            request = dynamixel.read_request(packet)
+            request = dynamixel.decode_read_request(packet)
             if packet.code == 0x01 and packet.id in self.tables:
                 model = bytes(self.tables[packet.id][:2] + self.tables[packet.id][6:7])
-                os.write(self._master, dynamixel.status(packet.id, 0, model))
+                os.write(self._master, dynamixel.make_status(packet.id, 0, model))
             elif request is not None and not request.fast:
                 for servo in request.ids:
                     if servo in self.tables:
                         end = request.address + request.length
                         data = bytes(self.tables[servo][request.address : end])
-                        os.write(self._master, dynamixel.status(servo, 0, data))
+                        os.write(self._master, dynamixel.make_status(servo, 0, data))
             elif packet.code not in (0x01, 0x8A):
                 self.writes.append(packet.raw)
         return b""

@@ -14,8 +14,8 @@ from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward, joint_jacobian
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.kinematics import compute_joint_jacobian, compute_pose
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 
@@ -47,7 +47,7 @@ def disturbed(arm: Arm, rng: np.random.Generator, size: float = 1.0) -> np.ndarr
     truth = arm.nominal()
     for i, name in enumerate(arm.layout.names):
         if not name.startswith(("base", "beta")):
-            spread = size * (np.radians(0.5) if parameters.unit(name) == "rad" else 1.0)
+            spread = size * (np.radians(0.5) if parameters.find_unit(name) == "rad" else 1.0)
             truth[i] += rng.uniform(-spread, spread)
     return truth
 
@@ -163,7 +163,7 @@ def tracked(
         approach=np.full((readings, 3), np.nan),
         series=np.zeros(readings, dtype=np.int64),
     )
-    position = forward(states.q, constants)[0]
+    position = compute_pose(states.q, constants)[0]
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)
     return Session(
@@ -206,9 +206,9 @@ def _reach(
         )
 
     for step in range(400):
-        basis = basis_values(terms, states(), arm, arm.reference_temperature_c, constants)
-        p = parameter_rows(constants, terms, basis)
-        error = wanted - forward(q, p)[0]
+        basis = compute_basis_values(terms, states(), arm, arm.reference_temperature_c, constants)
+        p = compute_parameter_rows(constants, terms, basis)
+        error = wanted - compute_pose(q, p)[0]
         apart = np.linalg.norm(error, axis=1)
         if apart.max() < 1e-10:
             break
@@ -216,7 +216,7 @@ def _reach(
             stuck = apart > 1e-6
             q = np.where(stuck[:, None], rng.uniform(-2.2, 2.2, q.shape), q)
             continue
-        columns = joint_jacobian(q, p)
+        columns = compute_joint_jacobian(q, p)
         damping = 1e-8 * np.eye(3) + columns @ columns.transpose(0, 2, 1)
         move = np.einsum("nij,ni->nj", columns, np.linalg.solve(damping, error[:, :, None])[..., 0])
         q = q + np.clip(move, -0.3, 0.3)

@@ -18,12 +18,12 @@ from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64, Mask
 from armd.simulator.measured.noise import Noise
-from armd.simulator.measured.poses import MARGIN_RAD, settle_on
+from armd.simulator.measured.poses import MARGIN_RAD, solve_posture
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.nominal import TIP_RADIUS_MM
-from armd.simulator.truth.rotations import random_unit
+from armd.simulator.truth.rotations import draw_directions
 
 #: Least cosine of the shaft with the way out of a surface: flatter, it would touch it.
 LEAST_COSINE = 0.3
@@ -134,7 +134,7 @@ class Workshop:
         near = np.asarray(self._near.query(goal, k=200)[1])
         picked = near[np.arange(len(goal)), self.rng.integers(0, 200, len(goal))]
         still = Conditions.at_rest(len(goal), self.arm.n_joints)
-        phi = settle_on(self.arm, self._phi[picked], goal, still)
+        phi = solve_posture(self.arm, self._phi[picked], goal, still)
         missed = np.linalg.norm(self.arm.tip(phi, still) - goal, axis=1)
         inside = ((phi >= self._low) & (phi <= self._high)).all(axis=1)
         return phi, inside & (missed < 1e-4)
@@ -151,7 +151,7 @@ class Workshop:
         azimuth = self.rng.uniform(-np.pi, np.pi)
         radius, height = self.rng.uniform(420.0, 650.0), self.rng.uniform(-50.0, 450.0)
         where = np.array([radius * np.cos(azimuth), radius * np.sin(azimuth), height])
-        turn = Rotation.from_rotvec(tilted * random_unit(self.rng, 1)[0])
+        turn = Rotation.from_rotvec(tilted * draw_directions(self.rng, 1)[0])
         turn = turn * Rotation.from_rotvec([0.0, 0.0, self.rng.uniform(0.0, 2.0 * np.pi)])
         return np.asarray(turn.as_matrix()), where
 

@@ -7,7 +7,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.identify.result import Result
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.kinematics import compute_jacobian
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
@@ -25,7 +25,7 @@ def errors_of(found: Result, true: TrueArm) -> F64:
     low, high = nominal.get_limits_rad()
     q = np.random.default_rng(5).uniform(low, high, (1500, 6))
     wanted = true.tip(q, Conditions.at_rest(len(q), 6))
-    position, columns = jacobian(q, np.tile(fit.constants, (len(q), 1)))
+    position, columns = compute_jacobian(q, np.tile(fit.constants, (len(q), 1)))
     scale = fit.solution.scale
     own = fit.unknowns.columns(columns, np.zeros((len(q), 0)), []) * scale
     both = np.concatenate([own, make_rigid_columns(position)], axis=2).reshape(3 * len(q), -1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.simulator.truth.arm import TrueArm
@@ -21,7 +21,7 @@ def write_true_model(folder: Path, seed: int) -> None:
     arm_path = folder / "arm.toml"
     arm_path.write_text(make_arm_toml(rows=true.rows, tip=true.tip_offset), encoding="utf-8")
     arm = load_arm(arm_path)
-    constants = constants_of(arm.nominal(), arm.n_joints)
+    constants = name_constants(arm.nominal(), arm.n_joints)
     materials = true.materials
     strains = {f"tip_{axis}": (materials.tip, arm.n_joints) for axis in "xyz"}
     for k in range(1, arm.n_joints + 1):

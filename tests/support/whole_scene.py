@@ -17,8 +17,8 @@ from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
-from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.rests import collect_rests
+from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.effects.effect import SessionFacts, Use, Winding
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
@@ -177,10 +177,10 @@ def whole_scene() -> Whole:
         for i, (name, points) in enumerate((("beam", beam), ("plate", plate)))
     ]
     model = ModelState(arm.nominal(), tuple(TERMS), REFERENCE_C, ArtefactCorrection())
-    rests = gather_rests(sessions, arm)
+    rests = collect_rests(sessions, arm)
     assert rests.n == 2 * READINGS
     held, free = (
-        gather_facts(rests, arm, Baseline(model, _unused(), held, (), (), np.zeros((0, 0))))
+        collect_facts(rests, arm, Baseline(model, _unused(), held, (), (), np.zeros((0, 0))))
         for held in (True, False)
     )
     states = rests.observations.states

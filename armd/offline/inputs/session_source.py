@@ -12,23 +12,23 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from armd.compensation.data.sessions.columns import number_columns
-from armd.compensation.data.sessions.files import READINGS, check_is_session, readings_path
+from armd.compensation.data.sessions.columns import list_number_columns
+from armd.compensation.data.sessions.files import READINGS, check_is_session, find_readings
 from armd.compensation.data.sessions.format import SessionFile
-from armd.compensation.data.sessions.session import TEXTS, build_session, check_arm, load_session
+from armd.compensation.data.sessions.session import TEXTS, assemble_session, check_arm, load_session
 from armd.compensation.data.sessions.session import Session as StoredSession
 from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.data.tables.header import check_header
 from armd.compensation.data.tables.readings import (
     MISSING,
     Readings,
-    cast_columns,
-    wanted_columns,
-    without_readings,
+    convert_columns,
+    refuse_empty,
+    select_columns,
 )
 from armd.compensation.model.arm import Arm
 from armd.files.schema import load_toml
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 
 
 class SessionSource(Protocol):
@@ -50,7 +50,7 @@ class FolderSource:
         self.path: Path | None = folder
         self._folder = folder
         self.file = load_toml(folder / "session.toml", SessionFile)
-        self._table = readings_path(folder)
+        self._table = find_readings(folder)
 
     def load(self, arm: Arm, place: Path) -> StoredSession:
         return load_session(place, arm, self.file)
@@ -81,12 +81,12 @@ class TableSource:
         check_arm(place, self.file, arm)
         header = list(self._table.column_names)
         check_header(place, header)
-        columns = wanted_columns(header, number_columns(arm), TEXTS)
-        table = cast_columns(place, self._table, columns)
+        columns = select_columns(header, list_number_columns(arm), TEXTS)
+        table = convert_columns(place, self._table, columns)
         if table.num_rows == 0:
-            raise without_readings(place)
+            raise refuse_empty(place)
         readings = Readings(place, header, table)
-        return build_session(place, self.file, arm, readings, digest=self._digest)
+        return assemble_session(place, self.file, arm, readings, digest=self._digest)
 
     def readings(self) -> pa.Table:
         return self._table
@@ -109,7 +109,7 @@ class TableSource:
         text = io.BytesIO()
         pa.csv.write_csv(self._table, text)
         digest = hashlib.sha256()
-        toml = toml_text(self._content()).encode()
+        toml = format_toml(self._content()).encode()
         for name, data in (("session.toml", toml), (READINGS[0], text.getvalue())):
             digest.update(f"{name}\0{len(data)}\0".encode())
             digest.update(data)

@@ -23,10 +23,10 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.data.sessions.columns import (
     APPROACH,
     LikeRadians,
-    angles,
-    approaches,
-    number_columns,
-    rates,
+    list_number_columns,
+    read_angles,
+    read_approaches,
+    read_rates,
 )
 from armd.compensation.data.sessions.format import AngleUnit
 from armd.compensation.data.soundness.temperature_columns import TemperatureColumns
@@ -43,14 +43,14 @@ from armd.compensation.data.tables.readings import (
 )
 from armd.compensation.data.tables.recorded import (
     RECORDED_TYPES,
-    instants_s,
     is_recorded,
-    published_flags,
+    read_flags,
+    read_instants_s,
 )
 from armd.compensation.data.tables.within import is_within
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import LoadedCalibration, used_sensors
+from armd.compensation.model.calibration import LoadedCalibration, list_used_sensors
 from armd.compensation.model.pose_factors import Approach
 from armd.compensation.model.slow_factors import Dated, SlowFactor
 from armd.compensation.model.state import States
@@ -80,7 +80,7 @@ class Corrector:
         started_unix_s: float | None,
     ) -> None:
         self._arm = arm
-        self.columns = number_columns(arm)
+        self.columns = list_number_columns(arm)
         #: of the calibration, as points have it
         self.identity = 0 if calibration is None else calibration.identity
         self._unit = unit
@@ -98,7 +98,7 @@ class Corrector:
             if isinstance(factor, SlowFactor)
             for _, lag_s in factor.means
         )
-        used = used_sensors(arm, content)
+        used = list_used_sensors(arm, content)
         self._used = [s for s, name in enumerate(arm.sensors) if name in used]
         ranges = content.temperature_range_c if content else {}
         low_high = [ranges.get(name, (-np.inf, np.inf)) for name in arm.sensors]
@@ -124,7 +124,7 @@ class Corrector:
         """The next readings of the file, checked."""
         arm = self._arm
         # By columns, all that is asked of whole columns is several times faster.
-        q = angles(readings, arm, self._unit, missing_allowed=True, order="F")
+        q = read_angles(readings, arm, self._unit, missing_allowed=True, order="F")
         self._like_radians.take(readings, q)
         if not are_within_limits(q, arm):
             q, turns = fold_turns(q, arm)
@@ -132,7 +132,7 @@ class Corrector:
         rate = self._rates(readings)
         recorded = is_recorded(readings.header)
         if recorded:
-            time_s = instants_s(readings)
+            time_s = read_instants_s(readings)
         else:
             timed = readings.has("time_s")
             time_s = readings.number("time_s") if timed else self._same(readings.n, np.nan)
@@ -153,7 +153,7 @@ class Corrector:
         stale: Mask = np.zeros(readings.n, bool)
         if states.temperature_c is not measured_c:  # some are missing
             stale = np.logical_or.reduce(np.isnan(measured_c[:, self._used]), axis=1)
-        return Taken(states, slow, stale, published_flags(readings) if recorded else None)
+        return Taken(states, slow, stale, read_flags(readings) if recorded else None)
 
     def ended(self, source: Path) -> None:
         """*source* has no more readings; raises `BadInput` if their unit cannot be right."""
@@ -219,13 +219,13 @@ class Corrector:
     def _approaches(self, readings: Readings, q: F64, rate: F64) -> F64:
         if not self._needs_approach and not any(map(readings.has, APPROACH)):
             return self._same(readings.n, np.nan, 3)
-        return approaches(readings, self._arm, q, rate, from_motion=self._needs_approach)
+        return read_approaches(readings, self._arm, q, rate, from_motion=self._needs_approach)
 
     def _rates(self, readings: Readings) -> F64:
         """Joint rates (n, N), NaN in tables without them."""
         n_joints = self._arm.n_joints
         if any(readings.has(f"w{k}") for k in range(1, n_joints + 1)):
-            return rates(readings, n_joints)
+            return read_rates(readings, n_joints)
         return self._same(readings.n, np.nan, n_joints)
 
     def _same(self, n: int, value: float, *width: int) -> npt.NDArray[Any]:

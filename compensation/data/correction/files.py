@@ -16,11 +16,11 @@ import pyarrow.csv
 
 from armd.compensation.data.correction.correction import Corrector, Taken
 from armd.compensation.data.correction.point_columns import COLUMNS, make_point_columns
-from armd.compensation.data.in_order import in_order, keep_freed_memory, read_ahead
-from armd.compensation.data.tables.pieces import line_pieces, open_parquet, parquet_pieces
-from armd.compensation.data.tables.readings import Readings, cast_columns, parse_csv, read_header
+from armd.compensation.data.in_order import keep_freed_memory, read_ahead, run_in_order
+from armd.compensation.data.tables.pieces import open_parquet, read_line_pieces, read_parquet_pieces
+from armd.compensation.data.tables.readings import Readings, convert_columns, parse_csv, read_header
 from armd.compensation.data.tables.recorded import drop_published, is_recorded
-from armd.compensation.data.tables.writing import GroupWriter, table_writer
+from armd.compensation.data.tables.writing import GroupWriter, open_writer
 from armd.errors import BadInput
 from armd.files.inputs import open_input
 from armd.files.writing import replace_file
@@ -77,7 +77,7 @@ def _csv_pieces(
 
         def take_pieces() -> Iterator[tuple[list[bytes], Taken, int]]:
             begun = 0
-            for piece in line_pieces(source, lines):
+            for piece in read_line_pieces(source, lines):
                 rows = [line for line in piece if line.strip()]  # a blank line is no row
                 if not rows:
                     continue
@@ -96,7 +96,7 @@ def _csv_pieces(
             pa.csv.write_csv(make_point_columns(*corrector.correct(new)), text, options)
             return rows, text.getvalue().to_pybytes(), end
 
-        for rows, text, end in in_order(written, read_ahead(take_pieces())):
+        for rows, text, end in run_in_order(written, read_ahead(take_pieces())):
             added = text.splitlines(keepends=True)
             out.writelines(
                 old.rstrip(b"\r") + b"," + new for old, new in zip(rows, added, strict=True)
@@ -118,8 +118,8 @@ def _parquet_pieces(
 
         def take_pieces() -> Iterator[tuple[pa.Table, Taken]]:
             begun = 0
-            for table in parquet_pieces(source, file):
-                cast = cast_columns(source, table, types)
+            for table in read_parquet_pieces(source, file):
+                cast = convert_columns(source, table, types)
                 yield table, corrector.take(Readings(source, old.names, cast, begun))
                 begun += len(table)
 
@@ -130,11 +130,11 @@ def _parquet_pieces(
             return pa.Table.from_arrays(columns, schema=schema)
 
         with (
-            table_writer(source, part, suffix, schema) as out,
+            open_writer(source, part, suffix, schema) as out,
             GroupWriter(source, out) as writer,
         ):
             group: list[pa.Table] = []
-            for table in in_order(corrected, read_ahead(take_pieces())):
+            for table in run_in_order(corrected, read_ahead(take_pieces())):
                 group.append(table)
                 if sum(map(len, group)) >= GROUP_ROWS:
                     writer.write(group)

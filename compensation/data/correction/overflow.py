@@ -13,7 +13,7 @@ FARTHEST_MM = 1e12
 MOST_NAMED = 5
 
 
-def overflowed(position_mm: F64) -> Mask:
+def find_overflows(position_mm: F64) -> Mask:
     """Return which rows (n,) of positions (n, 3) are not finite, or too far to be squared."""
     if len(position_mm) and np.abs(position_mm).max() < FARTHEST_MM:
         return np.zeros(len(position_mm), bool)

@@ -35,7 +35,7 @@ def check_size(path: Path, cells: Cells) -> None:
             raise BadInput(path, f"line {number}", actual, f"{MOST_LETTERS} at most")
 
 
-def with_points(cells: Cells, assumed: list[str], *, decimal_comma: bool = True) -> Cells:
+def use_points(cells: Cells, assumed: list[str], *, decimal_comma: bool = True) -> Cells:
     """Numbers with a plain minus sign and a decimal point, and *assumed* says what was changed."""
     with_minus = [[_with_minus(cell) for cell in row] for row in cells]
     if with_minus != cells:
@@ -45,10 +45,10 @@ def with_points(cells: Cells, assumed: list[str], *, decimal_comma: bool = True)
     ):
         return with_minus
     assumed.append("numbers have a decimal comma")
-    return [[point_of(cell) for cell in row] for row in with_minus]
+    return [[replace_comma(cell) for cell in row] for row in with_minus]
 
 
-def point_of(cell: str) -> str:
+def replace_comma(cell: str) -> str:
     """A number with its decimal comma as a point; any other cell as it stands."""
     return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
 
@@ -60,7 +60,7 @@ def _with_minus(cell: str) -> str:
     return _EXPONENT.sub("-", MINUS.sub("-", cell))
 
 
-def number(cell: str) -> float | None:
+def parse_number(cell: str) -> float | None:
     """The number in a cell, NaN where it says that there is none, None where it is no number."""
     if cell.lower() in MISSING:
         return float("nan")
@@ -72,10 +72,10 @@ def number(cell: str) -> float | None:
 
 def is_number(cell: str) -> bool:
     """Whether it is one, and not missing."""
-    return cell.lower() not in MISSING and number(cell) is not None
+    return cell.lower() not in MISSING and parse_number(cell) is not None
 
 
-def mostly_numbers(row: Sequence[str]) -> bool:
+def has_mostly_numbers(row: Sequence[str]) -> bool:
     """Whether two or more cells, and at least half of those that are not empty, are numbers."""
     filled = [cell for cell in row if cell]
     numbers = sum(map(is_number, filled))

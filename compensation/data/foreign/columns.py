@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from armd.compensation.data.foreign.places import TEXTS, Places, find_places, without_joint
+from armd.compensation.data.foreign.places import TEXTS, Places, find_places, refuse_missing_joint
 from armd.compensation.data.foreign.table import ForeignTable
 from armd.compensation.data.foreign.times import check_unit, read_times
 from armd.compensation.data.foreign.words import (
@@ -18,14 +18,14 @@ from armd.compensation.data.foreign.words import (
     RATES,
     TEMPERATURE,
     TEMPERATURES,
-    joint_name,
-    numbered,
-    word_and_unit,
+    find_joint_name,
+    parse_numbered,
+    split_unit,
 )
-from armd.compensation.data.sessions.columns import QUATERNION, ROLL_PITCH_YAW, number_columns
+from armd.compensation.data.sessions.columns import QUATERNION, ROLL_PITCH_YAW, list_number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 Value = TypeVar("Value")
 
@@ -67,11 +67,11 @@ class Given:
 def find_columns(table: ForeignTable, arm: Arm, options: Given) -> FoundColumns:
     """Raises `BadInput` for a joint without a column, a cell that is no number, a unit not known,
     and a name that may mean two things."""
-    names = [*number_columns(arm), *TEXTS, REFLECTOR]
+    names = [*list_number_columns(arm), *TEXTS, REFLECTOR]
     places = find_places(table, arm, options.columns, names, options.targets)
     for k in range(1, arm.n_joints + 1):
         if f"q{k}" not in places.column_of:
-            raise without_joint(places, k)
+            raise refuse_missing_joint(places, k)
     columns = FoundColumns(_angle_unit(table, places.column_of, options.angle_unit))
     for name, column in places.column_of.items():
         header = table.header[column]
@@ -99,7 +99,7 @@ def _take_times(
     columns: FoundColumns, places: Places, column: int, since: datetime.datetime | None
 ) -> str:
     table = places.table
-    unit = word_and_unit(table.header[column])[1]
+    unit = split_unit(table.header[column])[1]
     check_unit(table, column, unit)
     times = read_times(table, column, unit, places.day, since)
     columns.numbers["time_s"], columns.started = times.seconds, times.started
@@ -116,8 +116,10 @@ def _refuse_empty(table: ForeignTable, name: str, column: int) -> None:
 def _complete(table: ForeignTable, columns: FoundColumns, targets: Sequence[str]) -> None:
     """Placement and target for all rows where no column has them; raises `BadInput`."""
     if "target" not in columns.texts and len(targets) > 1:
-        expected = f"the column of targets ({few(targets)}): --column target=HEADER"
-        raise BadInput(table.path, "target", f"no such column among {few(table.header)}", expected)
+        expected = f"the column of targets ({format_names(targets)}): --column target=HEADER"
+        raise BadInput(
+            table.path, "target", f"no such column among {format_names(table.header)}", expected
+        )
     n = len(table.rows)
     for name in TEXTS:
         if name not in columns.texts:
@@ -137,22 +139,22 @@ def _say_unused(columns: FoundColumns, places: Places) -> None:
         columns.remarks.append(f"left out: {', '.join(unused)}")
     warm = [header for header in unused if _is_temperature(header)]
     if warm:
-        sensors = f"only {few(arm.sensors)}" if arm.sensors else "none"
+        sensors = f"only {format_names(arm.sensors)}" if arm.sensors else "none"
         columns.remarks.append(
-            f"{few(warm)}: temperatures without a sensor; the arm.toml has {sensors}"
+            f"{format_names(warm)}: temperatures without a sensor; the arm.toml has {sensors}"
             " ([[temperature_sensor]], and temperature = of each joint)"
         )
     missing = [name for name in arm.sensors if name not in columns.numbers]
     if missing:
         columns.remarks.append(
-            f"no column for the sensor{'s' * (len(missing) > 1)} {few(missing)}: missing"
+            f"no column for the sensor{'s' * (len(missing) > 1)} {format_names(missing)}: missing"
             f" temperatures (--column {missing[0]}=HEADER)"
         )
 
 
 def _is_temperature(header: str) -> bool:
-    word, unit = word_and_unit(header)
-    like = numbered(word)
+    word, unit = split_unit(header)
+    like = parse_numbered(word)
     return (
         (like is not None and like.kind == "temperature")
         or word in TEMPERATURE[1:]
@@ -169,10 +171,10 @@ def _angle_unit(table: ForeignTable, places: Mapping[str, int], option: str | No
     if option is not None:
         return option
     columns = [column for name, column in places.items() if is_angle(name)]
-    units = {column: word_and_unit(table.header[column])[1] for column in columns}
+    units = {column: split_unit(table.header[column])[1] for column in columns}
     for column, unit in units.items():
         if unit and unit not in ANGLES:
-            expected = f"one of {few(ANGLES)}, or --angle-unit"
+            expected = f"one of {format_names(ANGLES)}, or --angle-unit"
             raise BadInput(
                 table.path, f"column {table.header[column]}", f"the unit {unit!r}", expected
             )
@@ -187,7 +189,7 @@ def _angle_unit(table: ForeignTable, places: Mapping[str, int], option: str | No
     largest = max(filter(math.isfinite, values), default=0.0)
     lerobot = any(
         table.header[column].lower().endswith(LEROBOT_POSITION)
-        or joint_name(table.header[column]) in LEROBOTS_OWN
+        or find_joint_name(table.header[column]) in LEROBOTS_OWN
         for column in columns
     )
     if lerobot and largest <= MOST_NORMALISED:
@@ -213,7 +215,7 @@ def _in_unit(
     options: Given,
 ) -> tuple[str, list[float]]:
     """`, in inches` or the like, and the values as a session has them."""
-    unit = word_and_unit(header)[1]
+    unit = split_unit(header)[1]
     factor, shift = 1.0, 0.0
     if name in ("x_mm", "y_mm", "z_mm"):
         unit = options.length_unit or unit or "mm"
@@ -239,7 +241,9 @@ def _in_unit(
 
 def _look_up_unit(table: ForeignTable, header: str, unit: str, units: Mapping[str, Value]) -> Value:
     if unit not in units:
-        raise BadInput(table.path, f"column {header}", f"the unit {unit!r}", f"one of {few(units)}")
+        raise BadInput(
+            table.path, f"column {header}", f"the unit {unit!r}", f"one of {format_names(units)}"
+        )
     return units[unit]
 
 

@@ -12,12 +12,12 @@ from armd.arrays import F64, I64
 from armd.compensation.data.foreign.places import find_places
 from armd.compensation.data.foreign.table import ForeignTable
 from armd.compensation.data.foreign.times import OF_A_DAY, Times, check_unit, read_times
-from armd.compensation.data.foreign.words import word_and_unit
-from armd.compensation.data.sessions.columns import number_columns
+from armd.compensation.data.foreign.words import split_unit
+from armd.compensation.data.sessions.columns import list_number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
-from armd.terminal.counted import counted
-from armd.terminal.suggest import few
+from armd.terminal.counted import format_count
+from armd.terminal.suggest import format_names
 
 JoinBy = Literal["row", "time"]
 
@@ -44,7 +44,7 @@ def join_tables(
     assumed = [*joints.assumed, *(f"{points.path.name}: {sentence}" for sentence in points.assumed)]
     if by == "row":
         if len(joints.rows) != len(points.rows):
-            actual = f"{counted(len(points.rows), 'row')}"
+            actual = f"{format_count(len(points.rows), 'row')}"
             expected = f"{len(joints.rows)}, as {joints.path.name} has (or times in both tables)"
             raise BadInput(points.path, "the table", actual, expected)
         joint_rows = np.arange(len(points.rows))
@@ -53,13 +53,13 @@ def join_tables(
         for table, (read, _) in zip((joints, points), times, strict=True):
             if read is None:
                 expected = "a column of times, or --join row"
-                actual = f"no such column among {few(table.header)}"
+                actual = f"no such column among {format_names(table.header)}"
                 raise BadInput(table.path, "time_s", actual, expected)
         joint_rows, farthest_s = _nearest(joints, points, readable_times, within_s)
         unused = len(joints.rows) - len(np.unique(joint_rows))
         assumed.append(
             f"joined with {points.path.name} by time, at most {farthest_s:.3g} s apart;"
-            f" {counted(unused, 'row')} of joints without a point"
+            f" {format_count(unused, 'row')} of joints without a point"
         )
     # The points' times only say which joints they belong to, unless there are no others.
     time_columns = set(times[1][1] if readable_times and times[0][0] is not None else ())
@@ -80,11 +80,11 @@ def join_tables(
 
 def _times(table: ForeignTable, arm: Arm) -> tuple[Times | None, list[int]]:
     """When each row was read, if the table says so, and the columns that do."""
-    places = find_places(table, arm, {}, number_columns(arm), ())
+    places = find_places(table, arm, {}, list_number_columns(arm), ())
     column = places.column_of.get("time_s")
     if column is None:
         return None, []
-    unit = word_and_unit(table.header[column])[1]
+    unit = split_unit(table.header[column])[1]
     check_unit(table, column, unit)
     columns = [column] if places.day is None else [column, places.day]
     return read_times(table, column, unit, places.day, None), columns
@@ -107,7 +107,8 @@ def _nearest(
     if len(distant):
         i = int(distant[0])
         actual = (
-            f"{counted(len(distant), 'point')} without joints near in time, row {i + 1} the first"
+            f"{format_count(len(distant), 'point')} without joints near in time,"
+            f" row {i + 1} the first"
         )
         if math.isfinite(apart_s[i]):
             actual += f" ({apart_s[i]:.3g} s)"

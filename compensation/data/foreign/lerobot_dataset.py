@@ -18,8 +18,8 @@ import pyarrow.parquet
 from armd.compensation.data.foreign.table import ForeignTable, has_file
 from armd.errors import BadInput
 from armd.files.inputs import MOST_JSON_BYTES, check_input, read_input
-from armd.files.schema import json_data
-from armd.terminal.counted import counted
+from armd.files.schema import load_json_data
+from armd.terminal.counted import format_count
 
 STATE, INFO, SUFFIX = "observation.state", Path("meta", "info.json"), ".parquet"
 TIME, EPISODE = "timestamp", "episode_index"
@@ -44,7 +44,7 @@ def read_dataset(path: Path) -> ForeignTable:
     episode = np.concatenate([frame[EPISODE] for frame in frames])
     time_s = np.concatenate([frame[TIME] for frame in frames])
     order = np.lexsort((time_s, episode))
-    assumed = [f"joints are {STATE} of {counted(len(order), 'frame')}; actions are left out"]
+    assumed = [f"joints are {STATE} of {format_count(len(order), 'frame')}; actions are left out"]
     time_s = _one_after_another(time_s[order], episode[order])
     if count := len(set(episode.tolist())) - 1:
         assumed.append(
@@ -89,7 +89,7 @@ def _read(file: Path) -> dict[str, np.ndarray]:
 def _names(folder: Path, width: int) -> Sequence[str]:
     """Of the motors; numbers from 1 where the data set has no names. Raises `BadInput`."""
     path = folder / INFO
-    info: Any = json_data(path, read_input(path, MOST_JSON_BYTES))
+    info: Any = load_json_data(path, read_input(path, MOST_JSON_BYTES))
     try:
         names = info["features"][STATE]["names"]
     except (KeyError, TypeError):

@@ -17,7 +17,7 @@ import numpy as np
 from armd.compensation.data.foreign.table import ForeignTable
 from armd.errors import BadInput
 from armd.files.inputs import check_input, read_input
-from armd.files.schema import json_data
+from armd.files.schema import load_json_data
 
 SUFFIX = ".json"
 #: Pictures stand in it as lists of numbers.
@@ -32,7 +32,7 @@ def is_episode(path: Path) -> bool:
 def read_episode(path: Path) -> ForeignTable:
     """All its steps; raises `BadInput` for any other JSON."""
     check_input(path)
-    data = json_data(path, read_input(path, MOST_BYTES))
+    data = load_json_data(path, read_input(path, MOST_BYTES))
     steps = data.get("steps") if isinstance(data, dict) else None
     if not isinstance(steps, list) or not steps:
         expected = "an episode of phosphobot: `steps`, each with an `observation`"

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from armd.compensation.data.foreign.cells import number
+from armd.compensation.data.foreign.cells import parse_number
 from armd.compensation.data.foreign.table import ForeignTable
 from armd.compensation.data.foreign.words import (
     DATE,
@@ -18,14 +18,14 @@ from armd.compensation.data.foreign.words import (
     TIMES,
     WORDS,
     Kind,
-    joint_name,
-    numbered,
-    without_temperature,
-    word_and_unit,
+    drop_temperature,
+    find_joint_name,
+    parse_numbered,
+    split_unit,
 )
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
-from armd.terminal.suggest import few, hint
+from armd.terminal.suggest import format_names, suggest_names
 
 TEXTS = ("placement", "target")
 _ROS_NAME, _ROS_POSITION = re.compile(r"(.*)name_?(\d+)"), "{}position{}"
@@ -55,7 +55,7 @@ class Places:
             header = self.table.header
             actual = f"two columns, {header[self.column_of[name]]!r} and {header[column]!r}"
             expected = f"--column {name}=HEADER"
-            if joint_name(header[self.column_of[name]]) == joint_name(header[column]):
+            if find_joint_name(header[self.column_of[name]]) == find_joint_name(header[column]):
                 expected += ", or --prefix NAME for one arm of several (left_)"
             raise BadInput(self.table.path, name, actual, expected)
         self.column_of[name] = column
@@ -76,9 +76,11 @@ def find_places(
     places = Places(table, arm, names)
     for name, header in assigned.items():
         if name not in names:
-            raise BadInput("the command line", "--column", name, f"a column{hint(name, names)}")
+            raise BadInput(
+                "the command line", "--column", name, f"a column{suggest_names(name, names)}"
+            )
         if header not in table.header:
-            expected = f"a column of the table{hint(header, table.header)}"
+            expected = f"a column of the table{suggest_names(header, table.header)}"
             raise BadInput(table.path, "--column", repr(header), expected)
         column = table.header.index(header)
         if column in places.column_of.values():
@@ -106,7 +108,7 @@ def _put_numbered(places: Places, kind: Kind, assigned: Mapping[str, str]) -> No
     for column, header in places.free():
         if kind == "temperature" and _sensor_by_name(places.arm, header):
             continue
-        match = numbered(word_and_unit(header)[0])
+        match = parse_numbered(split_unit(header)[0])
         if match and match.kind == kind and match.number not in families[match.family]:
             families[match.family][match.number] = column
         elif match and match.kind == kind:
@@ -141,17 +143,20 @@ def _put_sensors(places: Places, family: Mapping[int, int], assigned: Mapping[st
         _put_sensors_in_order(places, family, assigned)
         return
     if len(family) >= len(sensors) and not set(by_number) <= set(family):
-        headers = few(places.table.header[column] for column in family.values())
-        expected = f"the numbers of {few(sensors)}, or which is which: --column {sensors[0]}=HEADER"
+        headers = format_names(places.table.header[column] for column in family.values())
+        expected = (
+            f"the numbers of {format_names(sensors)}, or which is which:"
+            f" --column {sensors[0]}=HEADER"
+        )
         raise BadInput(places.table.path, "the temperatures", headers, expected)
     for k, column in family.items():
         names = by_number.get(k, [])
         header = places.table.header[column]
         if len(names) > 1:
-            actual = f"{few(names)} for {header!r}"
+            actual = f"{format_names(names)} for {header!r}"
             raise BadInput(places.table.path, "the sensors", actual, f"--column {names[0]}=HEADER")
         if 0 in family and 0 not in by_number:
-            expected = f"numbers as in {few(sensors)}: --column {sensors[0]}=HEADER"
+            expected = f"numbers as in {format_names(sensors)}: --column {sensors[0]}=HEADER"
             raise BadInput(places.table.path, f"column {header}", "numbers from 0", expected)
         if names and names[0] not in assigned:
             places.put(names[0], column)
@@ -164,8 +169,10 @@ def _put_sensors_in_order(
     first = 0 if 0 in family else 1
     within = [k for k in family if 0 <= k - first < len(sensors)]
     if within and len(within) < len(family):
-        headers = few(places.table.header[column] for column in family.values())
-        expected = f"which is which: --column {sensors[0]}=HEADER (the arm has {few(sensors)})"
+        headers = format_names(places.table.header[column] for column in family.values())
+        expected = (
+            f"which is which: --column {sensors[0]}=HEADER (the arm has {format_names(sensors)})"
+        )
         raise BadInput(places.table.path, "the temperatures", headers, expected)
     for k in within:
         if sensors[k - first] not in assigned:
@@ -174,18 +181,18 @@ def _put_sensors_in_order(
 
 def _sensor_by_name(arm: Arm, header: str) -> str | None:
     """The sensor called *header*, with a word for temperature or without."""
-    word = word_and_unit(header)[0]
-    by_word = {word_and_unit(name)[0]: name for name in arm.sensors}
+    word = split_unit(header)[0]
+    by_word = {split_unit(name)[0]: name for name in arm.sensors}
     by_word |= {re.sub(r"[^a-zäöü0-9]", "", name.lower()): name for name in arm.sensors}
     return header if header in arm.sensors else by_word.get(
-        word, by_word.get(without_temperature(word))
+        word, by_word.get(drop_temperature(word))
     )  # fmt: skip
 
 
 def _put_words(places: Places, assigned: Mapping[str, str]) -> None:
     """Columns that are called what they are."""
     for column, header in places.free():
-        word, _ = word_and_unit(header)
+        word, _ = split_unit(header)
         name = (
             header
             if header in places.column_names and not re.fullmatch(r"[qw]\d+", header)
@@ -210,7 +217,7 @@ def _put_named_joints(places: Places) -> None:
     columns: dict[str, list[int]] = defaultdict(list)
     named = _named_in_cells(places.table)
     for column, header in places.free():
-        columns[joint_name(named.get(header, header))].append(column)
+        columns[find_joint_name(named.get(header, header))].append(column)
     for names in NAMED_JOINTS:
         if len(names) == places.arm.n_joints and all(columns[name] for name in names):
             for k, name in enumerate(names, 1):
@@ -221,11 +228,11 @@ def _put_named_joints(places: Places) -> None:
 
 def _put_bare_t(places: Places) -> None:
     """`T` alone is time or temperature: by its unit, else by what the table lacks."""
-    bare = [(column, header) for column, header in places.free() if word_and_unit(header)[0] == "t"]
+    bare = [(column, header) for column, header in places.free() if split_unit(header)[0] == "t"]
     for column, header in sorted(
         bare, key=lambda candidate: not _is_clock(places.table, candidate[0])
     ):
-        unit = word_and_unit(header)[1]
+        unit = split_unit(header)[1]
         sensors = [name for name in places.arm.sensors if name not in places.column_of]
         only_time = not places.arm.sensors and header == "t"
         only_time = only_time or bool(places.arm.sensors and not sensors)
@@ -246,7 +253,7 @@ def _put_bare_t(places: Places) -> None:
 
 def _is_clock(table: ForeignTable, column: int) -> bool:
     """Whether a column has dates, or begins with zero and rises: no temperature does."""
-    values = [number(row[column]) for row in table.rows]
+    values = [parse_number(row[column]) for row in table.rows]
     if any(value is None for value in values):
         return True
     numbers = [value for value in values if value is not None]
@@ -257,7 +264,7 @@ def _is_clock(table: ForeignTable, column: int) -> bool:
 def _put_only_temperature(places: Places) -> None:
     """A column `Temperature`, where one sensor alone has no column."""
     words = TEMPERATURE[1:]
-    candidates = [column for column, header in places.free() if word_and_unit(header)[0] in words]
+    candidates = [column for column, header in places.free() if split_unit(header)[0] in words]
     sensors = [name for name in places.arm.sensors if name not in places.column_of]
     if len(candidates) == len(sensors) == 1 and len(places.arm.sensors) == 1:
         places.put(sensors[0], candidates[0])
@@ -265,7 +272,7 @@ def _put_only_temperature(places: Places) -> None:
 
 def _put_day(places: Places) -> None:
     """A column of dates, beside one of times or alone."""
-    days = [column for column, header in places.free() if word_and_unit(header)[0] in DATE]
+    days = [column for column, header in places.free() if split_unit(header)[0] in DATE]
     if len(days) != 1:
         return
     if "time_s" in places.column_of:
@@ -287,14 +294,16 @@ def _put_target_by_content(places: Places, targets: Sequence[str]) -> None:
         places.put("target", fitting[0])
 
 
-def without_joint(places: Places, k: int) -> BadInput:
+def refuse_missing_joint(places: Places, k: int) -> BadInput:
     """No column is joint *k*; where the names are in cells, as ROS writes them, it says which."""
     table = places.table
     expected = f"a column for joint {k}: --column q{k}=HEADER"
     pairs = [f"{value} is {name}" for value, name in _named_in_cells(table).items()]
     if pairs:
-        expected += f" ({few(pairs)}, by the names in the table)"
-    return BadInput(table.path, f"q{k}", f"no such column among {few(table.header)}", expected)
+        expected += f" ({format_names(pairs)}, by the names in the table)"
+    return BadInput(
+        table.path, f"q{k}", f"no such column among {format_names(table.header)}", expected
+    )
 
 
 def _named_in_cells(table: ForeignTable) -> dict[str, str]:

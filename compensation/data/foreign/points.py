@@ -11,9 +11,9 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.data.foreign.table import ForeignTable, read_table
 from armd.compensation.data.foreign.times import check_unit, read_times
-from armd.compensation.data.foreign.words import DATE, LENGTHS, WORDS, word_and_unit
+from armd.compensation.data.foreign.words import DATE, LENGTHS, WORDS, split_unit
 from armd.errors import BadInput
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 AXES = ("x_mm", "y_mm", "z_mm")
 TAKEN = (*AXES, "target", "placement")
@@ -41,7 +41,7 @@ def read_points(path: Path, *, timed: bool = False) -> PointTable:
     remarks = list(table.assumed)
     columns: dict[str, int] = {}
     for column, header in enumerate(table.header):
-        word = word_and_unit(header)[0]
+        word = split_unit(header)[0]
         name = "date" if word in DATE else header if header in TAKEN else WORDS.get(word)
         if name is None or name not in (*TAKEN, *(TIMED if timed else ())):
             continue
@@ -52,7 +52,9 @@ def read_points(path: Path, *, timed: bool = False) -> PointTable:
     for name in AXES:
         if name not in columns:
             expected = "columns x_mm, y_mm, z_mm"
-            raise BadInput(path, name, f"no such column among {few(table.header)}", expected)
+            raise BadInput(
+                path, name, f"no such column among {format_names(table.header)}", expected
+            )
     position = np.column_stack([_millimetres(table, columns[name]) for name in AXES])
     names = {
         name: [row[columns[name]] for row in table.rows]
@@ -77,7 +79,7 @@ def _times(
     column = columns.get("time_s", columns.get("date"))
     if column is None:
         return [float("nan")] * len(table.rows), None
-    unit = word_and_unit(table.header[column])[1]
+    unit = split_unit(table.header[column])[1]
     check_unit(table, column, unit)
     day = columns.get("date") if "time_s" in columns else None
     times = read_times(table, column, unit, day, None)
@@ -86,9 +88,9 @@ def _times(
 
 def _millimetres(table: ForeignTable, column: int) -> list[float]:
     header = table.header[column]
-    unit = word_and_unit(header)[1] or "mm"
+    unit = split_unit(header)[1] or "mm"
     if unit not in LENGTHS:
-        expected = f"one of {few(LENGTHS)}"
+        expected = f"one of {format_names(LENGTHS)}"
         raise BadInput(table.path, f"column {header}", f"the unit {unit!r}", expected)
     values = [LENGTHS[unit] * table.number(row, column) for row in range(len(table.rows))]
     for row, value in enumerate(values):

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from armd.compensation.data.foreign.table import ForeignTable, has_file
 from armd.errors import BadInput
 from armd.files.inputs import check_input
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 KIND = "sensor_msgs/msg/JointState"
 SUFFIXES = (".mcap", ".db3")
@@ -56,7 +56,7 @@ def read_bag(path: Path) -> ForeignTable:
     messages = [message for file in files for message in _messages(file)]
     topics = Counter(message.topic for message in messages)
     if len(topics) != 1:
-        actual = few(topics) if topics else f"no {KIND}"
+        actual = format_names(topics) if topics else f"no {KIND}"
         raise BadInput(path, "the topics", actual, f"one topic of {KIND}")
     states = []
     for number, message in enumerate(messages, 1):
@@ -71,7 +71,7 @@ def read_bag(path: Path) -> ForeignTable:
         [str(state.stamp_ns), *(repr(state.angle_rad.get(name, math.nan)) for name in names)]
         for state in sorted(states, key=lambda state: state.stamp_ns)
     ]
-    remark = f"{len(rows)} messages of {next(iter(topics))}, a {KIND}; names: {few(names)}"
+    remark = f"{len(rows)} messages of {next(iter(topics))}, a {KIND}; names: {format_names(names)}"
     return ForeignTable(path, header, rows, [remark])
 
 

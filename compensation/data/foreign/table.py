@@ -12,15 +12,15 @@ from pathlib import Path
 
 from armd.compensation.data.foreign.cells import (
     Cells,
+    has_mostly_numbers,
     is_number,
-    mostly_numbers,
-    number,
+    parse_number,
 )
 from armd.compensation.data.foreign.text import read_text
-from armd.compensation.data.foreign.words import UNITLESS, UNITS, word_and_unit
+from armd.compensation.data.foreign.words import UNITLESS, UNITS, split_unit
 from armd.compensation.data.foreign.workbook import EXCEL, read_workbook
 from armd.errors import BadInput
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 #: What is read as a table, by the suffix of its name.
 TABLES = (".csv", ".tsv", ".txt", ".xlsx")
@@ -38,7 +38,7 @@ class ForeignTable:
 
     def number(self, row: int, column: int) -> float:
         """A cell's number, NaN where it is missing; raises `BadInput`."""
-        value = number(self.rows[row][column])
+        value = parse_number(self.rows[row][column])
         if value is None:
             raise self.fault(row, column, "a number")
         return value
@@ -52,7 +52,9 @@ class ForeignTable:
         prefix = f"{prefix.rstrip('_')}_"
         arm_columns = {name.removeprefix(prefix) for name in self.header if name.startswith(prefix)}
         if not arm_columns:
-            raise BadInput(self.path, "--prefix", repr(prefix), f"one of {few(self.header)}")
+            raise BadInput(
+                self.path, "--prefix", repr(prefix), f"one of {format_names(self.header)}"
+            )
         columns, header = [], []
         for column, name in enumerate(self.header):
             bare = name.removeprefix(prefix)
@@ -81,7 +83,7 @@ def read_table(path: Path, sheet: str | None = None) -> ForeignTable:
     else:
         cells, assumed = read_text(path)
     begin = _header(cells)
-    if begin is not None and mostly_numbers(cells[begin]):
+    if begin is not None and has_mostly_numbers(cells[begin]):
         raise _without_header(path, begin, cells[begin])
     if begin is None or begin + 1 == len(cells):
         raise BadInput(path, "the table", "no rows", "a header and one row per reading")
@@ -143,12 +145,12 @@ def _with_units(
         assumed.append(f"line {filled[0] + 1} has the columns' units")
         units += [""] * (len(header) - len(units))
         header = [
-            f"{name} [{unit}]" if unit in UNITS and not word_and_unit(name)[1] else name
+            f"{name} [{unit}]" if unit in UNITS and not split_unit(name)[1] else name
             for name, unit in zip(header, units, strict=False)
         ]
         return header, filled[0] + 1
-    if not any(map(is_number, row)) and mostly_numbers(below):
-        actual = f"no numbers ({few(filter(None, row))})"
+    if not any(map(is_number, row)) and has_mostly_numbers(below):
+        actual = f"no numbers ({format_names(filter(None, row))})"
         expected = "a reading, or units that armd knows: deg, rad, mm, s, °C, …"
         raise BadInput(path, f"line {filled[0] + 1}", actual, expected)
     return header, first

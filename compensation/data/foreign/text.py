@@ -16,8 +16,8 @@ from armd.compensation.data.foreign.cells import (
     Cells,
     check_size,
     is_number,
-    point_of,
-    with_points,
+    replace_comma,
+    use_points,
 )
 from armd.errors import BadInput
 from armd.files.inputs import read_input
@@ -58,7 +58,7 @@ def read_text(path: Path) -> tuple[Cells, list[str]]:
         cells = [[cell.strip() for cell in row] for row in cells]
     check_size(path, cells)
     assumed_comma = separator == "," and not by_spaces
-    return with_points(cells, assumed, decimal_comma=not assumed_comma), assumed
+    return use_points(cells, assumed, decimal_comma=not assumed_comma), assumed
 
 
 def _decoded(path: Path) -> tuple[str, list[str]]:
@@ -95,7 +95,7 @@ def _share_of_numbers(lines: Sequence[str], pattern: str) -> float:
     if columns == 1:
         return 0.0
     cells = [cell.strip() for row in rows if len(row) == columns for cell in row]
-    numbers = sum(is_number(point_of(cell) if pattern != "," else cell) for cell in cells)
+    numbers = sum(is_number(replace_comma(cell) if pattern != "," else cell) for cell in cells)
     return numbers / max(len(cells), 1)
 
 

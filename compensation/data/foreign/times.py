@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 
-from armd.compensation.data.foreign.cells import number
+from armd.compensation.data.foreign.cells import parse_number
 from armd.compensation.data.foreign.table import ForeignTable
 from armd.compensation.data.foreign.words import MISSING, TIMES
 from armd.errors import BadInput
@@ -51,7 +51,7 @@ def read_times(
         ]
         if all(_CLOCK.fullmatch(cell) for cell in cells if cell.lower() not in MISSING):
             return _of_dates(table, column, dated, since)
-    if any(number(cell) is None for cell in cells):
+    if any(parse_number(cell) is None for cell in cells):
         if all(_CLOCK.fullmatch(cell) for cell in cells if cell.lower() not in MISSING):
             return _of_clock(cells)
         return _of_dates(table, column, cells, since)

@@ -135,7 +135,7 @@ class Numbered:
     family: str  # the header without its number: columns of one family count alike
 
 
-def word_and_unit(header: str) -> tuple[str, str]:
+def split_unit(header: str) -> tuple[str, str]:
     """`Joint 1 [deg]`, `q1_deg`, `X (in)` as a bare word and a unit, both in small letters."""
     text = header.translate(GREEK).lower().strip()
     *words, last = re.split(r"[ _.]+", text)
@@ -150,7 +150,7 @@ def word_and_unit(header: str) -> tuple[str, str]:
     return re.sub(r"[^a-zäöü0-9]", "", text), unit
 
 
-def numbered(word: str) -> Numbered | None:
+def parse_numbered(word: str) -> Numbered | None:
     """What the bare *word* says of a joint or sensor that it counts; None for any other word."""
     parts = re.fullmatch(r"([a-zäöü]*?)(\d{1,3})([a-zäöü]*)", word)  # no arm has a thousand
     if parts is None or not parts[1] + parts[3]:
@@ -174,14 +174,14 @@ def numbered(word: str) -> Numbered | None:
     return Numbered(kind, int(parts[2]), f"{parts[1]}#{parts[3]}")
 
 
-def joint_name(header: str) -> str:
+def find_joint_name(header: str) -> str:
     """`observation.state.shoulder_pan.pos` as `shoulderpan`; what has no such name as it stands."""
-    word, _ = word_and_unit(header)
+    word, _ = split_unit(header)
     bare = _AROUND_NAMES.fullmatch(word)
     return bare[1] if bare else word
 
 
-def without_temperature(word: str) -> str:
+def drop_temperature(word: str) -> str:
     """`servo2temp`, `tempservo2` as `servo2`."""
     for part in sorted(TEMPERATURE[1:], key=len, reverse=True):
         if word.removeprefix(part) != word or word.removesuffix(part) != word:

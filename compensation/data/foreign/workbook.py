@@ -18,11 +18,11 @@ from armd.compensation.data.foreign.cells import (
     MOST_LETTERS,
     Cells,
     check_size,
-    with_points,
+    use_points,
 )
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.terminal.suggest import few, hint
+from armd.terminal.suggest import format_names, suggest_names
 
 EXCEL = (".xlsx", ".xlsm")
 MOST_BYTES = 64 << 20
@@ -53,7 +53,9 @@ def read_workbook(path: Path, sheet: str | None) -> tuple[Cells, list[str]]:
     if not names:
         raise BadInput(path, "the file", "no sheet with cells", "a sheet with a table")
     if sheet is not None and sheet not in names:
-        raise BadInput(path, "--sheet", repr(sheet), f"one of its sheets{hint(sheet, names)}")
+        raise BadInput(
+            path, "--sheet", repr(sheet), f"one of its sheets{suggest_names(sheet, names)}"
+        )
     chosen = sheet or names[0]
     assumed = [] if sheet or len(names) == 1 else [_which_sheet(chosen, names)]
     try:
@@ -63,7 +65,7 @@ def read_workbook(path: Path, sheet: str | None) -> tuple[Cells, list[str]]:
     except Exception as error:
         raise _no_workbook(path, error) from error
     check_size(path, cells)
-    return with_points(cells, assumed), assumed  # as text a cell keeps the comma it came with
+    return use_points(cells, assumed), assumed  # as text a cell keeps the comma it came with
 
 
 def _rows(path: Path, sheet: Any) -> Iterator[list[str]]:
@@ -82,7 +84,7 @@ def _rows(path: Path, sheet: Any) -> Iterator[list[str]]:
 
 
 def _which_sheet(chosen: str, names: list[str]) -> str:
-    other_names = few(name for name in names if name != chosen)
+    other_names = format_names(name for name in names if name != chosen)
     return f"the readings are on the sheet {chosen!r} (--sheet; there is also {other_names})"
 
 

@@ -11,7 +11,7 @@ from armd.arrays import F64
 from armd.compensation.data.sessions.format import AngleUnit
 from armd.compensation.data.tables.within import LARGEST, is_within
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import motion_directions
+from armd.compensation.model.kinematics import compute_motion_directions
 from armd.errors import BadInput
 
 if TYPE_CHECKING:  # Arrow, which names of columns do not need
@@ -34,7 +34,7 @@ MOST_MM = 1e6
 CHUNK = 1 << 16
 
 
-def angles(
+def read_angles(
     readings: Readings,
     arm: Arm,
     unit: AngleUnit,
@@ -110,7 +110,7 @@ class LikeRadians:
             raise self._fault
 
 
-def temperatures(readings: Readings, sensors: list[str], order: MemoryOrder = "C") -> F64:
+def read_temperatures(readings: Readings, sensors: list[str], order: MemoryOrder = "C") -> F64:
     """Columns of °C (n, S); NaN where a value or the whole column is missing."""
     columns = np.empty((readings.n, len(sensors)), order=order)
     for s, name in enumerate(sensors):
@@ -126,7 +126,7 @@ def temperatures(readings: Readings, sensors: list[str], order: MemoryOrder = "C
     return columns
 
 
-def times(readings: Readings) -> F64:
+def read_times(readings: Readings) -> F64:
     """Seconds since `started` (n,); all NaN where the whole column is empty: nobody knows when."""
     time_s = readings.number("time_s")
     if not np.isnan(time_s).all():
@@ -136,7 +136,7 @@ def times(readings: Readings) -> F64:
     return time_s
 
 
-def number_columns(arm: Arm) -> list[str]:
+def list_number_columns(arm: Arm) -> list[str]:
     """The columns of numbers that readings of this arm may have."""
     joints = range(1, arm.n_joints + 1)
     angle_and_rate = [f"{letter}{k}" for letter in "qw" for k in joints]
@@ -144,7 +144,7 @@ def number_columns(arm: Arm) -> list[str]:
     return ["time_s", *angle_and_rate, *arm.sensors, "artefact_c", *APPROACH, *truth]
 
 
-def rates(readings: Readings, n_joints: int) -> F64:
+def read_rates(readings: Readings, n_joints: int) -> F64:
     """Joint rates (n, N) in rad/s; NaN where a value or the whole column is missing."""
     rate = np.full((readings.n, n_joints), np.nan)
     for k in range(n_joints):
@@ -156,7 +156,9 @@ def rates(readings: Readings, n_joints: int) -> F64:
     return rate
 
 
-def approaches(readings: Readings, arm: Arm, q: F64, rate: F64, *, from_motion: bool = True) -> F64:
+def read_approaches(
+    readings: Readings, arm: Arm, q: F64, rate: F64, *, from_motion: bool = True
+) -> F64:
     """Unit vectors (n, 3): as given, otherwise the tip's direction of motion, otherwise NaN.
 
     Without *from_motion*, for a model that no approach concerns, those alone that are given.
@@ -175,11 +177,11 @@ def approaches(readings: Readings, arm: Arm, q: F64, rate: F64, *, from_motion: 
     )
     for first in range(0, len(moved), CHUNK):
         rows = moved[first : first + CHUNK]
-        approach[rows] = motion_directions(q[rows], rate[rows], arm.nominal())
+        approach[rows] = compute_motion_directions(q[rows], rate[rows], arm.nominal())
     return approach
 
 
-def truths(readings: Readings) -> F64:
+def read_truths(readings: Readings) -> F64:
     """Where the tip stood (n, 3) mm in the placement's frame; NaN where the target tells."""
     truth = _three(readings, TRUTH)
     for i, name in enumerate(TRUTH):

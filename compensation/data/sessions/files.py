@@ -6,8 +6,8 @@ from pathlib import Path
 
 from armd.compensation.data.foreign.table import TABLES
 from armd.errors import BadInput
-from armd.terminal.counted import counted
-from armd.terminal.suggest import few, list_folder, suggest_path
+from armd.terminal.counted import format_count
+from armd.terminal.suggest import format_names, list_folder, suggest_path
 
 READINGS = ("readings.csv", "readings.parquet")
 
@@ -23,13 +23,15 @@ def check_is_session(folder: Path) -> None:
             expected += ": armd import makes one of a table"
         elif not folder.exists():
             siblings = sorted(path.parent.name for path in folder.parent.glob("*/session.toml"))
-            expected += suggest_path(folder) or (f": there is {few(siblings)}" if siblings else "")
+            expected += suggest_path(folder) or (
+                f": there is {format_names(siblings)}" if siblings else ""
+            )
         raise BadInput(folder, "the session", actual, expected)
     if (folder / "session.toml").exists():
         return
     below = sorted(path.parent.name for path in folder.glob("*/session.toml"))
     if below:
-        actual = f"a folder of {counted(len(below), 'session')}"
+        actual = f"a folder of {format_count(len(below), 'session')}"
         expected = f"sessions, as {' '.join(str(folder / name) for name in below[:2])}"
         raise BadInput(folder, "the session", actual, expected + " …" * (len(below) > 2))
     if (folder.parent / "session.toml").is_file():
@@ -40,7 +42,7 @@ def check_is_session(folder: Path) -> None:
     )
 
 
-def readings_path(folder: Path) -> Path:
+def find_readings(folder: Path) -> Path:
     """The table of readings in a session's folder; raises `BadInput` if there is not one."""
     present = [folder / name for name in READINGS if (folder / name).exists()]
     if len(present) != 1:

@@ -22,7 +22,7 @@ from pydantic import (
 from armd.arrays import F64
 from armd.compensation.model.arm import Vector3
 from armd.files.schema import Strict
-from armd.terminal.suggest import hint
+from armd.terminal.suggest import suggest_names
 
 #: What a certified length may be off the certified positions, beside their uncertainties.
 CONTRADICTION_MM = 1.0
@@ -58,7 +58,7 @@ Day = Annotated[
 ]
 
 
-def measured_at(instant: datetime.datetime) -> datetime.datetime:
+def check_instant(instant: datetime.datetime) -> datetime.datetime:
     """*instant*, if somebody can have measured then; raises `ValueError` with what is expected."""
     if not FIRST_YEAR <= instant.year <= LAST_YEAR:
         raise ValueError(f"an instant of the years {FIRST_YEAR} to {LAST_YEAR}")
@@ -140,7 +140,7 @@ class Artefact(Strict):
         for i, distance in enumerate(self.distances, 1):
             for name in distance.between:
                 if name not in names:
-                    like = hint(name, names)
+                    like = suggest_names(name, names)
                     raise ValueError(f"a target's name in distance[{i}], not {name!r}{like}")
             if distance.between[0] == distance.between[1]:
                 raise ValueError(f"distance[{i}] between two different targets")
@@ -248,7 +248,7 @@ class SessionFile(Strict):
 
     schema_: Literal["armd.session/1"] = Field(alias="schema")
     arm: Name
-    started: Annotated[AwareDatetime, AfterValidator(measured_at)]
+    started: Annotated[AwareDatetime, AfterValidator(check_instant)]
     operator: Name | None = None
     angle_unit: AngleUnit = "rad"
     artefact: Artefact

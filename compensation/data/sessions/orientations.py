@@ -14,7 +14,7 @@ from armd.errors import BadInput
 MOST_OFF = 0.01
 
 
-def orientations(readings: Readings) -> F64 | None:
+def read_orientations(readings: Readings) -> F64 | None:
     """Rotations (n, 3, 3) of the measured body into the placement's frame, NaN without one.
 
     `qx, qy, qz, qw`, or URDF's roll, pitch and yaw in degrees: Rz(yaw)·Ry(pitch)·Rx(roll). None

@@ -19,16 +19,16 @@ from armd.compensation.data.in_order import read_ahead
 from armd.compensation.data.sessions.columns import (
     LikeRadians,
     MemoryOrder,
-    angles,
-    approaches,
-    number_columns,
-    rates,
-    times,
-    truths,
+    list_number_columns,
+    read_angles,
+    read_approaches,
+    read_rates,
+    read_times,
+    read_truths,
 )
-from armd.compensation.data.sessions.files import READINGS, check_is_session, readings_path
+from armd.compensation.data.sessions.files import READINGS, check_is_session, find_readings
 from armd.compensation.data.sessions.format import Artefact, SessionFile
-from armd.compensation.data.sessions.orientations import orientations
+from armd.compensation.data.sessions.orientations import read_orientations
 from armd.compensation.data.soundness.temperature_columns import TemperatureColumns
 from armd.compensation.data.soundness.turns import (
     AngleRange,
@@ -36,15 +36,15 @@ from armd.compensation.data.soundness.turns import (
     fold_turns,
     report_open_turns,
 )
-from armd.compensation.data.tables.pieces import reading_pieces
-from armd.compensation.data.tables.readings import Readings, load_readings, row_in_words
+from armd.compensation.data.tables.pieces import read_pieces
+from armd.compensation.data.tables.readings import Readings, describe_row, load_readings
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.errors import BadInput
 from armd.files.inputs import open_input
 from armd.files.schema import load_toml
-from armd.printable import printable
-from armd.terminal.suggest import hint
+from armd.printable import to_printable
+from armd.terminal.suggest import suggest_names
 
 TEXTS = ["placement", "target", "reflector"]
 #: Of a piece's arrays in memory: what is asked of whole columns is several times faster so.
@@ -119,7 +119,7 @@ class Session:
         """A reading as a person finds it: the table in the session's folder, row and line."""
         csv, parquet = READINGS
         table = parquet if (self.path / parquet).exists() else csv
-        return f"{self.name}/{table} {row_in_words(Path(table), int(self.row[i]))}"
+        return f"{self.name}/{table} {describe_row(Path(table), int(self.row[i]))}"
 
     def fingerprint(self) -> str:
         """SHA-256 over session.toml and the readings, as they stand on disk now; of a session in
@@ -137,7 +137,7 @@ class Session:
         return digest.hexdigest()
 
 
-def distinct_names(sessions: Sequence[Session]) -> list[str]:
+def make_distinct_names(sessions: Sequence[Session]) -> list[str]:
     """Return the folders' names; whole paths where two folders share one."""
     names = [session.name for session in sessions]
     distinct = len(set(names)) == len(names)
@@ -187,11 +187,11 @@ def load_session(path: str | Path, arm: Arm, file: SessionFile | None = None) ->
     """
     folder = Path(path)
     file = _session_file(folder, arm, file)
-    readings = load_readings(readings_path(folder), number_columns(arm), TEXTS)
-    return build_session(folder, file, arm, readings)
+    readings = load_readings(find_readings(folder), list_number_columns(arm), TEXTS)
+    return assemble_session(folder, file, arm, readings)
 
 
-def build_session(
+def assemble_session(
     place: Path,
     file: SessionFile,
     arm: Arm,
@@ -207,7 +207,7 @@ def build_session(
     return replace(session, digest=digest)
 
 
-def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
+def load_session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
     """The session that `load_session` reads, in pieces that follow each other.
 
     Each piece names the placements that there were so far. Raises `BadInput` as `load_session`.
@@ -219,7 +219,7 @@ def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
     dated: bool | None = None
     artefact_c = np.nan
     celsius = TemperatureColumns(arm, PIECES_ORDER)
-    pieces = reading_pieces(readings_path(folder), number_columns(arm), TEXTS)
+    pieces = read_pieces(find_readings(folder), list_number_columns(arm), TEXTS)
     for readings in read_ahead(pieces):
         piece = _session(folder, file, arm, readings, placements, celsius, PIECES_ORDER)
         file = file.model_copy(update={"artefact": piece.artefact})
@@ -261,16 +261,16 @@ def _session(
 ) -> Session:
     """*placements*: names of earlier rows and their numbers; new ones are added to it. *celsius*:
     what the sensors read in earlier rows. *order*: of the angles in memory."""
-    numbers = number_columns(arm)
+    numbers = list_number_columns(arm)
     codes, names = readings.names("placement")
     numbered = [placements.setdefault(name, len(placements)) for name in names]
     placement = np.array(numbered, dtype=np.int64)[codes]
     targets = readings.names("target")
     artefact = file.artefact.with_documented(targets[1])
-    time_s = times(readings)
-    q, turns = fold_turns(angles(readings, arm, file.angle_unit, order=order), arm)
-    rate = rates(readings, arm.n_joints)
-    name = printable(folder.resolve().name)
+    time_s = read_times(readings)
+    q, turns = fold_turns(read_angles(readings, arm, file.angle_unit, order=order), arm)
+    rate = read_rates(readings, arm.n_joints)
+    name = to_printable(folder.resolve().name)
     reflector, reflectors = readings.names("reflector") if readings.has("reflector") else (None, [])
     temperature_c, artefact_c, remarks = celsius.take(readings, time_s, name)
     return Session(
@@ -284,19 +284,19 @@ def _session(
             rate=rate,
             temperature_c=temperature_c,
             time_s=file.started.timestamp() + time_s,
-            approach=approaches(readings, arm, q, rate),
+            approach=read_approaches(readings, arm, q, rate),
             series=np.zeros(readings.n, dtype=np.int64),
         ),
         placement=placement,
         placement_names=list(placements),
         target=_targets(readings, *targets, artefact),
-        truth_mm=truths(readings),
+        truth_mm=read_truths(readings),
         artefact_c=artefact_c,
         unused_columns=[name for name in readings.header if name not in (*numbers, *TEXTS)],
         row=readings.first_row + np.arange(readings.n),
         operator=file.operator,
         remarks=(*remarks, *describe_turns(name, turns)),
-        turn=orientations(readings),
+        turn=read_orientations(readings),
         reflector=reflector,
         reflector_names=tuple(reflectors),
         offset_mm={entry.name: entry.offset_mm for entry in file.reflectors},
@@ -308,7 +308,7 @@ def _targets(readings: Readings, codes: I64, names: list[str], artefact: Artefac
     for code, name in enumerate(names):
         if name not in index_of:
             row = int(np.argmax(codes == code))
-            expected = f"a target of the artefact{hint(name, index_of)}"
+            expected = f"a target of the artefact{suggest_names(name, index_of)}"
             if not index_of:
                 expected = "a [[artefact.target]] of this name in session.toml"
             raise readings.fault(row, "target", repr(name), expected)

@@ -13,7 +13,7 @@ import pyarrow.parquet
 
 from armd.compensation.data.sessions.files import READINGS
 from armd.compensation.data.sessions.format import SessionFile
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from armd.files.writing import replace_file
 
 
@@ -40,4 +40,4 @@ def write_session(
             pa.csv.write_csv(table, part)
     (folder / READINGS[not parquet]).unlink(missing_ok=True)
     with replace_file(folder / "session.toml") as part:
-        part.write_text(toml_text(file), encoding="utf-8")
+        part.write_text(format_toml(file), encoding="utf-8")

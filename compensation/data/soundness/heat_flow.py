@@ -32,7 +32,7 @@ SETTLED_S = 5.0
 MOST_HISTORIES = 8
 
 
-def reachable_k(seconds: F64) -> F64:
+def compute_reachable_k(seconds: F64) -> F64:
     """How far (n,) K a link's temperature moves in *seconds* (n,) at most; NaN: not known."""
     reach = MOST_DRIVING_K * -np.expm1(-np.abs(seconds) / FASTEST_S)
     return np.maximum(np.where(np.isnan(reach), MOST_DRIVING_K, reach), LEAST_K)
@@ -41,7 +41,7 @@ def reachable_k(seconds: F64) -> F64:
 def _jumps(value: F64, time: F64) -> I64:
     """Where (from 0) readings stand that the one before does not lead to."""
     steps = np.flatnonzero(np.abs(np.diff(value)) > LEAST_K)  # no less is impossible
-    reach_k = reachable_k(time[steps + 1] - time[steps])
+    reach_k = compute_reachable_k(time[steps + 1] - time[steps])
     jumps: I64 = steps[np.abs(value[steps + 1] - value[steps]) > reach_k] + 1
     return jumps
 
@@ -59,7 +59,7 @@ class History:
         apart_k = abs(celsius - self.last_c)
         if apart_k <= LEAST_K:
             return True
-        return apart_k <= float(reachable_k(np.array(time_s - self.last_s)))
+        return apart_k <= float(compute_reachable_k(np.array(time_s - self.last_s)))
 
 
 class SensorHeat:

@@ -94,7 +94,7 @@ def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
     return Sound(tuple(mended), arm, tuple(remarks))
 
 
-def still_and_far(session: Session, arm: Arm) -> list[tuple[str, float]]:
+def find_still_and_far(session: Session, arm: Arm) -> list[tuple[str, float]]:
     """Temperatures, the artefact's among them, of one value in all rows that is far from all other
     values, °C: a channel that shows nothing, or the others do."""
     names = [*arm.used_sensors, "artefact_c"]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.sessions.columns import MemoryOrder, temperatures
+from armd.compensation.data.sessions.columns import MemoryOrder, read_temperatures
 from armd.compensation.data.soundness.heat_flow import SensorHeat
-from armd.compensation.data.tables.readings import Readings, row_in_words
+from armd.compensation.data.tables.readings import Readings, describe_row
 from armd.compensation.model.arm import Arm
 
 #: So many rows are named in one sentence.
@@ -30,7 +30,7 @@ class TemperatureColumns:
 
         NaN is missing; so is what no link can have had, which a remark names by file and row.
         """
-        celsius = temperatures(readings, self._names, self._order)
+        celsius = read_temperatures(readings, self._names, self._order)
         remarks = []
         for column, heat in enumerate(self._heat):
             if not readings.has(self._names[column]):
@@ -61,7 +61,7 @@ class _Dropped:
 
     def in_words(self, readings: Readings, name: str, around_c: float) -> str:
         table = f"{name}/{readings.path.name}" if name else str(readings.path)
-        first = row_in_words(readings.path, readings.first_row + int(self.rows[0]))
+        first = describe_row(readings.path, readings.first_row + int(self.rows[0]))
         jump_k = abs(float(self.read_c[0]) - around_c)
         text = f"{table} {first}: {self.sensor} reads {self.read_c[0]:g} °C"
         if np.isfinite(jump_k):

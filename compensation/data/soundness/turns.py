@@ -21,7 +21,7 @@ from armd.compensation.model.arm import Arm
 AT_A_LIMIT_RAD = 1e-6
 
 
-def whole_turns(q: F64, arm: Arm) -> I64:
+def find_whole_turns(q: F64, arm: Arm) -> I64:
     """Whole turns (n, N) by which angles (n, N) rad stand outside their joints' limits.
 
     Limits at most a turn apart decide always. Wider ones decide where the angle is outside and
@@ -71,7 +71,7 @@ def are_decided(arm: Arm) -> Mask:
 
 def fold_turns(q: F64, arm: Arm) -> tuple[F64, I64]:
     """Angles (n, N) rad within the limits that decide the turn, and the turns taken off."""
-    turns = whole_turns(q, arm)
+    turns = find_whole_turns(q, arm)
     if not turns.any():
         return q, turns
     return np.where(turns == 0, q, q - math.tau * turns), turns

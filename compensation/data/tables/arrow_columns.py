@@ -11,7 +11,7 @@ from armd.arrays import F64, I64
 FEW_NAMES = 16
 
 
-def numbers_of(column: pa.Array) -> F64:
+def to_numbers(column: pa.Array) -> F64:
     """Numbers (n,) of a column, NaN where missing."""
     if not len(column) or column.type != pa.float64():
         return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
@@ -25,7 +25,7 @@ def numbers_of(column: pa.Array) -> F64:
     return numbers
 
 
-def encoded_in_order(column: pa.Array) -> pa.DictionaryArray:
+def encode_in_order(column: pa.Array) -> pa.DictionaryArray:
     """A column of names as numbers of those that are there, in the order in which they come."""
     if not pa.types.is_dictionary(column.type):
         return column.dictionary_encode()
@@ -33,7 +33,7 @@ def encoded_in_order(column: pa.Array) -> pa.DictionaryArray:
     few = 0 < len(names) <= FEW_NAMES and len(names.unique()) == len(names)
     if column.null_count or names.null_count or not few:
         return column.cast(pa.string()).dictionary_encode()
-    codes = codes_of(column)
+    codes = to_codes(column)
     first = {}  # row → code; a dictionary of Parquet has the names of other rows, too
     for code in range(len(names)):
         row = int(np.argmax(codes == code)) if len(codes) else 0
@@ -49,6 +49,6 @@ def encoded_in_order(column: pa.Array) -> pa.DictionaryArray:
     )
 
 
-def codes_of(encoded: pa.DictionaryArray) -> I64:
+def to_codes(encoded: pa.DictionaryArray) -> I64:
     """Indices (n,) of a dictionary column in which nothing is missing."""
     return np.asarray(np.from_dlpack(encoded.indices), dtype=np.int64)

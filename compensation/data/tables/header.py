@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from armd.errors import BadInput
-from armd.printable import invisible
+from armd.printable import escape_invisible
 
 
 def check_header(path: Path, header: Sequence[str]) -> None:
@@ -15,5 +15,5 @@ def check_header(path: Path, header: Sequence[str]) -> None:
     for name, count in Counter(header).items():
         if count > 1:
             raise BadInput(path, f"column {name}", f"{count} of it", "one")
-        if hidden := invisible(name):
+        if hidden := escape_invisible(name):
             raise BadInput(path, "the header", f"the character {hidden}", "names that can be read")

@@ -13,14 +13,14 @@ import pyarrow.parquet
 from armd.compensation.data.tables.readings import (
     LONGEST_LINE_BYTES,
     Readings,
-    cast_columns,
     check_quotes,
+    convert_columns,
     convert_options,
     explain,
-    not_parquet,
     read_header,
-    wanted_columns,
-    without_readings,
+    refuse_damaged,
+    refuse_empty,
+    select_columns,
 )
 from armd.errors import BadInput
 
@@ -30,10 +30,10 @@ PIECE_BYTES = 8 << 20
 PIECE_ROWS = 1 << 14
 
 
-def reading_pieces(path: Path, numbers: list[str], texts: list[str]) -> Iterator[Readings]:
+def read_pieces(path: Path, numbers: list[str], texts: list[str]) -> Iterator[Readings]:
     """What `load_readings` gives, in pieces that follow each other, none of them empty."""
     header = read_header(path)
-    types = wanted_columns(header, numbers, texts)
+    types = select_columns(header, numbers, texts)
     done = 0
     tables = _csv_tables if path.suffix == ".csv" else _parquet_tables
     for table in tables(path, header, types):
@@ -43,7 +43,7 @@ def reading_pieces(path: Path, numbers: list[str], texts: list[str]) -> Iterator
     if path.suffix == ".csv":
         check_quotes(path, done)
     if done == 0:
-        raise without_readings(path)
+        raise refuse_empty(path)
 
 
 def _csv_tables(path: Path, header: list[str], types: dict[str, pa.DataType]) -> Iterator[pa.Table]:
@@ -62,8 +62,8 @@ def _parquet_tables(
     path: Path, header: list[str], types: dict[str, pa.DataType]
 ) -> Iterator[pa.Table]:
     with open_parquet(path, [name for name, kind in types.items() if kind == pa.string()]) as file:
-        for table in parquet_pieces(path, file, [name for name in header if name in types]):
-            yield cast_columns(path, table, types)
+        for table in read_parquet_pieces(path, file, [name for name in header if name in types]):
+            yield convert_columns(path, table, types)
 
 
 def open_parquet(path: Path, names: Sequence[str] = ()) -> pa.parquet.ParquetFile:
@@ -81,7 +81,7 @@ def open_parquet(path: Path, names: Sequence[str] = ()) -> pa.parquet.ParquetFil
     )
 
 
-def parquet_pieces(
+def read_parquet_pieces(
     path: Path, file: pa.parquet.ParquetFile, columns: Sequence[str] | None = None
 ) -> Iterator[pa.Table]:
     """Raises `BadInput` at a damaged page."""
@@ -91,13 +91,13 @@ def parquet_pieces(
         try:
             batch = next(batches, None)
         except (OSError, pa.ArrowException) as error:
-            raise not_parquet(path, error) from error
+            raise refuse_damaged(path, error) from error
         if batch is None:
             return
         yield pa.Table.from_batches([batch])
 
 
-def line_pieces(source: Path, file: BinaryIO) -> Iterator[list[bytes]]:
+def read_line_pieces(source: Path, file: BinaryIO) -> Iterator[list[bytes]]:
     """Whole lines without their ends, as many as come in one read; none of them endless."""
     begun = b""
     while block := file.read(PIECE_BYTES):

@@ -20,13 +20,13 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.tables.arrow_columns import codes_of, encoded_in_order, numbers_of
+from armd.compensation.data.tables.arrow_columns import encode_in_order, to_codes, to_numbers
 from armd.compensation.data.tables.header import check_header
 from armd.compensation.data.tables.within import LARGEST, is_within
 from armd.errors import BadInput
 from armd.files.inputs import check_input, open_input
-from armd.printable import invisible
-from armd.terminal.suggest import did_you_mean, few
+from armd.printable import escape_invisible
+from armd.terminal.suggest import format_names, suggest
 
 MISSING = ("", "nan", "NaN", "NAN")
 #: Of tables as Excel writes them where a comma is the decimal point.
@@ -56,7 +56,7 @@ class Readings:
         self._must_have(name)
         column = self.table[name]  # combining would copy what is one chunk already
         chunk = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
-        return numbers_of(chunk)
+        return to_numbers(chunk)
 
     def number(self, name: str) -> F64:
         """A column of numbers (n,), NaN where missing; BadInput if there is no such column."""
@@ -84,23 +84,23 @@ class Readings:
         """A column of names as indices (n,) into the list of distinct names, in their order."""
         self._must_have(name)
         column = self.table[name].combine_chunks()
-        encoded = encoded_in_order(column)
+        encoded = encode_in_order(column)
         names = [str(text) for text in encoded.dictionary.to_pylist()]
         if column.null_count or not set(MISSING).isdisjoint(names):
             column = column.cast(pa.string())
             missing = pc.or_(pc.is_null(column), pc.is_in(column, pa.array(MISSING)))
             if row := _first(missing.to_numpy(zero_copy_only=False)):
                 raise self.fault(row - 1, name, "nothing", f"the name of a {name}")
-        indices = codes_of(encoded)
+        indices = to_codes(encoded)
         for code, text in enumerate(names):
-            if hidden := invisible(text):
+            if hidden := escape_invisible(text):
                 row = int(np.argmax(indices == code))
                 raise self.fault(row, name, f"the character {hidden}", "a name that can be read")
         return indices, names
 
     def fault(self, row: int, column: str, actual: str, expected: str) -> BadInput:
         """What is wrong with one cell; *row* counts from 0, people count from 1."""
-        location = f"{row_in_words(self.path, row + self.first_row)}, column {column}"
+        location = f"{describe_row(self.path, row + self.first_row)}, column {column}"
         return BadInput(self.path, location, actual, expected)
 
     def refuse(self, bad: Mask, column: str, values: F64, expected: str) -> None:
@@ -110,12 +110,16 @@ class Readings:
 
     def _must_have(self, name: str) -> None:
         if not self.has(name):
-            suggestion = did_you_mean(name, self.header).replace("did you mean", "is it")
-            actual = "no such column" if suggestion else f"no such column among {few(self.header)}"
+            suggestion = suggest(name, self.header).replace("did you mean", "is it")
+            actual = (
+                "no such column"
+                if suggestion
+                else f"no such column among {format_names(self.header)}"
+            )
             raise BadInput(self.path, f"column {name}", actual, f"this column{suggestion}")
 
 
-def row_in_words(path: Path, row: int) -> str:
+def describe_row(path: Path, row: int) -> str:
     """A row of the table *path*, from 0, as a person finds it: counted from 1, and its line."""
     line = f" (line {row + 2})" if path.suffix == ".csv" else ""
     return f"row {row + 1}{line}"
@@ -124,19 +128,19 @@ def row_in_words(path: Path, row: int) -> str:
 def load_readings(path: Path, numbers: list[str], texts: list[str]) -> Readings:
     """Read those of the named columns that *path* has; raises `BadInput` naming row and column."""
     header = read_header(path)
-    types = wanted_columns(header, numbers, texts)
+    types = select_columns(header, numbers, texts)
     if path.suffix == ".csv":
         table = parse_csv(path, path, header, types)
         check_quotes(path, table.num_rows)
     else:
         table = _parquet_table(path, [name for name in header if name in types])
-        table = cast_columns(path, table, types)
+        table = convert_columns(path, table, types)
     if table.num_rows == 0:
-        raise without_readings(path)
+        raise refuse_empty(path)
     return Readings(path, header, table)
 
 
-def wanted_columns(
+def select_columns(
     header: list[str], numbers: list[str], texts: list[str]
 ) -> dict[str, pa.DataType]:
     """Those of the named columns that there are, and what they hold."""
@@ -144,7 +148,7 @@ def wanted_columns(
     return types | {name: pa.string() for name in texts if name in header}
 
 
-def without_readings(path: Path) -> BadInput:
+def refuse_empty(path: Path) -> BadInput:
     return BadInput(path, "the file", "no readings", "at least one row")
 
 
@@ -270,22 +274,22 @@ def _parquet_header(path: Path) -> list[str]:
     try:
         return [str(name) for name in pa.parquet.read_schema(path).names]
     except (OSError, pa.ArrowException) as error:
-        raise not_parquet(path, error) from error
+        raise refuse_damaged(path, error) from error
 
 
 def _parquet_table(path: Path, names: list[str]) -> pa.Table:
     try:
         return pa.parquet.read_table(path, columns=names)
     except (OSError, pa.ArrowException) as error:
-        raise not_parquet(path, error) from error
+        raise refuse_damaged(path, error) from error
 
 
-def not_parquet(path: Path, error: Exception) -> BadInput:
+def refuse_damaged(path: Path, error: Exception) -> BadInput:
     """What Arrow says of a Parquet file that it cannot read, in one line."""
     return BadInput(path, "the file", " ".join(str(error).split()), "a Parquet table")
 
 
-def cast_columns(path: Path, table: pa.Table, types: dict[str, pa.DataType]) -> pa.Table:
+def convert_columns(path: Path, table: pa.Table, types: dict[str, pa.DataType]) -> pa.Table:
     """The wanted columns of *table*, in their wanted types."""
     table = table.select([name for name in table.column_names if name in types])
     for i, (name, kind) in enumerate(zip(table.column_names, table.schema.types, strict=True)):

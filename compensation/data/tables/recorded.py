@@ -46,12 +46,12 @@ def drop_published(table: pa.Table, identity: int) -> pa.Table:
     return unpublished.set_column(place, CALIBRATION, again)
 
 
-def instants_s(readings: Readings) -> F64:
+def read_instants_s(readings: Readings) -> F64:
     """Return the instants (n,) of recorded points, Unix seconds."""
     return readings.required(STAMP) * 1e-9
 
 
-def published_flags(readings: Readings) -> npt.NDArray[np.uint32]:
+def read_flags(readings: Readings) -> npt.NDArray[np.uint32]:
     """Return the published flags (n,) that describe the sample; none where missing."""
     flags = readings.number(FLAGS)
     return np.where(np.isnan(flags), 0.0, flags).astype(np.uint32) & np.uint32(OF_SAMPLE)

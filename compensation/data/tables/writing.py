@@ -14,7 +14,7 @@ import pyarrow.parquet
 from armd.errors import BadInput
 
 
-def table_writer(
+def open_writer(
     source: Path, part: Path, suffix: str, schema: pa.Schema
 ) -> pa.parquet.ParquetWriter | pa.csv.CSVWriter:
     """What writes the columns of *source* and new ones to *part*; the suffix decides the kind."""

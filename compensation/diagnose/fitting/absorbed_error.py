@@ -136,7 +136,7 @@ def _may_be_older(candidate: Candidate) -> bool:
 def _plausible(baseline: Baseline, arm: Arm) -> F64:
     """(identified,) how far each constant or coefficient may plausibly be from the drawing."""
     names = arm.layout.names
-    constants = [PLAUSIBLE[parameters.unit(names[i])] for i in baseline.parameters]
+    constants = [PLAUSIBLE[parameters.find_unit(names[i])] for i in baseline.parameters]
     term_parameters = [baseline.model.terms[i].parameter for i in baseline.terms]
-    slopes = [PLAUSIBLE_TERM * PLAUSIBLE[parameters.unit(name)] for name in term_parameters]
+    slopes = [PLAUSIBLE_TERM * PLAUSIBLE[parameters.find_unit(name)] for name in term_parameters]
     return np.array([*constants, *slopes])

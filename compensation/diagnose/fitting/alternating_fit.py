@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import MOST_TURNS
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.problem.acting_causes import find_acting, rebuild_candidate
+from armd.compensation.diagnose.problem.acting_causes import find_acting, update_candidate
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState, Rests
 from armd.compensation.diagnose.problem.whitening import RestNoise
@@ -36,7 +36,7 @@ def fit_by_turns(
     for _ in range(MOST_TURNS):
         fitted = fit(rests, arm, baseline, model, findings, amplitudes, noise_extra, noise)
         active = find_acting(fitted)
-        rebuilt = [rebuild_candidate(candidate, facts, active) for candidate in fitted.findings]
+        rebuilt = [update_candidate(candidate, facts, active) for candidate in fitted.findings]
         if all(new is old for new, old in zip(rebuilt, fitted.findings, strict=True)):
             break
         remaining = [

@@ -11,7 +11,7 @@ from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.problem.linear import Baseline, Linear
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.parameters import LEAST_LENGTH_MM
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
@@ -26,12 +26,12 @@ def make_expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tupl
     of it is no cause to be found (docs/decisions/0029). About the mean temperature, so that the
     constants stay those of a calibration without a thermal model.
     """
-    with_growth = baseline.is_given or goes_with_temperature(baseline.model.terms)
+    with_growth = baseline.is_given or has_thermal_model(baseline.model.terms)
     terms = [] if with_growth else make_length_terms(arm, [1])
     if not terms:
         return np.zeros((len(linear.residual), 0)), np.zeros(0)
     states, model = linear.rests.observations.states, linear.model
-    rise = basis_values(terms, states, arm, model.reference_c, model.constants)
+    rise = compute_basis_values(terms, states, arm, model.reference_c, model.constants)
     finite = np.isfinite(rise)
     mean = np.where(finite, rise, 0.0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1)
     rise = np.where(finite, rise - mean, 0.0)
@@ -40,7 +40,7 @@ def make_expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tupl
     return np.array(columns).T, compute_growth_mm_per_k(model.constants, places) ** 2
 
 
-def goes_with_temperature(terms: Iterable[Term]) -> bool:
+def has_thermal_model(terms: Iterable[Term]) -> bool:
     """Whether there is a thermal model among *terms*."""
     return any(isinstance(factor, Temperature) for term in terms for factor in term.basis)
 

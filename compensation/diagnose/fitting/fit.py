@@ -20,11 +20,11 @@ from armd.compensation.diagnose.constants import (
     SIZING_STEPS,
     TURN_SETTLED,
 )
-from armd.compensation.diagnose.fitting.nuisance import gather_nuisance, make_noise_variances
+from armd.compensation.diagnose.fitting.nuisance import collect_nuisance, make_noise_variances
 from armd.compensation.diagnose.noise import variances as noise_model
 from armd.compensation.diagnose.noise.turns import compute_fitted_share, estimate_turn_ratio
 from armd.compensation.diagnose.problem.amplitudes import compute_amplitude_variance, is_sized
-from armd.compensation.diagnose.problem.baseline import apply_step, with_findings
+from armd.compensation.diagnose.problem.baseline import add_findings, apply_step
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import FitLayout, name_block
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState, Rests
@@ -57,11 +57,11 @@ def fit(
     step_number, before_this = 0, np.inf
     while True:
         step_number += 1
-        linear = linearise(rests, with_findings(model, findings, amplitudes), arm)
+        linear = linearise(rests, add_findings(model, findings, amplitudes), arm)
         columns = make_finding_columns(linear, findings, arm)
         # Without the findings' own part, so that the solution is the whole amplitude.
         residual = linear.residual - compute_kinematic_part(findings, columns, amplitudes)
-        nuisance, layout = gather_nuisance(linear, arm, baseline, findings, columns, sizes)
+        nuisance, layout = collect_nuisance(linear, arm, baseline, findings, columns, sizes)
         extra = make_finding_columns(linear, noise_extra, arm)
         variance = make_noise_variances(nuisance, layout, extra)
         blocks = to_blocks([nuisance.columns, *extra], rests.observations.placement)
@@ -128,8 +128,8 @@ def _clipped(
         larger, shared, ratio = noise.scale_mm, noise.shared_part, noise.turn_ratio
         noise = noise_model.estimate(linear, clipped, blocks, variance, noise)
         fitted = fitted_to(clipped, noise)
-        clipped = noise_model.winsorise(residual, fitted, noise)
-        noise = noise_model.with_shared_part(noise, linear, clipped - fitted)
+        clipped = noise_model.clip_residual(residual, fitted, noise)
+        noise = noise_model.add_shared_part(noise, linear, clipped - fitted)
         alike = abs(noise.shared_part - shared) < SHARED_ALIKE
         if noise.turned is not None:
             problem, _ = make_normal_equations(

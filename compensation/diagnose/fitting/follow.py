@@ -13,9 +13,9 @@ import numpy as np
 
 from armd.compensation.diagnose.constants import MOST_FOLLOW_ROUNDS, STAYS
 from armd.compensation.diagnose.fitting.fit import compute_kinematic_part, make_normal_equations
-from armd.compensation.diagnose.fitting.nuisance import gather_nuisance
+from armd.compensation.diagnose.fitting.nuisance import collect_nuisance
 from armd.compensation.diagnose.fitting.refit import solve_with_columns
-from armd.compensation.diagnose.problem.baseline import apply_step, with_findings
+from armd.compensation.diagnose.problem.baseline import add_findings, apply_step
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
@@ -82,13 +82,13 @@ def _about_its_solution(last: Fit, arm: Arm) -> Fit:
     about the calibration, and what was clipped stays clipped."""
     baseline, identified = last.baseline, last.layout.identified
     step = -last.solution[identified]
-    model = with_findings(
+    model = add_findings(
         apply_step(baseline.model, baseline, baseline.root @ step), last.findings, last.amplitudes
     )
     linear = linearise(last.linear.rests, model, arm)
     columns = make_finding_columns(linear, last.findings, arm)
     sizes = [1.0] * len(columns)  # of no account: the variances stay
-    nuisance, layout = gather_nuisance(linear, arm, baseline, last.findings, columns, sizes)
+    nuisance, layout = collect_nuisance(linear, arm, baseline, last.findings, columns, sizes)
     nuisance = Nuisance(nuisance.columns, last.nuisance.variance)
     # Without what the step did, so that the solution is the whole step.
     raw = linear.residual - compute_kinematic_part(last.findings, columns, last.amplitudes)

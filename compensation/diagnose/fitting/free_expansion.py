@@ -28,13 +28,13 @@ from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 #: What readings left out of a calibration missed by is in its provenance by this name.
 LEFT_UM = "heldout_without_outliers_um"
 
 
-def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
+def open_growth(baseline: Baseline, arm: Arm) -> Baseline:
     """A given calibration whose lengths without a thermal term grow as materials do, if it could
     not know that; and whose coefficients for lengths at one temperature are open, too. As it is
     where there are none, or a sensor's temperatures are not in it."""
@@ -96,7 +96,7 @@ def _is_plain(term: Term, ranges: Mapping[str, tuple[float, float]]) -> bool:
     )
 
 
-def without_growth(baseline: Baseline, parameters: Collection[str] | None = None) -> Baseline:
+def drop_growth(baseline: Baseline, parameters: Collection[str] | None = None) -> Baseline:
     """The same with no growth of these *parameters* beyond the calibration's terms, or of any: all
     else as uncertain as it is if that is known to be nothing."""
     terms = baseline.model.terms
@@ -147,13 +147,14 @@ def explain_missing_growth(baseline: Baseline) -> str:
     if guessed:
         spans = [high - low for term in guessed for _, (low, high) in _weighted(baseline, term)]
         return (
-            f"The calibration's thermal model was made within {plain(max(spans))} K for "
+            f"The calibration's thermal model was made within {format_plain(max(spans))} K for "
             f"{', '.join(term.parameter for term in guessed)}, too little to know their growth."
         )
     if within <= MOST_SPAN_K:
-        reason = f"was made within {plain(within)} K"
+        reason = f"was made within {format_plain(within)} K"
     else:
-        reason = f"missed its own readings by {plain(baseline.calibration.provenance[LEFT_UM])} µm"
+        residual_um = format_plain(baseline.calibration.provenance[LEFT_UM])
+        reason = f"missed its own readings by {residual_um} µm"
     return f"The calibration {reason} and has no thermal model of all links."
 
 

@@ -14,13 +14,13 @@ import numpy as np
 from armd.arrays import F64, Mask
 from armd.compensation.diagnose.constants import CLEARLY_MORE, LEAST_SIZE_MM, MOST_SIGMAS
 from armd.compensation.diagnose.problem.amplitudes import compute_broadest_sd, is_sized
-from armd.compensation.diagnose.problem.baseline import apply_step, with_findings
+from armd.compensation.diagnose.problem.baseline import add_findings, apply_step
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.effects.largest import largest
+from armd.compensation.effects.largest import find_largest
 from armd.compensation.estimate.gauge import PLAUSIBLE
 from armd.compensation.identify.evaluation.lengths import (
     MOST_OFF,
@@ -29,10 +29,10 @@ from armd.compensation.identify.evaluation.lengths import (
 )
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.parameters import ParameterLayout
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 
 def find_refusal(fit: Fit, before: Fit, arm: Arm) -> str:
@@ -57,18 +57,18 @@ def is_possible(candidate: Candidate, amplitudes: F64) -> bool:
 
 def _largest_amplitude(column: Column) -> float:
     """The largest amplitude of a named cause: of what several causes do, the same for all."""
-    shared = largest(column)
+    shared = find_largest(column)
     return shared if np.isfinite(shared) else MOST_SIGMAS * compute_broadest_sd(column)
 
 
-def stays_near(fit: Fit, arm: Arm) -> bool:
+def is_near(fit: Fit, arm: Arm) -> bool:
     """Whether all parameters stay within a plausible departure of the model under test."""
     return not _too_far(fit, arm)
 
 
 def compute_arm_size(fit: Fit, arm: Arm) -> float:
     """The arm's size under a fit, as a share of its size under the model under test."""
-    constants = parameter_rows(fit.baseline.model.constants, (), np.zeros((1, 0)))[0]
+    constants = compute_parameter_rows(fit.baseline.model.constants, (), np.zeros((1, 0)))[0]
     lengths = constants * _is_length(arm)
     return float(_rows(fit, _solved(fit), arm).mean(axis=0) @ lengths / (lengths @ lengths))
 
@@ -87,8 +87,8 @@ def compute_scale_factor(fit: Fit, arm: Arm) -> float:
 def _too_far(fit: Fit, arm: Arm) -> str:
     baseline, states = fit.baseline, fit.linear.rests.observations.states
     model = baseline.model
-    values = basis_values(model.terms, states, arm, model.reference_c, model.constants)
-    were = parameter_rows(model.constants, model.terms, values)
+    values = compute_basis_values(model.terms, states, arm, model.reference_c, model.constants)
+    were = compute_parameter_rows(model.constants, model.terms, values)
     rows = _rows(fit, _without_causes_turns(fit), arm)
     inner = slice(0, arm.layout.joint(arm.n_joints).start)  # the base may stand anywhere
     names = (*arm.layout.names[inner], *(f"the tip's {axis}" for axis in "xyz"))
@@ -97,13 +97,13 @@ def _too_far(fit: Fit, arm: Arm) -> str:
             [rows[:, inner] - were[:, inner], _tip_placed(rows, arm) - _tip_placed(were, arm)]
         )
     ).max(axis=0)
-    units = [*map(parameters.unit, arm.layout.names[inner]), "mm", "mm", "mm"]
+    units = [*map(parameters.find_unit, arm.layout.names[inner]), "mm", "mm", "mm"]
     furthest = int(np.argmax(departures / np.array([PLAUSIBLE[unit] for unit in units])))
     largest = float(departures[furthest])
     if largest <= PLAUSIBLE[units[furthest]]:
         return ""
     in_mm = units[furthest] == "mm"
-    departure = f"{plain(largest)} mm" if in_mm else f"{plain(np.degrees(largest))}°"
+    departure = f"{format_plain(largest)} mm" if in_mm else f"{format_plain(np.degrees(largest))}°"
     return f"it would move {names[furthest]} by {departure}"
 
 
@@ -117,7 +117,7 @@ def _tip_placed(rows: F64, arm: Arm) -> F64:
     last = np.zeros((len(rows), layout.count))
     last[:, layout.joint(1)] = rows[:, arm.layout.joint(arm.n_joints)]
     last[:, layout.tip] = rows[:, arm.layout.tip]
-    return forward(np.zeros((len(rows), 1)), last)[0]
+    return compute_pose(np.zeros((len(rows), 1)), last)[0]
 
 
 def _length_lost(fit: Fit, before: Fit, arm: Arm) -> str:
@@ -158,14 +158,14 @@ def move_model(fit: Fit) -> ModelState:
 
 def _solved(fit: Fit) -> ModelState:
     """The same, findings included."""
-    return with_findings(move_model(fit), fit.findings, fit.amplitudes)
+    return add_findings(move_model(fit), fit.findings, fit.amplitudes)
 
 
 def _rows(fit: Fit, model: ModelState, arm: Arm) -> F64:
     """Parameters (n, P) of a model at each of a fit's rests."""
     states = fit.linear.rests.observations.states
-    values = basis_values(model.terms, states, arm, model.reference_c, model.constants)
-    rows: F64 = parameter_rows(model.constants, model.terms, np.nan_to_num(values))
+    values = compute_basis_values(model.terms, states, arm, model.reference_c, model.constants)
+    rows: F64 = compute_parameter_rows(model.constants, model.terms, np.nan_to_num(values))
     return rows
 
 
@@ -178,7 +178,7 @@ def _without_causes_turns(fit: Fit) -> ModelState:
         for candidate, amplitudes in zip(fit.findings, fit.amplitudes, strict=True)
         for column, amplitude in zip(candidate.columns, amplitudes, strict=True)
         for term in column.make_terms(float(amplitude))
-        if candidate.cause == "unknown" or parameters.unit(term.parameter) != "rad"
+        if candidate.cause == "unknown" or parameters.find_unit(term.parameter) != "rad"
     ]
     return replace(model, terms=(*model.terms, *terms))
 

@@ -37,7 +37,7 @@ from armd.compensation.model.terms import Term
 NuisanceBlock = tuple[F64 | Blocks, F64]
 
 
-def gather_nuisance(
+def collect_nuisance(
     linear: Linear,
     arm: Arm,
     baseline: Baseline,
@@ -84,7 +84,7 @@ def join_blocks(
     return nuisance, FitLayout(layout, np.full(layout.n, np.inf))
 
 
-def with_other_findings(
+def replace_findings(
     nuisance: Nuisance,
     layout: FitLayout,
     findings: Sequence[Candidate],
@@ -138,7 +138,7 @@ def _gauge(baseline: Baseline, arm: Arm) -> F64:
     if baseline.is_given:
         return np.full(baseline.root.shape[1], np.inf)
     names = arm.layout.names
-    constants = [GAUGE[parameters.unit(names[i])] for i in baseline.parameters]
+    constants = [GAUGE[parameters.find_unit(names[i])] for i in baseline.parameters]
     term_parameters = [baseline.model.terms[i].parameter for i in baseline.terms]
-    slopes = [PER_KELVIN * GAUGE[parameters.unit(name)] for name in term_parameters]
+    slopes = [PER_KELVIN * GAUGE[parameters.find_unit(name)] for name in term_parameters]
     return np.square([*constants, *slopes])

@@ -14,7 +14,7 @@ from armd.compensation.diagnose.fitting.fit import (
     fit_sizes,
     make_normal_equations,
 )
-from armd.compensation.diagnose.fitting.nuisance import with_other_findings
+from armd.compensation.diagnose.fitting.nuisance import replace_findings
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import (
     DRIFT,
@@ -33,16 +33,16 @@ from armd.compensation.model.arm import Arm
 
 def solve_again(fit: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
     """The linear problem of a fit with other findings, in its noise; nothing else moves."""
-    unsolved = with_findings_unsolved(fit, findings, arm)
+    unsolved = set_findings(fit, findings, arm)
     return _sized_and_solved(unsolved, *_equations(unsolved))
 
 
-def with_findings_unsolved(fit: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
+def set_findings(fit: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
     """The columns of a fit with other findings, to which no solution is known yet: amplitudes are
     zero, what else was solved is of no account."""
     columns = make_finding_columns(fit.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
-    nuisance, layout = with_other_findings(fit.nuisance, fit.layout, findings, columns, sizes)
+    nuisance, layout = replace_findings(fit.nuisance, fit.layout, findings, columns, sizes)
     return replace(
         fit,
         findings=tuple(findings),
@@ -106,7 +106,7 @@ def solve_shared_again(fit: Fit, findings: Sequence[Candidate], arm: Arm, elimin
 
     *eliminated*: which columns are fitted along, of those that there are without findings.
     """
-    unsolved = with_findings_unsolved(fit, findings, arm)
+    unsolved = set_findings(fit, findings, arm)
     first, stop = unsolved.layout.identified.stop, unsolved.layout.mount.start
     eliminated = np.concatenate(
         [eliminated[:first], np.zeros(stop - first, dtype=bool), eliminated[first:]]

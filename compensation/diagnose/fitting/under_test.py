@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.diagnose.fitting.free_expansion import with_growth_open
-from armd.compensation.diagnose.problem.baseline import from_calibration, with_size_kept
+from armd.compensation.diagnose.fitting.free_expansion import open_growth
+from armd.compensation.diagnose.problem.baseline import from_calibration, keep_size
 from armd.compensation.diagnose.problem.linear import Baseline
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.identify.admission.inconsistent_session import (
     InconsistentSession,
     fit_and_find_inconsistent_session,
@@ -31,11 +31,11 @@ def make_model_under_test(
     model is the one under test wherever there can be one, and others are not tried.
     """
     if calibration is not None:
-        observations = gather(sessions, arm, calibration.artefact)
+        observations = collect_observations(sessions, arm, calibration.artefact)
         sits = evaluate(sessions, arm, calibration).reflectors if has_reflectors(sessions) else ()
-        baseline = with_growth_open(from_calibration(calibration, arm, True, sits), arm)
+        baseline = open_growth(from_calibration(calibration, arm, True, sits), arm)
         if observations.on_surface.any() and not _knows_scale(observations):
-            baseline = with_size_kept(baseline, arm)
+            baseline = keep_size(baseline, arm)
         if has_reflectors(sessions):  # nobody knows where each reading's tip is
             return baseline, None
         return baseline, fit_and_find_inconsistent_session(sessions, observations)

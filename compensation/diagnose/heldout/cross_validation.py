@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.in_order import in_order
+from armd.compensation.data.in_order import run_in_order
 from armd.compensation.diagnose.constants import GAIN_BEGINS, GAIN_TAKES, REPEATED_WORK
 from armd.compensation.diagnose.diagnosis import SearchResult
-from armd.compensation.diagnose.fitting.neighbourhood import is_possible, stays_near
+from armd.compensation.diagnose.fitting.neighbourhood import is_near, is_possible
 from armd.compensation.diagnose.fitting.refit import (
     make_refits_without,
+    set_findings,
     solve_shared_again,
-    with_findings_unsolved,
 )
 from armd.compensation.diagnose.heldout.gain import compute_left_out_squares, group_readings
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -23,7 +23,7 @@ from armd.compensation.diagnose.scoring.candidates import PartedSurvey, ScoredCa
 from armd.compensation.diagnose.search.selection import choose_finding
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects.effect import join_finding
-from armd.compensation.freed import give_back_freed
+from armd.compensation.freed import drop_freed
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
 
@@ -39,7 +39,7 @@ class CrossValidated:
     groups: I64
 
 
-def cross_validate(
+def validate_in_turn(
     result: SearchResult,
     parted: PartedSurvey | None,
     arm: Arm,
@@ -58,19 +58,19 @@ def cross_validate(
     points = last.linear.rests.points
     squares = [np.zeros(points.n) for _ in range(len(result.findings) + 1)]
     parts = [int(part) for part in np.unique(folds)]
-    refits = make_refits_without(with_findings_unsolved(last, [], arm), [folds == p for p in parts])
+    refits = make_refits_without(set_findings(last, [], arm), [folds == p for p in parts])
     work = work or WorkBudget()
     shares = [work.of_one_in(len(parts)) for _ in parts]  # they go on beside each other
     starts = [
         (part, refit.with_subset([]), share)
         for part, refit, share in zip(parts, refits, shares, strict=True)
     ]
-    give_back_freed()
-    squares_of_parts = in_order(
+    drop_freed()
+    squares_of_parts = run_in_order(
         lambda start: _repeat_search_without(*start, folds, result, parted, arm), starts
     )
     for done, (part, of_steps) in enumerate(zip(parts, squares_of_parts, strict=True), 1):
-        give_back_freed()
+        drop_freed()
         progress("gain", GAIN_BEGINS + GAIN_TAKES * done / len(parts))
         for step_squares, part_squares in zip(squares, of_steps, strict=True):
             step_squares[folds[: points.n] == part] = part_squares
@@ -108,12 +108,12 @@ def _repeat_search_without(
         tried = solve_shared_again(
             last, join_finding(current.findings, candidate), arm, parted.is_eliminated
         )
-        if not (stays_near(tried, arm) and all(map(is_possible, tried.findings, tried.amplitudes))):
+        if not (is_near(tried, arm) and all(map(is_possible, tried.findings, tried.amplitudes))):
             squares += [squares[-1]] * (len(result.findings) + 1 - len(squares))
             break
         current = tried
         squares.append(compute_left_out_squares(current, out, arm))
-        give_back_freed()
+        drop_freed()
         if len(squares) <= len(result.findings):
             projection = first.projection.with_findings_of(current)
             scored = ScoredCandidates(projection, projection.sums_with(first.sums))

@@ -64,7 +64,7 @@ def compute_gain(
     return Gain(*rms, (float(low), float(high)), bool(is_confirmed))
 
 
-def cap_squares(before: F64, after: F64) -> tuple[F64, F64]:
+def limit_squares(before: F64, after: F64) -> tuple[F64, F64]:
     """Squared residuals with single readings counting at most `MOST_SQUARES` of the usual one's:
     a decision that gross errors cannot outvote."""
     cap = MOST_SQUARES * min(float(np.median(before)), float(np.median(after)))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import AXES, CHANGED_PRIOR, MOST_WORSE, TINY_MM2
 from armd.compensation.diagnose.diagnosis import Gain
-from armd.compensation.diagnose.heldout.gain import cap_squares, compute_gain
+from armd.compensation.diagnose.heldout.gain import compute_gain, limit_squares
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.effects.courses import is_slow
 
@@ -56,7 +56,7 @@ class Judge:
         added = {*after[0]} - {*before[0]}
         if self._later is None or not any(is_slow(self._last.findings[i]) for i in added):
             return True
-        old_mm2, new_mm2 = cap_squares(self._later(*before), self._later(*after))
+        old_mm2, new_mm2 = limit_squares(self._later(*before), self._later(*after))
         return float(new_mm2.sum()) <= float(old_mm2.sum())
 
     def find_confirming_look(
@@ -69,7 +69,7 @@ class Judge:
                 self.errors(before), self.errors(after), self._looks, strict=True
             )
         ]
-        decided = [compute_gain(*cap_squares(old, new), groups) for old, new, groups in pairs]
+        decided = [compute_gain(*limit_squares(old, new), groups) for old, new, groups in pairs]
         of_all = [compute_gain(*pair) for pair in pairs]
         new = {*after[0]} - {*before[0]}
         is_informative = not new or not all(self._is_uninformative(i, after[0]) for i in new)
@@ -90,7 +90,7 @@ class Judge:
         """Whether the first look, if it can show a finding, predicts better without it."""
         if self._is_uninformative(finding, full[0]):
             return False
-        without_mm2, with_mm2 = cap_squares(self.errors(reduced)[0], self.errors(full)[0])
+        without_mm2, with_mm2 = limit_squares(self.errors(reduced)[0], self.errors(full)[0])
         return float(without_mm2.sum()) < float(with_mm2.sum())
 
     def compute_odds_factor(self, finding: int, reduced: Composition, full: Composition) -> float:
@@ -98,7 +98,7 @@ class Judge:
         beyond doubt: the likelihood ratio of what it holds out, or that the arm changed."""
         if self._is_uninformative(finding, full[0]):
             return 1.0
-        old, new = cap_squares(self.errors(reduced)[0], self.errors(full)[0])
+        old, new = limit_squares(self.errors(reduced)[0], self.errors(full)[0])
         if compute_gain(old, new, self._looks[0].groups).interval_um[1] >= 0.0:
             return 1.0
         variance_mm2 = max(float(old.mean()) / self._looks[0].axes, TINY_MM2)  # of one direction
@@ -109,7 +109,7 @@ class Judge:
         """Whether the last look predicts better where the first link grows beside *numbers*, all
         readings together no worse."""
         old, new = (self.errors((numbers, growth))[-1] for growth in (False, True))
-        capped_old, capped_new = cap_squares(old, new)
+        capped_old, capped_new = limit_squares(old, new)
         better = float(capped_new.sum()) < float(capped_old.sum())
         return better and not _harms(compute_gain(old, new, self._looks[-1].groups))
 

@@ -22,13 +22,13 @@ from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import MOVE_DIGITS
 from armd.compensation.diagnose.extend import extend_calibration
 from armd.compensation.diagnose.fitting.refit import Refits
-from armd.compensation.diagnose.problem.baseline import LEFT_OPEN, gather_identified
+from armd.compensation.diagnose.problem.baseline import LEFT_OPEN, collect_identified
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
 
-def record_open_constants(
+def keep_open_constants(
     written: Calibration, last: Fit, numbers: Sequence[int], arm: Arm, sessions: Sequence[Session]
 ) -> Calibration:
     """The *written* calibration, with *numbers* of the findings, and what the others leave open."""
@@ -39,13 +39,13 @@ def record_open_constants(
     names = [
         name for name in written.covariance_of if name in last.baseline.calibration.covariance_of
     ]
-    now = gather_identified(written, names)
+    now = collect_identified(written, names)
     openings: list[dict[str, Any]] = []
     if not numbers:  # nothing new is known of what was open before
         openings += written.provenance["diagnosis"].get("earlier", {}).get(LEFT_OPEN, [])
     for i in unwritten:
         with_it = extend_calibration(refits.with_subset([*numbers, i]), arm, sessions)
-        moves: F64 = gather_identified(with_it, names) - now
+        moves: F64 = collect_identified(with_it, names) - now
         finding = last.findings[i]
         openings.append(
             {

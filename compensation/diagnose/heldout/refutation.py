@@ -38,7 +38,7 @@ def is_refuted(candidate: Candidate, refuted: Sequence[Candidate]) -> bool:
     )
 
 
-def predicts_better(another: Diagnosis, diagnosis: Diagnosis) -> bool:
+def is_better(another: Diagnosis, diagnosis: Diagnosis) -> bool:
     """Whether what is written of *another* diagnosis predicts held-out readings better."""
     return bool(another.written) and another.written_rms_um[1] < diagnosis.written_rms_um[1]
 

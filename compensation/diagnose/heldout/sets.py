@@ -10,9 +10,9 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.fitting.refit import make_refits_without, solve_again
 from armd.compensation.diagnose.heldout.gain import (
-    cap_squares,
     compute_left_out_squares,
     group_readings,
+    limit_squares,
 )
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import assign_folds
@@ -45,7 +45,7 @@ def compare_heldout(
     with the findings *after* than with those *before*, all amplitudes estimated without them."""
     old, new = (_compute_squares(about, findings, arm) for findings in (before, after))
     groups = group_readings(about.linear.rests.points)
-    return count_standard_errors(*cap_squares(old, new), groups)
+    return count_standard_errors(*limit_squares(old, new), groups)
 
 
 def count_standard_errors(before: F64, after: F64, groups: I64) -> float:

@@ -27,7 +27,7 @@ from armd.compensation.diagnose.diagnosis import (
     SearchResult,
     ValidatedFindings,
 )
-from armd.compensation.diagnose.extend import extend_calibration, knows_growth
+from armd.compensation.diagnose.extend import extend_calibration, has_known_growth
 from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.fitting.neighbourhood import compute_scale_factor
 from armd.compensation.diagnose.fitting.refit import Refits
@@ -160,11 +160,11 @@ def validate_by_placement(
         for folds in (assign_folds(rests), _assign_folds_by_target(points)[rests.point_of])
     ]
     able = [
-        not finding.candidate.is_report_only and stands_alone(finding, step)
+        not finding.candidate.is_report_only and may_stand_alone(finding, step)
         for finding, step in zip(result.findings, stepwise, strict=True)
     ]
     later = make_later_squares(last, arm) if any(map(may_go_on_otherwise, last.findings)) else None
-    growth = knows_growth(last, arm)
+    growth = has_known_growth(last, arm)
     cannot_see_growth = growth and _is_in_one_fold(last, last.net_growth())
     repeated_tells = not stepwise or stepwise[-1].after_um <= stepwise[0].before_um
     return choose(
@@ -186,7 +186,7 @@ def may_go_on_otherwise(candidate: Candidate) -> bool:
     return nameless or is_drift(candidate) or is_by_session(candidate)
 
 
-def stands_alone(finding: Finding, step: Gain) -> bool:
+def may_stand_alone(finding: Finding, step: Gain) -> bool:
     """Whether placements left out may bear a finding out: one so sure that it was not chosen for
     them, or one whose own *step* of the repeated search predicts no worse than the step before."""
     is_sure = finding.p_value < SURE_P and finding.candidate.cause != "unknown"
@@ -240,7 +240,7 @@ def validate_by_session(
 
     look = Look(squares, group_readings(readings), float(readings.freedom.mean()))
     able = [not finding.candidate.is_report_only for finding in result.findings]
-    return choose(result, [look], able, growth=knows_growth(last, arm))
+    return choose(result, [look], able, growth=has_known_growth(last, arm))
 
 
 def compute_squares_on_sessions(

@@ -41,7 +41,7 @@ from armd.compensation.diagnose.constants import (
 )
 from armd.compensation.diagnose.noise.likelihood import Absorbing, Restricted
 from armd.compensation.diagnose.problem.linear import Linear
-from armd.compensation.diagnose.problem.whitening import RestNoise, guess_turn_ratio
+from armd.compensation.diagnose.problem.whitening import RestNoise, compute_turn_ratio
 from armd.compensation.estimate.linear.blocks import Blocks
 from armd.compensation.estimate.noise.postures import compute_counts, estimate_shared_part
 from armd.compensation.estimate.noise.reading import ReadingNoise, make_whitening
@@ -97,7 +97,7 @@ def _estimate(
     relative = distance / scale_mm
     absorbing = Absorbing.from_meeting(nuisance.meeting, variance)
     turned = linear.rests.observations.turned
-    turn_ratio = before.turn_ratio if before else guess_turn_ratio(residual, turned)
+    turn_ratio = before.turn_ratio if before else compute_turn_ratio(residual, turned)
     # Copies share all of their error, until they have shown how much: they count as one.
     shared = before.shared_part if before else 1.0
     counts = compute_counts(linear.rests.posture, shared)
@@ -149,7 +149,7 @@ def _estimate(
     )
 
 
-def with_shared_part(noise: RestNoise, linear: Linear, residual: F64) -> RestNoise:
+def add_shared_part(noise: RestNoise, linear: Linear, residual: F64) -> RestNoise:
     """Return the noise with what copies of a posture share, by their *residual* (N,)."""
     posture, n = linear.rests.posture, linear.rests.n
     white = noise.whiten_rests(residual[: 3 * n].reshape(n, 3))
@@ -199,7 +199,7 @@ def _best_scale(restricted: Restricted) -> tuple[float, float, float, bool]:
 
 
 def clip_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], F64]) -> F64:
-    """Residual (N,), clipped about *fit* of it as `winsorise` does.
+    """Residual (N,), clipped about *fit* of it as `clip_residual` does.
 
     One reading 100 times off pulls a fit so far that all others stand off it, and makes a noise
     estimate in which it is ordinary. Where a few rests have most of the sum of squares, they are
@@ -212,17 +212,17 @@ def clip_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], 
     squares = noise.squares(_deviations_mm(residual, fitted, noise))
     usual = MIDDLE_TO_MEAN * float(np.median(squares)) if len(squares) else 1.0
     if float(squares.mean()) <= GROSS * usual:
-        return winsorise(residual, fitted, noise)
+        return clip_residual(residual, fitted, noise)
     for _ in range(MOST_ROBUST):
         before = usual
-        clipped = winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / AXES)))
+        clipped = clip_residual(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / AXES)))
         fitted = fit(clipped, noise)
         usual = MIDDLE_TO_MEAN * float(
             np.median(noise.squares(_deviations_mm(residual, fitted, noise)))
         )
         if usual > NOISE_SETTLED * before:
             break
-    return winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / AXES)))
+    return clip_residual(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / AXES)))
 
 
 def _deviations_mm(residual: F64, fitted: F64, noise: RestNoise) -> F64:
@@ -232,7 +232,7 @@ def _deviations_mm(residual: F64, fitted: F64, noise: RestNoise) -> F64:
     return deviations_mm
 
 
-def winsorise(residual: F64, fitted: F64, noise: RestNoise, limit: float = WINSOR_AT) -> F64:
+def clip_residual(residual: F64, fitted: F64, noise: RestNoise, limit: float = WINSOR_AT) -> F64:
     """Residual (N,), each rest clipped to *limit* standard deviations from *fitted*."""
     n = len(noise.whitener)
     deviations_mm = _deviations_mm(residual, fitted, noise)

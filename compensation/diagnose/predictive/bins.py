@@ -43,7 +43,7 @@ class Bins:
     alike: tuple[str, ...] = ()  # variables whose values go with this one's
 
 
-def bin_all_variables(rests: Rests) -> list[Bins]:
+def make_bins(rests: Rests) -> list[Bins]:
     """Bins of every variable that was recorded and varies, over the rests that are points."""
     every = [bins for bins in _iterate_bins(rests) if len(bins.starts) >= LEAST_BINS]
     return [replace(bins, alike=_find_inseparable(bins, every)) for bins in every]

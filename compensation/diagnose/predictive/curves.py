@@ -26,10 +26,10 @@ from armd.compensation.diagnose.constants import (
     SHARE_OF_NAMES,
 )
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.predictive.bins import Bins, bin_all_variables
+from armd.compensation.diagnose.predictive.bins import Bins, make_bins
 from armd.compensation.diagnose.predictive.components import Component, make_components
 from armd.compensation.diagnose.predictive.moments import Moments
-from armd.compensation.diagnose.predictive.replicates import Refitted, refit
+from armd.compensation.diagnose.predictive.replicates import Refitted, solve_again
 from armd.compensation.diagnose.predictive.scores import compute_misfit, compute_scores
 from armd.compensation.diagnose.predictive.strength import (
     Scatter,
@@ -148,15 +148,15 @@ def compare(diagnosis: Diagnosis) -> list[ResidualComparison]:
     of noise most under the model under test stands first."""
     search = diagnosis.search
     last = search.last
-    variables = bin_all_variables(last.linear.rests)
+    variables = make_bins(last.linear.rests)
     if not variables:
         return []
     layout = make_layout(variables, last.linear.rests.n)
-    fitted = refit(last, last.noise)
+    fitted = solve_again(last, last.noise)
     scale = _compute_noise_scale(fitted)
     after = _make_curves(fitted, layout, scale)
     alike = not last.findings and search.first is last
-    before = after if alike else _make_curves(refit(search.first, last.noise), layout, scale)
+    before = after if alike else _make_curves(solve_again(search.first, last.noise), layout, scale)
     named, _ = make_components(last.linear)
     places = [(bins, component) for bins in variables for component in named]
     comparisons = [

@@ -76,7 +76,7 @@ class Refitted:
         return shaken
 
 
-def refit(fit: Fit, noise: RestNoise) -> Refitted:
+def solve_again(fit: Fit, noise: RestNoise) -> Refitted:
     """The same model solved again by *noise*: that of the model that explains the data best, so
     that what a model lacks does not pass for noise."""
     variance = fit.nuisance.variance.copy()

@@ -36,7 +36,7 @@ def find_acting(fit: Fit) -> tuple[Acting, ...]:
     return tuple(causes)
 
 
-def rebuild_candidate(
+def update_candidate(
     candidate: Candidate, facts: SessionFacts, acting: Sequence[Acting]
 ) -> Candidate | None:
     """A finding that acts through others, made with these *acting*, or itself where it was; None
@@ -57,7 +57,7 @@ def rebuild_candidate(
     return None
 
 
-def with_acting(
+def add_acting(
     signatures: Signatures,
     fit: Fit,
     facts: SessionFacts,

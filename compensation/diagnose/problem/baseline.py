@@ -56,7 +56,7 @@ def from_calibration(
     )
 
 
-def with_size_kept(baseline: Baseline, arm: Arm) -> Baseline:
+def keep_size(baseline: Baseline, arm: Arm) -> Baseline:
     """A baseline that is held, the arm's size as given: its covariance where all lengths together
     stay. An arm that may shrink errs less on surfaces of which nothing is certified."""
     lengths = np.where(arm.layout.are_lengths, baseline.model.constants, 0.0)
@@ -70,7 +70,7 @@ def with_size_kept(baseline: Baseline, arm: Arm) -> Baseline:
     )
 
 
-def gather_identified(calibration: Calibration, names: Sequence[str]) -> F64:
+def collect_identified(calibration: Calibration, names: Sequence[str]) -> F64:
     """(n,) constants and coefficients by the *names* that a covariance has for them."""
     terms = {f"term {i}": term.coefficient for i, term in enumerate(calibration.terms)}
     values = {**calibration.constants, **terms}
@@ -108,7 +108,7 @@ def apply_step(model: ModelState, baseline: Baseline, step: F64) -> ModelState:
     return replace(model, constants=constants, terms=tuple(terms))
 
 
-def with_findings(
+def add_findings(
     model: ModelState, findings: Sequence[Candidate], amplitudes: Sequence[F64]
 ) -> ModelState:
     """The model with the findings' terms appended."""

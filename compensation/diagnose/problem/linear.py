@@ -20,7 +20,7 @@ from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.estimate.surfaces import group_planes, project_on_normals
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
 from armd.compensation.model.terms import Term
 
@@ -266,7 +266,9 @@ class Baseline:
         chosen = [self.model.terms[i] for i in self.terms]
         states = linear.rests.observations.states
         probes = [term.model_copy(update={"coefficient": 1.0}) for term in chosen]
-        values = basis_values(probes, states, arm, self.model.reference_c, self.model.constants)
+        values = compute_basis_values(
+            probes, states, arm, self.model.reference_c, self.model.constants
+        )
         constants = [linear.jacobian[i] for i in self.parameters]
         slopes = [
             linear.signature(arm.layout.index(term.parameter), value)

@@ -11,10 +11,10 @@ from armd.compensation.diagnose.constants import LEAST_LENGTH_MM
 from armd.compensation.diagnose.problem.linear import Linear, ModelState, Rests
 from armd.compensation.estimate.linear.blocks import Blocks, Piece, to_blocks
 from armd.compensation.estimate.linearise import Linearisation, linearise_as_read
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.surface_kinds import FREEDOM, PLANE
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.parameters import ParameterLayout
 from armd.errors import BadInput
@@ -23,7 +23,9 @@ from armd.errors import BadInput
 def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     """Fit placements and unknown seats under *model*; everything else becomes columns."""
     observations = _corrected(rests, model.artefact)
-    values = basis_values(model.terms, observations.states, arm, model.reference_c, model.constants)
+    values = compute_basis_values(
+        model.terms, observations.states, arm, model.reference_c, model.constants
+    )
     if not np.isfinite(values).all():
         files = ", ".join(str(session.path) for session in rests.sessions)
         needs = "those that the model under test needs"
@@ -106,7 +108,7 @@ def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:
 def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
     """The observations under a correction of the artefact, as `identify` applies it."""
     observations = rests.observations
-    corrected = gather(rests.sessions, observations.arm, correction)
+    corrected = collect_observations(rests.sessions, observations.arm, correction)
     return replace(
         observations,
         stretch=corrected.stretch[rests.first],

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from armd.arrays import F64, I64
-from armd.compensation.data.in_order import in_order
+from armd.compensation.data.in_order import run_in_order
 from armd.compensation.diagnose.constants import MANY_INDICES, PAIRS_CHUNK, PAIRS_PIECE
 
 Part = tuple[int, float, int]  # parameter, weight, row of the bases
@@ -83,7 +83,7 @@ class Within:
             return np.concatenate(sums)
 
         total = np.zeros(self.weights.shape[1])
-        for sums in in_order(sum_piece, range(0, bases.shape[1], PAIRS_PIECE)):
+        for sums in run_in_order(sum_piece, range(0, bases.shape[1], PAIRS_PIECE)):
             total += sums
         elements: F64 = self.weights @ total
         return elements

@@ -15,8 +15,8 @@ from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import BLOCKS, MOST_FOLDS, REST_RAD
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.estimate.folds import assign_group_folds, assign_posture_folds
-from armd.compensation.estimate.observations import Observations, gather
-from armd.compensation.estimate.orientations import find_oriented_rows, with_orientations
+from armd.compensation.estimate.observations import Observations, collect_observations
+from armd.compensation.estimate.orientations import add_orientations, find_oriented_rows
 from armd.compensation.identify.admission.requirements import count_artefact_unknowns
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
@@ -26,12 +26,12 @@ from armd.errors import BadInput
 ORIENTATION = "orientation"
 
 
-def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
+def collect_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
     """Join sessions and average the readings of each rest; orientations stand behind all points.
 
     A surface has no orientation of its own to compare with: beside surfaces they take no part.
     """
-    raw = gather(sessions, arm)
+    raw = collect_observations(sessions, arm)
     rise = np.concatenate([session.artefact_rise_k for session in sessions])
     used = _complete(raw, arm)
     raw, rise = raw.rows(used), rise[used]
@@ -72,7 +72,7 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
     point_of = np.arange(observations.n)
     if not observations.on_surface.any():
         point_of = np.append(point_of, find_oriented_rows(observations))
-        observations = with_orientations(observations)
+        observations = add_orientations(observations)
     labels += [ORIENTATION] * (len(observations.target_names) - len(labels))
     return Rests(
         tuple(sessions),

@@ -22,7 +22,7 @@ from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.model.arm import Arm
 
 
-def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
+def collect_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
     """The facts of these rests under the model to test."""
     observations = rests.observations
     states = observations.states

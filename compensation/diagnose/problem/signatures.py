@@ -17,7 +17,7 @@ from armd.compensation.diagnose.problem.pairs import Part, Within
 from armd.compensation.diagnose.problem.use import evaluate_histories
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Use, Winding
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.terms import Factor, Term
 
 
@@ -228,7 +228,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
         if not isinstance(history, Use | Winding)
     }
     values = np.empty((len(bases), states.n))
-    values[list(probes)] = basis_values(
+    values[list(probes)] = compute_basis_values(
         [*probes.values()], states, arm, model.reference_c, model.constants
     ).T
     if histories:

@@ -120,7 +120,7 @@ class RestNoise:
         return white.reshape(columns.shape)
 
 
-def guess_turn_ratio(residual: F64, turned: Mask) -> float:
+def compute_turn_ratio(residual: F64, turned: Mask) -> float:
     """How much farther off orientations are than points, by the middle ones of a residual (N,)."""
     if not turned.any():
         return 1.0

@@ -27,8 +27,8 @@ from armd.compensation.diagnose.problem.rests import count_spare_rows
 from armd.compensation.diagnose.report.sizes import is_size_known
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.wording import clock, plain
-from armd.terminal.counted import counted
+from armd.compensation.wording import format_clock, format_plain
+from armd.terminal.counted import format_count
 
 
 def write_verdict(diagnosis: Diagnosis) -> str:
@@ -48,7 +48,7 @@ def write_verdict(diagnosis: Diagnosis) -> str:
             "No cause was found in the arm." if diagnosis.touched else "No cause was found."
         )
     else:
-        count = counted(_listed(diagnosis), "finding")
+        count = format_count(_listed(diagnosis), "finding")
         if diagnosis.written:
             before, after = diagnosis.written_clear_um or diagnosis.written_rms_um
             how = f", {diagnosis.written_by}" if diagnosis.written_by else ""
@@ -229,8 +229,8 @@ def _could_show(diagnosis: Diagnosis) -> str:
     spare = count_spare_rows(rests.observations)
     if spare < LEAST_SPARE:
         return (
-            f"But {counted(rests.points.n, 'reading')} at rest leave only "
-            f"{counted(spare, 'number')} beyond what their placements take up: hardly any "
+            f"But {format_count(rests.points.n, 'reading')} at rest leave only "
+            f"{format_count(spare, 'number')} beyond what their placements take up: hardly any "
             "cause could have shown."
         )
     hidden = sorted(c for c, snr in diagnosis.search.would_show.items() if snr < WOULD_SHOW)
@@ -266,13 +266,15 @@ def _named(candidate: Candidate) -> str:
 
 def format_um(value: float) -> str:
     """Micrometres as a person writes them: three digits, no exponent."""
-    return plain(value, UM_DIGITS)
+    return format_plain(value, UM_DIGITS)
 
 
 def describe_moved(touched: MovedArtefact) -> str:
     """What was moved, where and when."""
     move = CATALOGUE["artefact_moved"].describe(touched.candidate, touched.amplitudes)
-    instant = "" if np.isnan(touched.instant_unix_s) else f", {clock(touched.instant_unix_s)}"
+    instant = (
+        "" if np.isnan(touched.instant_unix_s) else f", {format_clock(touched.instant_unix_s)}"
+    )
     return (
         f"In {touched.session}, {touched.placement}, before row {touched.row}{instant}, {move}: "
         "its readings count as two placements; the arm did not cause it."

@@ -85,7 +85,7 @@ class ScoredCandidates:
     def gain_of_shapes(self, index: int, candidates: Sequence[Candidate]) -> F64:
         """What each of *candidates*, one finding and its shape taken out of the model, gains in log
         evidence if its own shape may be off, as that finding's may."""
-        with_shapes, gained = with_own_shapes(candidates, self.projection, self._columns_of(index))
+        with_shapes, gained = add_own_shapes(candidates, self.projection, self._columns_of(index))
         may_be_off = np.array(
             [b is not c for b, c in zip(with_shapes, candidates, strict=True)], dtype=bool
         )
@@ -159,7 +159,7 @@ class ScoredCandidates:
         return log_weight + max(evidence_own - best, 0.0)
 
 
-def with_own_shapes(
+def add_own_shapes(
     candidates: Sequence[Candidate], projection: Projection, without: Iterable[int] = ()
 ) -> tuple[list[Candidate], F64]:
     """Each candidate together with its shape, about the amplitudes that it has alone, or itself

@@ -50,12 +50,12 @@ class ArtefactColumns:
     def _indices_in(self, cell: Cell) -> tuple[I64, F64]:
         if len(cell.rests):
             piece = self.white.select_rests(cell.rests)
-            return piece.columns, flatten(piece.values)
+            return piece.columns, to_rows(piece.values)
         indices = np.flatnonzero(self.white.distances.any(axis=0))
         return indices, self.white.distances[:, indices]
 
 
-def flatten(values: F64) -> F64:
+def to_rows(values: F64) -> F64:
     """(k, 3, c) as rows (3 k, c)."""
     k, axes, c = values.shape
     return values.reshape(k * axes, c)

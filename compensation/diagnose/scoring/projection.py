@@ -16,7 +16,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.in_order import in_order
+from armd.compensation.data.in_order import run_in_order
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.cells import (
@@ -25,13 +25,13 @@ from armd.compensation.diagnose.scoring.cells import (
     as_slice,
     clear_columns,
     compute_products_of_parts,
-    flatten,
     list_rows,
     split_by_part,
+    to_rows,
 )
 from armd.compensation.diagnose.scoring.evidence import Sums
 from armd.compensation.diagnose.scoring.memory import Lasting
-from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
+from armd.compensation.diagnose.scoring.shape import Shapes, make_shapes
 from armd.compensation.estimate.linear.blocks import Piece
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
@@ -109,7 +109,7 @@ class Projection:
         """The same rows with a fit's findings and their shapes among what absorbs; none were."""
         start = fit.layout.identified.stop
         stop = fit.layout.mount.start
-        shapes = with_shapes(fit, self.arm)
+        shapes = make_shapes(fit, self.arm)
         added = np.hstack([fit.nuisance.columns.to_dense(slice(start, stop)), shapes.matrix])
         variance = np.concatenate([fit.nuisance.variance[start:stop], shapes.variance])
         white = fit.noise.whiten(added)
@@ -199,7 +199,7 @@ class Projection:
             by_axis = columns.reshape(-1, 3, columns.shape[1])
             return signatures.of_pairs(self._at_rests[:, cell.rests], by_axis, cell.rests)
 
-        return zip(self.cells, in_order(sum_cell, self.cells), strict=True)
+        return zip(self.cells, run_in_order(sum_cell, self.cells), strict=True)
 
     def sums_with(self, sums: Sums) -> Sums:
         """Products with all candidates' columns, where *sums* holds those with the first
@@ -265,7 +265,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     n, size = observations.n, len(fit.residual)
     part_of = np.zeros(n, dtype=np.int64) if part_of is None else part_of
     parts = int(part_of.max(initial=0)) + 1
-    shapes = with_shapes(fit, arm)
+    shapes = make_shapes(fit, arm)
     variance = np.concatenate([fit.nuisance.variance, shapes.variance])
     white = fit.nuisance.columns.whitened(fit.noise.whitener, fit.noise.distance_mm)
     # The certified distances are in no placement: they are a part that always stays.
@@ -283,7 +283,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     cells = []
     for part, piece in places:
         is_local = local[piece.columns]
-        rows_of_cell = flatten(piece.values[:, :, is_local])
+        rows_of_cell = to_rows(piece.values[:, :, is_local])
         local_model = LinearModel.from_rows(
             [("own", rows_of_cell, variance[piece.columns[is_local]])]
         )

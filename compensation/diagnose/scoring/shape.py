@@ -22,7 +22,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import make_finding_columns
 from armd.compensation.diagnose.scoring.time_discrepancy import make_uneven_columns, may_be_uneven
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.effects.location import TIP, Location, shape_of
+from armd.compensation.effects.location import TIP, Location, make_shape_location
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.pose_factors import Harmonic
 
@@ -37,7 +37,7 @@ def is_shape(candidate: Candidate) -> bool:
 
 def locate_shape(candidate: Candidate) -> Location:
     """The location of a candidate's shape."""
-    return shape_of(candidate.cause, candidate.location)
+    return make_shape_location(candidate.cause, candidate.location)
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Shapes:
         ]
 
 
-def with_shapes(current: Fit, arm: Arm) -> Shapes:
+def make_shapes(current: Fit, arm: Arm) -> Shapes:
     """The shapes of all findings that have none in the model yet."""
     locations = {c.location for c in current.findings}
     candidates = tuple(
@@ -130,7 +130,7 @@ def _joints(candidate: Candidate, n_joints: int) -> list[int]:
     return [] if joint is None else [joint]
 
 
-def with_their_causes(findings: Sequence[Candidate]) -> list[Candidate]:
+def select_with_causes(findings: Sequence[Candidate]) -> list[Candidate]:
     """No shape without the finding whose shape it is."""
     named = {locate_shape(c) for c in findings}
     return [c for c in findings if not is_shape(c) or c.location in named]

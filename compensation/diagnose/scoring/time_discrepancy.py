@@ -33,9 +33,9 @@ from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.courses import compute_swing, is_drift, is_walk
 from armd.compensation.effects.effect import Candidate, Column, tie
-from armd.compensation.effects.location import shape_of
+from armd.compensation.effects.location import make_shape_location
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.slow_factors import After, Period, Relaxation, Temperature
 from armd.compensation.model.terms import Factor, Term
 
@@ -46,7 +46,7 @@ def make_uneven_columns(
     """Columns (N, m) in mm, for amplitudes of unit variance; none for what is neither."""
     if not may_be_uneven(finding):
         return np.zeros((len(linear.residual), 0))
-    make_columns = _unsettled if begins_unsettled(finding) else _strayed
+    make_columns = _unsettled if is_unsettled_at_start(finding) else _strayed
     columns = np.stack(make_columns(linear, finding, amplitudes, arm), axis=1)
     visible: F64 = columns[:, np.linalg.norm(noise.whiten(columns), axis=0) > LEAST_UNEVEN]
     return visible
@@ -54,7 +54,7 @@ def make_uneven_columns(
 
 def may_be_uneven(finding: Candidate) -> bool:
     """Whether it is a drift, or a lag."""
-    return begins_unsettled(finding) or (is_drift(finding) and _of_time_alone(finding))
+    return is_unsettled_at_start(finding) or (is_drift(finding) and _of_time_alone(finding))
 
 
 def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> list[F64]:
@@ -71,7 +71,7 @@ def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> lis
     return columns
 
 
-def begins_unsettled(finding: Candidate) -> bool:
+def is_unsettled_at_start(finding: Candidate) -> bool:
     """Whether what it had come to before a session began, which nobody measured, matters in it."""
     return finding.cause == "thermal_lag"
 
@@ -83,7 +83,7 @@ def may_have_begun_anyhow(finding: Candidate) -> bool:
     what a lag of the other does.
     """
     terms = (term for column in finding.columns for term in column.terms)
-    return begins_unsettled(finding) and not any(_turns(term.parameter) for term in terms)
+    return is_unsettled_at_start(finding) and not any(_turns(term.parameter) for term in terms)
 
 
 def make_unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> Candidate:
@@ -103,7 +103,9 @@ def make_unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) ->
                 for term in tie([(name, share * mm) for name, mm in largest_mm], factor)
             ]
             columns.append(Column("what fades", "1", 1.0, tuple(terms), reach=1.0))
-    return Candidate("unknown", shape_of(lag.cause, lag.location), tuple(columns), lag.depends_on)
+    return Candidate(
+        "unknown", make_shape_location(lag.cause, lag.location), tuple(columns), lag.depends_on
+    )
 
 
 def _fading(
@@ -150,7 +152,7 @@ def _behind(
     model = linear.model
     terms = lag.columns[0].terms  # of each length one late, and the same taken back
     states = linear.rests.observations.states
-    values = basis_values(terms, states, arm, model.reference_c, model.constants)
+    values = compute_basis_values(terms, states, arm, model.reference_c, model.constants)
     behind = {}
     for name in dict.fromkeys(term.parameter for term in terms):
         indices = [i for i, term in enumerate(terms) if term.parameter == name]

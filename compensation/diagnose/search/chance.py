@@ -37,11 +37,11 @@ def limit_by_lasting_noise(
         ]
         without = make_projection(solve_again(fit, remaining, projection.arm), projection.arm)
         p = float(compute_family_wise_p(compute_log_p_by_scatter(candidate, without), tests))
-        limited.append(replace(finding, probability=finding.probability * bound_probability(p)))
+        limited.append(replace(finding, probability=finding.probability * limit_probability(p)))
     return tuple(limited)
 
 
-def bound_probability(p_value: float) -> float:
+def limit_probability(p_value: float) -> float:
     """The highest probability that something is there which a p value allows, as likely as not
     before: the Bayes factor of nothing is at least −e p ln p (Sellke, Bayarri and Berger, American
     Statistician 55, 2001)."""

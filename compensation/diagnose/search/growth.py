@@ -16,7 +16,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.constants import AS_QUIET_GROWN, EXPECTED_PRIOR, MOST_GROWTH_ROUNDS
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.free_expansion import without_growth
+from armd.compensation.diagnose.fitting.free_expansion import drop_growth
 from armd.compensation.diagnose.fitting.neighbourhood import find_refusal
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
@@ -26,11 +26,11 @@ from armd.compensation.diagnose.scoring.evidence import compute_log_bayes_factor
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.effects.older import OLDER, since_the_calibration
+from armd.compensation.effects.older import OLDER, start_at_calibration
 from armd.compensation.model.arm import Arm
 
 
-def with_growth(
+def fit_with_growth(
     current: Fit, candidates: Iterable[Candidate], arm: Arm, tests: int
 ) -> tuple[Fit, Fit] | None:
     """The fit with the growth that its readings show as findings before its own; None where they
@@ -39,7 +39,7 @@ def with_growth(
     links = _ways_to_grow(candidates) if current.baseline.growth else []
     if not links:
         return None
-    closed = without_growth(current.baseline)
+    closed = drop_growth(current.baseline)
     about = _fitted(current, closed, current.findings, current.amplitudes, arm)
     grown = _grown(about, links, arm)
     if not grown:
@@ -49,7 +49,7 @@ def with_growth(
     weighed = _or_newer(_fitted(current, closed, findings, start, arm), len(grown), arm, tests)
     findings = list(weighed.findings)
     named = {t.parameter for c in grown for column in c.columns for t in column.terms}
-    remaining_baseline = without_growth(current.baseline, named)
+    remaining_baseline = drop_growth(current.baseline, named)
     last = _fitted(current, remaining_baseline, findings, weighed.amplitudes, arm)
     return None if find_refusal(last, about, arm) else (weighed, last)
 
@@ -60,7 +60,7 @@ def _or_newer(weighed: Fit, grown: int, arm: Arm, tests: int) -> Fit:
 
     How long a link was at the calibration's temperature is else taken for a constant that shifted.
     """
-    newer = [since_the_calibration(c) for c in weighed.findings[:grown]]
+    newer = [start_at_calibration(c) for c in weighed.findings[:grown]]
     findings, start = [*newer, *weighed.findings[grown:]], list(weighed.amplitudes)
     fitted = _fitted(weighed, weighed.baseline, findings, start, arm)
     while len(fitted.findings) > grown:

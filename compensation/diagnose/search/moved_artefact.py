@@ -46,7 +46,7 @@ from armd.compensation.diagnose.scoring.scatter import compute_log_p_by_scatter
 from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p, is_significant
 from armd.compensation.diagnose.search.findings import find_nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
-from armd.compensation.effects.setup.artefact_moved import moved
+from armd.compensation.effects.setup.artefact_moved import make_candidate
 from armd.compensation.estimate.noise.robust import (
     DOWNWEIGHT_CHI2,
     compute_huber_loss,
@@ -72,7 +72,7 @@ def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
     projection = scored.projection
     rests = projection.fit.linear.rests
     placements = rests.in_order.items()
-    coarse = [moved(p, k) for p, rows in placements for k in _grid(_possible(rests, rows))]
+    coarse = [make_candidate(p, k) for p, rows in placements for k in _grid(_possible(rests, rows))]
     if not coarse:
         return None
     coarse_scores = score_candidates(projection, coarse).scores
@@ -167,7 +167,7 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
         step = max(len(possible) // TOUCHED_FINER, 1)
         best = min(possible[::step].tolist(), key=loss)
         if step == 1:
-            return moved(number, best)
+            return make_candidate(number, best)
         possible = possible[np.abs(possible - best) <= 2 * step]
 
 
@@ -186,7 +186,7 @@ def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64
     in_time = fit.linear.rests.in_order[number]
     rows = (3 * in_time[:, None] + np.arange(3)).ravel()
     whitener = fit.noise.whitener[in_time]
-    pose = make_finding_columns(fit.linear, [moved(number, 0)], projection.arm)[0][rows]
+    pose = make_finding_columns(fit.linear, [make_candidate(number, 0)], projection.arm)[0][rows]
     pose = (whitener @ pose.reshape(-1, 3, 6)).reshape(-1, 6)
     # As measured: of what the fit explains, a wandering base has taken a part of the step.
     columns_of_findings = [

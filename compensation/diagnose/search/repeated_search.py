@@ -20,13 +20,13 @@ from armd.compensation.diagnose.search.revisit import compute_log_weight
 from armd.compensation.model.arm import Arm
 
 
-def counts_instead(repeated: SearchResult, before: SearchResult, arm: Arm) -> bool:
+def may_replace(repeated: SearchResult, before: SearchResult, arm: Arm) -> bool:
     """Whether what the *repeated* search found, the calibration being wrong by what it may have
     taken up, counts instead of what was found *before*."""
-    return tells_less(repeated, before) and not loses_a_cause(repeated, before, arm)
+    return has_fewer_findings(repeated, before) and not has_lost_cause(repeated, before, arm)
 
 
-def tells_less(repeated: SearchResult, before: SearchResult) -> bool:
+def has_fewer_findings(repeated: SearchResult, before: SearchResult) -> bool:
     """Whether the *repeated* search found less than was found *before*, and no more is left to the
     noise. The older causes are there still, so that it is not nothing."""
     if has_clearly_lower_noise(before.last, repeated.last):
@@ -34,7 +34,7 @@ def tells_less(repeated: SearchResult, before: SearchResult) -> bool:
     return 0 < len(repeated.findings) < len(before.findings)
 
 
-def loses_a_cause(repeated: SearchResult, before: SearchResult, arm: Arm) -> bool:
+def has_lost_cause(repeated: SearchResult, before: SearchResult, arm: Arm) -> bool:
     """Whether a cause found *before*, and not in the *repeated* search, is significant all the
     same. What has no name is none: what was taken up leaves such functions, too.
 

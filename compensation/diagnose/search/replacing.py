@@ -17,7 +17,7 @@ from armd.compensation.diagnose.constants import (
     CONTRADICTED,
     REPLACING_SIGMAS,
 )
-from armd.compensation.effects.by_session import follows_anything
+from armd.compensation.effects.by_session import can_follow_anything
 from armd.compensation.effects.effect import Candidate
 
 
@@ -37,7 +37,7 @@ class Required:
 
 def make_required(findings: Sequence[Candidate], instead_of: Sequence[Candidate]) -> Required:
     """What *findings* must show to be told *instead_of* others."""
-    tells_why = _count(follows_anything, findings) < _count(follows_anything, instead_of)
+    tells_why = _count(can_follow_anything, findings) < _count(can_follow_anything, instead_of)
     names = _count(_is_loose, findings) < _count(_is_loose, instead_of)
     keeps_all = {c.place for c in instead_of} <= {c.place for c in findings}
     says_more = tells_why or names or keeps_all

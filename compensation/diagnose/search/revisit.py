@@ -39,10 +39,10 @@ from armd.compensation.diagnose.scoring.candidates import (
 )
 from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
-from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape, with_shapes
+from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape, make_shapes
 from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.diagnose.search.work import WorkBudget
-from armd.compensation.effects.by_session import follows_anything, is_by_session
+from armd.compensation.effects.by_session import can_follow_anything, is_by_session
 from armd.compensation.effects.effect import SCALES, Candidate, join_finding
 from armd.compensation.model.arm import Arm
 
@@ -139,7 +139,7 @@ class Revisit:
         is_able &= np.array([not barred(c) for c in candidates])
         if not is_able.any():
             return []
-        if not follows_anything(finding):
+        if not can_follow_anything(finding):
             return [[]]
         is_able &= ~self._barred_candidates(candidates, barred) & np.array(
             [not _is_free(c) for c in candidates]
@@ -263,7 +263,7 @@ def _with_shapes(
     columns_of_findings = [
         n for span in fitted.layout.findings for n in range(span.start, span.stop)
     ]
-    shapes = with_shapes(fitted, projection.arm)
+    shapes = make_shapes(fitted, projection.arm)
     columns = np.hstack(
         [fitted.nuisance.columns.to_dense(np.array(columns_of_findings, dtype=int)), shapes.matrix]
     )

@@ -26,7 +26,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.scoring.shape import with_their_causes
+from armd.compensation.diagnose.scoring.shape import select_with_causes
 from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
 from armd.compensation.diagnose.search.chance import limit_by_lasting_noise
 from armd.compensation.diagnose.search.findings import (
@@ -35,7 +35,7 @@ from armd.compensation.diagnose.search.findings import (
     judge,
     weigh_findings,
 )
-from armd.compensation.diagnose.search.growth import with_growth
+from armd.compensation.diagnose.search.growth import fit_with_growth
 from armd.compensation.diagnose.search.replacing import make_required
 from armd.compensation.diagnose.search.revisit import (
     Revisit,
@@ -57,7 +57,7 @@ from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, join_finding
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: What is found otherwise, or is no cause.
 NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
@@ -102,7 +102,7 @@ class Search:
             if len(current.findings) >= MOST_FINDINGS:
                 break
             if not survey.work.may_go_on:
-                survey.work.skip(f"more than {counted(len(current.findings), 'cause')}")
+                survey.work.skip(f"more than {format_count(len(current.findings), 'cause')}")
                 break
             best = choose_finding(scored, survey.tests)
             findings = (
@@ -138,7 +138,7 @@ class Search:
         reported = self._limit_by_rival_sets(limited, current, scored)
         searched = as_reported(current, reported)
         last = searched
-        if grown := with_growth(searched, survey.refusals.candidates, survey.arm, survey.tests):
+        if grown := fit_with_growth(searched, survey.refusals.candidates, survey.arm, survey.tests):
             growth, last = grown
             remaining = [i for i, c in enumerate(searched.findings) if c in last.findings]
             if len(remaining) < len(reported):
@@ -199,7 +199,7 @@ class Search:
             if best == candidate.place:
                 continue
             if places[best] > math.log(CLEARLY) + scored.log_posterior_of(i, scores):
-                findings = with_their_causes([c for c in current.findings if c is not candidate])
+                findings = select_with_causes([c for c in current.findings if c is not candidate])
                 without = solve_again(current, findings, survey.arm)
                 rival = choose(make_projection(without, survey.arm), scores, survey.tests)
                 if rival is None or rival.place == candidate.place:
@@ -226,7 +226,7 @@ class Search:
                 if rival is None or rival.cause == "unknown":
                     continue
                 remaining = [c for c in current.findings if c is not finding.candidate]
-                findings = with_their_causes(join_finding(remaining, rival))
+                findings = select_with_causes(join_finding(remaining, rival))
                 if make_key(findings) in tried_keys:
                     continue
                 tried_keys.add(make_key(findings))

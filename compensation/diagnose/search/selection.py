@@ -23,8 +23,8 @@ from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.signatures import identify_kind
 from armd.compensation.diagnose.scoring.candidates import (
     ScoredCandidates,
+    add_own_shapes,
     score_candidates,
-    with_own_shapes,
 )
 from armd.compensation.diagnose.scoring.evidence import Scores, score
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
@@ -195,7 +195,7 @@ def _if_bent(
     causes = [candidates[i] for i in named.values()]
     if not causes:
         return best
-    shaped, gained = with_own_shapes(causes, projection)
+    shaped, gained = add_own_shapes(causes, projection)
     numbers = [best, *named.values(), *named.values()]
     likely = weight[numbers]
     likely[-len(shaped) :] += gained

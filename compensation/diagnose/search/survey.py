@@ -8,11 +8,11 @@ import numpy as np
 
 from armd.compensation.diagnose.constants import STEP_WORK
 from armd.compensation.diagnose.fitting.alternating_fit import fit_by_turns
-from armd.compensation.diagnose.fitting.refit import with_findings_unsolved
-from armd.compensation.diagnose.problem.acting_causes import with_acting
+from armd.compensation.diagnose.fitting.refit import set_findings
+from armd.compensation.diagnose.problem.acting_causes import add_acting
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
-from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
 from armd.compensation.diagnose.scoring.candidates import (
     PartedSurvey,
@@ -21,13 +21,13 @@ from armd.compensation.diagnose.scoring.candidates import (
     score_candidates,
 )
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.scoring.shape import with_their_causes
+from armd.compensation.diagnose.scoring.shape import select_with_causes
 from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.diagnose.search.refusals import Refusals
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.effects.setup.mount_drift import steady_drift
+from armd.compensation.effects.setup.mount_drift import make_steady_drift
 from armd.compensation.model.arm import Arm
 
 
@@ -48,18 +48,18 @@ class Survey:
         self.arm = arm
         self.baseline = baseline
         self.work = work
-        self.facts = gather_facts(rests, arm, baseline)
-        every = catalogue.candidates(self.facts)
+        self.facts = collect_facts(rests, arm, baseline)
+        every = catalogue.list_all_candidates(self.facts)
         self.refusals = Refusals([c for c in every if not barred(c)])
         self.tests = 1
-        self._steady = [steady_drift(self.facts)] if self.facts.timed else []
+        self._steady = [make_steady_drift(self.facts)] if self.facts.timed else []
         self._sought: tuple[Sequence[Candidate], Signatures] | None = None
         #: the last survey beside findings, if any; many megabytes
         self.parted: PartedSurvey | None = None
 
     def fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
         """A fit that starts where *before* ended."""
-        findings = with_their_causes(findings)
+        findings = select_with_causes(findings)
         amplitudes_of = {}
         if before is not None:
             amplitudes_of = dict(zip(map(id, before.findings), before.amplitudes, strict=True))
@@ -94,10 +94,10 @@ class Survey:
         counted = self._sought is not None and self._sought[0] is candidates
         if self._sought is None or not counted:
             self._sought = candidates, compile_candidates(candidates, current.linear, self.arm)
-        signatures = with_acting(self._sought[1], current, self.facts, refused, self.arm)
+        signatures = add_acting(self._sought[1], current, self.facts, refused, self.arm)
         self.parted = None  # many megabytes
         if current.findings:
-            nothing = with_findings_unsolved(current, [], self.arm)
+            nothing = set_findings(current, [], self.arm)
             self.parted = PartedSurvey.from_fit(nothing, signatures, self.arm)
             scored = self.parted.with_findings(current)
         else:

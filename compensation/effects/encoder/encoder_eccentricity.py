@@ -8,12 +8,12 @@ from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie
 from armd.compensation.model.pose_factors import Harmonic
-from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
+from armd.compensation.wording import ARC_SECOND, format_plain, seconds_of_arc
 
 DISC_DIAMETER_MM = 50.0  # of a typical arm's encoder, for the reading only
 
 
-def harmonic_columns(joint: int, order: int, prior_sd: float) -> tuple[Column, ...]:
+def make_harmonic_columns(joint: int, order: int, prior_sd: float) -> tuple[Column, ...]:
     """sin and cos of an order of a joint's angle, added to its angle."""
     return tuple(
         Column(
@@ -26,12 +26,12 @@ def harmonic_columns(joint: int, order: int, prior_sd: float) -> tuple[Column, .
     )
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         yield Candidate(
             "encoder_eccentricity",
             location.joint(k),
-            harmonic_columns(k, 1, 6 * ARC_SECOND),
+            make_harmonic_columns(k, 1, 6 * ARC_SECOND),
             (f"q{k}",),
         )
 
@@ -40,7 +40,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
     angle = float(np.hypot(*amplitudes))
     offset_um = angle / ARC_SECOND * DISC_DIAMETER_MM / 412.0
     return (
-        f"the encoder disc of {candidate.location} sits {plain(offset_um)} µm off centre "
+        f"the encoder disc of {candidate.location} sits {format_plain(offset_um)} µm off centre "
         f"({seconds_of_arc(angle)} on a disc of {DISC_DIAMETER_MM:.0f} mm)"
     )
 
@@ -51,7 +51,7 @@ EFFECT = Effect(
     "wobble of the last axis, encoder scale or ellipticity on a joint of short range, "
     "compliance of joint 2",
     "turn the joint through its whole range at one seat, hold the others",
-    candidates,
+    list_candidates,
     describe,
     as_coarse_as_the_arm=True,
 )

@@ -7,7 +7,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Effect, SessionFacts
-from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
+from armd.compensation.effects.encoder.encoder_eccentricity import make_harmonic_columns
 from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 ORDERS = range(3, 41)
@@ -16,17 +16,17 @@ CURVES = (8, 20, 40)
 UNDECIDED = "whether encoder or gear causes it these data cannot tell"
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         for order in ORDERS:
-            columns = harmonic_columns(k, order, 2 * ARC_SECOND)
+            columns = make_harmonic_columns(k, order, 2 * ARC_SECOND)
             setting = (("order", float(order), "1/turn"),)
             yield Candidate("encoder_periodic", location.joint(k), columns, (f"q{k}",), setting)
         for highest in CURVES:
             group = tuple(
                 column
                 for order in range(3, highest + 1)
-                for column in harmonic_columns(k, order, 2 * ARC_SECOND)
+                for column in make_harmonic_columns(k, order, 2 * ARC_SECOND)
             )
             setting = (("highest order", float(highest), "1/turn"),)
             yield Candidate("encoder_periodic", location.joint(k), group, (f"q{k}",), setting)
@@ -54,7 +54,7 @@ EFFECT = Effect(
     "graduation, interpolation or gear teeth repeat along the turn",
     "eccentricity of a neighbour when poses are few",
     "measure one seat at small steps of this joint, several per shortest period",
-    candidates,
+    list_candidates,
     describe,
     as_coarse_as_the_arm=True,
     describe_curve=describe_curve,

@@ -9,7 +9,7 @@ from armd.compensation.model.pose_factors import Angle
 from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         terms = tie([(f"theta_{k}", 1.0)], Angle(joint=k))
         column = Column("gain", "rad/rad", 5 * ARC_SECOND, terms)
@@ -25,7 +25,7 @@ EFFECT = Effect(
     "a gear ratio, a count per turn or a linearised sensor with a wrong gain",
     "eccentricity where the joint turns less than 150°",
     "use the joint's whole range, over 150°",
-    candidates,
+    list_candidates,
     describe,
     as_coarse_as_the_arm=True,
 )

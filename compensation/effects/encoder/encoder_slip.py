@@ -5,7 +5,7 @@ from functools import partial
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.courses import steps
+from armd.compensation.effects.courses import make_steps
 from armd.compensation.effects.effect import (
     Candidate,
     Column,
@@ -18,14 +18,14 @@ from armd.compensation.model.slow_factors import After
 from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 
-def columns(joint: int, *basis: After) -> tuple[Column]:
+def make_columns(joint: int, *basis: After) -> tuple[Column]:
     """A step of a joint's angle, from an instant on or all along."""
     return (Column("step", "rad", 15 * ARC_SECOND, tie([(f"theta_{joint}", 1.0)], *basis)),)
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
-        yield from steps(facts, "encoder_slip", location.joint(k), partial(columns, k))
+        yield from make_steps(facts, "encoder_slip", location.joint(k), partial(make_columns, k))
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
@@ -38,7 +38,7 @@ EFFECT = Effect(
     "the disc or its hub slipped on the shaft, or counts were lost",
     "drift of the base, for joint 1",
     "repeat a few poses from before the named moment",
-    candidates,
+    list_candidates,
     describe,
     "the time of each reading (time_s)",
     accident=True,

@@ -11,7 +11,7 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     SessionFacts,
-    temperature,
+    make_temperature,
     tie,
 )
 from armd.compensation.model.pose_factors import Harmonic
@@ -21,7 +21,7 @@ ORDERS = (1, 2)
 TYPICAL_RAD = 1.0 * ARC_SECOND  # per kelvin
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         weights = facts.weights(k)
         if not weights:
@@ -34,7 +34,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                     TYPICAL_RAD,
                     tie(
                         [(f"theta_{k}", 1.0)],
-                        temperature(weights),
+                        make_temperature(weights),
                         Harmonic(kind=kind, joint=k, order=order),
                     ),
                 )
@@ -58,7 +58,7 @@ EFFECT = Effect(
     "glue or hub of the disc expands unevenly: its error grows with temperature",
     "eccentricity, where all was measured at one temperature",
     "turn the joint through its whole range at one seat, cold and warm",
-    candidates,
+    list_candidates,
     describe,
     "temperatures of the joint that vary over the readings",
     as_coarse_as_the_arm=True,

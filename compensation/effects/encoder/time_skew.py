@@ -6,10 +6,10 @@ from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie
 from armd.compensation.model.pose_factors import Rate
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if not facts.rates:
         return
     for k in facts.joints:
@@ -19,7 +19,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    return f"the angle of {candidate.location} is {plain(abs(amplitudes[0]) * 1e6)} µs out of step"
+    delay_us = format_plain(abs(amplitudes[0]) * 1e6)
+    return f"the angle of {candidate.location} is {delay_us} µs out of step"
 
 
 EFFECT = Effect(
@@ -27,7 +28,7 @@ EFFECT = Effect(
     "one encoder is latched earlier or later: its error is proportional to its rate",
     "backlash, when all rates are alike",
     "measure one target in motion, slowly and fast",
-    candidates,
+    list_candidates,
     describe,
     "joint rates at the readings (w1, w2, …), some of them taken in motion",
     by_motion=True,

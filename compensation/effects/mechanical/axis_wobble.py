@@ -7,9 +7,9 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie
-from armd.compensation.effects.twist import twist_weights
+from armd.compensation.effects.twist import compute_twist_weights
 from armd.compensation.model.pose_factors import Harmonic
-from armd.compensation.wording import ARC_SECOND, plain
+from armd.compensation.wording import ARC_SECOND, format_plain
 
 BASE = (["base_rx", "base_ry", "base_x", "base_y"], np.eye(4))
 
@@ -20,10 +20,10 @@ def _motions(facts: SessionFacts, joint: int) -> tuple[list[str], F64]:
         return BASE
     twists = np.zeros((6, 4))
     twists[[0, 1, 3, 4], range(4)] = 1.0
-    return twist_weights(facts, joint - 1, twists)
+    return compute_twist_weights(facts, joint - 1, twists)
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         names, weights = _motions(facts, k)
         for motion, unit, prior_sd, axes in (
@@ -51,9 +51,9 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 def describe(candidate: Candidate, amplitudes: F64) -> str:
     size = float(np.sqrt((amplitudes**2).sum() / 2))
     if candidate.columns[0].unit == "rad":
-        description = f"tilts by {plain(size / ARC_SECOND)}″"
+        description = f"tilts by {format_plain(size / ARC_SECOND)}″"
     else:
-        description = f"runs out by {plain(size * 1e3)} µm"
+        description = f"runs out by {format_plain(size * 1e3)} µm"
     return f"the axis of {candidate.location} {description}, {candidate.setting[0][1]:.0f} × a turn"
 
 
@@ -62,7 +62,7 @@ EFFECT = Effect(
     "bearings whose races are not round or not square let the axis tilt and shift as it turns",
     "eccentricity, for the last joint",
     "measure with a second, bent stylus",
-    candidates,
+    list_candidates,
     describe,
     as_coarse_as_the_arm=True,
 )

@@ -20,7 +20,7 @@ RARE = 0.1
 TYPICAL_RAD = 3 * ARC_SECOND
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for joint, other_joint in permutations(facts.joints, 2):
         for own_turns in (0, 1, -1) if abs(joint - other_joint) == 1 else (0,):
             for order in ORDERS:
@@ -76,7 +76,7 @@ EFFECT = Effect(
     "a wheel or belt that joins two joints runs out: as one turns, the other is pushed",
     "wobble of the other joint's axis, a cable led over both",
     "hold one joint, turn the other through its range, at one seat",
-    candidates,
+    list_candidates,
     describe,
     as_coarse_as_the_arm=True,
     commonness=RARE,

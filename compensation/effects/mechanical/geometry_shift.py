@@ -7,18 +7,18 @@ from functools import partial
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.by_session import (
+    compute_values_by_session,
     is_by_session,
     make_column,
     make_session_functions,
-    values_by_session,
 )
 from armd.compensation.effects.courses import (
     Function,
     compute_swing,
     describe_course,
-    drifts,
     is_drift,
-    steps,
+    make_drifts,
+    make_steps,
 )
 from armd.compensation.effects.effect import (
     Candidate,
@@ -26,11 +26,11 @@ from armd.compensation.effects.effect import (
     Effect,
     SessionFacts,
     describe_instant,
-    lengths,
+    list_lengths,
     tie,
 )
 from armd.compensation.model.slow_factors import After
-from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
+from armd.compensation.wording import ARC_SECOND, format_plain, seconds_of_arc
 
 TYPICAL = {
     "theta": 10 * ARC_SECOND,
@@ -58,7 +58,7 @@ def _drifting(facts: SessionFacts, joint: int, name: str) -> Iterator[Candidate]
         prior_sd = TYPICAL[name] / function.largest
         return [Column(f"{name} {function.name}", _unit(name) + function.per, prior_sd, terms)]
 
-    yield from drifts(facts, "geometry_shift", location.joint(joint), columns)
+    yield from make_drifts(facts, "geometry_shift", location.joint(joint), columns)
 
 
 def _in_each_session(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
@@ -73,7 +73,7 @@ def _in_each_session(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
 
 def _growing(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
     """All lengths of a link together: it takes up humidity."""
-    pairs = lengths(facts, joint)
+    pairs = list_lengths(facts, joint)
     if len(pairs) < 2:
         return
     size = math.hypot(*(mm for _, mm in pairs))
@@ -84,10 +84,10 @@ def _growing(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
             Column(f"length {function.name}", "1" + function.per, prior_sd, function.terms(pairs))
         ]
 
-    yield from drifts(facts, "geometry_shift", location.joint(joint), columns)
+    yield from make_drifts(facts, "geometry_shift", location.joint(joint), columns)
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     # Every constant of the last joint only moves the tip in its frame: that is tip_offset.
     for k in facts.joints[:-1]:
         for name in TYPICAL:
@@ -97,7 +97,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                 yield Candidate("geometry_shift", location.joint(k), _shifted(k, name), ())
             if name != "theta":  # a step of the angle is the encoder's: encoder_slip
                 shifted = partial(_shifted, k, name)
-                yield from steps(facts, "geometry_shift", location.joint(k), shifted)
+                yield from make_steps(facts, "geometry_shift", location.joint(k), shifted)
             yield from _drifting(facts, k, name)
         yield from _in_each_session(facts, k)
         yield from _growing(facts, k)
@@ -106,9 +106,9 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 def describe(candidate: Candidate, amplitudes: F64) -> str:
     column, value = candidate.columns[0], float(amplitudes[0])
     if is_by_session(candidate):
-        values, against = values_by_session(candidate, amplitudes)
+        values, against = compute_values_by_session(candidate, amplitudes)
         shifts = ", ".join(
-            f"{name} {plain(angle[0] / ARC_SECOND, sign='+')}″" for name, angle in values
+            f"{name} {format_plain(angle[0] / ARC_SECOND, sign='+')}″" for name, angle in values
         )
         place = candidate.location
         return f"the zero of {place} is another in each session: {shifts} against {against}"
@@ -116,14 +116,16 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
         term = column.terms[0]
         extent = compute_swing(candidate, amplitudes, term.parameter)
         size = (
-            f"{plain(extent * 1e3)} µm"
+            f"{format_plain(extent * 1e3)} µm"
             if term.parameter[:1] in "da" and "alpha" not in term.parameter
             else seconds_of_arc(extent)
         )
         constant_name = column.name.split()[0]
         course = describe_course(candidate)
         return f"{constant_name} of {candidate.location} {course}, by {size} in the time seen"
-    size = f"{plain(value * 1e3, 3, '+')} µm" if column.unit == "mm" else seconds_of_arc(value)
+    size = (
+        f"{format_plain(value * 1e3, 3, '+')} µm" if column.unit == "mm" else seconds_of_arc(value)
+    )
     since = describe_instant(candidate).replace(" at ", " since ")
     return f"{column.name} of {candidate.location} differs by {size} from the calibration{since}"
 
@@ -133,7 +135,7 @@ EFFECT = Effect(
     "a blow, a re-mounted joint or creep changed a constant",
     "the tip's offset, for the last joint; the placement, for the first",
     "calibrate again at one temperature and compare",
-    candidates,
+    list_candidates,
     describe,
     "the time of each reading (time_s), or a calibration to compare with",
     accident=True,

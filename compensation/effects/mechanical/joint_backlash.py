@@ -9,7 +9,7 @@ from armd.compensation.model.pose_factors import Side
 from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if not facts.rates:
         return
     for k in facts.joints:
@@ -27,7 +27,7 @@ EFFECT = Effect(
     "play or friction between encoder and link: the error depends on the side of approach",
     "an angle that is late (time skew), when rates differ little",
     "measure the same poses from both sides of each joint",
-    candidates,
+    list_candidates,
     describe,
     "joint rates at the readings (w1, w2, …): their signs tell the side from which each joint came",
     by_motion=True,

@@ -6,10 +6,10 @@ from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie
 from armd.compensation.model.pose_factors import GravityTorque
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         terms = tie([(f"theta_{k}", 1.0)], GravityTorque(joint=k))
         column = Column("compliance", "rad/Nm", 6e-6, terms)
@@ -18,9 +18,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    return (
-        f"{candidate.location} twists by {plain(abs(amplitudes[0]) * 1e6)} µrad per Nm of gravity"
-    )
+    twist_urad = format_plain(abs(amplitudes[0]) * 1e6)
+    return f"{candidate.location} twists by {twist_urad} µrad per Nm of gravity"
 
 
 EFFECT = Effect(
@@ -28,7 +27,7 @@ EFFECT = Effect(
     "bearing, shaft and counterbalance between encoder and link twist under load",
     "eccentricity of joint 2",
     "repeat the poses with half a kilogram at the wrist",
-    candidates,
+    list_candidates,
     describe,
     by_weight=True,
     as_coarse_as_the_arm=True,

@@ -13,11 +13,11 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import AXES, Candidate, Column, Effect, SessionFacts
-from armd.compensation.effects.twist import SHORTEST_MM, link_vector, twist_weights
-from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
+from armd.compensation.effects.twist import SHORTEST_MM, compute_link_vector, compute_twist_weights
+from armd.compensation.model.gravity import STANDARD_GRAVITY, list_link_masses
 from armd.compensation.model.pose_factors import GravityDirection, GravityMoment
 from armd.compensation.model.terms import Factor, Term
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 
 def _cross(vector: F64) -> F64:
@@ -26,19 +26,19 @@ def _cross(vector: F64) -> F64:
 
 
 def _column(facts: SessionFacts, link: int) -> Column | None:
-    vector = link_vector(facts, link)
+    vector = compute_link_vector(facts, link)
     length = float(np.linalg.norm(vector)) * 1e-3  # m
     if length * 1e3 < SHORTEST_MM:
         return None
     u = vector / (length * 1e3)
-    masses = link_masses(facts.arm)[0]
+    masses = list_link_masses(facts.arm)[0]
     own_weight, beyond = masses[link - 1] * STANDARD_GRAVITY, masses[link:].sum() * STANDARD_GRAVITY
     across = np.eye(3) - np.outer(u, u)
     # per unit of L/EI; shifts in mm
     turn = np.hstack([across, (beyond / 2 + own_weight / 6) * length * _cross(u)])
     bow = np.hstack([across / 2, (beyond / 3 + own_weight / 8) * length * _cross(u)])
     shift = -_cross(u) @ bow * length * 1e3
-    names, weights = twist_weights(facts, link, np.vstack([turn, shift]))
+    names, weights = compute_twist_weights(facts, link, np.vstack([turn, shift]))
     factors: list[Factor] = [GravityMoment(link=link, axis=axis) for axis in AXES]
     factors += [GravityDirection(link=link, axis=axis) for axis in AXES]
     terms = tuple(
@@ -50,7 +50,7 @@ def _column(facts: SessionFacts, link: int) -> Column | None:
     return Column("compliance", "rad/Nm", 8e-6, terms)
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         column = _column(facts, k)
         if column is not None:
@@ -59,7 +59,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    return f"{candidate.location} bends by {plain(abs(amplitudes[0]) * 1e6)} µrad per Nm at its end"
+    angle_urad = format_plain(abs(amplitudes[0]) * 1e6)
+    return f"{candidate.location} bends by {angle_urad} µrad per Nm at its end"
 
 
 EFFECT = Effect(
@@ -67,7 +68,7 @@ EFFECT = Effect(
     "a tube bends under its own weight and its load",
     "compliance of the joint next to it",
     "repeat the poses with half a kilogram at the wrist",
-    candidates,
+    list_candidates,
     describe,
     by_weight=True,
     as_coarse_as_the_arm=True,

@@ -7,7 +7,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, Effect, SessionFacts
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 
 def _name_artefacts(facts: SessionFacts) -> list[tuple[str, str]]:
@@ -54,7 +54,7 @@ def list_lengths(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def read_expansion(candidate: Candidate, amplitudes: F64) -> str:
-    excess = plain(amplitudes[0] * 1e6, sign="+")
+    excess = format_plain(amplitudes[0] * 1e6, sign="+")
     change = candidate.columns[0].artefact
     which = change.artefact if change is not None and change.artefact else "the artefact"
     if change is not None and change.kind == "warmth":
@@ -67,11 +67,11 @@ def read_expansion(candidate: Candidate, amplitudes: F64) -> str:
 
 def read_length(candidate: Candidate, amplitudes: F64) -> str:
     if candidate.columns[0].name.startswith("scale"):
-        off = plain(amplitudes[0] * 1e6, sign="+")
+        off = format_plain(amplitudes[0] * 1e6, sign="+")
         return f"all certified positions{_describe_artefact(candidate)} are {off} µm per metre off"
     size = float(np.linalg.norm(amplitudes)) * 1e3
     subject = candidate.location if len(amplitudes) == 3 else candidate.columns[0].name
-    return f"{subject} is {plain(size)} µm from its certificate"
+    return f"{subject} is {format_plain(size)} µm from its certificate"
 
 
 EXPANSION = Effect(

@@ -7,13 +7,13 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, Effect, SessionFacts
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 #: A hand moves an artefact by tenths of a millimetre; a mount that steps moves by some µm.
 SHIFT_MM, TURN_RAD = 0.1, 0.3e-3
 
 
-def moved(placement: int, after: int) -> Candidate:
+def make_candidate(placement: int, after: int) -> Candidate:
     """Of the placement of this number, after so many of its rests in the order of time."""
     columns = tuple(
         Column(
@@ -27,14 +27,15 @@ def moved(placement: int, after: int) -> Candidate:
     return Candidate("artefact_moved", location.ARTEFACT, columns, ("placement", "time_s"))
 
 
-def candidates(_: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(_: SessionFacts) -> Iterator[Candidate]:
     """None: `diagnose.touched` looks before the search, and parts the placement."""
     return iter(())
 
 
 def describe(_: Candidate, amplitudes: F64) -> str:
     shift, turn = (float(np.linalg.norm(part)) * 1e3 for part in (amplitudes[:3], amplitudes[3:]))
-    return f"the artefact was moved by {plain(shift)} µm and turned by {plain(turn)} mrad"
+    size = f"moved by {format_plain(shift)} µm and turned by {format_plain(turn)} mrad"
+    return f"the artefact was {size}"
 
 
 EFFECT = Effect(
@@ -42,6 +43,6 @@ EFFECT = Effect(
     "somebody leaned on it, a magnet slid, a clamp let go",
     "a step of the base, a slip of joint 1",
     "measure three of its targets at the start and the end of every placement",
-    candidates,
+    list_candidates,
     describe,
 )

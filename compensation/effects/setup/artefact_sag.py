@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, Effect, SessionFacts
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if not facts.targets:
         return
     for name in facts.artefacts if len(facts.artefacts) > 1 else ("",):
@@ -20,7 +20,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    size = plain(1e3 * abs(amplitudes[0]))
+    size = format_plain(1e3 * abs(amplitudes[0]))
     return (
         f"the artefact bends by {size} µm under its own weight {candidate.columns[0].name}, when "
         "that lies level; no calibration can hold this"
@@ -33,7 +33,7 @@ EFFECT = Effect(
     "others",
     "a certificate that is wrong, bending of a link",
     "measure the artefact level, on edge and upright",
-    candidates,
+    list_candidates,
     describe,
     "certified positions, in placements that lean differently",
 )

@@ -10,9 +10,9 @@ from armd.compensation.effects.courses import (
     Function,
     compute_swing,
     describe_course,
-    drifts,
     is_drift,
-    steps,
+    make_drifts,
+    make_steps,
 )
 from armd.compensation.effects.effect import (
     Candidate,
@@ -23,7 +23,7 @@ from armd.compensation.effects.effect import (
     tie,
 )
 from armd.compensation.model.slow_factors import After, Time
-from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
+from armd.compensation.wording import ARC_SECOND, format_plain, seconds_of_arc
 
 SHIFTS = ("base_x", "base_y", "base_z")
 #: A base may move so much in the time seen.
@@ -37,7 +37,7 @@ def _columns(basis: After | Time, per: str = "") -> tuple[Column, ...]:
     return (*shifts, *turns)
 
 
-def steady_drift(facts: SessionFacts) -> Candidate:
+def make_steady_drift(facts: SessionFacts) -> Candidate:
     """The base moving at one rate throughout; before and after nobody knows."""
     elapsed = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
     columns = _columns(elapsed, "/h")
@@ -55,10 +55,10 @@ def _along(function: Function) -> list[Column]:
     return [*shifts, *(column(n, "rad", TYPICAL_RAD) for n in TURNS)]
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.timed:
-        yield from drifts(facts, "mount_drift", location.BASE, _along)
-    yield from steps(facts, "mount_drift", location.BASE, _columns)
+        yield from make_drifts(facts, "mount_drift", location.BASE, _along)
+    yield from make_steps(facts, "mount_drift", location.BASE, _columns)
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
@@ -68,12 +68,13 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
             for names in (SHIFTS, TURNS)
         )
         return (
-            f"the base {describe_course(candidate)}, by up to {plain(shift * 1e3)} µm and "
+            f"the base {describe_course(candidate)}, by up to {format_plain(shift * 1e3)} µm and "
             f"{seconds_of_arc(turn)} in the time seen"
         )
     shift = float(np.linalg.norm(amplitudes[:3])) * 1e3
     turn = float(np.linalg.norm(amplitudes[3:])) / ARC_SECOND
-    return f"the base stepped by {plain(shift)} µm and {plain(turn)}″{describe_instant(candidate)}"
+    size = f"{format_plain(shift)} µm and {format_plain(turn)}″"
+    return f"the base stepped by {size}{describe_instant(candidate)}"
 
 
 EFFECT = Effect(
@@ -81,7 +82,7 @@ EFFECT = Effect(
     "clamp, table or magnet creeps, or was knocked",
     "a slip of joint 1; lag",
     "measure one seat at the start and the end of every placement",
-    candidates,
+    list_candidates,
     describe,
     "the time of each reading (time_s)",
     accident=True,

@@ -4,16 +4,16 @@ from collections.abc import Iterator
 
 from armd.arrays import F64
 from armd.compensation.effects.effect import Candidate, Effect, SessionFacts
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 
-def candidates(_: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(_: SessionFacts) -> Iterator[Candidate]:
     """None: `diagnose.diagnose` looks for readings, not for a signature."""
     return iter(())
 
 
 def describe(_: Candidate, amplitudes: F64) -> str:
-    count = counted(len(amplitudes), "reading")
+    count = format_count(len(amplitudes), "reading")
     return f"{count} far from where all others put them: measure again"
 
 
@@ -22,6 +22,6 @@ EFFECT = Effect(
     "a ball not seated, a button pressed too early, a bumped table",
     "heavy tails of the noise",
     "measure the named readings again",
-    candidates,
+    list_candidates,
     describe,
 )

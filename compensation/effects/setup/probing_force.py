@@ -8,10 +8,10 @@ from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie_tip
 from armd.compensation.model.pose_factors import Approach
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if not facts.approach:
         return
     stylus = facts.constants[facts.arm.layout.tip]
@@ -29,10 +29,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    along_um, across_um = np.abs([amplitudes[0], amplitudes.sum()]) * 1e3
-    return (
-        f"the tip yields {plain(across_um)} µm across the stylus and {plain(along_um)} µm along it"
-    )
+    along_um, across_um = map(format_plain, np.abs([amplitudes[0], amplitudes.sum()]) * 1e3)
+    return f"the tip yields {across_um} µm across the stylus and {along_um} µm along it"
 
 
 EFFECT = Effect(
@@ -40,7 +38,7 @@ EFFECT = Effect(
     "probing bends the stylus; a wrong tip radius looks the same",
     "a wrong tip radius",
     "touch the same target from several directions, softly and hard",
-    candidates,
+    list_candidates,
     describe,
     "the direction of approach at the readings (approach_x, …)",
 )

@@ -8,12 +8,12 @@ from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie_tip
 from armd.compensation.model.pose_factors import GravityDirection
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 SHORTEST_MM = 20.0  # a shorter one does not sag
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     stylus = facts.constants[facts.arm.layout.tip]
     length = float(np.linalg.norm(stylus))
     if length < SHORTEST_MM:
@@ -27,7 +27,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    return f"the stylus hangs by {plain(1e3 * abs(amplitudes[0]))} µm at its tip when it is level"
+    sag_um = format_plain(1e3 * abs(amplitudes[0]))
+    return f"the stylus hangs by {sag_um} µm at its tip when it is level"
 
 
 EFFECT = Effect(
@@ -35,7 +36,7 @@ EFFECT = Effect(
     "a long or thin stylus bends under its own weight",
     "bending of the last links",
     "measure one seat with the stylus upright, level and at the slopes between",
-    candidates,
+    list_candidates,
     describe,
     "a stylus of over 20 mm in the tip's offset",
 )

@@ -13,18 +13,18 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.by_session import (
+    compute_values_by_session,
     is_by_session,
     make_column,
     make_session_functions,
-    values_by_session,
 )
 from armd.compensation.effects.courses import (
     Function,
     compute_swing,
     describe_course,
-    drifts,
     is_drift,
-    steps,
+    make_drifts,
+    make_steps,
 )
 from armd.compensation.effects.effect import (
     Candidate,
@@ -32,12 +32,12 @@ from armd.compensation.effects.effect import (
     Effect,
     SessionFacts,
     describe_instant,
-    stylus,
+    list_stylus_offsets,
     tie,
 )
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.compensation.model.slow_factors import After
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 TYPICAL_MM = 20e-3
 #: How much of it lies across the last axis where the tip moved along its shaft: a thread stands
@@ -68,7 +68,7 @@ def _along(function: Function) -> list[Column]:
 
 def _in_each_session(facts: SessionFacts) -> Iterator[Candidate]:
     """Anywhere, or along the stylus alone."""
-    functions, stylus_lengths = make_session_functions(facts), stylus(facts)
+    functions, stylus_lengths = make_session_functions(facts), list_stylus_offsets(facts)
     length = math.hypot(*(mm for _, mm in stylus_lengths))
     anywhere = {name[-1]: [(name, 1.0)] for name in TIP_PARAMETERS}
     along = (
@@ -86,12 +86,12 @@ def _in_each_session(facts: SessionFacts) -> Iterator[Candidate]:
             yield Candidate("tip_offset", location.TIP, tuple(columns), ("time_s",))
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.has_fixed_constants:
         yield Candidate("tip_offset", location.TIP, _columns(), ())
         yield Candidate("tip_offset", location.TIP, _columns(across=ASKEW), ())
-    yield from steps(facts, "tip_offset", location.TIP, _columns)
-    yield from drifts(facts, "tip_offset", location.TIP, _along)
+    yield from make_steps(facts, "tip_offset", location.TIP, _columns)
+    yield from make_drifts(facts, "tip_offset", location.TIP, _along)
     yield from _in_each_session(facts)
 
 
@@ -100,15 +100,14 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
         return _read_by_session(candidate, amplitudes)
     if is_drift(candidate):
         extent_mm = max(compute_swing(candidate, amplitudes, f"tip_{axis}") for axis in "xyz")
-        return (
-            f"the tip {describe_course(candidate)}, by {plain(extent_mm * 1e3)} µm in the time seen"
-        )
-    moved = ", ".join(plain(value, 3, "+") for value in amplitudes * 1e3)
+        extent_um = format_plain(extent_mm * 1e3)
+        return f"the tip {describe_course(candidate)}, by {extent_um} µm in the time seen"
+    moved = ", ".join(format_plain(value, 3, "+") for value in amplitudes * 1e3)
     return f"the tip has moved by ({moved}) µm in the last frame{describe_instant(candidate)}"
 
 
 def _read_by_session(candidate: Candidate, amplitudes: F64) -> str:
-    values, against = values_by_session(candidate, amplitudes)
+    values, against = compute_values_by_session(candidate, amplitudes)
     along = all(len(offset_mm) == 1 for _, offset_mm in values)
     offsets = ", ".join(
         f"{name} {1e3 * offset_mm[0]:+.0f} µm"
@@ -127,7 +126,7 @@ EFFECT = Effect(
     "the tip was changed, loosened or worn, or somebody presses harder than others",
     "constants of the last joint",
     "measure one seat from ten directions",
-    candidates,
+    list_candidates,
     describe,
     "the time of each reading (time_s), or a calibration to compare with",
     accident=True,

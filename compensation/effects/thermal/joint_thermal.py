@@ -9,7 +9,7 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     SessionFacts,
-    temperature,
+    make_temperature,
     tie,
 )
 from armd.compensation.wording import ARC_SECOND, seconds_of_arc
@@ -18,13 +18,13 @@ from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 TYPICAL_RAD = {1: 0.6 * ARC_SECOND, 2: 0.06 * ARC_SECOND}
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         own_weights = facts.weights(k)
         for weights in [own_weights] if own_weights else [{name: 1.0} for name in facts.sensors]:
             for name in ("theta", "alpha", "beta"):
                 for order, prior_sd in TYPICAL_RAD.items():
-                    factor = temperature(weights, order=order)
+                    factor = make_temperature(weights, order=order)
                     unit = "rad/K" if order == 1 else f"rad/K^{order}"
                     column = Column(name, unit, prior_sd, tie([(f"{name}_{k}", 1.0)], factor))
                     setting = (("order", float(order), "1"),)
@@ -46,7 +46,7 @@ EFFECT = Effect(
     "housing and encoder mount expand unevenly and turn the zero or the axis",
     "bending of the link by a gradient",
     "measure the same poses at two more temperatures",
-    candidates,
+    list_candidates,
     describe,
     "temperatures that vary over the readings",
     by_temperature=True,

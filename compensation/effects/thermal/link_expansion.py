@@ -10,22 +10,22 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     SessionFacts,
-    lengths,
-    stylus,
-    temperature,
+    list_lengths,
+    list_stylus_offsets,
+    make_temperature,
     tie,
 )
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 TYPICAL_PER_K = 10e-6
 TOGETHER = "of all links per kelvin"
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         own_weights = facts.weights(k)
         sensors = [own_weights] if own_weights else [{name: 1.0} for name in facts.sensors]
-        link_lengths = lengths(facts, k)
+        link_lengths = list_lengths(facts, k)
         choices = (
             [link_lengths]
             if len(link_lengths) == 1
@@ -35,13 +35,13 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         )
         pieces = [[piece] for piece in link_lengths]
         if k == facts.arm.n_joints:  # the stylus is a body of its own
-            choices.append(stylus(facts))
-            pieces.append(stylus(facts))
+            choices.append(list_stylus_offsets(facts))
+            pieces.append(list_stylus_offsets(facts))
         expected = not facts.open_growth.isdisjoint(name for piece in pieces for name, _ in piece)
         if expected and link_lengths and k == facts.arm.n_joints:
-            choices.append([*link_lengths, *stylus(facts)])
+            choices.append([*link_lengths, *list_stylus_offsets(facts)])
         for weights in sensors:
-            factor, depends = temperature(weights), tuple(weights)
+            factor, depends = make_temperature(weights), tuple(weights)
             for lengths_mm in choices:
                 column = Column("per kelvin", "1/K", TYPICAL_PER_K, tie(lengths_mm, factor))
                 yield Candidate(
@@ -63,7 +63,7 @@ def list_together(facts: SessionFacts) -> Iterator[Candidate]:
     Its location is the longest link. A wrong expansion of the artefact shows almost the same, so it
     may replace that finding alone: beside others it would explain two links that grow by all six.
     """
-    by_link = {k: pieces for k in facts.joints if (pieces := lengths(facts, k))}
+    by_link = {k: pieces for k in facts.joints if (pieces := list_lengths(facts, k))}
     weights = {k: facts.weights(k) for k in by_link}
     if len(by_link) < 2:
         return
@@ -72,7 +72,7 @@ def list_together(facts: SessionFacts) -> Iterator[Candidate]:
         choices = [{k: {name: 1.0} for k in by_link} for name in facts.sensors]
     longest = max(by_link, key=lambda k: sum(abs(length_mm) for _, length_mm in by_link[k]))
     for chosen in choices:
-        terms = [tie(pieces, temperature(chosen[k])) for k, pieces in by_link.items()]
+        terms = [tie(pieces, make_temperature(chosen[k])) for k, pieces in by_link.items()]
         column = Column(TOGETHER, "1/K", TYPICAL_PER_K, tuple(chain.from_iterable(terms)))
         sensors = tuple(dict.fromkeys(chain.from_iterable(chosen.values())))
         yield Candidate(
@@ -90,7 +90,7 @@ def _name(lengths_mm: Sequence[tuple[str, float]]) -> str:
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
-    values = [f"{plain(value * 1e6, sign='+')} µm" for value in amplitudes]
+    values = [f"{format_plain(value * 1e6, sign='+')} µm" for value in amplitudes]
     names = [f" ({column.name.split()[0]})" for column in candidate.columns]
     growth = " and ".join(
         value + (name if len(values) > 1 else "") for value, name in zip(values, names, strict=True)
@@ -105,7 +105,7 @@ EFFECT = Effect(
     "a link of another material, or a coefficient that was never identified",
     "the artefact's expansion, when all links share it",
     "measure at two more temperatures, at least 6 K apart",
-    candidates,
+    list_candidates,
     describe,
     "temperatures that vary over the readings, and a calibration to compare with: without one, the "
     "same readings identify it",

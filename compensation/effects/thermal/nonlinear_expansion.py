@@ -9,20 +9,20 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     SessionFacts,
-    lengths,
-    temperature,
+    list_lengths,
+    make_temperature,
     tie,
 )
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 TYPICAL = {2: 8e-8, 3: 8e-9, 4: 8e-10}
 #: One order alone, or all: a coefficient that rises from one value to another is no single power.
 ORDERS = ((2,), (3,), (2, 3, 4))
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
-        weights, lengths_mm = facts.weights(k), lengths(facts, k)
+        weights, lengths_mm = facts.weights(k), list_lengths(facts, k)
         if not (weights and lengths_mm):
             continue
         for orders in ORDERS:
@@ -31,7 +31,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                     "per kelvin to the order",
                     f"1/K^{order}",
                     TYPICAL[order],
-                    tie(lengths_mm, temperature(weights, order=order)),
+                    tie(lengths_mm, make_temperature(weights, order=order)),
                 )
                 for order in orders
             )
@@ -45,7 +45,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
     off = sum(value * 5.0**order for value, order in zip(amplitudes, orders, strict=True))
     return (
         f"{candidate.location} at 5 K from the reference is "
-        f"{plain(abs(off) * 1e6)} µm per metre off the straight line"
+        f"{format_plain(abs(off) * 1e6)} µm per metre off the straight line"
     )
 
 
@@ -54,7 +54,7 @@ EFFECT = Effect(
     "composites, glue and preloaded joints expand in a curve",
     "a higher thermal order of the calibration, which absorbs it",
     "measure at the two ends and the middle of the temperature range",
-    candidates,
+    list_candidates,
     describe,
     "temperatures that vary over the readings, and the sensor of each joint in arm.toml",
     by_temperature=True,

@@ -8,8 +8,15 @@ from collections.abc import Iterator
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, Use, lengths
-from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
+from armd.compensation.effects.effect import (
+    Candidate,
+    Column,
+    Effect,
+    SessionFacts,
+    Use,
+    list_lengths,
+)
+from armd.compensation.wording import ARC_SECOND, format_plain, seconds_of_arc
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 960.0, 1920.0)
 FINER = (0.7, 0.84, 1.19, 1.4)
@@ -17,14 +24,14 @@ FINER = (0.7, 0.84, 1.19, 1.4)
 TYPICAL_RAD, TYPICAL_STRAIN = 15 * ARC_SECOND, 60e-6
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if not facts.timed:
         return
     for k in facts.joints:
         for by_rate in (True, False) if facts.rates else (False,):
             for lag_s in TIME_CONSTANTS_S:
                 yield _warmed(k, by_rate, lag_s, "angle", ((f"theta_{k}", 1.0),))
-                if pairs := lengths(facts, k):
+                if pairs := list_lengths(facts, k):
                     yield _warmed(k, by_rate, lag_s, "length", tuple(pairs))
 
 
@@ -60,7 +67,9 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
     if candidate.columns[0].name.startswith("angle"):
         description = f"the angle of {candidate.location} moves by {seconds_of_arc(size)}"
     else:
-        description = f"the link of {candidate.location} grows by {plain(1e6 * size, sign='+')} ppm"
+        description = (
+            f"the link of {candidate.location} grows by {format_plain(1e6 * size, sign='+')} ppm"
+        )
     return (
         f"{description} when it turns at 1 rad/s for long, with a time constant of "
         f"{candidate.setting[0][1]:.0f} s; no calibration can hold this"
@@ -72,7 +81,7 @@ EFFECT = Effect(
     "friction warms a much used bearing or brake far from every sensor",
     "a drift, an angle that is late where one session was fast",
     "turn the joint fast for ten minutes, then measure one seat again and again",
-    candidates,
+    list_candidates,
     describe,
     "times of all readings, and use that varies from one part of them to another",
 )

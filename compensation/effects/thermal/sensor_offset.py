@@ -7,18 +7,18 @@ from collections.abc import Iterator, Sequence
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.by_temperature import temperature_of
-from armd.compensation.effects.courses import Function, describe_course, drifts, is_drift
+from armd.compensation.effects.by_temperature import find_temperature
+from armd.compensation.effects.courses import Function, describe_course, is_drift, make_drifts
 from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts
 from armd.compensation.model.terms import Term
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 TYPICAL_K = 0.5
 #: What a sensor loses while it is being used is less: its contact loosens, its cable warms.
 TYPICAL_DRIFT_K = 0.1
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for name in facts.sensors:
         if terms := _derivatives(facts.terms, name):
             yield from _drifting(facts, name, terms)
@@ -59,13 +59,13 @@ def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterat
         return [Column(f"offset {function.name}", "K" + function.per, prior_sd, moving, reach=5.0)]
 
     variables = (sensor, "time_s")
-    yield from drifts(facts, "sensor_offset", location.sensors(sensor), columns, variables)
+    yield from make_drifts(facts, "sensor_offset", location.sensors(sensor), columns, variables)
 
 
 def _derivative(term: Term, sensor: str) -> Iterator[Term]:
     """d term / d T_sensor, for terms that have a single power of a temperature, and of what else
     they are a product."""
-    factor = temperature_of(term)
+    factor = find_temperature(term)
     if factor is None or factor.zone_c is not None:
         return
     weight = factor.weights.get(sensor, 0.0)
@@ -81,7 +81,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
     if is_drift(candidate):
         return f"the error of {candidate.location} {describe_course(candidate)}"
     # what the model lacks is the true temperature minus the one read
-    return f"{candidate.location} reads {plain(-amplitudes[0], sign='+')} K wrong"
+    return f"{candidate.location} reads {format_plain(-amplitudes[0], sign='+')} K wrong"
 
 
 EFFECT = Effect(
@@ -89,7 +89,7 @@ EFFECT = Effect(
     "a sensor, its cable or its converter is off by a constant",
     "constants of the links on it",
     "let the arm rest overnight and compare all sensors",
-    candidates,
+    list_candidates,
     describe,
     "a calibration to compare with, with terms of temperature",
     through_terms=list_acting_offsets,

@@ -15,8 +15,8 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     SessionFacts,
-    lengths,
-    temperature,
+    list_lengths,
+    make_temperature,
     tie,
 )
 from armd.compensation.model.slow_factors import Temperature
@@ -25,7 +25,7 @@ from armd.compensation.model.terms import Term
 TYPICAL_PER_K = 10e-6
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for a, b in combinations(facts.sensors, 2):
         columns = (
             _exchanged(facts, a, b)
@@ -59,10 +59,10 @@ def _make_link_columns(facts: SessionFacts, a: str, b: str) -> tuple[Column, ...
             pair
             for k in facts.joints
             if facts.weights(k) == {sensor: 1.0}
-            for pair in lengths(facts, k)
+            for pair in list_lengths(facts, k)
         ]
         if pairs:
-            terms = tie(pairs, temperature({other_sensor: 1.0}))
+            terms = tie(pairs, make_temperature({other_sensor: 1.0}))
             columns.append(
                 Column(f"links of {sensor} on {other_sensor}", "1/K", TYPICAL_PER_K, terms)
             )
@@ -80,7 +80,7 @@ EFFECT = Effect(
     "two plugs are exchanged, or the channel table is wrong",
     "a link with one wrong sensor; lag",
     "warm one link by hand and watch which sensor answers",
-    candidates,
+    list_candidates,
     describe,
     "temperatures of two sensors at least that vary against each other",
 )

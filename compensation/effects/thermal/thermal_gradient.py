@@ -14,18 +14,18 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     SessionFacts,
-    temperature,
+    make_temperature,
     tie,
 )
-from armd.compensation.effects.twist import SHORTEST_MM, link_vector, twist_weights
-from armd.compensation.wording import plain
+from armd.compensation.effects.twist import SHORTEST_MM, compute_link_vector, compute_twist_weights
+from armd.compensation.wording import format_plain
 
 TYPICAL_RAD_PER_M_K = 1.2e-4
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
-        vector = link_vector(facts, k)
+        vector = compute_link_vector(facts, k)
         length = float(np.linalg.norm(vector)) * 1e-3  # m
         if length * 1e3 < SHORTEST_MM:
             continue
@@ -33,9 +33,9 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         twists = length * np.vstack(
             [axes, np.cross(axes.T, vector).T / 2]
         )  # per rad/m of curvature
-        names, weights = twist_weights(facts, k, twists)
+        names, weights = compute_twist_weights(facts, k, twists)
         for warm, cold in _differences(facts, k):
-            factor = temperature({warm: 1.0, cold: -1.0})
+            factor = make_temperature({warm: 1.0, cold: -1.0})
             columns = tuple(
                 Column(
                     f"curvature {i + 1}",
@@ -70,7 +70,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
     size = float(np.hypot(*amplitudes))
     warm, cold = candidate.depends_on
     return (
-        f"{candidate.location} bends by {plain(size * 1e6)} µrad per metre for each kelvin "
+        f"{candidate.location} bends by {format_plain(size * 1e6)} µrad per metre for each kelvin "
         f"between {warm} and {cold}"
     )
 
@@ -80,7 +80,7 @@ EFFECT = Effect(
     "the warmer side of a link grows longer than the cooler one",
     "joints whose angle moves with temperature",
     "warm the arm from one side and measure before it evens out",
-    candidates,
+    list_candidates,
     describe,
     "temperatures of two sensors at least that vary against each other",
     by_temperature=True,

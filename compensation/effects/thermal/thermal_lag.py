@@ -5,22 +5,22 @@ from collections.abc import Iterator, Sequence
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.by_temperature import (
+    find_temperature,
     is_difference,
     replace_part,
-    temperature_of,
-    with_another,
+    replace_temperature,
 )
 from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
     SessionFacts,
-    lengths,
-    temperature,
+    list_lengths,
+    make_temperature,
     tie,
 )
 from armd.compensation.model.terms import Term
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 5400.0)
 TYPICAL_PER_K = 15e-6
@@ -39,10 +39,10 @@ def _lagging(
 ) -> Candidate:
     """Every link on these sensors follows them with one time constant; so do the *acting_terms*,
     those of other findings. *by_length*: only lengths, each in proportion to itself."""
-    links = [k for k in facts.joints if facts.weights(k) == weights and lengths(facts, k)]
+    links = [k for k in facts.joints if facts.weights(k) == weights and list_lengths(facts, k)]
     share = None if by_length else _delayed_terms((*facts.terms, *acting_terms), weights, lag_s)
     column = share or _delayed_lengths(
-        [pair for k in links for pair in lengths(facts, k)], weights, lag_s
+        [pair for k in links for pair in list_lengths(facts, k)], weights, lag_s
     )
     # Where one link has the sensor to itself, the link is the place; otherwise the sensor.
     place = location.link(links[0]) if len(links) == 1 else location.sensors(*weights)
@@ -80,15 +80,15 @@ def _largest_share(lag_s: float) -> float:
 
 def _delayed(term: Term, weights: dict[str, float], lag_s: float) -> Iterator[Term]:
     """What a term adds if these sensors come late, the others of a difference at once."""
-    factor = temperature_of(term)
+    factor = find_temperature(term)
     if factor is None or factor.lag_s or factor.zone_c:
         return
     if factor.weights == weights:
-        yield from with_another(term, factor.model_copy(update={"lag_s": lag_s}))
+        yield from replace_temperature(term, factor.model_copy(update={"lag_s": lag_s}))
     elif is_difference(factor.weights) and factor.order == 1 and len(weights) == 1:
         (name,) = weights
         if share := factor.weights.get(name, 0.0):
-            late, now = (temperature({name: 1.0}, lag_s=s) for s in (lag_s, 0.0))
+            late, now = (make_temperature({name: 1.0}, lag_s=s) for s in (lag_s, 0.0))
             yield from replace_part(term, share, now, late)
 
 
@@ -97,19 +97,19 @@ def _delayed_lengths(
 ) -> Column:
     """Lengths that follow late, where the model has no coefficient for them."""
     terms = (
-        *tie(pairs, temperature(weights, lag_s=lag_s)),
-        *tie([(name, -mm) for name, mm in pairs], temperature(weights)),
+        *tie(pairs, make_temperature(weights, lag_s=lag_s)),
+        *tie([(name, -mm) for name, mm in pairs], make_temperature(weights)),
     )
     return Column("per kelvin", "1/K", TYPICAL_PER_K, terms)
 
 
-def candidates(facts: SessionFacts, acting_terms: Sequence[Term] = ()) -> Iterator[Candidate]:
+def list_candidates(facts: SessionFacts, acting_terms: Sequence[Term] = ()) -> Iterator[Candidate]:
     if not facts.timed:
         return
     listed: list[dict[str, float]] = []
     for k in facts.joints:
         weights = facts.weights(k)
-        if weights and lengths(facts, k) and weights not in listed:
+        if weights and list_lengths(facts, k) and weights not in listed:
             listed.append(weights)
             every = [
                 _lagging(facts, weights, lag_s, False, acting_terms) for lag_s in TIME_CONSTANTS_S
@@ -121,8 +121,8 @@ def candidates(facts: SessionFacts, acting_terms: Sequence[Term] = ()) -> Iterat
                     yield _lagging(facts, weights, lag_s, False, by_length=True)
 
 
-def through_terms(facts: SessionFacts, acting_terms: Sequence[Term]) -> Iterator[Candidate]:
-    yield from (c for c in candidates(facts, acting_terms) if c.through is not None)
+def list_through_terms(facts: SessionFacts, acting_terms: Sequence[Term]) -> Iterator[Candidate]:
+    yield from (c for c in list_candidates(facts, acting_terms) if c.through is not None)
 
 
 def describe(candidate: Candidate, amplitudes: F64) -> str:
@@ -130,7 +130,7 @@ def describe(candidate: Candidate, amplitudes: F64) -> str:
 
 
 def _minutes(candidate: Candidate) -> str:
-    return f"{plain(candidate.setting[0][1] / 60.0)} min"
+    return f"{format_plain(candidate.setting[0][1] / 60.0)} min"
 
 
 EFFECT = Effect(
@@ -138,9 +138,9 @@ EFFECT = Effect(
     "heat takes time from the sensor to the whole link",
     "the artefact's expansion, and slow drift of the mount",
     "measure during a ramp of 4 K/h or more, up and down",
-    candidates,
+    list_candidates,
     describe,
     "temperatures that vary over the readings, their times, and the sensor of each joint in "
     "arm.toml",
-    through_terms=through_terms,
+    through_terms=list_through_terms,
 )

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.in_order import in_order
+from armd.compensation.data.in_order import run_in_order
 from armd.compensation.estimate.linear.bordered import compute_pseudo_inverse_factor
 
 
@@ -48,7 +48,7 @@ class Blocks:
             product: F64 = white.T @ white
             return product
 
-        for piece, product in zip(self.pieces, in_order(multiply, self.pieces), strict=True):
+        for piece, product in zip(self.pieces, run_in_order(multiply, self.pieces), strict=True):
             numbers = np.append(piece.columns, self.size)
             total[np.ix_(numbers, numbers)] += product
         return total
@@ -101,7 +101,7 @@ class Blocks:
                     )
             return [by_parts[parts_left] for parts_left in remaining_parts]
 
-        for piece, of_parts in zip(self.pieces, in_order(clear_each, self.pieces), strict=True):
+        for piece, of_parts in zip(self.pieces, run_in_order(clear_each, self.pieces), strict=True):
             numbers = np.append(turn[piece.columns[~eliminated[piece.columns]]], len(shared))
             for (products, squared_lengths), addition in zip(results, of_parts, strict=True):
                 if addition is not None:

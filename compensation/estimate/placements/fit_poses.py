@@ -17,7 +17,7 @@ from armd.compensation.estimate.placements.poses import (
     make_pose_columns,
     make_target_columns,
 )
-from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch, sum_groups
+from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch, sum_groups
 from armd.compensation.estimate.surface_kinds import POINT
 from armd.compensation.estimate.surfaces import fit_each_surface, project_on_normals
 
@@ -155,7 +155,7 @@ def _make_start(observations: Observations, position_mm: F64, weight: F64) -> Po
     for _ in range(10 if seats.any() else 1):
         points = observations.get_known_mm(target)
         points[observations.on_surface | observations.turned] = np.nan
-        rotation, translation = align_by_kabsch(
+        rotation, translation = fit_by_kabsch(
             points, position_mm, weight, observations.placement, n_placements
         )
         local = np.einsum(
@@ -194,9 +194,7 @@ def _place_first_seats(
             points = observations.get_known_mm(target)
             index = np.zeros(int(rows.sum()), dtype=np.int64)
             alike = np.ones(len(index))
-            rotation, translation = align_by_kabsch(
-                points[rows], position_mm[rows], alike, index, 1
-            )
+            rotation, translation = fit_by_kabsch(points[rows], position_mm[rows], alike, index, 1)
             first_rows = rows & row_seat & ~is_known
             local = (position_mm[first_rows] - translation[0]) @ rotation[0]
             sums = sum_groups(local, observations.target[first_rows], len(target))

@@ -16,7 +16,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.data.in_order import in_order
+from armd.compensation.data.in_order import run_in_order
 from armd.compensation.estimate.group_rows import split_alike
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.estimate.observations import Observations
@@ -139,7 +139,7 @@ class Placements:
         )
         batches = split_into_batches(unsolved, self._n_others)
         large = len(self.observations.session) > LARGE * len(rows)
-        solved = in_order(solve, batches) if large else map(solve, batches)
+        solved = run_in_order(solve, batches) if large else map(solve, batches)
         for session in itertools.chain.from_iterable(solved):
             sessions[session.columns.number] = session
         return {number: sessions[number] for number in rows}

@@ -7,7 +7,7 @@ import numpy as np
 from armd.arrays import F64, I64
 
 
-def align_by_kabsch(
+def fit_by_kabsch(
     points: F64, images: F64, weight: F64, group: I64, n_groups: int
 ) -> tuple[F64, F64]:
     """Rigid motions (G, 3, 3), (G, 3) that carry points (n, 3) to images, group by group.

@@ -16,7 +16,7 @@ from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.noise.robust import LEAST_MM, SUSPECT, find_monstrous
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.placements.fit_poses import fit_robust_poses
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: Readings that are listed.
 MOST_TOLD = 6
@@ -42,7 +42,7 @@ class FarOff:
                 f" ({1e3 * self.usual_mm:.3g} µm)"
             )
         if len(self.reading) > MOST_TOLD:
-            remainder = counted(len(self.reading) - MOST_TOLD, "reading")
+            remainder = format_count(len(self.reading) - MOST_TOLD, "reading")
             lines.append(f"{session.name}: {remainder} more so far off")
         return lines
 
@@ -67,7 +67,7 @@ def list_without_temperature(session: Session, usable: Mask) -> list[str]:
     named = ", ".join(session.row_in_words(i) for i in rows[:MOST_TOLD])
     ellipsis = ", …" if len(rows) > MOST_TOLD else ""
     without = "without a temperature that the calibration needs"
-    return [f"{counted(len(rows), 'reading')} {without}, not counted: {named}{ellipsis}"]
+    return [f"{format_count(len(rows), 'reading')} {without}, not counted: {named}{ellipsis}"]
 
 
 def measure_distances_mm(observations: Observations, position_mm: F64) -> F64:

@@ -20,9 +20,9 @@ from armd.compensation.identify.admission.other_ends import find_other_ends
 from armd.compensation.identify.evaluation.lengths import measure_certified_lengths
 from armd.compensation.identify.fit import Identification
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.terms import Term
 
 #: A guess explains a session if the readings then miss by less than this share.
@@ -62,8 +62,10 @@ class AssumedModel:
     def tip_mm(self, observations: Observations) -> F64:
         """(n, 3) base frame; NaN where a temperature is missing."""
         arm, states = observations.arm, observations.states
-        basis = basis_values(self.terms, states, arm, self.reference_c, self.constants)
-        position: F64 = forward(states.q, parameter_rows(self.constants, self.terms, basis))[0]
+        basis = compute_basis_values(self.terms, states, arm, self.reference_c, self.constants)
+        position: F64 = compute_pose(
+            states.q, compute_parameter_rows(self.constants, self.terms, basis)
+        )[0]
         return position
 
 

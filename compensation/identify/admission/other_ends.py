@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
+from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch
 
 #: A turned target is another one if it comes to lie within this share of the least spacing from it.
 NEAR_SHARE = 0.25
@@ -28,7 +28,7 @@ def find_other_ends(points_mm: F64) -> list[I64]:
     renumberings: dict[tuple[int, ...], I64] = {}
     for images in _find_same_triangles(apart_mm, three, 2.0 * near_mm):
         everything, once = np.ones(3), np.zeros(3, dtype=np.int64)
-        turn, shift = align_by_kabsch(points_mm[three], points_mm[images], everything, once, 1)
+        turn, shift = fit_by_kabsch(points_mm[three], points_mm[images], everything, once, 1)
         turned_mm = points_mm @ turn[0].T + shift[0]
         distance_mm = np.linalg.norm(turned_mm[:, None] - points_mm, axis=2)
         onto = distance_mm.argmin(axis=1)

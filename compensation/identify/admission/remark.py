@@ -26,7 +26,7 @@ from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import compute_rms_um
 
 
-def remark(sessions: Sequence[Session], observations: Observations) -> str:
+def write_remark(sessions: Sequence[Session], observations: Observations) -> str:
     """What several sessions, held against each other, say of one of them, and which readings of
     any are far off all others; empty if nothing.
 

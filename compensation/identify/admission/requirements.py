@@ -14,7 +14,7 @@ from armd.compensation.identify.admission.needed import count_readings_for
 from armd.compensation.identify.fit import Identification, compute_rms_um
 from armd.compensation.identify.thermal.temperatures import group_temperatures
 from armd.errors import BadInput
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: Residuals beyond this are not an arm's: another unit, another arm, a wrong direction.
 ABSURD_RMS_MM = 20.0
@@ -46,7 +46,7 @@ def choose_readings(
         notes.append("no temperatures: geometry alone, for the temperature of these readings")
         return observations, []
     if not complete.all():
-        missing = counted(int((~complete).sum()), "reading")
+        missing = format_count(int((~complete).sum()), "reading")
         notes.append(f"{missing} without a temperature, not used")
         observations = observations.rows(complete)
     groups = group_temperatures(observations)
@@ -128,7 +128,7 @@ def require_enough(observations: Observations, unknown: Sequence[str], files: st
 def _describe_postures(observations: Observations) -> str:
     """Of how many postures readings are, where some are copies."""
     postures = observations.n_postures
-    return f" of {counted(postures, 'posture')}" if postures < observations.n else ""
+    return f" of {format_count(postures, 'posture')}" if postures < observations.n else ""
 
 
 def count_needed_readings(observations: Observations) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.errors import BadInput
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: So many stretches of rows of a session are named; the rest are counted.
 MOST_STRETCHES = 4
@@ -81,8 +81,8 @@ class SecondGroup:
 
     def reason(self) -> str:
         """What differs in which rows, by how much."""
-        distance = with_uncertainty(self.length_mm, self.length_uncertainty_mm)
-        remainder = counted(self.n_rest, "other reading")
+        distance = format_uncertainty(self.length_mm, self.length_uncertainty_mm)
+        remainder = format_count(self.n_rest, "other reading")
         if self.differs is Differs.PLACE:
             return (
                 f"in {self.name_rows()} the artefact, the tracker or the arm's base stood"
@@ -92,7 +92,7 @@ class SecondGroup:
         return (
             f"{self.name_rows()}: measured with another tip than the {remainder} (reflector, ball"
             f" or stylus exchanged or seated otherwise), {distance} mm from it:"
-            f" ({', '.join(with_uncertainty(mm, u) for mm, u in steps)}) mm in the last frame"
+            f" ({', '.join(format_uncertainty(mm, u) for mm, u in steps)}) mm in the last frame"
         )
 
     def in_words(self) -> str:
@@ -136,7 +136,7 @@ class SecondGroup:
         }
 
 
-def with_uncertainty(value_mm: float, uncertainty_mm: float) -> str:
+def format_uncertainty(value_mm: float, uncertainty_mm: float) -> str:
     """`5.662 ± 0.004`: two digits of the uncertainty at most, and µm at best."""
     digits = int(np.clip(np.ceil(-np.log10(max(uncertainty_mm, 1e-12))), 0, 3))
     return f"{value_mm:.{digits}f} ± {max(uncertainty_mm, 10.0**-digits):.{digits}f}"

@@ -13,7 +13,7 @@ from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.surface_kinds import CYLINDER, FREEDOM, PLANE
 from armd.compensation.estimate.surfaces import LEAST_COSINE, compute_mean_cosines
 from armd.errors import BadInput
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: Places on a plane, and along a cylinder, spread by at least this (RMS, mm) in their narrower
 #: direction: under a drawing, one spot touched from many sides seems to spread by half of it.
@@ -62,7 +62,7 @@ def _find_fault(
     n_needed = FREEDOM[kind] + int(kind == CYLINDER) + len(parts) - 1
     n_needed += int(kind != PLANE and observations.unknown[target[0]])
     if len(rows) < n_needed:
-        return counted(len(rows), "reading"), f"at least {n_needed} on this surface"
+        return format_count(len(rows), "reading"), f"at least {n_needed} on this surface"
     if kind == PLANE:
         off = np.concatenate([position[part] - position[part].mean(axis=0) for part in parts])
         wide, narrow, thin = _compute_spread(off)

@@ -15,9 +15,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64
-from armd.compensation.data.sessions.files import readings_path
+from armd.compensation.data.sessions.files import find_readings
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.data.tables.readings import row_in_words
+from armd.compensation.data.tables.readings import describe_row
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.placements.fit_poses import fit_robust_poses
 from armd.compensation.estimate.surface_kinds import POINT
@@ -28,7 +28,7 @@ from armd.compensation.identify.admission.mistakes import (
     AssumedModel,
 )
 from armd.errors import BadInput
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: What readings miss their targets by is skewed: under a drawing one in a hundred misses by three
 #: to four medians. One that lies at its own target is not FAR, one that lies at another is NEAR.
@@ -125,7 +125,7 @@ def report_misnamed(
 
 def _make_fault(session: Session, part: Observations, misnamed_readings: WrongNames) -> BadInput:
     names = [name.partition("/")[2] for name in part.target_names]
-    path = readings_path(session.path)
+    path = find_readings(session.path)
     words = []
     for i, target, own_mm, at_mm in zip(
         misnamed_readings.reading,
@@ -134,7 +134,7 @@ def _make_fault(session: Session, part: Observations, misnamed_readings: WrongNa
         misnamed_readings.at_mm,
         strict=True,
     ):
-        row_words = row_in_words(path, int(part.row[i]))
+        row_words = describe_row(path, int(part.row[i]))
         words.append(
             f"{row_words} names {names[part.target[i]]}, {own_mm:.3g} mm off, and lies at"
             f" {names[target]}, {at_mm:.2g} mm off"
@@ -143,6 +143,7 @@ def _make_fault(session: Session, part: Observations, misnamed_readings: WrongNa
     return BadInput(
         path,
         "column target",
-        f"{counted(len(words), 'reading')} of another target: {'; '.join(words[:MOST_TOLD])}{tail}",
+        f"{format_count(len(words), 'reading')} of another target: "
+        f"{'; '.join(words[:MOST_TOLD])}{tail}",
         "each reading under the name of the target it touched",
     )

@@ -10,9 +10,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.correction.overflow import overflowed, refuse_overflow
+from armd.compensation.data.correction.overflow import find_overflows, refuse_overflow
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.estimate.unknowns import Unknowns
@@ -27,9 +27,9 @@ from armd.compensation.identify.reflectors import (
     make_reflector_terms,
 )
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.calibration import Calibration, sensors_of
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
+from armd.compensation.model.calibration import Calibration, list_sensors
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
 from armd.errors import BadInput
@@ -98,7 +98,9 @@ def _evaluate(
     calibration: Calibration | None,
     progress: TellStep | None,
 ) -> Evaluation:
-    observations = gather(sessions, arm, calibration.artefact if calibration else None)
+    observations = collect_observations(
+        sessions, arm, calibration.artefact if calibration else None
+    )
     constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
     terms = calibration.terms if calibration else []
     reference_c = (calibration or arm).reference_temperature_c
@@ -122,7 +124,7 @@ def _fit_reflectors(
     """Fit where unknown reflectors sit, constants (P,) and *every* other term being as they are;
     readings without a temperature that a term needs have no part."""
     arm = tips.observations.arm
-    basis = basis_values(every, tips.observations.states, arm, reference_c, constants)
+    basis = compute_basis_values(every, tips.observations.states, arm, reference_c, constants)
     usable: Mask = np.all(np.isfinite(basis), axis=1)
     observations = tips.observations.rows(usable) if usable.any() else tips.observations
     return fit(observations, constants, every, Unknowns((), tips.free), reference_c)
@@ -140,11 +142,11 @@ def evaluate_model(
     Raises `BadInput` where no reading has the temperatures that the terms need.
     """
     states, arm = observations.states, observations.arm
-    basis = basis_values(terms, states, arm, reference_c, constants)
+    basis = compute_basis_values(terms, states, arm, reference_c, constants)
     position = np.empty((observations.n, 3))
     for first in range(0, observations.n, CHUNK):
         chunk = slice(first, first + CHUNK)
-        position[chunk] = tips(states.q[chunk], constants, terms, basis[chunk])
+        position[chunk] = compute_tips(states.q[chunk], constants, terms, basis[chunk])
         if progress:
             progress(f"{min(first + CHUNK, observations.n)} of {observations.n} readings")
     refuse_overflows(observations, position, basis)
@@ -159,10 +161,10 @@ def evaluate_model(
     return Evaluation(observations, poses, position, residual, int((~usable).sum()))
 
 
-def tips(q: F64, constants: F64, terms: Sequence[Term], basis: F64) -> F64:
+def compute_tips(q: F64, constants: F64, terms: Sequence[Term], basis: F64) -> F64:
     """Return tip positions (n, 3) mm; `refuse_overflows` refuses those that overflow."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return forward(q, parameter_rows(constants, terms, basis))[0]
+        return compute_pose(q, compute_parameter_rows(constants, terms, basis))[0]
 
 
 def refuse_overflows(observations: Observations, position: F64, basis: F64) -> None:
@@ -170,7 +172,7 @@ def refuse_overflows(observations: Observations, position: F64, basis: F64) -> N
 
     It names the first session that has such rows.
     """
-    overflow = overflowed(position)
+    overflow = find_overflows(position)
     if not overflow.any():
         return
     overflow &= np.isfinite(basis).all(axis=1)
@@ -185,7 +187,7 @@ def make_temperature_fault(
 ) -> BadInput:
     """Names the sensor that most of *n* readings lack; *missing* (S,) of them lack each."""
     sensors = observations.arm.sensors
-    needed = sorted(sensors_of(terms), key=sensors.index)
+    needed = sorted(list_sensors(terms), key=sensors.index)
     worst = max(needed, key=lambda name: int(missing[sensors.index(name)]))
     count = int(missing[sensors.index(worst)])
     return BadInput(

@@ -16,17 +16,17 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
-from armd.compensation.data.in_order import in_order, keep_freed_memory
+from armd.compensation.data.in_order import keep_freed_memory, run_in_order
 from armd.compensation.data.sessions.files import READINGS
 from armd.compensation.data.sessions.points_only import require_points
 from armd.compensation.data.sessions.session import (
     Session,
     check_once,
+    load_session_pieces,
     load_sessions,
-    session_pieces,
 )
 from armd.compensation.data.soundness.turns import AngleRange, report_open_turns
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.identify.evaluation.condensed import PointMoments, compute_moments
@@ -41,7 +41,7 @@ from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, LoadedCalibration
-from armd.compensation.model.state import followed
+from armd.compensation.model.state import follow_lag
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
 
@@ -118,14 +118,14 @@ class _Passes:
 
     def evaluation(self) -> tuple[dict[str, Any], list[Length]]:
         moments: dict[_Key, PointMoments] = {}
-        for piece_moments in in_order(self._moments, self._pieces("summing", self._note)):
+        for piece_moments in run_in_order(self._moments, self._pieces("summing", self._note)):
             for key, new in piece_moments.items():
                 if key in moments:
                     moments[key].add(new)
                 else:
                     moments[key] = new
         bare = [session.rows(np.zeros(0, np.int64)) for session in self._last.values()]
-        observations = gather(bare, self._arm, self._artefact, every_length=True)
+        observations = collect_observations(bare, self._arm, self._artefact, every_length=True)
         if not moments:
             raise make_temperature_fault(observations, self._terms, self._n, self._missing)
         few, weight, position = _condense(observations, moments)
@@ -141,7 +141,9 @@ class _Passes:
             residual_mm = poses_by_session[piece.session].residual(usable, tip)
             return piece.session, 1e3 * np.linalg.norm(residual_mm, axis=1)
 
-        for session, distance in in_order(distances_um, self._pieces("comparing", lambda *_: None)):
+        for session, distance in run_in_order(
+            distances_um, self._pieces("comparing", lambda *_: None)
+        ):
             by_session[session].add(distance)
         together = ErrorTally.merge(by_session)
         names = observations.session_names
@@ -159,7 +161,7 @@ class _Passes:
         n = 0
         for i, path in enumerate(self._paths):
             lags = _Lags()
-            for session in session_pieces(path, self._arm):
+            for session in load_session_pieces(path, self._arm):
                 require_points([session], LONG)
                 note(i, session)
                 n += session.n
@@ -184,7 +186,7 @@ class _Passes:
 
     def _tips(self, piece: _Piece) -> tuple[Observations, F64]:
         """The readings that have every temperature they need, and their tips (n, 3)."""
-        readings = gather([piece.readings], self._arm, self._artefact)
+        readings = collect_observations([piece.readings], self._arm, self._artefact)
         tip = self._model.position_rows(readings.states, piece.slow)
         refuse_overflows(readings, tip, piece.slow)
         usable = np.isfinite(tip[:, 0])
@@ -222,7 +224,7 @@ class _Lags:
         memory = self._memory.setdefault(name, np.full((1, 3), np.nan))
         if memory[0, 0] > time_s[0] or (np.diff(time_s) < 0).any():
             raise _BackInTime
-        return followed(time_s, value[:, None], lag_s, memory)[:, 0]
+        return follow_lag(time_s, value[:, None], lag_s, memory)[:, 0]
 
 
 def _select_session(poses: Poses, observations: Observations, session: int) -> Poses:

@@ -11,7 +11,7 @@ from armd.compensation.data.sessions.points_only import require_points
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
-from armd.compensation.identify.evaluation.seated_again import fit_tip, make_tip_hint, with_tip
+from armd.compensation.identify.evaluation.seated_again import fit_tip, make_tip_hint, replace_tip
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.progress import TellStep
@@ -50,7 +50,7 @@ def _evaluate_sessions(
         tip = fit_tip(sessions, arm, calibration)
         extra["tip"] = tip.as_json()
         remarks.append(f"tip fitted anew: {tip.in_words()}")
-        arm, calibration = with_tip(arm, calibration, tip)
+        arm, calibration = replace_tip(arm, calibration, tip)
     evaluation = evaluate(sessions, arm, calibration, progress)
     if not refit_tip and not evaluation.reflectors:
         remarks += make_tip_hint(arm, calibration, evaluation)

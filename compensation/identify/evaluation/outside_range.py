@@ -7,8 +7,8 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.data.tables.within import is_within
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, used_sensors
-from armd.terminal.counted import counted
+from armd.compensation.model.calibration import Calibration, list_used_sensors
+from armd.terminal.counted import format_count
 
 #: Sensors read so far beside each other; a link of 0.5 m grows by 6 µm at most.
 LEAST_K = 0.5
@@ -18,7 +18,7 @@ class OutsideRange:
     """Counts readings outside the identified temperatures, session by session, in pieces."""
 
     def __init__(self, arm: Arm, calibration: Calibration | None) -> None:
-        used = used_sensors(arm, calibration)
+        used = list_used_sensors(arm, calibration)
         ranges = calibration.temperature_range_c if calibration else {}
         self._columns = [
             (s, name, *ranges[name])
@@ -57,7 +57,7 @@ class OutsideRange:
                 for n, least_c, most_c in [self._outside[session, s]]
             ]
             if words:
-                readings = counted(self._n[session], "reading")
+                readings = format_count(self._n[session], "reading")
                 sentences.append(
                     f"{name}: temperatures outside the calibration's range, of {readings}:"
                     f" {', '.join(words)}; the model is extrapolated there."

@@ -17,7 +17,7 @@ from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.identify.fit import fit
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.errors import BadInput
 
@@ -110,7 +110,7 @@ def _compute_tip_step(constants: F64, evaluation: Evaluation) -> tuple[F64, floa
     turned as the *constants* (P,) alone have it: what terms turn it by is below a milliradian.
     """
     observations = evaluation.observations
-    last_frame = forward(observations.states.q, constants)[1]
+    last_frame = compute_pose(observations.states.q, constants)[1]
 
     def residual(step_mm: F64) -> F64:
         position: F64 = evaluation.position_mm + last_frame @ step_mm
@@ -127,7 +127,7 @@ def _compute_tip_step(constants: F64, evaluation: Evaluation) -> tuple[F64, floa
     return step_mm, 1e3 * float(np.sqrt(squares.mean()))
 
 
-def with_tip(
+def replace_tip(
     arm: Arm, calibration: Calibration | None, tip: FittedTip
 ) -> tuple[Arm, Calibration | None]:
     """The same model with the fitted tip."""

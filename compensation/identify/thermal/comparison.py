@@ -21,8 +21,8 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, HeldOut
-from armd.compensation.identify.thermal.per_temperature import make_regression, regress
-from armd.compensation.identify.thermal.temperatures import leave_out_in_turn
+from armd.compensation.identify.thermal.per_temperature import fit_regression, make_regression
+from armd.compensation.identify.thermal.temperatures import validate_by_temperature
 from armd.compensation.identify.thermal.terms import (
     GROWTH_KNOWN,
     make_angle_terms,
@@ -32,10 +32,10 @@ from armd.compensation.identify.thermal.terms import (
     make_zone_terms,
 )
 from armd.compensation.model import parameters
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.terms import Term
 from armd.errors import ArmdError
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 MOST_ORDER = 4
 #: A larger model must lower the held-out error by this much to be worth it.
@@ -84,7 +84,9 @@ class Comparison:
         everything += make_growth_terms(arm)
         self._place = {term.model_dump_json(): i for i, term in enumerate(everything)}
         self._n_constants = len(fit.unknowns.constants)
-        basis = basis_values(everything, observations.states, arm, fit.reference_c, fit.constants)
+        basis = compute_basis_values(
+            everything, observations.states, arm, fit.reference_c, fit.constants
+        )
         names = [*fit.unknowns.constants, *(term.parameter for term in everything)]
         # At once: half of them beside the whole is much memory.
         columns = fit.linearisation.make_constant_columns(names)
@@ -96,11 +98,13 @@ class Comparison:
         self._pull = np.zeros(columns.shape[2])
         self._pull[: self._n_constants] = -fit.departure[: self._n_constants]
         typical = np.sqrt(np.mean(basis**2, axis=0))
-        sizes = [0.1 * (1.0 if parameters.unit(t.parameter) == "mm" else 0.002) for t in everything]
+        sizes = [
+            0.1 * (1.0 if parameters.find_unit(t.parameter) == "mm" else 0.002) for t in everything
+        ]
         scale = np.concatenate(
             [fit.solution.scale[: self._n_constants], sizes / np.maximum(typical, 1e-12)]
         )
-        self._out = leave_out_in_turn(observations, groups)
+        self._out = validate_by_temperature(observations, groups)
         folds = [left_out.rows for left_out in self._out]
         self._heldout = HeldOut(fit, columns, scale, self._residual, self._pull, folds)
 
@@ -185,7 +189,7 @@ class Comparison:
         if not orders or max(orders) not in self._regression_orders:
             needed = (thermal_order or 1) + 2
             raise ArmdError(
-                f"per temperature: found {counted(len(self.groups), 'temperature')},"
+                f"per temperature: found {format_count(len(self.groups), 'temperature')},"
                 f" expected at least {needed} for order {thermal_order or 1}, one of them left out"
                 " in turn"
             )
@@ -199,7 +203,7 @@ class Comparison:
         arm = self.fit.observations.arm
         names = arm.used_sensors
         weights = {name: 1.0 / len(names) for name in names}
-        identification = regress(
+        identification = fit_regression(
             self.fit, self._identified_alone, self._temperature_c, weights, order, offset
         )
         return order, identification, errors[_name_regression(order, offset)]

@@ -42,7 +42,7 @@ def make_regression(
     return float(temperature_c[nearest]), np.vstack([through, slopes])
 
 
-def regress(
+def fit_regression(
     around: Identification,
     identified: Sequence[Solution],
     temperature_c: F64,

@@ -77,7 +77,7 @@ def _split_in_halves(chain: I64, mean_c: F64) -> list[I64]:
     return [chain[~warm], chain[warm]]
 
 
-def leave_out_in_turn(
+def validate_by_temperature(
     observations: Observations, groups: list[tuple[float, Mask]]
 ) -> list[LeftOut]:
     """Every temperature between the lowest and the highest as a whole, these two in parts.

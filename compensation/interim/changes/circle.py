@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from armd.compensation.interim.changes.change import Change, add_known_changes
-from armd.compensation.interim.evidence.likelihood import LIMIT, log_marginal
+from armd.compensation.interim.evidence.likelihood import LIMIT, compute_log_marginal
 from armd.compensation.interim.evidence.looks import EpochLook
 from armd.compensation.interim.evidence.stack import Stack
 
@@ -49,6 +49,6 @@ def choose_best_stand(stack: Stack, stands: Sequence[SearchState]) -> SearchStat
 
     def evidence(stand: SearchState) -> float:
         changed = add_known_changes(stack, stand.changes)
-        return log_marginal(changed, changed.sum_checks(good)) - LIMIT * len(stand.changes)
+        return compute_log_marginal(changed, changed.sum_checks(good)) - LIMIT * len(stand.changes)
 
     return max(stands, key=evidence)

@@ -24,7 +24,7 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, weigh
 from armd.compensation.interim.evidence.looks import NEVER_YET, EpochLook, EpochLooks
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
-from armd.compensation.interim.evidence.watch import Watched, watch
+from armd.compensation.interim.evidence.watch import Watched, detect_changes
 
 #: An alarm is withdrawn when the statistic, over all readings since, has fallen so low (natural
 #: logarithm); while nothing changes it stands at about 2.5, and a change that is there only adds.
@@ -53,7 +53,7 @@ def find(stack: Stack, causes: Sequence[Cause], before: EpochLooks = NEVER_YET) 
             stand = choose_best_stand(stack, whole_circle)
             changes, bad = [*stand.changes], stand.bad
             break
-        looked = watch(
+        looked = detect_changes(
             null, causes, since, bad, before.find_quiet_run(since, left_out, known_numbers)
         )
         first_look = first_look or looked

@@ -21,7 +21,7 @@ from scipy.linalg import cholesky, solve_triangular
 from armd.arrays import F64, I64
 from armd.compensation.interim.changes.change import Change, list_amplitude_sizes
 from armd.compensation.interim.evidence.elimination import eliminate_standing
-from armd.compensation.interim.evidence.likelihood import log_student
+from armd.compensation.interim.evidence.likelihood import compute_log_student
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
 
@@ -67,7 +67,7 @@ class Growing:
             origins = np.array([course.origin_d for course in members])
             spread, explained = ramps.integrated(origins, np.array(bends), members[0])
             logs += [
-                log_student(self._numbers, self._spread + added, self._squared_norm - less)
+                compute_log_student(self._numbers, self._spread + added, self._squared_norm - less)
                 for added, less in zip(spread.tolist(), explained.tolist(), strict=True)
             ]
         return np.array(logs)

@@ -13,8 +13,8 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.data.sessions.points_only import require_points
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.data.soundness.soundness import still_and_far
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.data.soundness.soundness import find_still_and_far
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.identify.admission.far_off import (
     list_without_temperature,
     measure_distances_mm,
@@ -41,7 +41,7 @@ def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration
     model = AssumedModel.from_calibration(arm, calibration)
     remarks: list[str] = []
     for session in sessions:
-        observations = gather([session], arm, calibration.artefact)
+        observations = collect_observations([session], arm, calibration.artefact)
         _refuse_temperatures(session, observations, model)
         refuse_mistakes([session], observations, model)
         refuse_misnamed([session], observations, model)
@@ -59,7 +59,7 @@ def _refuse_temperatures(session: Session, observations: Observations, model: As
         fault = find_mistake(session, observations, model, "under the calibration given")
         if fault is not None:
             raise fault
-    if still := still_and_far(session, observations.arm):
+    if still := find_still_and_far(session, observations.arm):
         still_channels = ", ".join(f"{name} {celsius:g} °C in every row" for name, celsius in still)
         expected = "temperatures of one room: a channel that shows nothing is left empty"
         raise BadInput(session.path, "temperatures", still_channels, expected)

@@ -14,7 +14,7 @@ from typing import Any
 
 from armd.compensation.interim.checks.chain import BEGINNING, HEAD, HISTORY
 from armd.files.inputs import read_input
-from armd.files.writing import explain_os_errors, sync_folder, write_changed, write_whole
+from armd.files.writing import explain_os_errors, flush_folder, write_changed, write_whole
 
 CHECKS = "checks"
 
@@ -28,7 +28,7 @@ class NewLine:
     contents: Mapping[str, bytes]  # of the folder, by file name
 
 
-def append_checks(
+def add_checks(
     folder: Path, count: int, new: Sequence[NewLine], common: Mapping[Path, bytes]
 ) -> None:
     """Keep checks behind the *count* that *folder* has; *common* are further files in it.
@@ -106,7 +106,7 @@ def _keep_check(place: Path, contents: Mapping[str, bytes]) -> dict[str, str]:
     for name, data in contents.items():
         write_whole(part / name, data)
     part.rename(place)
-    sync_folder(place.parent)
+    flush_folder(place.parent)
     return {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
 
 

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.schema import Strict, json_data, validate
+from armd.files.schema import Strict, load_json_data, validate
 from armd.files.writing import explain_os_errors
 
 HISTORY, HEAD = "history.jsonl", "head.json"
@@ -81,7 +81,7 @@ def is_of_points(folder: Path) -> bool:
         return False
     first = read_input(path).split(b"\n")[0]
     with suppress(BadInput):
-        content = json_data(path, first)
+        content = load_json_data(path, first)
         return isinstance(content, dict) and content.get("schema") == "armd.interim.points/1"
     return False
 
@@ -114,7 +114,7 @@ def read_lines(folder: Path, kind: type[Line]) -> HistoryChain[Line]:
     hashes = [BEGINNING]
     for number, text in enumerate(raw, 1):
         location = f"{path}: line {number}"
-        content = json_data(location, text)
+        content = load_json_data(location, text)
         _refuse_other_kind(path, number, content, kind)
         line = validate(location, content, kind)
         if line.previous != hashes[-1] or line.check != number:
@@ -153,4 +153,4 @@ def _load_head(folder: Path) -> Head | None:
     path = folder / HEAD
     if not path.exists():
         return None
-    return validate(path, json_data(path, read_input(path)), Head)
+    return validate(path, load_json_data(path, read_input(path)), Head)

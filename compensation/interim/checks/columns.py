@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armd.compensation.effects.catalogue import candidates
+from armd.compensation.effects.catalogue import list_all_candidates
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.effects.encoder import encoder_slip
 from armd.compensation.model.arm import Arm
@@ -54,7 +54,7 @@ class Cause:
 def list_causes(arm: Arm, calibration: Calibration) -> list[Cause]:
     """Every cause that may begin between two checks, with its prior: uniform over families, then
     over places, then over the forms at one place."""
-    possible = [c for c in candidates(_make_scene(arm, calibration)) if _can_happen(c)]
+    possible = [c for c in list_all_candidates(_make_scene(arm, calibration)) if _can_happen(c)]
     slips = [_make_slip(c) for c in possible if _is_turn(c)]
     sudden, gradual = _make_priors([*possible, *slips]), _make_priors(possible)
     causes: list[Cause] = []
@@ -111,7 +111,7 @@ def _is_turn(candidate: Candidate) -> bool:
 def _make_slip(turn: Candidate) -> Candidate:
     joint = turn.location.joint
     assert joint is not None  # of a constant that shifts
-    return Candidate("encoder_slip", turn.location, encoder_slip.columns(joint), ("time_s",))
+    return Candidate("encoder_slip", turn.location, encoder_slip.make_columns(joint), ("time_s",))
 
 
 def _make_priors(forms: list[Candidate]) -> list[float]:

@@ -15,7 +15,7 @@ from armd.compensation.data.sessions.session import Session
 from armd.compensation.interim.checks.appending import (
     CHECKS,
     NewLine,
-    append_checks,
+    add_checks,
     make_folder_name,
 )
 from armd.compensation.interim.checks.chain import HISTORY, AnyLine, HistoryLine
@@ -27,7 +27,7 @@ from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.locking import lock_file
 from armd.files.writing import check_folder, explain_os_errors
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 ARMS, CALIBRATIONS, ARTEFACTS = "arms", "calibrations", "artefacts"
 FOLDERS = (ARMS, CALIBRATIONS, ARTEFACTS, CHECKS)
@@ -131,7 +131,7 @@ def report_early_dates(lines: Sequence[AnyLine], checks: Sequence[CheckDate]) ->
     first = early[0]
     which = f"{first.name} ({format_iso(first.started_unix_s)})"
     if n_others := len(early) - 1:
-        which += f" and {counted(n_others, 'other check')}"
+        which += f" and {format_count(n_others, 'other check')}"
     are, they = ("are", "They are") if n_others else ("is", "It is")
     return (
         f"{which} {are} dated before the last check of the history, {latest.name} "
@@ -199,7 +199,7 @@ def keep(
         new_lines.append(
             NewLine(facts, make_folder_name(started, session.name), _make_contents(new_check))
         )
-    append_checks(folder, len(lines), new_lines, common)
+    add_checks(folder, len(lines), new_lines, common)
 
 
 def _make_contents(new: NewCheck) -> dict[str, bytes]:

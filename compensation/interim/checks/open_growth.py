@@ -10,12 +10,12 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.diagnose.fitting.expansions import (
     compute_growth_mm_per_k,
-    goes_with_temperature,
+    has_thermal_model,
 )
 from armd.compensation.identify.thermal.temperatures import MOST_SPAN_K
 from armd.compensation.identify.thermal.terms import make_growth_terms, make_length_terms
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values
+from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.state import States
@@ -42,7 +42,7 @@ def list_open_growth(arm: Arm, calibration: Calibration) -> tuple[OpenGrowth, ..
     """The growth of every length, if *calibration* has no thermal term and was made at what counts
     as one temperature; none otherwise."""
     ranges = calibration.temperature_range_c
-    if goes_with_temperature(calibration.terms) or not arm.used_sensors:
+    if has_thermal_model(calibration.terms) or not arm.used_sensors:
         return ()
     if not set(arm.used_sensors) <= set(ranges):
         return ()
@@ -74,7 +74,7 @@ def compute_rises_k(
     missing, the mean of the others."""
     constants = calibration.vector(arm.n_joints)
     reference_c = calibration.reference_temperature_c
-    warm = basis_values(
+    warm = compute_basis_values(
         [expansion.term for expansion in growth], states, arm, reference_c, constants
     )
     rise: F64 = warm - np.array([expansion.made_k for expansion in growth])

@@ -10,7 +10,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.constants import REST_RAD
-from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
 from armd.compensation.estimate.placements.poses import (
     Poses,
@@ -26,7 +26,7 @@ from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.errors import BadInput
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: A direction of the nuisances shorter than this, relative to the longest, says nothing.
 NUISANCE_RANK = 1e-6
@@ -41,7 +41,7 @@ def reduce(
 ) -> Reduced:
     """Reduce *session*; raises `BadInput` where it cannot tell anything."""
     observations = _select_usable(
-        gather([session], arm, calibration.artefact), arm, calibration, session
+        collect_observations([session], arm, calibration.artefact), arm, calibration, session
     )
     states = observations.states
     signals = Signals(states, arm, calibration)
@@ -94,9 +94,10 @@ def reduce(
         observations.n - rests
     )  # a rest that is read again says nothing new
     if spare < LEAST_ROWS:
-        at_rests = "" if rests == observations.n else f" at {counted(rests, 'rest')}"
+        at_rests = "" if rests == observations.n else f" at {format_count(rests, 'rest')}"
         problem = (
-            f"{counted(session.n, 'reading')}{at_rests}, {spare} numbers beyond placement and seats"
+            f"{format_count(session.n, 'reading')}{at_rests},"
+            f" {spare} numbers beyond placement and seats"
         )
         raise BadInput(session.path, "the session", problem, "10 to 30 readings in several poses")
     return Reduced(

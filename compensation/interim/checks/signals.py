@@ -10,9 +10,13 @@ from armd.arrays import F64
 from armd.compensation.effects.effect import Column
 from armd.compensation.interim.checks.open_growth import OpenGrowth, compute_rises_k
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows, tip_motion
+from armd.compensation.model.basis import (
+    compute_basis_values,
+    compute_parameter_rows,
+    compute_tip_motion,
+)
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.kinematics import compute_jacobian
 from armd.compensation.model.state import States
 
 #: Without a word of noise in the calibration: the scale is learnt from the checks.
@@ -26,22 +30,22 @@ class Signals:
     def __init__(self, states: States, arm: Arm, calibration: Calibration) -> None:
         self.states, self.arm, self.calibration = states, arm, calibration
         self._constants = calibration.vector(arm.n_joints)
-        values = basis_values(
+        values = compute_basis_values(
             calibration.terms, states, arm, calibration.reference_temperature_c, self._constants
         )
         #: (n,) whether the model has all that it needs
         self.complete = np.isfinite(values).all(axis=1)
         self._values = np.nan_to_num(values)
-        parameters = parameter_rows(self._constants, calibration.terms, self._values)
+        parameters = compute_parameter_rows(self._constants, calibration.terms, self._values)
         #: (n, 3) mm, and (n, 3, P) per parameter
-        self.position_mm, self._moved = jacobian(states.q, parameters)
+        self.position_mm, self._moved = compute_jacobian(states.q, parameters)
 
     def compute_motions(self, columns: Sequence[Column]) -> F64:
         """(n, 3, p) how far each of *columns* moves the tip, mm per unit."""
         motions = np.zeros((self.states.n, 3, len(columns)))
         about = self.states, self.arm, self.calibration.reference_temperature_c, self._constants
         for j, column in enumerate(columns):
-            motions[:, :, j] = tip_motion(column.terms, *about, self._moved)
+            motions[:, :, j] = compute_tip_motion(column.terms, *about, self._moved)
         return motions
 
     def compute_calibration_motions(self) -> F64:

@@ -13,7 +13,11 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.interim.evidence.elimination import CheckSums
-from armd.compensation.interim.evidence.likelihood import NOISE_WORD, log_student, log_sum
+from armd.compensation.interim.evidence.likelihood import (
+    NOISE_WORD,
+    compute_log_student,
+    compute_log_sum,
+)
 from armd.compensation.interim.evidence.stack import Stack
 
 #: One check in so many is spoilt.
@@ -38,7 +42,7 @@ class Rest:
         """Log likelihood ratio that *check*, one of those summed up, is spoilt, to that it is
         not."""
         others_log, usual, off = self.log_densities(check).T
-        return float(log_sum(others_log + off) - log_sum(others_log + usual))
+        return float(compute_log_sum(others_log + off) - compute_log_sum(others_log + usual))
 
     def log_densities(self, check: int) -> F64:
         """(scales, 3) of the other checks; and, they known, of *check* as it usually is and spoilt,
@@ -48,7 +52,7 @@ class Rest:
         eliminated = self.stack.eliminate_errors(sums)
         lefts = eliminated.square + NOISE_WORD
         others_log = [
-            log_student(float(sums.numbers), float(spread), float(squared))
+            compute_log_student(float(sums.numbers), float(spread), float(squared))
             - 0.5 * len(residual) * float(np.log(remainder))  # the check's own scale
             for spread, squared, remainder in zip(
                 eliminated.spread, eliminated.square, lefts, strict=True
@@ -92,8 +96,8 @@ def _weigh_usual_and_spoilt(
     single = [elsewhere.log_density(slice(3 * t, 3 * t + 3), GRAINS_MM) for t in range(count)]
     everywhere = elsewhere.log_density(slice(None), ELSEWHERE_MM)
     families = [np.array(wide), spoilt + np.ravel(single), spoilt + everywhere]
-    family_logs = [log_sum(family) - np.log(len(family)) for family in families]
-    return usual, float(log_sum(np.array(family_logs))) - float(np.log(len(family_logs)))
+    family_logs = [compute_log_sum(family) - np.log(len(family)) for family in families]
+    return usual, float(compute_log_sum(np.array(family_logs))) - float(np.log(len(family_logs)))
 
 
 def _compute_log_density(variance: F64, along: F64, remainder: float, freedom: float) -> float:

@@ -88,7 +88,7 @@ def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Wei
     return Weighed(first, weights)
 
 
-def log_sum(logs: F64, axis: int = -1) -> F64:
+def compute_log_sum(logs: F64, axis: int = -1) -> F64:
     """log Σ exp along an axis; of many small arrays `scipy.special.logsumexp` takes longer."""
     largest = logs.max(axis=axis, keepdims=True)
     total: F64 = largest.squeeze(axis) + np.log(np.exp(logs - largest).sum(axis=axis))
@@ -123,17 +123,17 @@ def _compute_log_ratios(
         spread, quad = integrate_amplitudes(gram, [side[:, :, i] for i in range(p)], SIZES)
         quad = np.minimum(quad, remainder * (1 - 1e-12))
         logs = -0.5 * (spread + freedom * np.log1p(-quad / remainder)) + log_share[:, None]
-        yield members, log_sum(logs, axis=2)
+        yield members, compute_log_sum(logs, axis=2)
 
 
 def _compute_log_marginals(eliminated: EliminatedErrors, numbers: int) -> F64:
     """(scales,) log of Student's density of the checks' readings without a change, by how large
     the standing errors are; everything known integrated out."""
     pairs = zip(eliminated.spread, eliminated.square, strict=True)
-    return np.array([log_student(float(numbers), float(a), float(b)) for a, b in pairs])
+    return np.array([compute_log_student(float(numbers), float(a), float(b)) for a, b in pairs])
 
 
-def log_marginal(stack: Stack, sums: CheckSums) -> float:
+def compute_log_marginal(stack: Stack, sums: CheckSums) -> float:
     """Log of the density of the readings of *sums*, whatever the standing errors' size."""
     logs = _compute_log_marginals(stack.eliminate_errors(sums), sums.numbers)
     return float(logsumexp(logs)) - float(np.log(len(logs)))
@@ -146,7 +146,7 @@ def fit_standing_share(stack: Stack) -> Stack:
     return stack.rescale(stack.scales[int(np.argmax(scales))])
 
 
-def log_student(numbers: float, spread: float, square: float) -> float:
+def compute_log_student(numbers: float, spread: float, square: float) -> float:
     """The same of so many *numbers* whose covariance has a root of log determinant *spread*, and of
     their *square* by it."""
     freedom = NOISE_WORD + numbers

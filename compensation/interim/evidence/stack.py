@@ -132,7 +132,7 @@ def find_usual_gap_d(time_d: F64) -> float:
     return float(np.median(np.diff(time_d))) if len(time_d) > 1 else 1.0
 
 
-def stack_checks(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
+def join_checks(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
     """*checks* in order of time."""
     typical = np.array([c.prior_sd for cause in causes for c in cause.candidate.columns])
     columns = [check.causes * typical for check in checks]

@@ -18,7 +18,12 @@ from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, find_spoilt
 from armd.compensation.interim.evidence.elimination import CheckSums
-from armd.compensation.interim.evidence.likelihood import LIMIT, MOST_BACK, log_marginal, weigh
+from armd.compensation.interim.evidence.likelihood import (
+    LIMIT,
+    MOST_BACK,
+    compute_log_marginal,
+    weigh,
+)
 from armd.compensation.interim.evidence.looks import NOTHING_YET, QuietRun
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 
@@ -50,7 +55,7 @@ class Standing:
     bad: tuple[int, ...]  # of the doubted, if a change is told now
 
 
-def watch(
+def detect_changes(
     stack: Stack,
     causes: Sequence[Cause],
     since: int = 0,
@@ -99,9 +104,11 @@ def _weigh(
     """Log odds of a change from check *begins* on, after *count* checks, whichever of the *doubted*
     are bad."""
     stack, every = sums.stack, sums.sum_first(count)
-    without_doubted = log_marginal(stack, _drop_checks(stack, every, doubted))
+    without_doubted = compute_log_marginal(stack, _drop_checks(stack, every, doubted))
     spoilt_log = {
-        i: log_marginal(stack, with_it) - without_doubted + Rest(stack, with_it).log_evidence(i)
+        i: compute_log_marginal(stack, with_it)
+        - without_doubted
+        + Rest(stack, with_it).log_evidence(i)
         for i in doubted
         for with_it in [_drop_checks(stack, every, [k for k in doubted if k != i])]
     }
@@ -111,7 +118,7 @@ def _weigh(
     nothing, change = np.empty((2, len(combinations_of_bad)))
     for w, chosen in enumerate(combinations_of_bad):
         bad = sum(spoilt_log[i] - np.log(ONE_IN) for i in chosen)
-        nothing[w] = bad + log_marginal(stack, _drop_checks(stack, every, chosen))
+        nothing[w] = bad + compute_log_marginal(stack, _drop_checks(stack, every, chosen))
         good, begin = sums.drop_checks(chosen, count, MOST_BACK)
         onsets = max(begins - sum(i < begins for i in chosen) - begin, 0)
         change[w] = nothing[w] + _compute_log_ratio(good, causes, onsets, good.stack.n)

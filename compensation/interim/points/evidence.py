@@ -68,7 +68,7 @@ class ChangeCourse:
         return np.where(since, (instant_s - instant_s[self.first - 1]) / DAY_S, 0.0)
 
 
-def log_ratios(
+def compute_log_ratios(
     series: Series,
     rows: Mask,
     known_courses: Sequence[ChangeCourse],

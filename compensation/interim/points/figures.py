@@ -22,7 +22,7 @@ from armd.compensation.interim.points.surface_figures import (
 )
 from armd.compensation.verify.points import UNKNOWN
 from armd.errors import BadInput
-from armd.terminal.suggest import hint
+from armd.terminal.suggest import suggest_names
 
 #: The serial number of an arm of which only the points are known.
 ARM = str(UNKNOWN["serial_number"])
@@ -65,7 +65,7 @@ def compute_figures(
     names = artefact.target_names
     for row, name in enumerate(points.target, 1):
         if name not in names:
-            expected = f"a target of the artefact{hint(name, names)}"
+            expected = f"a target of the artefact{suggest_names(name, names)}"
             raise BadInput(path, f"row {row}, target", repr(name), expected)
     groups = _group_points(points)
     kinds = artefact.surface_kinds

@@ -16,7 +16,7 @@ from armd.compensation.interim.points.evidence import (
     STEPS,
     ChangeCourse,
     Series,
-    log_ratios,
+    compute_log_ratios,
 )
 
 #: An alarm is looked at with so many checks after it.
@@ -92,7 +92,7 @@ def _weigh_by_start(
     ):
         courses = [ChangeCourse(k, gradual).shape(series.instant_s) for k in starts]
         shapes = np.column_stack(courses)
-        ratios = log_ratios(series, rows, detected.courses, shapes, sizes)
+        ratios = compute_log_ratios(series, rows, detected.courses, shapes, sizes)
         out[gradual] = ratios + math.log(share)
     return out
 
@@ -118,7 +118,9 @@ def _explain(series: Series, detected: PointChanges, row: int) -> tuple[int, Poi
     if bad_candidates:
         shapes = np.eye(series.n)[:, bad_candidates]
         rows = _select_until(series, detected, last)
-        bad = log_ratios(series, rows, detected.courses, shapes, STEPS) + math.log(BAD_SHARE)
+        bad = compute_log_ratios(series, rows, detected.courses, shapes, STEPS) + math.log(
+            BAD_SHARE
+        )
     every = logsumexp([*change[False], *change[True]])
     if logsumexp(bad) > every:
         return bad_candidates[int(np.argmax(bad))], None

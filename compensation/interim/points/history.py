@@ -17,14 +17,14 @@ from armd.compensation.data.sessions.format import ArtefactFile
 from armd.compensation.interim.checks.appending import (
     CHECKS,
     NewLine,
-    append_checks,
+    add_checks,
     make_folder_name,
 )
 from armd.compensation.interim.checks.chain import PointsLine, read_lines
 from armd.compensation.interim.checks.history import check_hash, format_iso
 from armd.compensation.interim.checks.keeping import ARTEFACTS, CheckDate
 from armd.compensation.interim.points.figures import ARM, PointCheck, compute_figures
-from armd.compensation.wording import clock
+from armd.compensation.wording import format_clock
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.schema import load_toml
@@ -64,7 +64,7 @@ def _read(path: Path, started_unix_s: float | None) -> NewTable:
     if first_s is None:
         first_s = float(int(path.stat().st_mtime))
         remarks.append(
-            f"{path.name}: measured when the file was last changed, {clock(first_s)}"
+            f"{path.name}: measured when the file was last changed, {format_clock(first_s)}"
             " (--started, or a column of dates)"
         )
     last_s = first_s + (max(finite_s) - min(finite_s) if finite_s else 0.0)
@@ -95,7 +95,7 @@ def keep_tables(
         new_lines.append(
             NewLine(facts, make_folder_name(str(facts["started"]), table.dated.name), contents)
         )
-    append_checks(folder, count, new_lines, {Path(ARTEFACTS) / f"{sha256}.toml": data})
+    add_checks(folder, count, new_lines, {Path(ARTEFACTS) / f"{sha256}.toml": data})
 
 
 def load_checks(folder: Path) -> list[PointCheck]:

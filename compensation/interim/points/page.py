@@ -17,7 +17,7 @@ from armd.compensation.report.layout.about import About
 from armd.compensation.report.layout.drawing import COLOURS, make_single_figure
 from armd.compensation.report.layout.head import add_head
 from armd.compensation.report.layout.page import MOST_SENTENCES, Page, make_report_number
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 
 def render_points_page(
@@ -73,10 +73,10 @@ def _add_changes(page: Page, epoch: PointEpoch) -> None:
             [
                 [
                     moved_figure.name,
-                    plain(moved_figure.before_um, 3, "+"),
-                    plain(moved_figure.change_um, 3, "+"),
-                    plain(moved_figure.standard_uncertainty_um),
-                    plain(moved_figure.half_width_um),
+                    format_plain(moved_figure.before_um, 3, "+"),
+                    format_plain(moved_figure.change_um, 3, "+"),
+                    format_plain(moved_figure.standard_uncertainty_um),
+                    format_plain(moved_figure.half_width_um),
                 ]
                 for moved_figure in moved
             ],
@@ -107,7 +107,9 @@ def _add_table(page: Page, epochs: Sequence[PointEpoch], checks: Sequence[dict[s
                 check["name"],
                 check["started"],
                 *(
-                    plain(check["figures_um"][name], 3, "+") if name in check["figures_um"] else ""
+                    format_plain(check["figures_um"][name], 3, "+")
+                    if name in check["figures_um"]
+                    else ""
                     for name in names
                 ),
                 f"{check['statistic']:.2f}",

@@ -11,8 +11,8 @@ from armd.compensation.interim.points.evidence import LIMIT, RUN_LENGTH
 from armd.compensation.interim.points.figures import ARM
 from armd.compensation.interim.points.find import PointChange
 from armd.compensation.interim.points.judge import Moved, PointEpoch
-from armd.compensation.wording import minute, plain
-from armd.terminal.counted import counted
+from armd.compensation.wording import format_minute, format_plain
+from armd.terminal.counted import format_count
 
 NEXT = "the same check again: the same targets, as often, in the same places of the arm's volume"
 CONFIRM = (
@@ -27,7 +27,7 @@ IN_WORDS = 3
 FIRST_CHECKS = 5
 
 
-def points_as_json(epochs: Sequence[PointEpoch]) -> dict[str, Any]:
+def format_points(epochs: Sequence[PointEpoch]) -> dict[str, Any]:
     """The whole result as plain data; the last epoch decides the state."""
     checks = sorted(
         ((epoch, i) for epoch in epochs for i in range(len(epoch.checks))),
@@ -107,11 +107,12 @@ def _reading(moved: Sequence[Moved]) -> str:
     """By how much, in a sentence: what is sure, the surest first."""
     listed = [figure for figure in moved if figure.significant][:IN_WORDS] or list(moved[:1])
     sizes = ", ".join(
-        f"{figure.name} by {plain(figure.change_um, sign='+')} ± {plain(figure.half_width_um)} µm"
+        f"{figure.name} by {format_plain(figure.change_um, sign='+')}"
+        f" ± {format_plain(figure.half_width_um)} µm"
         for figure in listed
     )
     n_more = sum(figure.significant for figure in moved) - len(listed)
-    return sizes + (f", and {counted(n_more, 'further figure')}" if n_more > 0 else "")
+    return sizes + (f", and {format_count(n_more, 'further figure')}" if n_more > 0 else "")
 
 
 def describe_points(epochs: Sequence[PointEpoch]) -> list[str]:
@@ -122,21 +123,23 @@ def describe_points(epochs: Sequence[PointEpoch]) -> list[str]:
     lines = []
     if not latest.detected.changes:
         lines.append(
-            f"In control: {counted(count, 'check')}, the last {last.name} of"
-            f" {minute(last.first_unix_s)}."
+            f"In control: {format_count(count, 'check')}, the last {last.name} of"
+            f" {format_minute(last.first_unix_s)}."
         )
         if len(latest.checks) < FIRST_CHECKS:
             n_more = FIRST_CHECKS - len(latest.checks)
             lines.append(
-                f"Few checks yet: only a large change shows. {counted(n_more, 'more check')} will"
-                " tell how far checks of this arm scatter."
+                f"Few checks yet: only a large change shows. {format_count(n_more, 'more check')}"
+                " will tell how far checks of this arm scatter."
             )
     for epoch in epochs:
         for change, moved in zip(epoch.detected.changes, epoch.moved, strict=True):
             low, high = epoch.between_unix_s(change)
-            how = "Growing since" if change.course.gradual else "Changed between"
+            how, link = (
+                ("Growing since", "or") if change.course.gradual else ("Changed between", "and")
+            )
             lines.append(
-                f"{how} {minute(low)} {'or' if change.course.gradual else 'and'} {minute(high)}"
+                f"{how} {format_minute(low)} {link} {format_minute(high)}"
                 f" (95 %): {_reading(moved)} (95 %) [probability {change.probability:.2f}]."
             )
     bad = [epoch.checks[i].name for epoch in epochs for i in epoch.detected.bad]

@@ -12,7 +12,7 @@ from armd.arrays import F64, Mask
 from armd.compensation.report.layout.drawing import make_single_figure
 from armd.compensation.report.layout.page import Page, make_report_number
 from armd.compensation.report.sessions import NOT_STATED
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 MOST_ROWS = 200
 #: Two-sided 95 % of a normal distribution. An error in space whose three variances add up to s² is
@@ -61,20 +61,23 @@ class Impact:
         if self.tolerance_mm is None:
             return "NOT JUDGED: NO TOLERANCE", None
         if affected := int(self.matter.sum()):
-            return f"{affected} OF {counted(count, 'measurement').upper()} AFFECTED", False
+            return f"{affected} OF {format_count(count, 'measurement').upper()} AFFECTED", False
         if doubtful := int(self.may_matter.sum()):
-            return f"{doubtful} OF {counted(count, 'measurement').upper()} MAY BE AFFECTED", False
+            return (
+                f"{doubtful} OF {format_count(count, 'measurement').upper()} MAY BE AFFECTED",
+                False,
+            )
         # Without its uncertainty no measurement is known to have been within the tolerance.
         has_uncertainties = bool(np.isfinite(self.at_most_mm).all())
         return (
-            f"NONE OF {counted(count, 'measurement').upper()} AFFECTED",
+            f"NONE OF {format_count(count, 'measurement').upper()} AFFECTED",
             True if has_uncertainties and count else None,
         )
 
     def in_words(self) -> str:
         """One sentence for the console and the page."""
         distances_mm = self.distance_mm[np.isfinite(self.distance_mm)]
-        words = [counted(len(self.distance_mm), "measurement")]
+        words = [format_count(len(self.distance_mm), "measurement")]
         if len(distances_mm):
             rms = float(np.sqrt(np.mean(distances_mm**2)))
             words.append(f"moved by {rms:.4f} mm RMS, at most {distances_mm.max():.4f} mm")

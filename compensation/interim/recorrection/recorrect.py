@@ -17,7 +17,7 @@ from armd.compensation.data.soundness.heat_flow import SensorHeat
 from armd.compensation.data.soundness.turns import fold_turns
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import LoadedCalibration, used_sensors
+from armd.compensation.model.calibration import LoadedCalibration, list_used_sensors
 from armd.compensation.model.state import States
 
 
@@ -30,7 +30,7 @@ class Recorrected:
     flags: npt.NDArray[np.uint32]  # (n,) INVALID, TEMPERATURE_RANGE, TEMPERATURE_STALE
 
 
-def recorrect(arm: Arm, calibration: LoadedCalibration, states: States) -> Recorrected:
+def correct_again(arm: Arm, calibration: LoadedCalibration, states: States) -> Recorrected:
     """Positions of *states* under *calibration*, with what must be said of each."""
     content = calibration.content
     model = Model(arm, calibration)
@@ -46,7 +46,7 @@ def recorrect(arm: Arm, calibration: LoadedCalibration, states: States) -> Recor
     if model.states_uncertainty:
         invalid |= ~np.isfinite(uncertainty).all(axis=1)
     position[invalid] = uncertainty[invalid] = np.nan
-    used = used_sensors(arm, content)
+    used = list_used_sensors(arm, content)
     columns = [s for s, name in enumerate(arm.sensors) if name in used]
     ranges = [content.temperature_range_c.get(arm.sensors[s], (-np.inf, np.inf)) for s in columns]
     low, high = np.array(ranges).reshape(-1, 2).T

@@ -116,7 +116,7 @@ def compute_final_size(stacked: Stack, change: Change, amplitudes: F64) -> F64:
     return end
 
 
-def amend_calibration(
+def extend_calibration(
     calibration: Calibration,
     begun_unix_s: float,
     causes: Sequence[Cause],

@@ -105,7 +105,7 @@ def _list_terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ..
     }
 
 
-def average_amplitudes(
+def compute_average(
     stacked: Stack, causes: Sequence[Cause], scenarios: Sequence[ChangeScenario], bad: Sequence[int]
 ) -> Averaged:
     """Mean and covariance of the amplitudes over *scenarios*, whose shares add up to 1; a change of

@@ -17,7 +17,7 @@ from armd.compensation.interim.checks.open_growth import GROWTH, OpenGrowth, lis
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.extended_sums import ExtendedSums
 from armd.compensation.interim.evidence.likelihood import KnownErrors, estimate_known_errors
-from armd.compensation.interim.evidence.stack import Stack, stack_checks
+from armd.compensation.interim.evidence.stack import Stack, join_checks
 from armd.compensation.interim.report.amend import list_telling_checks
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
@@ -64,7 +64,7 @@ def find_growth(
     if not growth or not good:
         return None
     reduced = [check.reduced for check in checks]
-    without = stack_checks([_drop_growth(check) for check in reduced], causes)
+    without = join_checks([_drop_growth(check) for check in reduced], causes)
     without = without.rescale(stacked.share / without.share)
     growth_columns = [check.error_columns[:, _is_growth(check)] for check in reduced]
     change_columns = list_change_columns(without, changes)
@@ -86,7 +86,7 @@ def find_growth(
         bool(significant),
         (rms_um, rms_um * _compute_left_share(without, growth_columns, change_columns, good)),
         max(high - low for low, high in ranges),
-        with_growth(calibration, growth, values, spread, [reduced[i] for i in good]),
+        add_growth(calibration, growth, values, spread, [reduced[i] for i in good]),
     )
 
 
@@ -142,7 +142,7 @@ def _sum_by_link(
     return tuple(links)
 
 
-def with_growth(
+def add_growth(
     calibration: Calibration,
     growth: Sequence[OpenGrowth],
     values: F64,

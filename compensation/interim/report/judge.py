@@ -16,17 +16,17 @@ from armd.compensation.interim.checks.columns import Cause, list_causes
 from armd.compensation.interim.checks.history import Check, format_iso
 from armd.compensation.interim.evidence.likelihood import fit_standing_share
 from armd.compensation.interim.evidence.looks import EpochLooks
-from armd.compensation.interim.evidence.stack import Stack, stack_checks
+from armd.compensation.interim.evidence.stack import Stack, join_checks
 from armd.compensation.interim.report.amend import (
     Amplitudes,
-    amend_calibration,
     compute_final_size,
+    extend_calibration,
     fit,
 )
 from armd.compensation.interim.report.average import (
     Averaged,
-    average_amplitudes,
     choose_affordable,
+    compute_average,
 )
 from armd.compensation.interim.report.growth import find_growth
 from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
@@ -50,7 +50,7 @@ def _judge_epoch(checks: tuple[Check, ...], before: EpochLooks) -> Epoch:
     arm, calibration = checks[0].arm, checks[0].calibration
     causes = list_causes(arm, calibration.content)
     reduced = [check.reduced for check in checks]
-    stacked = fit_standing_share(stack_checks(reduced, causes))
+    stacked = fit_standing_share(join_checks(reduced, causes))
     detected = find(stacked, causes, before)
     # What is there all along shows where neither changes nor bad checks are taken for it.
     good = [i for i in range(stacked.n) if i not in detected.bad]
@@ -62,7 +62,7 @@ def _judge_epoch(checks: tuple[Check, ...], before: EpochLooks) -> Epoch:
     grown = find_growth(checks, stacked, causes, detected.changes, detected.bad)
     under = calibration.content if grown is None else grown.calibration
     rows = len(under.covariance_of)
-    every = average_amplitudes(
+    every = compute_average(
         stacked, causes, choose_affordable(possible, causes, rows), detected.bad
     )
     reported_changes = tuple(
@@ -113,7 +113,7 @@ def _report_change(
     grown_d = float(stacked.time_d[-1]) - change.origin_d
     last = checks[-1]
     possible = every.changes[: every.count_until(index)]
-    calibration = amend_calibration(
+    calibration = extend_calibration(
         under,
         reduced[0].mean_unix_s,
         causes,

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.reduced import Reduced
-from armd.compensation.interim.evidence.stack import Stack, stack_checks
+from armd.compensation.interim.evidence.stack import Stack, join_checks
 from armd.compensation.interim.report.amend import list_telling_checks
 from armd.compensation.interim.report.discrimination import (
     choose_best_poses,
@@ -29,7 +29,7 @@ from armd.compensation.interim.report.possible_checks import plan_check, predict
 from armd.compensation.interim.report.result import name_cause
 from armd.compensation.model.slow_factors import DAY_S
 from armd.compensation.model.state import States
-from armd.compensation.wording import plain
+from armd.compensation.wording import format_plain
 
 #: How many seats a check has, how many poses in all, and for how many of the best pairs of seats
 #: they are chosen one by one.
@@ -159,7 +159,7 @@ def plan_telling_check(epoch: Epoch, index: int) -> NextCheck | None:
 
 def _stack_with(epoch: Epoch, checks: Sequence[Reduced]) -> Stack:
     """*checks* stacked, what is wrong all along as large as in the epoch."""
-    stacked = stack_checks(checks, epoch.causes)
+    stacked = join_checks(checks, epoch.causes)
     return stacked.rescale(epoch.stack.share / stacked.share)
 
 
@@ -171,7 +171,7 @@ def _write_sentence(advised: AdvisedPoses, causes: Sequence[str]) -> str:
     first, *rivals = causes
     seats = " and ".join(f"({x:.0f}, {y:.0f}, {z:.0f}) mm" for x, y, z in advised.seats_mm)
     now, usual, this = (
-        plain(100.0 * max(chance, 1e-3))
+        format_plain(100.0 * max(chance, 1e-3))
         for chance in (advised.now, advised.after_usual, advised.after_this)
     )
     return (

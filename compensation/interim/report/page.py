@@ -24,7 +24,7 @@ from armd.compensation.report.layout.head import add_head
 from armd.compensation.report.layout.page import MOST_SENTENCES, Page, make_report_number
 from armd.compensation.report.layout.units import Unit, choose_units
 from armd.compensation.report.sessions import add_session_facts
-from armd.compensation.wording import ARC_SECOND, minute, plain
+from armd.compensation.wording import ARC_SECOND, format_minute, format_plain
 
 #: Of a check's files, what was measured.
 MEASURED = ("session.toml", *READINGS)
@@ -174,7 +174,7 @@ def _draw_over_time(epoch: Epoch, reported: ReportedChange) -> Figure:
         np.array([first, last]), 0.0, 1.0, transform=panel.get_xaxis_transform(),
         color="#E69F00", alpha=0.25, linewidth=0, label="the change lies between",
     )  # fmt: skip
-    panel.set_xlabel(f"check started, UTC; the change: {minute(reported.instant_unix_s)}")
+    panel.set_xlabel(f"check started, UTC; the change: {format_minute(reported.instant_unix_s)}")
     panel.set_ylabel("amplitude")
     panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return figure
@@ -197,7 +197,7 @@ def _make_row(reported: ReportedChange, j: int) -> list[object]:
     unit, factor = SHOWN.get(column.unit, (column.unit, 1.0))
     return [
         column.name,
-        plain(factor * float(reported.values[j]), 3, "+"),
-        plain(factor * float(reported.deviations[j])),
+        format_plain(factor * float(reported.values[j]), 3, "+"),
+        format_plain(factor * float(reported.deviations[j])),
         unit,
     ]

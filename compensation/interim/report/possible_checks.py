@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from armd.arrays import F64, I64
-from armd.compensation.design.clearance import column_distance_mm, height_mm
+from armd.compensation.design.clearance import compute_column_distance_mm, compute_height_mm
 from armd.compensation.estimate.adjustment import adjust_angles
 from armd.compensation.interim.checks.catalogue_digest import hash_catalogue
 from armd.compensation.interim.checks.columns import Cause
@@ -19,7 +19,7 @@ from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.report.reach import draw_poses
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.state import States
 
 #: How many seats are tried, from how many poses each, and in how many the arm is on each.
@@ -49,8 +49,8 @@ def plan_check(arm: Arm, calibration: Calibration, at_unix_s: float) -> Possible
     constants = calibration.vector(arm.n_joints)
     drawn = draw_poses(arm, calibration.reference_temperature_c, DRAWN, 21)
     drawn = replace(drawn, time_s=np.full(drawn.n, at_unix_s))
-    tips = forward(drawn.q, np.tile(constants, (drawn.n, 1)))[0]
-    away = column_distance_mm(drawn.q, constants)
+    tips = compute_pose(drawn.q, np.tile(constants, (drawn.n, 1)))[0]
+    away = compute_column_distance_mm(drawn.q, constants)
     reach = float(away.max())
     height = tips @ -np.array(arm.gravity) / np.linalg.norm(arm.gravity)
     free = (away > AWAY[0] * reach) & (away < AWAY[1] * reach)
@@ -72,10 +72,10 @@ def _reach_seat(arm: Arm, constants: F64, seat: F64, drawn: States) -> States:
     q = drawn.q
     for _ in range(STEPS):
         q = adjust_angles(q, parameters, np.tile(seat, (drawn.n, 1)))
-    is_on_seat = np.linalg.norm(forward(q, parameters)[0] - seat, axis=1) < THERE_MM
+    is_on_seat = np.linalg.norm(compute_pose(q, parameters)[0] - seat, axis=1) < THERE_MM
     low, high = arm.limits_rad
     inside = ((q > low + MARGIN_RAD) & (q < high - MARGIN_RAD)).all(axis=1)
-    good = np.flatnonzero(is_on_seat & inside & (height_mm(q, constants, arm) >= 0.0))
+    good = np.flatnonzero(is_on_seat & inside & (compute_height_mm(q, constants, arm) >= 0.0))
     return replace(drawn, q=q).rows(good)
 
 

@@ -12,8 +12,8 @@ from armd.compensation.interim.checks.history import Check, format_iso
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
 from armd.compensation.interim.report.growth import SURE, FittedGrowth
 from armd.compensation.interim.report.judgement import Epoch, Judgement, ReportedChange
-from armd.compensation.wording import ARC_SECOND, minute, plain
-from armd.terminal.counted import counted
+from armd.compensation.wording import ARC_SECOND, format_minute, format_plain
+from armd.terminal.counted import format_count
 
 #: Of a statistic: whatever comes behind depends on which checks were watched at one time.
 DECIMALS = 6
@@ -102,16 +102,16 @@ def describe_growth(grown: FittedGrowth) -> str:
     """The growth in a few sentences, for the console and the page."""
     before_um, after_um = grown.heldout_um
     sizes = ", ".join(
-        f"{link.location} by {plain(1e6 * link.per_k, sign='+')} ± "
-        f"{plain(1e6 * SURE * link.standard_uncertainty)}"
+        f"{link.location} by {format_plain(1e6 * link.per_k, sign='+')} ± "
+        f"{format_plain(1e6 * SURE * link.standard_uncertainty)}"
         for link in grown.links
     )
     which = "" if grown.separable else "together (these checks cannot separate them) "
     return (
-        f"The calibration was made within {plain(grown.made_within_k)} K and contains no thermal "
-        f"expansion. The checks show it: the links expand {which}in µm per metre and kelvin (95 %):"
-        f" {sizes}. This is no change of the arm. With it, checks held out in turn err by "
-        f"{plain(after_um)} µm instead of {plain(before_um)} µm."
+        f"The calibration was made within {format_plain(grown.made_within_k)} K and contains no "
+        f"thermal expansion. The checks show it: the links expand {which}in µm per metre and "
+        f"kelvin (95 %): {sizes}. This is no change of the arm. With it, checks held out "
+        f"in turn err by {format_plain(after_um)} µm instead of {format_plain(before_um)} µm."
     )
 
 
@@ -167,13 +167,13 @@ def describe_change(reported: ReportedChange) -> str:
         return "since then the checks are off in a way that no cause of the catalogue makes"
     candidate = reported.cause.candidate
     if candidate.cause == "encoder_slip":
-        size = plain(abs(float(reported.values[0])) / ARC_SECOND)
+        size = format_plain(abs(float(reported.values[0])) / ARC_SECOND)
         text = f"the index of {candidate.location} slipped by {size}″"
     else:
         text = CATALOGUE[candidate.cause].describe(candidate, reported.values)
     if reported.per_day is not None:
         days = abs(float(reported.values[0] / reported.per_day[0])) if reported.per_day[0] else 0.0
-        text += f" by the last check, grown over {plain(days)} days"
+        text += f" by the last check, grown over {format_plain(days)} days"
     return text
 
 
@@ -190,20 +190,19 @@ def describe_judgement(judgement: Judgement) -> list[str]:
     lines = []
     if not judgement.changed:
         lines.append(
-            f"In control: {counted(count, 'check')}, the last "
-            f"{last.line.name} of {minute(last.reduced.first_unix_s)}."
+            f"In control: {format_count(count, 'check')}, the last "
+            f"{last.line.name} of {format_minute(last.reduced.first_unix_s)}."
         )
     for reported in (reported for epoch in judgement.epochs for reported in epoch.reported_changes):
         low, high = reported.between_unix_s
         how = "growing since" if reported.change.gradual else "changed"
         lines.append(
-            f"{how.capitalize()} between {minute(low)} and {minute(high)} (95 %):"
+            f"{how.capitalize()} between {format_minute(low)} and {format_minute(high)} (95 %):"
             f" {describe_change(reported)} [probability {reported.change.probability:.2f}]."
         )
         if not math.isnan(reported.tip_rms_um):
-            lines.append(
-                f"Over the arm's reach that is {plain(reported.tip_rms_um)} µm RMS at the tip."
-            )
+            tip_um = format_plain(reported.tip_rms_um)
+            lines.append(f"Over the arm's reach that is {tip_um} µm RMS at the tip.")
         if reported.rivals:
             rivals = ", ".join(
                 f"{name_cause(rival)} {share:.2f}" for rival, share in reported.rivals[:4]

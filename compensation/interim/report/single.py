@@ -7,7 +7,7 @@ from pathlib import Path
 
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.noise.robust import MONSTROUS, SUSPECT
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.identify.admission.far_off import FarOff, find_far_off, measure_distances_mm
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.interim.checks import history
@@ -39,6 +39,6 @@ def list_single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
 
 def _find_far_off(session: Session, check: Check, times: float) -> FarOff:
     calibration = check.calibration.content
-    observations = gather([session], check.arm, calibration.artefact)
+    observations = collect_observations([session], check.arm, calibration.artefact)
     model = AssumedModel.from_calibration(check.arm, calibration)
     return find_far_off(measure_distances_mm(observations, model.tip_mm(observations)), times)

@@ -105,7 +105,7 @@ class Remembered:
 NOTHING = Remembered()
 
 
-def recall(folder: Path) -> Remembered:
+def read_memory(folder: Path) -> Remembered:
     """What a history's folder has of it; nothing where any of it is in doubt."""
     with suppress(BadInput):
         file = load_json(folder / WATCHED, _WatchedFile)
@@ -116,7 +116,7 @@ def recall(folder: Path) -> Remembered:
     return NOTHING
 
 
-def remember(folder: Path, judgement: Judgement) -> None:
+def write_memory(folder: Path, judgement: Judgement) -> None:
     """Write it; where that is refused (a full disk), the next time takes longer."""
     epochs = [
         _WatchedEpoch(

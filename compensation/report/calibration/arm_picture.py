@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward, frames
+from armd.compensation.model.kinematics import compute_frames, compute_pose
 from armd.compensation.model.parameters import JOINT_PARAMETERS, TIP_PARAMETERS
 from armd.compensation.report.layout.drawing import COLOURS, make_single_figure
 
@@ -26,8 +26,8 @@ LETTERS = {"theta": "θ", "d": "d", "a": "a", "alpha": "α", "beta": "β"}
 
 def draw_arm_picture(arm: Arm, q: F64, constants: Collection[str]) -> Figure:
     """The arm in the posture *q* (N,) rad, as arm.toml draws it; *constants* are those named."""
-    origins, rotations = (part[0] for part in frames(q[None], arm.nominal()))
-    tip = forward(q[None], arm.nominal())[0][0]
+    origins, rotations = (part[0] for part in compute_frames(q[None], arm.nominal()))
+    tip = compute_pose(q[None], arm.nominal())[0][0]
     figure, panel = make_single_figure(HEIGHT_IN)
     chain = _project(np.vstack([origins, tip]))
     panel.plot(*chain.T, color="#57606a", linewidth=3.0, alpha=0.5, zorder=1)

@@ -74,12 +74,12 @@ def draw_residuals_by_sensor(
 def draw_vectors(tip_mm: F64, residual_mm: F64, unit: Unit) -> tuple[Figure, float]:
     """Each tip position (n, 3) with its residual, and how many times too long that is drawn."""
     finite = np.flatnonzero(np.isfinite(residual_mm).all(axis=1))
-    rows = finite[thin_rows(len(finite))]
+    rows = finite[select_rows(len(finite))]
     tip, residual = tip_mm[rows], residual_mm[rows]
     size = float(np.median(np.linalg.norm(residual, axis=1))) or 1.0
     reach = float(np.linalg.norm(np.ptp(tip, axis=0)))
-    times = round_down(DRAWN_SHARE * reach / size)
-    key_mm = round_down(4.0 * size)
+    times = choose_round(DRAWN_SHARE * reach / size)
+    key_mm = choose_round(4.0 * size)
     name = f"{key_mm * unit.per_base:g} {unit.name}"
     figure, panels = make_views(3.9)
     for panel, across, up in panels:
@@ -106,13 +106,13 @@ def _draw_scale_bar(panel: Axes, points: F64, length: float, name: str) -> None:
     panel.autoscale_view()
 
 
-def round_down(value: float) -> float:
+def choose_round(value: float) -> float:
     """The largest 1, 2 or 5 times a power of ten that is not above *value*."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * 1.0001))
 
 
-def thin_rows(n: int) -> I64:
+def select_rows(n: int) -> I64:
     """Rows to draw: all, or as many as a page bears, evenly spread."""
     return np.linspace(0, n - 1, min(n, MOST_POINTS)).astype(np.int64)
 
@@ -130,7 +130,7 @@ def compute_running_mean(x: F64, y: F64) -> tuple[F64, F64, F64]:
 
 
 def _draw(panel: Axes, x: F64, y: F64) -> None:
-    rows = thin_rows(len(x))
+    rows = select_rows(len(x))
     draw_dots(panel, x[rows], y[rows])
     middle, mean, sigma = compute_running_mean(x, y)
     panel.fill_between(

@@ -13,7 +13,7 @@ from armd.compensation.model.terms import Term
 from armd.compensation.report.layout.page import Page
 from armd.compensation.report.layout.units import Unit, Units
 from armd.compensation.report.sessions import NOT_STATED
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: Correlations stronger than this are worth knowing.
 WORTH_KNOWING = 0.9
@@ -66,7 +66,7 @@ def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
     unknown = dict(zip(fit.unknowns.names, _compute_null_share(fit), strict=True))
     rows, faint = [], []
     for name in fit.unknowns.constants:
-        angle = parameters.unit(name) == "rad"
+        angle = parameters.find_unit(name) == "rad"
         factor, kind = (np.degrees(1.0), "°") if angle else (1.0, "mm")
         small = units.angle if angle else units.length
         difference, sigma = identified[name] - nominal[name], deviation[name]
@@ -96,7 +96,7 @@ def add_parameters_and_terms(page: Page, result: Result, units: Units) -> None:
                 [
                     describe_term(term), f"{term.coefficient:.4g}",
                     _format_uncertainty(term),
-                    f"{parameters.unit(term.parameter)} per unit of its basis",
+                    f"{parameters.find_unit(term.parameter)} per unit of its basis",
                 ]
                 for term in fit.terms
             ],
@@ -135,7 +135,7 @@ def add_correlations(page: Page, fit: Identification) -> None:
     if not determined.all():
         page.add_text(
             f"Not determined, and so not listed: correlations of the"
-            f" {counted(int((~determined).sum()), 'unknown')} known only in combination."
+            f" {format_count(int((~determined).sum()), 'unknown')} known only in combination."
         )
     if not pairs:
         page.add_text(f"None beyond ±{WORTH_KNOWING}.")

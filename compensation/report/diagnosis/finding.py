@@ -12,7 +12,7 @@ from armd.compensation.report.diagnosis.signature_plot import make_signature_plo
 from armd.compensation.report.layout.page import Page
 from armd.compensation.report.layout.units import choose_units
 from armd.compensation.report.sessions import NOT_STATED
-from armd.compensation.wording import ARC_SECOND, clock
+from armd.compensation.wording import ARC_SECOND, format_clock
 
 #: Units in which a person reads amplitudes.
 SMALL = {"rad": (1.0 / ARC_SECOND, "″"), "mm": (1e3, "µm")}
@@ -101,7 +101,7 @@ def _add_amplitudes(page: Page, finding: dict[str, Any]) -> None:
 def _format_small_units(parameter: dict[str, Any]) -> list[str]:
     """Angles in seconds of arc, lengths in µm; no uncertainty where none is stated."""
     if parameter["unit"] == "s (Unix)":
-        return [parameter["name"], clock(parameter["value"]), NOT_STATED, ""]
+        return [parameter["name"], format_clock(parameter["value"]), NOT_STATED, ""]
     scale, unit = SMALL.get(parameter["unit"].split(" ")[0].split("/")[0], (1.0, ""))
     per_unit = parameter["unit"].removeprefix(parameter["unit"].split(" ")[0].split("/")[0])
     if per_unit == "/rad":  # the plot above has its axis in degrees

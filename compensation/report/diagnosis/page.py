@@ -22,7 +22,7 @@ from armd.compensation.report.layout.head import add_head
 from armd.compensation.report.layout.page import Page
 from armd.compensation.report.layout.units import Unit, Units, choose_units
 from armd.compensation.report.sessions import InputFile, add_origin
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: What may be found without a cause that has a name and is in the arm or its setting-up.
 NO_CAUSES = ("artefact_moved", "outliers", "unknown")
@@ -124,7 +124,7 @@ def _describe(finding: dict[str, Any]) -> str:
     """A finding in the reason, and how far it is to be believed."""
     if finding["cause"] == "outliers":
         rows = len(finding["rows"])
-        return f"{counted(rows, 'reading')} far from where all others put them"
+        return f"{format_count(rows, 'reading')} far from where all others put them"
     if finding["cause"] == "unknown":
         on = ", ".join(finding["depends_on"]) or "nothing that was recorded"
         return f"an error that depends on {on} and fits no known cause"
@@ -173,7 +173,7 @@ def _add_overview_table(page: Page, result: dict[str, Any], unit: Unit) -> None:
             ],
         )  # fmt: skip
         if (n_further := len(findings) - MOST_FINDINGS) > 0:
-            page.add_text(f"{counted(n_further, 'further finding')}: Appendix.")
+            page.add_text(f"{format_count(n_further, 'further finding')}: Appendix.")
         page.add_text(page.abbreviate("Verdict in words", result["verdict"]))
     figure, panel = make_single_figure(2.2)
     draw_gains(panel, result, unit)
@@ -185,7 +185,7 @@ def _add_model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, An
     if diagnosis.holdout:
         n_readings = sum(s.n for s in diagnosis.holdout)
         n_sessions = len(diagnosis.holdout)
-        heldout = f"{n_readings} readings of {counted(n_sessions, 'other session')}"
+        heldout = f"{n_readings} readings of {format_count(n_sessions, 'other session')}"
     else:
         heldout = "each placement in turn"
     model = (
@@ -194,7 +194,7 @@ def _add_model_under_test(page: Page, diagnosis: Diagnosis, result: dict[str, An
         else "what armd calibrate makes of these sessions"
     )
     page.add_text(
-        f"{readings} readings in {counted(sessions, 'session')}. "
+        f"{readings} readings in {format_count(sessions, 'session')}. "
         f"Model under test: {model}. Held out: {heldout}."
     )
     if result["findings"]:

@@ -97,7 +97,7 @@ def _project_on_parameter(
     # The residual is tip minus target: a parameter too small by e leaves −e times its column.
     error = effect - (residual * lever).sum(axis=1) / np.maximum(lever_squared, 1e-300)
     units = choose_units(diagnosis.arm)
-    unit = units.length if parameters.unit(parameter) == "mm" else units.angle
+    unit = units.length if parameters.find_unit(parameter) == "mm" else units.angle
     scale = unit.per_base
     joint = parameter.split("_")[-1]
     quantity = f"angle of joint {joint}" if parameter.startswith("theta") else parameter

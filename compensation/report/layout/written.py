@@ -12,7 +12,7 @@ from pathlib import Path
 from armd.errors import ArmdError, BadInput
 from armd.files.outputs import PAGE, PDF, PDF_MARK, OutputKind
 from armd.files.writing import write_whole
-from armd.terminal.aside import aside
+from armd.terminal.aside import make_aside
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 PRINTING_S = 120.0
@@ -37,7 +37,7 @@ def list_page_outputs(args: argparse.Namespace) -> dict[str, tuple[str | Path | 
 def write_pages(args: argparse.Namespace, make: Callable[[], str]) -> None:
     """Write what was asked for; *make* makes the page, and is called only if something was."""
     if args.report or args.pdf:
-        console = aside(args)
+        console = make_aside(args)
         with console.status("drawing the page …"):
             page = make()
         if args.report:

@@ -15,7 +15,7 @@ from armd.compensation.report.sessions import InputFile, add_origin
 from armd.compensation.report.verification import figures
 from armd.compensation.verify.figures import BLOCK, TESTS
 from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged, Verdict
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 #: The figures of both standards.
 #: Those of the standards; a gauge block against its certificate is one more.
@@ -122,7 +122,7 @@ def _write_key_sentence(verdict: Verdict, unit: Unit) -> str:
         return f"{worst.figure.name} {_describe_outcome(worst)}: {sentence}."
     if missing := len(verdict.not_tested):
         was = "was" if missing == 1 else "were"
-        return f"{counted(missing, 'figure')} with a limit {was} not tested."
+        return f"{format_count(missing, 'figure')} with a limit {was} not tested."
     return f"{worst.figure.name} is nearest its limit: {sentence}."
 
 

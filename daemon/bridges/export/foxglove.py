@@ -15,11 +15,11 @@ from foxglove import messages as schemas
 from pydantic import BaseModel, ConfigDict, Field
 
 from armd import keys
-from armd.daemon.bridges.export.source import MeasurementLine, info_of
+from armd.daemon.bridges.export.source import MeasurementLine, read_info
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import Recording
-from armd.files.schema import json_data, validate
+from armd.files.schema import load_json_data, validate
 from armd.files.writing import replace_file
 
 M_PER_MM = 1e-3
@@ -70,7 +70,7 @@ def write_foxglove(recording: Recording, path: Path) -> tuple[int, int]:
 
     Raises `BadInput` for a damaged recording.
     """
-    info = info_of(recording)
+    info = read_info(recording)
     serial = info["arm"]["serial_number"]
     draw = _Drawing(serial, Tips(info))
     context = foxglove.Context()
@@ -107,7 +107,7 @@ def write_foxglove(recording: Recording, path: Path) -> tuple[int, int]:
 def _messages(recording: Recording) -> Iterator[tuple[str, int, Any]]:
     by_topic = {topic: topic_key for topic_key, topic in TOPICS.items()}
     for message in recording.messages(set(by_topic)):
-        yield by_topic[message.topic], message.unix_ns, json_data(recording.path, message.data)
+        yield by_topic[message.topic], message.unix_ns, load_json_data(recording.path, message.data)
 
 
 def _read(recording: Recording, topic_key: str, data: Any, model: type[Content]) -> Content:

@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from armd import __version__
 from armd.daemon.bridges.export.source import MeasurementLine
-from armd.daemon.bridges.export.tables import direction, uncertainty_mm
+from armd.daemon.bridges.export.tables import compute_direction, compute_uncertainty_mm
 from armd.daemon.bridges.tips import Tips
 
 NAMESPACE = "http://qifstandards.org/xsd/qif3"
@@ -64,12 +64,12 @@ def _point(features: Element, identity: int, number: int, m: MeasurementLine, ti
     _text(SubElement(feature, "MeasurementDeviceIds", n="1"), "Id", str(DEVICE_ID))
     assert m.position_mm is not None
     location = _text(feature, "Location", " ".join(f"{x:.6f}" for x in m.position_mm))
-    u = uncertainty_mm(m)
+    u = compute_uncertainty_mm(m)
     if not math.isnan(u[0]):
         location.set("combinedUncertainty", f"{math.hypot(*u):.6f}")
         for axis, value in zip("xyz", u, strict=True):
             location.set(f"{axis}CombinedUncertainty", f"{value:.6f}")
-    normal = direction(m, tips)
+    normal = compute_direction(m, tips)
     if not math.isnan(normal[0]):
         _text(feature, "Normal", " ".join(f"{x:.9f}" for x in normal))
 

@@ -17,12 +17,12 @@ from armd.arrays import Vector
 from armd.compensation.data.foreign.points import read_points
 from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.data.sessions.columns import APPROACH
-from armd.daemon.files.measurement_log import SUFFIX, log_files, serial_of
+from armd.daemon.files.measurement_log import SUFFIX, list_log_files, parse_serial
 from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import INFO_ATTACHMENT, Recording
 from armd.errors import BadInput
 from armd.files.inputs import open_input
-from armd.files.schema import KeyTwice, decode_json_text, json_data
+from armd.files.schema import KeyTwice, decode_json_text, load_json_data
 from armd.received import names_arm_and_tips
 
 RECORDING = ".mcap"
@@ -106,10 +106,10 @@ def from_path(path: Path) -> Measurements:
     """A file of JSON lines, a measurement log's folder, a recording, or a table that `armd export`
     wrote; raises `BadInput`."""
     if path.is_dir():
-        files = log_files(path)
+        files = list_log_files(path)
         if not files:
             raise BadInput(path, "the folder", f"no *{SUFFIX}", "a measurement log")
-        return _from_lines(files, serial_of(path))
+        return _from_lines(files, parse_serial(path))
     if path.suffix == RECORDING:
         return _from_recording(path)
     if path.suffix == TABLE:
@@ -173,16 +173,16 @@ def _from_recording(path: Path) -> Measurements:
     recording = Recording(path)
     topic = TOPICS[keys.MEASUREMENT]
     measurements = _in_order(
-        _measurement(path, topic, json_data(path, message.data))
+        _measurement(path, topic, load_json_data(path, message.data))
         for message in recording.messages({topic})
     )
-    info = info_of(recording)
+    info = read_info(recording)
     serial = info["arm"]["serial_number"]
     left_out = [] if recording.missing is None else [recording.missing]
     return Measurements(measurements, serial, info, left_out)
 
 
-def info_of(recording: Recording) -> dict[str, Any]:
+def read_info(recording: Recording) -> dict[str, Any]:
     """The recorded daemon's `info`; raises `BadInput` where it does not name the arm and its tips.
     (A replay reads more of it, and checks that itself.)"""
     if not names_arm_and_tips(recording.info):

@@ -37,8 +37,8 @@ def as_csv(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
             [
                 m.stamp_ns,
                 *_numbers(m.position_mm or UNKNOWN, 6),
-                *_numbers(direction(m, tips), 6),
-                *_numbers(uncertainty_mm(m), 6),
+                *_numbers(compute_direction(m, tips), 6),
+                *_numbers(compute_uncertainty_mm(m), 6),
                 *_numbers(m.standard_deviation_mm or UNKNOWN, 6),
                 m.count,
                 m.duration_s,
@@ -93,14 +93,14 @@ def as_ply(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
     return "\n".join([*header, *rows, ""])
 
 
-def direction(m: MeasurementLine, tips: Tips) -> Sequence[float]:
+def compute_direction(m: MeasurementLine, tips: Tips) -> Sequence[float]:
     """Unit vector out of the material; NaN where neither travel nor orientation is known."""
     if m.approach is None and m.orientation is None:
         return UNKNOWN
     return tips.out_of_material(m.model_dump())
 
 
-def uncertainty_mm(m: MeasurementLine) -> Sequence[float]:
+def compute_uncertainty_mm(m: MeasurementLine) -> Sequence[float]:
     """Standard uncertainties of x, y, z; NaN without a calibration's covariance."""
     if m.covariance_mm2 is None:
         return UNKNOWN
@@ -109,12 +109,12 @@ def uncertainty_mm(m: MeasurementLine) -> Sequence[float]:
 
 
 def _norm(m: MeasurementLine) -> float:
-    return math.hypot(*uncertainty_mm(m))
+    return math.hypot(*compute_uncertainty_mm(m))
 
 
 def _normal(m: MeasurementLine, tips: Tips) -> Sequence[float]:
     """Zero where it is not known: readers of clouds take nan for a broken file."""
-    normal = direction(m, tips)
+    normal = compute_direction(m, tips)
     return (0.0, 0.0, 0.0) if math.isnan(normal[0]) else normal
 
 

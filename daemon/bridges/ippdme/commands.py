@@ -16,10 +16,10 @@ from armd.daemon.bridges.ippdme.grammar import (
     Arg,
     Command,
     Property,
-    listed,
-    nothing,
-    quoted,
-    word_of,
+    format_list,
+    format_quoted,
+    require_nothing,
+    require_word,
 )
 from armd.daemon.bridges.ippdme.report import (
     HIT,
@@ -27,9 +27,9 @@ from armd.daemon.bridges.ippdme.report import (
     MOTION,
     SCAN,
     ReportedFields,
-    asked_for,
-    move_report,
-    written_fields,
+    format_fields,
+    make_move_report,
+    parse_names,
 )
 
 MACHINE_CLASS = '"CartCMM"'
@@ -38,24 +38,24 @@ MACHINE_CLASS_2_5 = '"CartCMM_TouchTrigger_Fixed_None_ToolChanger_None_None"'
 
 
 def start_session(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     dialogue.start_session()
     return ()
 
 
-def end_session(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+def close_session(dialogue: Dialogue, command: Command) -> Answer:
+    require_nothing(command.args)
     dialogue.end_session()
     return ()
 
 
 def get_dme_version(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
-    return [f"DMEVersion({quoted(dialogue.version)})"]
+    require_nothing(command.args)
+    return [f"DMEVersion({format_quoted(dialogue.version)})"]
 
 
 def get_machine_class(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     if is_2_5(dialogue):
         return [MACHINE_CLASS_2_5]
     return [f"GetMachineClass({MACHINE_CLASS})"]
@@ -72,23 +72,23 @@ def get_error_info(dialogue: Dialogue, command: Command) -> Answer:
         raise DmeError(509)
     if number not in TABLE:
         raise DmeError(504)
-    return [quoted(TABLE[int(number)][1])]
+    return [format_quoted(TABLE[int(number)][1])]
 
 
 def clear_all_errors(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     dialogue.errors.clear()
     return ()
 
 
 def get_err_status(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     status = "1" if dialogue.errors else "0"
     return [status if is_2_5(dialogue) else f"ErrStatus({status})"]
 
 
 def get_xtd_err_status(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     lines = [_is_homed(dialogue), f"IsUserEnabled({int(dialogue.user_enabled)})"]
     if is_2_5(dialogue):
         return lines + [
@@ -99,8 +99,8 @@ def get_xtd_err_status(dialogue: Dialogue, command: Command) -> Answer:
     return ()
 
 
-def abort(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+def stop_motion(dialogue: Dialogue, command: Command) -> Answer:
+    require_nothing(command.args)
     dialogue.abort()
     return ()
 
@@ -108,10 +108,10 @@ def abort(dialogue: Dialogue, command: Command) -> Answer:
 # --- daemons ---------------------------------------------------------------------------------
 
 
-def on_move_report(dialogue: Dialogue, command: Command) -> Answer:
+def set_move_report(dialogue: Dialogue, command: Command) -> Answer:
     if not EVENT_TAG.fullmatch(command.tag):
         raise DmeError(502)  # its reports need a tag that goes on
-    report = move_report(command.tag, command.args, both_needed=is_2_5(dialogue))
+    report = make_move_report(command.tag, command.args, both_needed=is_2_5(dialogue))
     if dialogue.move_report is not None:
         raise DmeError(515)
     dialogue.move_report = report
@@ -119,7 +119,7 @@ def on_move_report(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def stop_daemon(dialogue: Dialogue, command: Command) -> Answer:
-    tag = word_of(command.args)
+    tag = require_word(command.args)
     if not EVENT_TAG.fullmatch(tag):
         raise DmeError(509)
     if dialogue.move_report is None or dialogue.move_report.tag != tag:
@@ -129,7 +129,7 @@ def stop_daemon(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def stop_all_daemons(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     if dialogue.move_report is None:
         raise DmeError(512)
     dialogue.move_report = None
@@ -139,9 +139,9 @@ def stop_all_daemons(dialogue: Dialogue, command: Command) -> Answer:
 # --- the user --------------------------------------------------------------------------------
 
 
-def home(dialogue: Dialogue, command: Command) -> Answer:
+def move_home(dialogue: Dialogue, command: Command) -> Answer:
     """Absolute encoders: done at once, if there is an arm whose joints are known."""
-    nothing(command.args)
+    require_nothing(command.args)
     dialogue.user_enabled = False
     if not dialogue.machine.homed:
         raise DmeError(1005)
@@ -149,7 +149,7 @@ def home(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def is_homed(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     return [_is_homed(dialogue)]
 
 
@@ -158,43 +158,43 @@ def _is_homed(dialogue: Dialogue) -> str:
 
 
 def enable_user(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     dialogue.user_enabled = True
     return ()
 
 
 def disable_user(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     dialogue.user_enabled = False
     return ()
 
 
 def is_user_enabled(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     return [f"IsUserEnabled({int(dialogue.user_enabled)})"]
 
 
 # --- positions and hits ----------------------------------------------------------------------
 
 
-def on_pt_meas_report(dialogue: Dialogue, command: Command) -> Answer:
-    dialogue.report = asked_for(command.args, HIT_2_5 if is_2_5(dialogue) else HIT)
+def set_point_report(dialogue: Dialogue, command: Command) -> Answer:
+    dialogue.report = parse_names(command.args, HIT_2_5 if is_2_5(dialogue) else HIT)
     return ()
 
 
-def on_scan_report(dialogue: Dialogue, command: Command) -> Answer:
+def set_scan_report(dialogue: Dialogue, command: Command) -> Answer:
     """Accepted, as hosts set it at their start; an arm does not scan."""
-    asked_for(command.args, SCAN)
+    parse_names(command.args, SCAN)
     return ()
 
 
 def get(dialogue: Dialogue, command: Command) -> Answer:
-    names = asked_for(command.args, MOTION)
+    names = parse_names(command.args, MOTION)
     x, y, z = dialogue.machine.position().tolist()
-    return [listed(written_fields(names, {"X": (x,), "Y": (y,), "Z": (z,)}))]
+    return [format_list(format_fields(names, {"X": (x,), "Y": (y,), "Z": (z,)}))]
 
 
-def pt_meas(dialogue: Dialogue, command: Command) -> Answer:
+def measure_point(dialogue: Dialogue, command: Command) -> Answer:
     """A nominal point of the host's: the operator's next hit is the answer."""
     nominal = _nominal(command.args)
     tool = dialogue.machine.toolbox.current
@@ -211,7 +211,7 @@ def pt_meas(dialogue: Dialogue, command: Command) -> Answer:
         if away > reach_mm:
             pending.settle(DmeError(1006))
         else:
-            pending.settle([listed(written_fields(dialogue.report, fields))])
+            pending.settle([format_list(format_fields(dialogue.report, fields))])
 
     dialogue.hit = take
     return pending
@@ -241,24 +241,24 @@ def _nominal(args: tuple[Arg, ...]) -> dict[str, float]:
 
 METHODS = {
     "StartSession": start_session,
-    "EndSession": end_session,
+    "EndSession": close_session,
     "GetDMEVersion": get_dme_version,
     "GetMachineClass": get_machine_class,
     "GetErrorInfo": get_error_info,
     "ClearAllErrors": clear_all_errors,
     "GetErrStatusE": get_err_status,
     "GetXtdErrStatus": get_xtd_err_status,
-    "AbortE": abort,
-    "OnMoveReportE": on_move_report,
+    "AbortE": stop_motion,
+    "OnMoveReportE": set_move_report,
     "StopDaemon": stop_daemon,
     "StopAllDaemons": stop_all_daemons,
-    "Home": home,
+    "Home": move_home,
     "IsHomed": is_homed,
     "EnableUser": enable_user,
     "DisableUser": disable_user,
     "IsUserEnabled": is_user_enabled,
-    "OnPtMeasReport": on_pt_meas_report,
-    "OnScanReport": on_scan_report,
+    "OnPtMeasReport": set_point_report,
+    "OnScanReport": set_scan_report,
     "Get": get,
-    "PtMeas": pt_meas,
+    "PtMeas": measure_point,
 }

@@ -7,7 +7,14 @@ from collections.abc import Mapping
 from armd.daemon.bridges.ippdme import commands, commands_csy, commands_tool
 from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue, Method
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.daemon.bridges.ippdme.grammar import Command, decimal, listed, nothing, quoted, text_of
+from armd.daemon.bridges.ippdme.grammar import (
+    Command,
+    format_decimal,
+    format_list,
+    format_quoted,
+    require_nothing,
+    require_text,
+)
 from armd.daemon.bridges.ippdme.report import MOTION
 
 #: Known only to say no.
@@ -38,40 +45,43 @@ DEFECT_C = -273.0
 
 
 def get_supported_commands(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
-    return [quoted(name) for name in dialogue.methods if name not in UNSUPPORTED]
+    require_nothing(command.args)
+    return [format_quoted(name) for name in dialogue.methods if name not in UNSUPPORTED]
 
 
 def get_supported_arguments(dialogue: Dialogue, command: Command) -> Answer:
     """Name and type of each."""
-    name = text_of(command.args)
+    name = require_text(command.args)
     if name not in dialogue.methods or name in UNSUPPORTED:
         raise DmeError(506)
-    return [f"{quoted(arg)}, {quoted(kind)}" for arg, kind in ARGUMENTS.get(name, {}).items()]
+    return [
+        f"{format_quoted(arg)}, {format_quoted(kind)}"
+        for arg, kind in ARGUMENTS.get(name, {}).items()
+    ]
 
 
-def enum_name_spaces(dialogue: Dialogue, command: Command) -> Answer:
+def list_name_spaces(dialogue: Dialogue, command: Command) -> Answer:
     """No commands of armd's own."""
-    nothing(command.args)
+    require_nothing(command.args)
     return ()
 
 
-def enumerate_mover_axes(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
-    return [listed(dict.fromkeys(MOTION, ""))]
+def list_mover_axes(dialogue: Dialogue, command: Command) -> Answer:
+    require_nothing(command.args)
+    return [format_list(dict.fromkeys(MOTION, ""))]
 
 
 def get_temperature_sensors(dialogue: Dialogue, command: Command) -> Answer:
     """All of them are the machine's, and corrected for."""
-    nothing(command.args)
+    require_nothing(command.args)
     return [
-        f"Name({quoted(name)}), Kind(CMM), CMMTempCorrection(1)"
+        f"Name({format_quoted(name)}), Kind(CMM), CMMTempCorrection(1)"
         for name in dialogue.machine.temperatures_c
     ]
 
 
 def read_temperature_sensor(dialogue: Dialogue, command: Command) -> Answer:
-    name = text_of(command.args)
+    name = require_text(command.args)
     temperatures = dialogue.machine.temperatures_c
     if name not in temperatures:
         raise DmeError(505)
@@ -79,15 +89,15 @@ def read_temperature_sensor(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def read_all_temperatures(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     return [
-        f"Name({quoted(name)}), Temperature({_celsius(value)})"
+        f"Name({format_quoted(name)}), Temperature({_celsius(value)})"
         for name, value in dialogue.machine.temperatures_c.items()
     ]
 
 
 def _celsius(value: float | None) -> str:
-    return decimal(DEFECT_C if value is None else value, 2)
+    return format_decimal(DEFECT_C if value is None else value, 2)
 
 
 VERSIONS: dict[str, Mapping[str, Method]] = {
@@ -97,11 +107,11 @@ VERSIONS["2.5"] = {
     **VERSIONS["1.4.3"],
     **commands_csy.METHODS_2_5,
     **commands_tool.METHODS_2_5,
-    "OnMoveReport": commands.on_move_report,
+    "OnMoveReport": commands.set_move_report,
     "GetSupportedCommands": get_supported_commands,
     "GetSupportedArguments": get_supported_arguments,
-    "EnumNameSpaces": enum_name_spaces,
-    "EnumerateMoverAxes": enumerate_mover_axes,
+    "EnumNameSpaces": list_name_spaces,
+    "EnumerateMoverAxes": list_mover_axes,
     "GetTemperatureSensors": get_temperature_sensors,
     "ReadTemperatureSensor": read_temperature_sensor,
     "ReadAllTemperatures": read_all_temperatures,

@@ -10,12 +10,12 @@ from armd.daemon.bridges.ippdme.grammar import (
     Command,
     Text,
     Word,
-    decimal,
-    listed,
-    nothing,
-    quoted,
-    text_of,
-    word_of,
+    format_decimal,
+    format_list,
+    format_quoted,
+    require_nothing,
+    require_text,
+    require_word,
 )
 
 NAMES = ("X0", "Y0", "Z0", "Theta", "Psi", "Phi")
@@ -23,13 +23,13 @@ PLACES = 6
 
 
 def set_coord_system(dialogue: Dialogue, command: Command) -> Answer:
-    dialogue.machine.systems.select(word_of(command.args))
+    dialogue.machine.systems.select(require_word(command.args))
     dialogue.report_now()
     return ()
 
 
 def get_coord_system(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+    require_nothing(command.args)
     selected = dialogue.machine.systems.selected
     return [selected if is_2_5(dialogue) else f"CoordSystem({selected})"]
 
@@ -42,34 +42,34 @@ def set_csy_transformation(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def get_csy_transformation(dialogue: Dialogue, command: Command) -> Answer:
-    transformation = dialogue.machine.systems.get(word_of(command.args))
+    transformation = dialogue.machine.systems.get(require_word(command.args))
     return [_written(transformation, dialogue)]
 
 
 def save_active(dialogue: Dialogue, command: Command) -> Answer:
     """The part's coordinate system under a name."""
     systems = dialogue.machine.systems
-    systems.save_named(text_of(command.args), systems.get("PartCsy"))
+    systems.save_named(require_text(command.args), systems.get("PartCsy"))
     return ()
 
 
 def load(dialogue: Dialogue, command: Command) -> Answer:
     """A named one becomes the part's, and is selected."""
     systems = dialogue.machine.systems
-    systems.set("PartCsy", systems.find_named(text_of(command.args)))
+    systems.set("PartCsy", systems.find_named(require_text(command.args)))
     systems.select("PartCsy")
     dialogue.report_now()
     return ()
 
 
-def delete(dialogue: Dialogue, command: Command) -> Answer:
-    dialogue.machine.systems.delete_named(text_of(command.args))
+def remove(dialogue: Dialogue, command: Command) -> Answer:
+    dialogue.machine.systems.delete_named(require_text(command.args))
     return ()
 
 
-def enumerate_named(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
-    return [quoted(name) for name in dialogue.machine.systems.named]
+def list_named(dialogue: Dialogue, command: Command) -> Answer:
+    require_nothing(command.args)
+    return [format_quoted(name) for name in dialogue.machine.systems.named]
 
 
 def save_named(dialogue: Dialogue, command: Command) -> Answer:
@@ -79,7 +79,7 @@ def save_named(dialogue: Dialogue, command: Command) -> Answer:
 
 
 def get_named(dialogue: Dialogue, command: Command) -> Answer:
-    return [_written(dialogue.machine.systems.find_named(text_of(command.args)), dialogue)]
+    return [_written(dialogue.machine.systems.find_named(require_text(command.args)), dialogue)]
 
 
 def _named(args: tuple[Arg, ...], kind: type[Word] | type[Text]) -> tuple[str, Transformation]:
@@ -93,9 +93,9 @@ def _named(args: tuple[Arg, ...], kind: type[Word] | type[Text]) -> tuple[str, T
 
 
 def _written(transformation: Transformation, dialogue: Dialogue) -> str:
-    values = [decimal(value, PLACES) for value in transformation]
+    values = [format_decimal(value, PLACES) for value in transformation]
     if is_2_5(dialogue):
-        return listed(dict(zip(NAMES, values, strict=True)))
+        return format_list(dict(zip(NAMES, values, strict=True)))
     return f"GetCsyTransformation({', '.join(values)})"
 
 
@@ -108,8 +108,8 @@ METHODS = {
 METHODS_2_5 = {
     "SaveActiveCoordSystem": save_active,
     "LoadCoordSystem": load,
-    "DeleteCoordSystem": delete,
-    "EnumCoordSystems": enumerate_named,
+    "DeleteCoordSystem": remove,
+    "EnumCoordSystems": list_named,
     "SaveNamedCsyTransformation": save_named,
     "GetNamedCsyTransformation": get_named,
 }

@@ -8,33 +8,33 @@ from armd.daemon.bridges.ippdme.grammar import (
     Arg,
     Command,
     Property,
-    decimal,
-    listed,
-    nothing,
-    quoted,
-    text_of,
+    format_decimal,
+    format_list,
+    format_quoted,
+    require_nothing,
+    require_text,
 )
-from armd.daemon.bridges.ippdme.report import written_fields
-from armd.daemon.bridges.ippdme.tools import Tool, properties
+from armd.daemon.bridges.ippdme.report import format_fields
+from armd.daemon.bridges.ippdme.tools import Tool, list_tool_properties
 
 
-def enum_tools(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+def list_tools(dialogue: Dialogue, command: Command) -> Answer:
+    require_nothing(command.args)
     names = dialogue.machine.toolbox.names
-    return [_bare(name) if is_2_5(dialogue) else quoted(name) for name in names]
+    return [_bare(name) if is_2_5(dialogue) else format_quoted(name) for name in names]
 
 
 def find_tool(dialogue: Dialogue, command: Command) -> Answer:
     toolbox = dialogue.machine.toolbox
     toolbox.selected = toolbox.undefined
-    toolbox.selected = toolbox.get(text_of(command.args))
+    toolbox.selected = toolbox.get(require_text(command.args))
     return ()
 
 
-def change_tool(dialogue: Dialogue, command: Command) -> Answer:
+def set_tool(dialogue: Dialogue, command: Command) -> Answer:
     """The daemon is asked for the tip, if it is another."""
     machine = dialogue.machine
-    tool = machine.toolbox.get(text_of(command.args))
+    tool = machine.toolbox.get(require_text(command.args))
     dialogue.user_enabled = False
     if not tool.measures or (
         machine.toolbox.current.measures and tool.tip_name == machine.toolbox.current.tip_name
@@ -62,18 +62,18 @@ def change_tool(dialogue: Dialogue, command: Command) -> Answer:
 def get_change_tool_action(dialogue: Dialogue, command: Command) -> Answer:
     """A person changes it wherever the arm is."""
     toolbox = dialogue.machine.toolbox
-    tool = toolbox.get(text_of(command.args))
+    tool = toolbox.get(require_text(command.args))
     if tool is toolbox.current:
         return ["ChangeToolAction(Switch)"]
     x, y, z = dialogue.machine.position().tolist()
-    place = listed(written_fields(("X", "Y", "Z"), {"X": (x,), "Y": (y,), "Z": (z,)}))
+    place = format_list(format_fields(("X", "Y", "Z"), {"X": (x,), "Y": (y,), "Z": (z,)}))
     return [f"ChangeToolAction(MoveMan, {place})"]
 
 
-def re_qualify(dialogue: Dialogue, command: Command) -> Answer:
+def refuse_qualification(dialogue: Dialogue, command: Command) -> Answer:
     """Who answers this without an error has qualified the tool anew (6.3.2): armd does that with
     `armd measure tip` and a calibration, never from here."""
-    nothing(command.args)
+    require_nothing(command.args)
     if not dialogue.machine.toolbox.current.measures:
         raise DmeError(507)
     raise DmeError(501)
@@ -85,35 +85,35 @@ def re_qualify(dialogue: Dialogue, command: Command) -> Answer:
 COLLECTION = "Tools"
 
 
-def tool_in_use(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+def get_current_tool(dialogue: Dialogue, command: Command) -> Answer:
+    require_nothing(command.args)
     return [_bare(dialogue.machine.toolbox.current.name)]
 
 
-def found_tool(dialogue: Dialogue, command: Command) -> Answer:
-    nothing(command.args)
+def get_selected_tool(dialogue: Dialogue, command: Command) -> Answer:
+    require_nothing(command.args)
     return [_bare(dialogue.machine.toolbox.selected.name)]
 
 
 def is_alignable(dialogue: Dialogue, command: Command) -> Answer:
     """A person turns the probe; the host cannot."""
-    nothing(command.args)
+    require_nothing(command.args)
     return ["IsAlignable(0)"]
 
 
-def enum_tool_collection(dialogue: Dialogue, command: Command) -> Answer:
+def list_tool_collection(dialogue: Dialogue, command: Command) -> Answer:
     if _collection(command.args):
-        return [f'{quoted(name)}, "Tool"' for name in dialogue.machine.toolbox.names]
-    return [f'{quoted(COLLECTION)}, "Collection"']
+        return [f'{format_quoted(name)}, "Tool"' for name in dialogue.machine.toolbox.names]
+    return [f'{format_quoted(COLLECTION)}, "Collection"']
 
 
-def enum_all_tool_collections(dialogue: Dialogue, command: Command) -> Answer:
+def list_all_tool_collections(dialogue: Dialogue, command: Command) -> Answer:
     """The same, and what is below: as paths from the collection asked for."""
     names = dialogue.machine.toolbox.names
     if _collection(command.args):
-        return [f'{quoted(name)}, "Tool"' for name in names]
-    below = [f'{quoted(f"{COLLECTION}/{name}")}, "Tool"' for name in names]
-    return [f'{quoted(COLLECTION)}, "Collection"', *below]
+        return [f'{format_quoted(name)}, "Tool"' for name in names]
+    below = [f'{format_quoted(f"{COLLECTION}/{name}")}, "Tool"' for name in names]
+    return [f'{format_quoted(COLLECTION)}, "Collection"', *below]
 
 
 def open_tool_collection(dialogue: Dialogue, command: Command) -> Answer:
@@ -124,7 +124,7 @@ def open_tool_collection(dialogue: Dialogue, command: Command) -> Answer:
 
 def _collection(args: tuple[Arg, ...]) -> bool:
     """Whether the path is the collection's, not the root's (`/`); raises `DmeError` for others."""
-    path = [part for part in text_of(args).split("/") if part]
+    path = [part for part in require_text(args).split("/") if part]
     if path not in ([], [COLLECTION]):
         raise DmeError(1504)
     return bool(path)
@@ -141,7 +141,7 @@ def get_prop(dialogue: Dialogue, command: Command) -> Answer:
         if not isinstance(arg, Property) or arg.values or arg.name in parts:
             raise DmeError(510 if isinstance(arg, Property) else 509)
         parts[arg.name] = _property(dialogue, arg.name)
-    return [listed(parts)]
+    return [format_list(parts)]
 
 
 def set_prop(dialogue: Dialogue, command: Command) -> Answer:
@@ -163,16 +163,18 @@ def set_prop(dialogue: Dialogue, command: Command) -> Answer:
     return ()
 
 
-def enum_prop(dialogue: Dialogue, command: Command) -> Answer:
+def list_properties(dialogue: Dialogue, command: Command) -> Answer:
     return [
-        f"{quoted(name)}, {quoted(kind)}"
+        f"{format_quoted(name)}, {format_quoted(kind)}"
         for name, kind in _below(dialogue, command)
         if "." not in name
     ]
 
 
-def enum_all_prop(dialogue: Dialogue, command: Command) -> Answer:
-    return [f"{quoted(name)}, {quoted(kind)}" for name, kind in _below(dialogue, command)]
+def list_all_properties(dialogue: Dialogue, command: Command) -> Answer:
+    return [
+        f"{format_quoted(name)}, {format_quoted(kind)}" for name, kind in _below(dialogue, command)
+    ]
 
 
 def _below(dialogue: Dialogue, command: Command) -> list[tuple[str, str]]:
@@ -184,7 +186,7 @@ def _below(dialogue: Dialogue, command: Command) -> list[tuple[str, str]]:
     tool, block = _tool_and_name(dialogue, arg.name)
     if block and not tool.measures:
         raise DmeError(507)
-    return list(properties(block))
+    return list(list_tool_properties(block))
 
 
 def _setting(arg: Arg) -> tuple[str, float]:
@@ -201,19 +203,19 @@ def _property(dialogue: Dialogue, name: str) -> str:
         value = dialogue.machine.part.get(name.removeprefix("Part."))
         if value is None:
             raise DmeError(510)
-        return decimal(value, 9)
+        return format_decimal(value, 9)
     tool, below = _tool_and_name(dialogue, name)
     if below in ("Name", "Id"):
-        return quoted(tool.name)
+        return format_quoted(tool.name)
     if below == "Collection" and is_2_5(dialogue):
-        return quoted(COLLECTION)
+        return format_quoted(COLLECTION)
     if below == "AvrRadius":
-        return decimal(tool.radius_mm)
+        return format_decimal(tool.radius_mm)
     if below == "Alignment":
         if name.startswith("FoundTool.") and not is_2_5(dialogue):
             raise DmeError(510)  # 1.4.3 gives a direction to the tool in use alone
-        return ", ".join(decimal(value, 6) for value in dialogue.machine.alignment())
-    return decimal(tool.number(below))
+        return ", ".join(format_decimal(value, 6) for value in dialogue.machine.alignment())
+    return format_decimal(tool.number(below))
 
 
 def _tool_and_name(dialogue: Dialogue, name: str) -> tuple[Tool, str]:
@@ -230,27 +232,27 @@ def _tool_and_name(dialogue: Dialogue, name: str) -> tuple[Tool, str]:
 def _bare(name: str) -> str:
     """2.5 writes a name of letters and digits, a letter first, without quotation marks."""
     is_name = name.isascii() and name.isalnum() and name[0].isalpha()
-    return name if is_name else quoted(name)
+    return name if is_name else format_quoted(name)
 
 
 METHODS = {
-    "EnumTools": enum_tools,
+    "EnumTools": list_tools,
     "FindTool": find_tool,
-    "ChangeTool": change_tool,
-    "SetTool": change_tool,
+    "ChangeTool": set_tool,
+    "SetTool": set_tool,
     "GetChangeToolAction": get_change_tool_action,
-    "ReQualify": re_qualify,
+    "ReQualify": refuse_qualification,
     "GetProp": get_prop,
     "GetPropE": get_prop,
     "SetProp": set_prop,
-    "EnumProp": enum_prop,
-    "EnumAllProp": enum_all_prop,
+    "EnumProp": list_properties,
+    "EnumAllProp": list_all_properties,
 }
 METHODS_2_5 = {
-    "Tool": tool_in_use,
-    "FoundTool": found_tool,
+    "Tool": get_current_tool,
+    "FoundTool": get_selected_tool,
     "IsAlignable": is_alignable,
-    "EnumToolCollection": enum_tool_collection,
-    "EnumAllToolCollections": enum_all_tool_collections,
+    "EnumToolCollection": list_tool_collection,
+    "EnumAllToolCollections": list_all_tool_collections,
     "OpenToolCollection": open_tool_collection,
 }

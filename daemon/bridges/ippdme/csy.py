@@ -78,7 +78,7 @@ class Saved(Strict):
     named: dict[str, Six] = {}
 
 
-def state_file(serial: str) -> Path:
+def locate_state_file(serial: str) -> Path:
     """Of the arm that is served."""
     return find_state_folder() / f"ippdme-{serial}.json"
 

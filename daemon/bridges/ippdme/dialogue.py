@@ -11,16 +11,16 @@ from armd.daemon.bridges.ippdme.grammar import (
     EVENT_TAG,
     Command,
     SyntaxFault,
-    listed,
+    format_list,
+    format_quoted,
     parse,
-    quoted,
 )
 from armd.daemon.bridges.ippdme.machine import Machine
 from armd.daemon.bridges.ippdme.report import (
     MoveReport,
     ReportedFields,
-    written_error,
-    written_fields,
+    format_error,
+    format_fields,
 )
 
 #: Commands that may wait behind one that takes its time.
@@ -168,7 +168,7 @@ class Dialogue:
 
     def _fail(self, tag: str, method: str, error: DmeError, then: str | None = None) -> None:
         """Tell an error; one that blocks ends all that is unfinished."""
-        self._reply(tag, f"! {written_error(error, method)}")
+        self._reply(tag, f"! {format_error(error, method)}")
         if then is not None:
             self._reply(tag, then)
         if error.blocking and self.in_session and error.number != 514:
@@ -185,7 +185,7 @@ class Dialogue:
         for data in lines:
             self._reply(tag, f"# {data}")
         for error, method in self.errors:
-            self._reply(tag, f"! {written_error(error, method)}")
+            self._reply(tag, f"! {format_error(error, method)}")
 
     def _abort_unfinished(self) -> None:
         """0006 to every command that is not done yet, in their order."""
@@ -194,7 +194,7 @@ class Dialogue:
         self._waiting.clear()
         self._running = self.hit = None
         for command in unfinished:
-            self._reply(command.tag, f"! {written_error(DmeError(6), command.method)}")
+            self._reply(command.tag, f"! {format_error(DmeError(6), command.method)}")
             self._reply(command.tag, "%")
 
     def _reply(self, tag: str, text: str) -> None:
@@ -240,18 +240,18 @@ class Dialogue:
         if self.hit is not None:
             self.hit(fields)
         elif self.user_enabled:
-            self._tell(f"PtMeas({listed(written_fields(self.report, fields))})")
+            self._tell(f"PtMeas({format_list(format_fields(self.report, fields))})")
 
     def take_key(self, key: str, seq: int) -> None:
         """A button that is a key of the host's: its measurement is none."""
         self._own_keys.add(seq)
         if self.in_session and self.user_enabled:
-            self._tell(f"KeyPress({quoted(key)})")
+            self._tell(f"KeyPress({format_quoted(key)})")
 
     def take_tool(self, name: str) -> None:
         """Changed at the arm."""
         if self.in_session:
-            self._tell(f"ChangeTool({quoted(name)})")
+            self._tell(f"ChangeTool({format_quoted(name)})")
             self.report_now()
 
     def take_error(self, error: DmeError, place: str) -> None:
@@ -271,7 +271,7 @@ class Dialogue:
         if report.is_due(now_s, position):
             x, y, z = position.tolist()
             coordinates = {"X": (x,), "Y": (y,), "Z": (z,)}
-            self._reply(report.tag, f"# {listed(written_fields(report.fields, coordinates))}")
+            self._reply(report.tag, f"# {format_list(format_fields(report.fields, coordinates))}")
 
     def report_now(self) -> None:
         """What is reported has changed without motion: coordinate system or tool."""

@@ -104,7 +104,7 @@ def parse(line: str) -> Command:
     return Command(tag, method, args)
 
 
-def number(text: str) -> float | None:
+def parse_number(text: str) -> float | None:
     """Its value, always finite; None if it is no number of the grammar's."""
     match = _NUMBER.fullmatch(text)
     if match is None or len(match[1].replace(".", "")) > DIGITS:
@@ -140,7 +140,7 @@ class _Reader:
         if (string := self._try(_STRING)) is not None:
             return Text(string[1])
         if (written := self._try(_NUMBER)) is not None:
-            value = number(written[0])
+            value = parse_number(written[0])
             if value is None:
                 raise ValueError("too many digits, or too large")
             return value
@@ -173,7 +173,7 @@ class _Reader:
 # --- writing: the form that strict parsers and simple-minded hosts both read -----------------
 
 
-def decimal(value: float, places: int = 5) -> str:
+def format_decimal(value: float, places: int = 5) -> str:
     """Fixed point, at most 16 digits, never −0; with an exponent where more digits were needed."""
     if abs(value) >= 10**DIGITS:
         return f"{value:.{DIGITS - 1}e}"
@@ -184,12 +184,12 @@ def decimal(value: float, places: int = 5) -> str:
     return text if digits <= DIGITS else f"{value:.{max(places - (digits - DIGITS), 0)}f}"
 
 
-def quoted(text: str) -> str:
+def format_quoted(text: str) -> str:
     """Between quotation marks."""
     return f'"{_as_string(text)}"'
 
 
-def listed(parts: dict[str, str]) -> str:
+def format_list(parts: dict[str, str]) -> str:
     """`X(1.00000), Y(2.00000)`: each part's arguments are written already."""
     return ", ".join(f"{name}({written})" for name, written in parts.items())
 
@@ -200,18 +200,18 @@ def _as_string(text: str) -> str:
     return legal[:200] or " "
 
 
-def nothing(args: tuple[Arg, ...]) -> None:
+def require_nothing(args: tuple[Arg, ...]) -> None:
     """Raises `DmeError` if there are arguments."""
     if args:
         raise DmeError(502)
 
 
-def text_of(args: tuple[Arg, ...]) -> str:
+def require_text(args: tuple[Arg, ...]) -> str:
     """The one string; raises `DmeError`."""
     return _take_single(args, Text).value
 
 
-def word_of(args: tuple[Arg, ...]) -> str:
+def require_word(args: tuple[Arg, ...]) -> str:
     """The one bare word; raises `DmeError`."""
     return _take_single(args, Word).value
 

@@ -14,7 +14,7 @@ from armd.arrays import F64
 from armd.daemon.bridges.ippdme.csy import CoordinateSystems
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.ippdme.tools import Toolbox
-from armd.daemon.bridges.tips import Tips, shaft
+from armd.daemon.bridges.tips import Tips, compute_shaft
 
 #: Without a point for this long the arm is out of reach.
 SILENT_S = 1.0
@@ -81,7 +81,7 @@ class Machine:
         """Unit vector of the shaft from tip to wrist likewise."""
         orientation = self._valid_point()[1]
         tip = self.toolbox.current.tip or self.tips.get(None)
-        return self.systems.direction(np.array(shaft(orientation, tip)))
+        return self.systems.direction(np.array(compute_shaft(orientation, tip)))
 
     def _valid_point(self) -> tuple[F64, Any]:
         if not self.in_reach:

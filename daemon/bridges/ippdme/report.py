@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from armd.arrays import F64
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.daemon.bridges.ippdme.grammar import Arg, Property, decimal, quoted
+from armd.daemon.bridges.ippdme.grammar import Arg, Property, format_decimal, format_quoted
 
 ReportedFields = Mapping[str, tuple[float, ...]]
 
@@ -22,20 +22,21 @@ SHORTEST_S = 0.1
 _PLACES = {"IJK": 6, "Q": 0, "IJKAct": 0}
 
 
-def written_error(error: DmeError, method: str) -> str:
+def format_error(error: DmeError, method: str) -> str:
     """`Error(3, 0501, "GoTo", "Unsupported command")`."""
-    return f"Error({error.severity}, {error.number:04d}, {quoted(method)}, {quoted(error.text)})"
+    method, text = format_quoted(method), format_quoted(error.text)
+    return f"Error({error.severity}, {error.number:04d}, {method}, {text})"
 
 
-def written_fields(names: Sequence[str], fields: ReportedFields) -> dict[str, str]:
+def format_fields(names: Sequence[str], fields: ReportedFields) -> dict[str, str]:
     """Those that were asked for, in that order."""
     return {
-        name: ", ".join(decimal(value, _PLACES.get(name, 5)) for value in fields[name])
+        name: ", ".join(format_decimal(value, _PLACES.get(name, 5)) for value in fields[name])
         for name in names
     }
 
 
-def asked_for(args: Sequence[Arg], allowed: Sequence[str]) -> tuple[str, ...]:
+def parse_names(args: Sequence[Arg], allowed: Sequence[str]) -> tuple[str, ...]:
     """The names of `X(), Y(), …`; raises `DmeError` for one that is none, or stands twice."""
     if not args:
         raise DmeError(502)
@@ -83,7 +84,7 @@ class MoveReport:
         return False
 
 
-def move_report(tag: str, args: Sequence[Arg], both_needed: bool) -> MoveReport:
+def make_move_report(tag: str, args: Sequence[Arg], both_needed: bool) -> MoveReport:
     """Of `OnMoveReportE(Time(1), Dis(20), X(), …)`; raises `DmeError`."""
     limits: dict[str, float] = {}
     fields = []
@@ -99,4 +100,4 @@ def move_report(tag: str, args: Sequence[Arg], both_needed: bool) -> MoveReport:
             fields.append(arg)
     if not limits or (both_needed and len(limits) < 2):
         raise DmeError(502)
-    return MoveReport(tag, asked_for(fields, MOTION), limits.get("Time"), limits.get("Dis"))
+    return MoveReport(tag, parse_names(fields, MOTION), limits.get("Time"), limits.get("Dis"))

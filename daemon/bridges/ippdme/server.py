@@ -15,18 +15,18 @@ import numpy as np
 
 from armd import POINT, Arm, ArmdError, keys
 from armd.daemon.bridges.ippdme.commands_2_5 import VERSIONS
-from armd.daemon.bridges.ippdme.csy import CoordinateSystems, state_file
+from armd.daemon.bridges.ippdme.csy import CoordinateSystems, locate_state_file
 from armd.daemon.bridges.ippdme.dialogue import Dialogue
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.ippdme.grammar import LONGEST
 from armd.daemon.bridges.ippdme.machine import Machine
-from armd.daemon.bridges.ippdme.report import written_error
+from armd.daemon.bridges.ippdme.report import format_error
 from armd.daemon.bridges.ippdme.tools import REF_TOOL, Toolbox
-from armd.daemon.bridges.listening import Address, Client, listen
-from armd.daemon.bridges.process import in_thread, ready
-from armd.daemon.bridges.tips import CmmTip, Tips, vector
+from armd.daemon.bridges.listening import Address, Client, open_listener
+from armd.daemon.bridges.process import report_ready, run_in_thread
+from armd.daemon.bridges.tips import CmmTip, Tips, parse_vector
 from armd.errors import BadInput
-from armd.printable import printable
+from armd.printable import to_printable
 
 TICK_S = 0.02
 #: Buttons of the arm, from 0, that are keys of the host's instead of a hit.
@@ -69,7 +69,7 @@ class Connection(Client):
             self._too_long()
 
     def _too_long(self) -> None:
-        self._send_line(f"E0000 ! {written_error(DmeError(8), 'line')}")
+        self._send_line(f"E0000 ! {format_error(DmeError(8), 'line')}")
         self._unread = b""
         self.close()
 
@@ -90,7 +90,7 @@ class DmeServer:
 
     async def serve(self, address: Address) -> None:
         """Until cancelled."""
-        info = await in_thread(self._arm.info)
+        info = await run_in_thread(self._arm.info)
         tips = Tips(info)
         for alias, tip in self._aliases.items():
             if tip not in (REF_TOOL, *tips.names):
@@ -98,10 +98,12 @@ class DmeServer:
                 expected = f"a tip: {tip_names}"
                 raise BadInput("the command line", "--alias", f"{alias}={tip}", expected)
         toolbox = Toolbox(tips, self._aliases, info["tip"])
-        systems = CoordinateSystems(state_file(self._arm.serial))
+        systems = CoordinateSystems(locate_state_file(self._arm.serial))
         if systems.lost is not None:
-            print(printable(f"armd: {systems.lost}"), file=sys.stderr, flush=True)
-        self._machine = Machine(tips, toolbox, systems, self._select_tip, reach_mm(info, tips))
+            print(to_printable(f"armd: {systems.lost}"), file=sys.stderr, flush=True)
+        self._machine = Machine(
+            tips, toolbox, systems, self._select_tip, compute_reach_mm(info, tips)
+        )
         loop = asyncio.get_running_loop()
         listeners: dict[str, Callable[[dict[str, Any]], None]] = {
             keys.MEASUREMENT: self._take_measurement,
@@ -120,9 +122,9 @@ class DmeServer:
             for topic_key, take in listeners.items():
                 stack.enter_context(self._arm.calling(topic_key, on_loop(take)))
             points = stack.enter_context(self._arm.stream(keys.POINT))
-            server, endpoint = await listen(address, self._connection)
+            server, endpoint = await open_listener(address, self._connection)
             async with server:
-                ready("ippdme", endpoint)
+                report_ready("ippdme", endpoint)
                 while True:
                     await asyncio.sleep(TICK_S)
                     self._tick(points.take())
@@ -148,10 +150,10 @@ class DmeServer:
     def _take_event(self, event: dict[str, Any]) -> None:
         kind, detail = event["kind"], event.get("detail") or {}
         if kind == "button":
-            self._take_keys(keys_of(detail.get("buttons", [])), detail.get("seq", 0))
+            self._take_keys(name_keys(detail.get("buttons", [])), detail.get("seq", 0))
         elif kind == "tip" and "tip" in detail:
             if detail.get("offset_mm") is not None:  # calibrated anew, maybe
-                tip = CmmTip(vector(detail["offset_mm"]), detail["radius_mm"])
+                tip = CmmTip(parse_vector(detail["offset_mm"]), detail["radius_mm"])
                 self._machine.toolbox.renew(detail["tip"], tip)
             self._note_tip(detail["tip"])
         elif kind in FAULTS:
@@ -179,7 +181,7 @@ class DmeServer:
     def _select_tip(self, name: str, settle: Callable[[bool], None]) -> None:
         async def ask() -> None:
             try:
-                await in_thread(lambda: self._arm.command("tip", name=name))
+                await run_in_thread(lambda: self._arm.command("tip", name=name))
             except ArmdError:
                 settle(False)
             else:
@@ -190,14 +192,14 @@ class DmeServer:
         task.add_done_callback(self._tasks.discard)
 
 
-def reach_mm(info: Mapping[str, Any], tips: Tips) -> float:
+def compute_reach_mm(info: Mapping[str, Any], tips: Tips) -> float:
     """All links in one line, with the longest tip; 1 % for what a calibration makes of them."""
     links = sum(abs(joint["a_mm"]) + abs(joint["d_mm"]) for joint in info["arm"]["joint"])
     longest = max(math.hypot(*tip.offset_mm) for tip in tips.by_name.values())
     return float(1.01 * (links + longest))
 
 
-def keys_of(buttons: list[int]) -> list[str]:
+def name_keys(buttons: list[int]) -> list[str]:
     """The host's names of buttons that went down together; none if the first is among them."""
     if not buttons or 0 in buttons:
         return []

@@ -91,7 +91,7 @@ def _limits(key: str) -> tuple[float, float, float]:
         raise DmeError(510) from error
 
 
-def properties(block: str) -> Iterator[tuple[str, str]]:
+def list_tool_properties(block: str) -> Iterator[tuple[str, str]]:
     """Names below `Tool` (block "") or `Tool.PtMeasPar` (block "PtMeasPar"), dotted, with types.
 
     Those without a dot are the block's own. Raises `DmeError` for a block that is none.
@@ -101,7 +101,7 @@ def properties(block: str) -> Iterator[tuple[str, str]]:
         yield ("Alignment", "Number")
         for name in LIMITS:
             yield name, "Property"
-            yield from ((f"{name}.{below}", kind) for below, kind in properties(name))
+            yield from ((f"{name}.{below}", kind) for below, kind in list_tool_properties(name))
         return
     head, _, name = block.partition(".")
     if head not in LIMITS or (name and name not in LIMITS[head]):

@@ -15,7 +15,7 @@ import numpy as np
 import zenoh
 
 from armd import POINT, Arm, Flag, joints_dtype, keys
-from armd.daemon.bridges.process import close_soon, in_thread, ready, warn
+from armd.daemon.bridges.process import close_soon, report_ready, run_in_thread, warn
 from armd.daemon.bridges.ros2 import messages
 from armd.daemon.bridges.ros2.node import Quality, RosNode
 
@@ -76,7 +76,7 @@ class Bridge:
     async def serve(self) -> None:
         """Waits for the router for ever, and says so; then until cancelled."""
         session = await _told_of(
-            in_thread(lambda: open_client(self._settings.router)), self._settings.router
+            run_in_thread(lambda: open_client(self._settings.router)), self._settings.router
         )
         try:
             await self._serve(session)
@@ -98,10 +98,10 @@ class Bridge:
             points = stack.enter_context(self._arm.stream(keys.POINT))
             joints = stack.enter_context(self._arm.stream(keys.JOINTS))
             health = stack.enter_context(self._arm.stream(keys.HEALTH))
-            past = await in_thread(lambda: self._arm.past(keys.MEASUREMENT))
+            past = await run_in_thread(lambda: self._arm.past(keys.MEASUREMENT))
             poses = map(self._as_pose, past)
             self._measurement.put_past([pose for pose in poses if pose is not None])
-            ready("ros2", self._settings.router)
+            report_ready("ros2", self._settings.router)
             while True:
                 await asyncio.sleep(POLL_S)
                 if payloads := points.take():
@@ -125,7 +125,7 @@ class Bridge:
         self._diagnostics = node.publisher("/diagnostics", messages.DIAGNOSTIC_ARRAY, STREAM)
         origin = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
         frame = self._settings.frame
-        self._tf_static.put(messages.transform(time.time_ns(), "world", frame, *origin))
+        self._tf_static.put(messages.encode_transform(time.time_ns(), "world", frame, *origin))
 
     def _tell_points(self, points: np.ndarray[Any, np.dtype[np.void]]) -> None:
         """Invalid ones are not told: NaN upsets viewers."""
@@ -134,16 +134,14 @@ class Bridge:
             if not self._point_slots.opens(stamp_ns):
                 continue
             frame, tip = self._settings.frame, f"{self._settings.namespace.replace('/', '_')}_tip"
-            position = metres(point["position_mm"].tolist())
+            position = to_metres(point["position_mm"].tolist())
             orientation = point["orientation"].tolist()
-            self._point.put(messages.point_stamped(stamp_ns, frame, position))
-            self._tf.put(messages.transform(stamp_ns, frame, tip, position, orientation))
-            covariance = square_metres(point["covariance_mm2"].tolist())
+            self._point.put(messages.encode_point(stamp_ns, frame, position))
+            self._tf.put(messages.encode_transform(stamp_ns, frame, tip, position, orientation))
+            covariance = to_square_metres(point["covariance_mm2"].tolist())
             if covariance is not None:
                 self._pose.put(
-                    messages.pose_with_covariance(
-                        stamp_ns, frame, position, orientation, covariance
-                    )
+                    messages.encode_pose(stamp_ns, frame, position, orientation, covariance)
                 )
 
     def _tell_joints(self, payload: bytes) -> None:
@@ -154,7 +152,7 @@ class Bridge:
         if all(map(math.isfinite, angles)) and self._joint_slots.opens(stamp_ns):
             names = [f"joint_{k}" for k in range(1, n + 1)]
             finite_rates = rates if all(map(math.isfinite, rates)) else []
-            self._joints.put(messages.joint_state(stamp_ns, names, angles, finite_rates))
+            self._joints.put(messages.encode_joint_state(stamp_ns, names, angles, finite_rates))
 
     def _tell_measurement(self, measurement: dict[str, Any]) -> None:
         if (message := self._as_pose(measurement)) is not None:
@@ -165,12 +163,12 @@ class Bridge:
         stamp_ns = measurement["stamp_ns"]
         if measurement["position_mm"] is None or not messages.has_ros_time(stamp_ns):
             return None
-        return messages.pose_with_covariance(
+        return messages.encode_pose(
             stamp_ns,
             self._settings.frame,
-            metres(measurement["position_mm"]),
+            to_metres(measurement["position_mm"]),
             measurement["orientation"],
-            square_metres(measurement["covariance_mm2"]),
+            to_square_metres(measurement["covariance_mm2"]),
         )
 
     def _tell_health(self, health: dict[str, Any]) -> None:
@@ -200,7 +198,7 @@ class Bridge:
     def _tell_state(self, stamp_ns: int, level: int, text: str, values: dict[str, str]) -> None:
         serial = self._arm.serial
         self._diagnostics.put(
-            messages.diagnostics(stamp_ns, level, f"armd: {serial}", text, serial, values)
+            messages.encode_diagnostics(stamp_ns, level, f"armd: {serial}", text, serial, values)
         )
 
 
@@ -254,11 +252,11 @@ def open_client(router: str) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def metres(position_mm: Sequence[float]) -> list[float]:
+def to_metres(position_mm: Sequence[float]) -> list[float]:
     return [value * 1e-3 for value in position_mm]
 
 
-def square_metres(covariance_mm2: Sequence[float] | None) -> list[float] | None:
+def to_square_metres(covariance_mm2: Sequence[float] | None) -> list[float] | None:
     """None where it is not known."""
     if covariance_mm2 is None or not all(map(math.isfinite, covariance_mm2)):
         return None

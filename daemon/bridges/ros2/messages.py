@@ -74,14 +74,14 @@ class Cdr:
         self.string(frame)
 
 
-def point_stamped(stamp_ns: int, frame: str, position_m: Sequence[float]) -> bytes:
+def encode_point(stamp_ns: int, frame: str, position_m: Sequence[float]) -> bytes:
     cdr = Cdr()
     cdr.header(stamp_ns, frame)
     cdr.put("d", *position_m)
     return bytes(cdr.data)
 
 
-def pose_with_covariance(
+def encode_pose(
     stamp_ns: int,
     frame: str,
     position_m: Sequence[float],
@@ -101,7 +101,7 @@ def pose_with_covariance(
     return bytes(cdr.data)
 
 
-def joint_state(
+def encode_joint_state(
     stamp_ns: int, names: Sequence[str], angles_rad: Sequence[float], rates: Sequence[float]
 ) -> bytes:
     """*rates* rad/s, or none at all."""
@@ -116,7 +116,7 @@ def joint_state(
     return bytes(cdr.data)
 
 
-def transform(
+def encode_transform(
     stamp_ns: int,
     frame: str,
     child: str,
@@ -132,7 +132,7 @@ def transform(
     return bytes(cdr.data)
 
 
-def diagnostics(
+def encode_diagnostics(
     stamp_ns: int, level: int, name: str, message: str, hardware: str, values: Mapping[str, str]
 ) -> bytes:
     """A DiagnosticArray of one status."""

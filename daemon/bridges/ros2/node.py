@@ -31,13 +31,13 @@ class Quality:
         return f":{1 if self.transient_local else ''}:,{self.depth}:,:,:,,"
 
 
-def legal(serial: str) -> str:
+def make_legal_name(serial: str) -> str:
     """A serial number as a name that ROS takes."""
     name = re.sub(r"\W", "_", serial, flags=re.ASCII)
     return f"arm_{name}" if name[0].isdigit() else name
 
 
-def escaped(name: str) -> str:
+def escape(name: str) -> str:
     """As it stands within one part of a liveliness token."""
     return name.replace("/", "%")
 
@@ -99,7 +99,7 @@ class RosNode:
         self._session = session
         self._domain = domain
         self._zid = str(session.zid())
-        self._node = f"%/{escaped(f'/{namespace}')}/armd"
+        self._node = f"%/{escape(f'/{namespace}')}/armd"
         self._publishers = 0
         head = f"@ros2_lv/{domain}/{self._zid}/{NODE_ID}"
         self._token = session.liveliness().declare_token(f"{head}/{NODE_ID}/NN/{self._node}")
@@ -112,7 +112,7 @@ class RosNode:
             [
                 f"@ros2_lv/{self._domain}/{self._zid}/{NODE_ID}/{self._publishers}/MP",
                 self._node,
-                escaped(topic),
+                escape(topic),
                 kind.dds,
                 kind.hash,
                 quality.token,

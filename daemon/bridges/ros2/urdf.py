@@ -12,11 +12,11 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import frames
-from armd.daemon.catalogue.urdf.roll_pitch_yaw import matrix_to_rpy
-from armd.files.schema import json_data, validate
-from armd.terminal.counted import counted
-from armd.terminal.suggest import few
+from armd.compensation.model.kinematics import compute_frames
+from armd.daemon.catalogue.urdf.roll_pitch_yaw import convert_matrix_to_rpy
+from armd.files.schema import load_json_data, validate
+from armd.terminal.counted import format_count
+from armd.terminal.suggest import format_names
 
 RADIUS_M = 0.02  # of a cylinder: what an arm's tube looks like
 SHORTEST_M = 1e-3  # of a link that is drawn
@@ -37,13 +37,15 @@ def write(info: Mapping[str, Any], calibration: str | None, namespace: str, fram
 def _content(calibration: str) -> Calibration:
     """Of a file that the daemon has in use; raises `BadInput` for an answer that is none."""
     source = "the daemon's calibration"
-    return validate(source, json_data(source, calibration.encode()), Calibration)
+    return validate(source, load_json_data(source, calibration.encode()), Calibration)
 
 
 def write_geometry(arm: Arm, parameters: F64, prefix: str, frame: str) -> str:
     """XML of the arm with these parameters (P,); names of its links begin with *prefix*."""
     robot = Xml.Element("robot", name=prefix)
-    origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
+    origins, rotations = (
+        part[0] for part in compute_frames(np.zeros((1, arm.n_joints)), parameters)
+    )
     tip = parameters[arm.layout.tip]
     # A joint's row is Rz(q) and then what is constant: joint k stands where row k−1 has led.
     steps = [(rotations[0], origins[0])] + [
@@ -72,7 +74,7 @@ def write_geometry(arm: Arm, parameters: F64, prefix: str, frame: str) -> str:
     return Xml.tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def left_out(calibration: str | None) -> str:
+def describe_omissions(calibration: str | None) -> str:
     """What of a *calibration* file a URDF has no place for, as a sentence; nothing: an empty one.
 
     A term moves a parameter by the arm's state: its temperature, posture or time.
@@ -84,8 +86,9 @@ def left_out(calibration: str | None) -> str:
         return ""
     names = dict.fromkeys(term.effect or f"of {term.parameter}" for term in terms)
     return (
-        f"without {counted(len(terms), 'term')} of the calibration ({few(names)}), for which a URDF"
-        " has no place: its tip is where the constants alone put it, not the corrected one"
+        f"without {format_count(len(terms), 'term')} of the calibration ({format_names(names)}),"
+        " for which a URDF has no place: its tip is where the constants alone put it, not the"
+        " corrected one"
     )
 
 
@@ -117,7 +120,7 @@ def _placed(
     Xml.SubElement(joint, "parent", link=parent)
     Xml.SubElement(joint, "child", link=child)
     Xml.SubElement(
-        joint, "origin", xyz=_words(offset_mm * 1e-3), rpy=_words(matrix_to_rpy(rotation))
+        joint, "origin", xyz=_words(offset_mm * 1e-3), rpy=_words(convert_matrix_to_rpy(rotation))
     )
     return joint
 

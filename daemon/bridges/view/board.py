@@ -26,12 +26,12 @@ class Board:
     def put(self, topic: str, data: str) -> None:
         """The latest of *topic*, in place of the one before; *data* is JSON in one line."""
         self.version += 1
-        self._latest[topic] = self.version, message(topic, data)
+        self._latest[topic] = self.version, format_message(topic, data)
 
     def append(self, topic: str, data: str) -> None:
         """One more of *topic*, none of which is left out."""
         self.version += 1
-        self._every.append((self.version, message(topic, data)))
+        self._every.append((self.version, format_message(topic, data)))
 
     def since(self, version: int) -> tuple[bytes, int]:
         """What was said after *version*, the oldest first, and the version read up to then; at
@@ -56,6 +56,6 @@ class Board:
             yield entry
 
 
-def message(topic: str, data: str) -> bytes:
+def format_message(topic: str, data: str) -> bytes:
     """As Server-Sent Events have it."""
     return f"event: {topic}\ndata: {data}\n\n".encode()

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.features.fit import SHAPES, Feature, fit
-from armd.compensation.features.relate import Relation, angle, distance
+from armd.compensation.features.relate import Relation, compute_angle, compute_distance
 from armd.errors import ArmdError, BadInput
 
 MeasuredById = Mapping[str, Mapping[str, Any]]
 """As published, by the id that the page has of each."""
 
 
-def feature(measured: MeasuredById, query: Mapping[str, str]) -> dict[str, Any]:
+def fit_feature(measured: MeasuredById, query: Mapping[str, str]) -> dict[str, Any]:
     """What *query* asks for: `of=plane:ID,ID,…`; with `and=…` likewise, their distance and angle.
 
     Raises `BadInput` for what is no feature, `ArmdError` for points that determine none.
@@ -24,7 +24,10 @@ def feature(measured: MeasuredById, query: Mapping[str, str]) -> dict[str, Any]:
     if "and" not in query:
         return first.as_json()
     second = _fitted(measured, query["and"])
-    return {"distance": _related(distance, first, second), "angle": _related(angle, first, second)}
+    return {
+        "distance": _related(compute_distance, first, second),
+        "angle": _related(compute_angle, first, second),
+    }
 
 
 def _fitted(measured: MeasuredById, text: str) -> Feature:

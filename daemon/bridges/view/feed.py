@@ -13,12 +13,12 @@ import numpy as np
 
 import armd
 from armd import POINT, Arm, joints_dtype, keys
-from armd.daemon.bridges.process import close_soon, in_thread
+from armd.daemon.bridges.process import close_soon, run_in_thread
 from armd.daemon.bridges.view import page_messages
 from armd.daemon.bridges.view.board import KEPT, Board
 from armd.daemon.bridges.view.history import TemperatureHistory
 from armd.errors import ArmdError
-from armd.received import json_object
+from armd.received import parse_object
 from armd.stream import Stream
 
 #: The page is told so often where the tip is; nobody sees more.
@@ -74,7 +74,9 @@ class Feed:
         self._say(False, "looking for the daemon")
         while True:
             try:
-                arm = await in_thread(lambda: armd.connect(self._serial, self._endpoint, CONNECT_S))
+                arm = await run_in_thread(
+                    lambda: armd.connect(self._serial, self._endpoint, CONNECT_S)
+                )
             except ArmdError as error:
                 self._say(False, str(error))
                 await asyncio.sleep(RETRY_S)
@@ -112,13 +114,13 @@ class Feed:
         if self._is_new("event", event["stamp_ns"], event["kind"] + event["text"]):
             self._events.append(event)
             del self._events[:-KEPT]
-            self._board.append("event", page_messages.event(event))
+            self._board.append("event", page_messages.format_event(event))
             self._described = self._described if event["kind"] not in _CHANGES else ()
 
     def _take_measurement(self, measurement: dict[str, Any]) -> None:
         if self._is_new("measurement", measurement["stamp_ns"], str(measurement["seq"])):
-            self._board.append("measurement", page_messages.measurement(measurement))
-            self.measurements[page_messages.measurement_id(measurement)] = measurement
+            self._board.append("measurement", page_messages.format_measurement(measurement))
+            self.measurements[page_messages.make_measurement_id(measurement)] = measurement
             if len(self.measurements) > KEPT:
                 self.measurements.pop(next(iter(self.measurements)))
             self.measured(measurement)
@@ -150,7 +152,7 @@ class Feed:
         """For what changes seldom; again with the next health if nobody answers."""
         try:
             health, since_ms = self._health, self._since_ms()
-            info, description = await in_thread(lambda: describe_arm(arm, health, since_ms))
+            info, description = await run_in_thread(lambda: describe_arm(arm, health, since_ms))
         except ArmdError as error:
             self._undescribed = f"the daemon does not describe the arm: {error}; asking again"
             return
@@ -183,9 +185,9 @@ def describe_arm(
     """Ask the daemon what changes seldom; its info, and what the page is told. Raises `ArmdError`
     for no answer and for one that is none of armd's."""
     info, text = arm.info(), arm.calibration_file()
-    calibration = None if text is None else json_object(keys.CALIBRATION, text.encode())
+    calibration = None if text is None else parse_object(keys.CALIBRATION, text.encode())
     try:
-        return info, page_messages.arm(info, calibration, health, since_ms)
+        return info, page_messages.format_arm(info, calibration, health, since_ms)
     except (KeyError, TypeError) as error:
         raise ArmdError(f"its answer is none of armd's: {error!r}") from error
 
@@ -225,7 +227,7 @@ class _Live:
                 row = np.frombuffer(angles[-1], joints_dtype(n))[0]
                 self._angles = row["angle_rad"].tolist()
         return (
-            page_messages.live(np.frombuffer(points[-1], POINT)[0], self._angles)
+            page_messages.format_live(np.frombuffer(points[-1], POINT)[0], self._angles)
             if points
             else None
         )

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any, cast
 
 from armd.compensation.data.sessions.format import ArtefactFile
-from armd.daemon.bridges.process import in_thread
+from armd.daemon.bridges.process import run_in_thread
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.feed import Feed
 from armd.daemon.bridges.view.http import NotServed, Request
-from armd.daemon.bridges.view.sessions import A_NAME, results
+from armd.daemon.bridges.view.sessions import A_NAME, list_results
 from armd.daemon.measure.ending import EndOptions, list_commands, run
-from armd.daemon.measure.in_use import ask_in_use
+from armd.daemon.measure.in_use import get_in_use
 from armd.daemon.measure.log import NAME
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import make_plan
@@ -86,7 +86,7 @@ class Guided:
         measuring = self._measuring
         if measuring is None or self._phase != "measuring":
             return
-        outcome = await in_thread(partial(_guarded, partial(measuring.offer, measurement)))
+        outcome = await run_in_thread(partial(_guarded, partial(measuring.offer, measurement)))
         self._became(outcome)
         if outcome["event"] == "reading" and outcome["taken"] % ESTIMATE_EVERY == 0:
             self._estimate(measuring)
@@ -107,7 +107,7 @@ class Guided:
             "artefacts": [path.name for path in paths if path.suffix == ".toml"],
             "poses": [path.name for path in paths if path.suffix == ".csv"],
             "sessions": [
-                {"name": path.name, "results": results(path)}
+                {"name": path.name, "results": list_results(path)}
                 for path in paths
                 if (path / NAME).is_file()
             ],
@@ -133,12 +133,12 @@ class Guided:
                     "again": measuring.again,
                     "skip": measuring.skip,
                 }
-                self._became(await in_thread(partial(_guarded, deeds[name])))
+                self._became(await run_in_thread(partial(_guarded, deeds[name])))
             case "artefact":
                 deed = partial(measuring.set_artefact_c, _number(content, "artefact_c"))
-                self._became(await in_thread(partial(_guarded, deed)))
+                self._became(await run_in_thread(partial(_guarded, deed)))
             case "finish":
-                await in_thread(measuring.finish)
+                await run_in_thread(measuring.finish)
                 final_commands = list_commands(
                     measuring.folder, measuring.plan, measuring.in_use, self._options
                 )
@@ -147,7 +147,7 @@ class Guided:
                 self._ending = asyncio.ensure_future(self._make(measuring, final_commands))
             case "stop":
                 self._phase, self._measuring = "none", None
-                await in_thread(measuring.close)
+                await run_in_thread(measuring.close)
                 self._tell()
             case _:
                 raise NotServed(HTTPStatus.NOT_FOUND, f"found {name[:40]!r}")
@@ -181,7 +181,7 @@ class Guided:
         def begun() -> tuple[Measuring, str]:
             self._folder.mkdir(parents=True, exist_ok=True)
             trigger = str(arm.info()["configuration"]["measurement"]["trigger"])
-            in_use = ask_in_use(arm)
+            in_use = get_in_use(arm)
             if wishes is None:
                 return Measuring.resume(folder, in_use), trigger
             artefact_content = (
@@ -190,7 +190,7 @@ class Guided:
             plan = make_plan(cast(PlanKind, kind), in_use.arm, artefact_content, wishes)
             return Measuring(folder, plan, in_use), trigger
 
-        measuring, self._trigger = await in_thread(begun)
+        measuring, self._trigger = await run_in_thread(begun)
         self._patience = Waiting(self._trigger)
         if measuring.plan.kind == "interim" and measuring.in_use.calibration is not None:
             options = replace(options, history=self._folder / HISTORY)
@@ -209,10 +209,10 @@ class Guided:
     async def _make(self, measuring: Measuring, final_commands: list[list[str]]) -> None:
         """The commands at the end, one after another."""
         for command in final_commands:
-            done = await in_thread(partial(run, command))
+            done = await run_in_thread(partial(run, command))
             self._results.append(asdict(done))
             self._tell()
-        await in_thread(measuring.close)
+        await run_in_thread(measuring.close)
         self._phase = "ended"
         self._tell()
 
@@ -228,7 +228,7 @@ class Guided:
 
         async def ask() -> None:
             try:
-                estimate = await in_thread(
+                estimate = await run_in_thread(
                     lambda: identify_so_far(measuring.folder, measuring.in_use.arm)
                 )
                 self._so_far = str(estimate["text"])
@@ -247,7 +247,7 @@ class Guided:
             "outcome": self._outcome,
             "so_far": self._so_far,
             "results": self._results,
-            "files": results(measuring.folder) if measuring and self._results else [],
+            "files": list_results(measuring.folder) if measuring and self._results else [],
         }
         self._board.put(TOPIC, json.dumps(content))
 

@@ -113,15 +113,15 @@ def parse(head: bytes) -> Request:
     return Request(words[0], unquote(target.path), query, headers)
 
 
-def answer(
+def format_answer(
     status: HTTPStatus, kind: str, body: bytes = b"", headers: Mapping[str, str] | None = None
 ) -> bytes:
     """A whole answer; the connection ends with it."""
     length = {"Content-Length": str(len(body)), "Connection": "close"}
-    return head(status, kind, length | dict(headers or {})) + body
+    return format_head(status, kind, length | dict(headers or {})) + body
 
 
-def head(status: HTTPStatus, kind: str, headers: Mapping[str, str]) -> bytes:
+def format_head(status: HTTPStatus, kind: str, headers: Mapping[str, str]) -> bytes:
     """Up to the empty line."""
     fields = {"Content-Type": kind, "Cache-Control": "no-store", **GUARDS, **headers}
     lines = [f"HTTP/1.1 {status.value} {status.phrase}"]

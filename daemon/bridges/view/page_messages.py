@@ -17,7 +17,7 @@ from armd.compensation.model.parameters import (
 )
 
 
-def live(point: np.void, angles_rad: Sequence[float] | None) -> str:
+def format_live(point: np.void, angles_rad: Sequence[float] | None) -> str:
     """The newest point of `armd.POINT`, and the joints' angles where they are known."""
     valid = not int(point["flags"]) & Flag.INVALID
     return json.dumps(
@@ -26,7 +26,7 @@ def live(point: np.void, angles_rad: Sequence[float] | None) -> str:
             "ms": int(point["stamp_ns"]) / 1e6,
             "p": point["position_mm"].tolist() if valid else None,
             "o": point["orientation"].tolist() if valid else None,
-            "u": standard_uncertainty_mm(point["covariance_mm2"].tolist()),
+            "u": compute_uncertainty_mm(point["covariance_mm2"].tolist()),
             "c": point["correction_mm"].tolist() if valid else None,
             "f": int(point["flags"]),
             "b": int(point["buttons"]),
@@ -35,16 +35,16 @@ def live(point: np.void, angles_rad: Sequence[float] | None) -> str:
     )
 
 
-def measurement(content: Mapping[str, Any]) -> str:
+def format_measurement(content: Mapping[str, Any]) -> str:
     """One row of the page's list."""
     return json.dumps(
         {
             "seq": content["seq"],
             "ms": content["stamp_ns"] / 1e6,
-            "id": measurement_id(content),
+            "id": make_measurement_id(content),
             "p": content["position_mm"],
             "sd": content.get("standard_deviation_mm"),
-            "u": standard_uncertainty_mm(content.get("covariance_mm2")),
+            "u": compute_uncertainty_mm(content.get("covariance_mm2")),
             "n": content.get("count", 1),
             "s": content.get("duration_s", 0.0),
             "f": content["flags"],
@@ -55,12 +55,12 @@ def measurement(content: Mapping[str, Any]) -> str:
     )
 
 
-def measurement_id(content: Mapping[str, Any]) -> str:
+def make_measurement_id(content: Mapping[str, Any]) -> str:
     """By which the page names it."""
     return f"{content['stamp_ns']}-{content['seq']}"
 
 
-def event(content: Mapping[str, Any]) -> str:
+def format_event(content: Mapping[str, Any]) -> str:
     return json.dumps(
         {
             "ms": content["stamp_ns"] / 1e6,
@@ -71,7 +71,7 @@ def event(content: Mapping[str, Any]) -> str:
     )
 
 
-def arm(
+def format_arm(
     info: Mapping[str, Any],
     calibration: Mapping[str, Any] | None,
     health: Mapping[str, Any],
@@ -84,7 +84,7 @@ def arm(
             "serial": info["arm"]["serial_number"],
             "armd": info["armd"],
             "driver": info["driver"],
-            "geometry": geometry(info, calibration),
+            "geometry": compute_geometry(info, calibration),
             "sensors": [sensor["name"] for sensor in info["arm"].get("temperature_sensor", [])],
             "reference_c": info["arm"]["reference_temperature_c"],
             "calibration": None
@@ -100,12 +100,12 @@ def arm(
             "tips": list(info["configuration"]["tips"]),
             "since_ms": since_ms,
             "commands": info["commands_enabled"],
-            "trigger": trigger(info["configuration"]),
+            "trigger": find_trigger(info["configuration"]),
         }
     )
 
 
-def trigger(configuration: Mapping[str, Any]) -> str | None:
+def find_trigger(configuration: Mapping[str, Any]) -> str | None:
     """What takes a measurement, `button` or `rest`; None where nothing can: servos have no button
     but a servo that is named as one."""
     driver = configuration["driver"]
@@ -113,7 +113,7 @@ def trigger(configuration: Mapping[str, Any]) -> str | None:
     return None if how == "button" and "trigger" in driver and driver["trigger"] is None else how
 
 
-def flags() -> dict[str, dict[str, str | None]]:
+def describe_flags() -> dict[str, dict[str, str | None]]:
     """What each bit of a point's flags means; the same for every arm."""
     return {
         str(flag.bit): {
@@ -126,7 +126,9 @@ def flags() -> dict[str, dict[str, str | None]]:
     }
 
 
-def geometry(info: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> dict[str, Any]:
+def compute_geometry(
+    info: Mapping[str, Any], calibration: Mapping[str, Any] | None
+) -> dict[str, Any]:
     """Rows θ0, d, a, α, β of the joints, base and tip, mm and rad: by the calibration in force,
     or the drawing without one."""
     joints = info["arm"]["joint"]
@@ -158,7 +160,7 @@ def geometry(info: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> 
     return {"rows": rows, "base": base, "tip": offset, "radius_mm": radius_mm, "limits": limits}
 
 
-def standard_uncertainty_mm(covariance_mm2: Sequence[float] | None) -> list[float] | None:
+def compute_uncertainty_mm(covariance_mm2: Sequence[float] | None) -> list[float] | None:
     """Of x, y, z; None where the covariance (xx xy xz yy yz zz) is not known."""
     if covariance_mm2 is None or not all(map(math.isfinite, covariance_mm2)):
         return None

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
 from armd import Arm
-from armd.daemon.bridges.listening import Address, listen
-from armd.daemon.bridges.process import in_thread, ready
+from armd.daemon.bridges.listening import Address, open_listener
+from armd.daemon.bridges.process import report_ready, run_in_thread
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.bridges.view import page_messages, sessions
 from armd.daemon.bridges.view.access import Access
@@ -25,11 +25,11 @@ from armd.daemon.bridges.view.http import (
     MOST_HEAD_BYTES,
     NotServed,
     Request,
-    answer,
-    head,
+    format_answer,
+    format_head,
     read_request,
 )
-from armd.daemon.files.tip_history import history, put_in_force
+from armd.daemon.files.tip_history import read_history, use_tip
 from armd.errors import ArmdError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ Do = Callable[[Request], Awaitable[object]]
 
 def _obeyed(arm: Arm, name: str, parameters: dict[str, str]) -> str:
     if name == "keep_tip":  # with the offset that its last calibration found
-        return put_in_force(arm, **parameters)
+        return use_tip(arm, **parameters)
     return arm.command(name, **parameters)
 
 
@@ -104,9 +104,9 @@ class PageServer:
 
     async def serve(self, address: Address, context: ssl.SSLContext | None = None) -> None:
         """Until cancelled; raises `BadInput` if it cannot listen there."""
-        server, endpoint = await listen(address, self._connection, context)
+        server, endpoint = await open_listener(address, self._connection, context)
         async with server:
-            ready("view", endpoint)
+            report_ready("view", endpoint)
             try:
                 async with asyncio.TaskGroup() as tasks:
                     tasks.create_task(self._feed.run())
@@ -137,7 +137,7 @@ class PageServer:
                     await self._reply(writer, await self._served(request))
             except NotServed as refused:
                 text = f"armd view: {refused}\n".encode()
-                await self._reply(writer, answer(refused.status, TEXT, text))
+                await self._reply(writer, format_answer(refused.status, TEXT, text))
         except (OSError, TimeoutError, EOFError):  # it went away, or says nothing
             pass
         except asyncio.CancelledError:  # the server ends; before 3.12 asyncio prints a traceback
@@ -176,19 +176,19 @@ class PageServer:
             return self._file(request, path)
         self._access.check_token(request)
         if path == "/temperatures":
-            return answer(HTTPStatus.OK, JSON, self._feed.history.text().encode())
+            return format_answer(HTTPStatus.OK, JSON, self._feed.history.text().encode())
         if path == "/feature":
             return await self._feature(request)
         if path == "/guided" and self._guided is not None:
-            choices = await in_thread(self._guided.choices)
-            return answer(HTTPStatus.OK, JSON, json.dumps(choices).encode())
+            choices = await run_in_thread(self._guided.choices)
+            return format_answer(HTTPStatus.OK, JSON, json.dumps(choices).encode())
         if path == "/tips":
             serial = self._feed.serial
-            tips = [] if serial is None else await in_thread(lambda: history(serial))
-            return answer(HTTPStatus.OK, JSON, json.dumps(tips[-TIPS_TOLD:]).encode())
+            tips = [] if serial is None else await run_in_thread(lambda: read_history(serial))
+            return format_answer(HTTPStatus.OK, JSON, json.dumps(tips[-TIPS_TOLD:]).encode())
         if path.startswith(sessions.PREFIX) and (folder := self._sessions) is not None:
-            kind, data = await in_thread(lambda: sessions.read(folder, path))
-            return answer(HTTPStatus.OK, kind, data, sessions.GUARDS)
+            kind, data = await run_in_thread(lambda: sessions.read(folder, path))
+            return format_answer(HTTPStatus.OK, kind, data, sessions.GUARDS)
         if path.startswith("/measurements."):
             return await self._table(path)
         raise NotServed(HTTPStatus.NOT_FOUND, f"found nothing at {path[:100]!r}")
@@ -199,12 +199,14 @@ class PageServer:
         # Kept by the browser, and asked for again each time: an upgrade is seen at once.
         headers = {"Cache-Control": "no-cache", "ETag": file.tag, "Vary": "Accept-Encoding"}
         if request.headers.get("if-none-match") == file.tag:
-            return head(HTTPStatus.NOT_MODIFIED, file.kind, headers | {"Connection": "close"})
+            return format_head(
+                HTTPStatus.NOT_MODIFIED, file.kind, headers | {"Connection": "close"}
+            )
         if "gzip" in request.headers.get("accept-encoding", ""):
-            return answer(
+            return format_answer(
                 HTTPStatus.OK, file.kind, file.packed, headers | {"Content-Encoding": "gzip"}
             )
-        return answer(HTTPStatus.OK, file.kind, file.data, headers)
+        return format_answer(HTTPStatus.OK, file.kind, file.data, headers)
 
     async def _table(self, path: str) -> bytes:
         """All measurements that the daemon still has, as `armd export` writes them."""
@@ -215,27 +217,29 @@ class PageServer:
         if arm is None:
             raise NotServed(HTTPStatus.SERVICE_UNAVAILABLE, "found no daemon to ask")
         try:
-            text = await in_thread(lambda: _table(arm, suffix))
+            text = await run_in_thread(lambda: _table(arm, suffix))
         except ArmdError as error:
             raise NotServed(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from error
         name = "".join(c if c.isalnum() or c in "-_" else "_" for c in arm.serial)
         headers = {"Content-Disposition": f'attachment; filename="{name}{suffix}"'}
-        return answer(HTTPStatus.OK, TABLES[suffix], text.encode(), headers)
+        return format_answer(HTTPStatus.OK, TABLES[suffix], text.encode(), headers)
 
     async def _feature(self, request: Request) -> bytes:
         """Through measurements that were picked; it changes nothing."""
         measurements = dict(self._feed.measurements)
 
         def fitted() -> object:
-            from armd.daemon.bridges.view.features import feature  # scipy, only when wanted
+            from armd.daemon.bridges.view.features import fit_feature  # scipy, only when wanted
 
-            return feature(measurements, request.query)
+            return fit_feature(measurements, request.query)
 
         try:
-            return answer(HTTPStatus.OK, JSON, json.dumps(await in_thread(fitted)).encode())
+            return format_answer(
+                HTTPStatus.OK, JSON, json.dumps(await run_in_thread(fitted)).encode()
+            )
         except ArmdError as error:
             content = json.dumps({"error": str(error)}).encode()
-            return answer(HTTPStatus.CONFLICT, JSON, content)
+            return format_answer(HTTPStatus.CONFLICT, JSON, content)
 
     async def _done(self, request: Request) -> bytes:
         self._access.check_origin(request)
@@ -253,17 +257,17 @@ class PageServer:
             content = json.dumps(await deed(request)).encode()
         except (ArmdError, OSError) as error:
             content = json.dumps({"error": str(error)}).encode()
-            return answer(HTTPStatus.CONFLICT, JSON, content)
-        return answer(HTTPStatus.OK, JSON, content)
+            return format_answer(HTTPStatus.CONFLICT, JSON, content)
+        return format_answer(HTTPStatus.OK, JSON, content)
 
     async def _login(self, request: Request) -> bytes:
         """The token, once; from then on a cookie."""
         token = parse_qs(request.body.decode("utf-8", "replace")).get("token", [""])[0]
         if not self._access.is_token(token):
             await asyncio.sleep(WRONG_TOKEN_S)
-            return answer(HTTPStatus.SEE_OTHER, TEXT, b"", {"Location": "/login.html#wrong"})
+            return format_answer(HTTPStatus.SEE_OTHER, TEXT, b"", {"Location": "/login.html#wrong"})
         cookie = {"Location": "/", "Set-Cookie": self._access.cookie_header()}
-        return answer(HTTPStatus.SEE_OTHER, TEXT, b"", cookie)
+        return format_answer(HTTPStatus.SEE_OTHER, TEXT, b"", cookie)
 
     async def _command(self, request: Request) -> object:
         """`/command/reload`, `/command/tip`: the daemon's own, if it obeys any."""
@@ -277,7 +281,7 @@ class PageServer:
         arm = self._feed.arm
         if arm is None:
             raise ArmdError("the daemon is not there")
-        return {"done": await in_thread(lambda: _obeyed(arm, name, parameters))}
+        return {"done": await run_in_thread(lambda: _obeyed(arm, name, parameters))}
 
     async def _tell(self, request: Request, writer: asyncio.StreamWriter) -> None:
         """Server-Sent Events until the page is closed."""
@@ -291,9 +295,9 @@ class PageServer:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         hello = {
             "version": self._files.version, "writing": bool(self._deeds),
-            "flags": page_messages.flags(),
+            "flags": page_messages.describe_flags(),
         }  # fmt: skip
-        writer.write(head(HTTPStatus.OK, "text/event-stream", {"Connection": "close"}))
+        writer.write(format_head(HTTPStatus.OK, "text/event-stream", {"Connection": "close"}))
         writer.write(f"retry: 1000\nevent: hello\ndata: {json.dumps(hello)}\n\n".encode())
         loop = asyncio.get_running_loop()
         read, spoke_s = 0, loop.time()

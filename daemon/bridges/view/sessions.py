@@ -29,7 +29,7 @@ GUARDS = {
 MOST_BYTES = 64 << 20
 
 
-def results(folder: Path) -> list[dict[str, str]]:
+def list_results(folder: Path) -> list[dict[str, str]]:
     """Of one session: `name` and `path` of each file to read, reports first."""
     order = list(KINDS)
     paths = [path for path in folder.iterdir() if _ours(path)]

@@ -17,7 +17,7 @@ from armd.daemon.catalogue.known_arms import (
     find_spelling,
     load_known_arm,
     read_arm_text,
-    with_joint,
+    set_joint,
 )
 from armd.daemon.catalogue.servos.lerobot_file import (
     COUNTS,
@@ -30,7 +30,7 @@ from armd.daemon.catalogue.servos.lerobot_file import (
     select_motors,
 )
 from armd.errors import BadInput
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 #: What a homing offset may be, by kind: eleven bits beside the sign in a Feetech's register 31, and
 #: what the e-Manual says of a Dynamixel's register 20.
@@ -87,7 +87,7 @@ def take_over(
             "min_deg": round(min(ends), 3),
             "max_deg": round(max(ends), 3),
         }
-        text = with_joint(text, k, values)
+        text = set_joint(text, k, values)
     offsets = ", ".join(f"{motor.id}: {motor.homing_offset}" for motor in motors.values())
     note = (
         "# Zeros, limits and directions are of the LeRobot calibration "
@@ -152,7 +152,7 @@ def _check_sweeps(
     remarks = []
     for key in short:
         if key not in chain:
-            raise BadInput(path, "--short-sweep", repr(key), f"one of {few(chain)}")
+            raise BadInput(path, "--short-sweep", repr(key), f"one of {format_names(chain)}")
     for (key, motor), joint in zip(chain.items(), joints, strict=True):
         location = f"{key}.range_min … range_max"
         swept = f"a sweep of {motor.sweep_deg:.0f}° ({motor.range_min} … {motor.range_max})"

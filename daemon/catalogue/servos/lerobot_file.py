@@ -13,11 +13,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, RootModel
 
-from armd.compensation.data.foreign.words import joint_name
+from armd.compensation.data.foreign.words import find_joint_name
 from armd.errors import BadInput
 from armd.files.inputs import MOST_JSON_BYTES, read_input
-from armd.files.schema import Strict, json_data, validate
-from armd.terminal.suggest import few
+from armd.files.schema import Strict, load_json_data, validate
+from armd.terminal.suggest import format_names
 
 COUNTS = 4096
 DEG_PER_COUNT = 360 / COUNTS
@@ -67,9 +67,13 @@ class Normalised:
         self._motors = {}
         for name, header in headers.items():
             exact = [m for key, m in motors.items() if _is_same_name(key, header)]
-            alike = [m for key, m in motors.items() if joint_name(key) == joint_name(header)]
+            alike = [
+                m for key, m in motors.items() if find_joint_name(key) == find_joint_name(header)
+            ]
             if len(exact or alike) != 1:
-                raise BadInput(path, f"the motor of {header!r}", few(motors), "one of its name")
+                raise BadInput(
+                    path, f"the motor of {header!r}", format_names(motors), "one of its name"
+                )
             self._motors[name] = (exact or alike)[0]
 
     def count(self, name: str, value: float) -> float:
@@ -91,7 +95,7 @@ def _is_same_name(key: str, header: str) -> bool:
 
 def read_motors(path: Path) -> dict[str, Motor]:
     """Every motor of a calibration; raises `BadInput` for another program's file, by its name."""
-    data = json_data(path, read_input(path, MOST_JSON_BYTES))
+    data = load_json_data(path, read_input(path, MOST_JSON_BYTES))
     if isinstance(data, dict) and isinstance(data.get("homing_offset"), list):
         problem = "LeRobot's format of before June 2025, whose zero is another"
         raise BadInput(path, "the file", problem, "a calibration made anew by LeRobot of today")
@@ -134,9 +138,9 @@ def select_motors(path: Path, motors: dict[str, Motor], prefix: str | None) -> d
     if prefix is not None:
         begins = [begin for begin in begins if begin.rstrip("_") == prefix.rstrip("_")]
         if len(begins) != 1:
-            raise BadInput(path, "--prefix", repr(prefix), f"one of {few(sorted(arms))}")
+            raise BadInput(path, "--prefix", repr(prefix), f"one of {format_names(sorted(arms))}")
     if len(begins) > 1:
-        problem = f"those of {len(begins)} arms ({few(begins)})"
+        problem = f"those of {len(begins)} arms ({format_names(begins)})"
         expected = f"one arm: {' or '.join(f'--prefix {begin}' for begin in begins)}"
         raise BadInput(path, "the motors", problem, expected)
     return arms[begins[0]] if begins and (begins[0] or prefix is not None) else motors

@@ -18,7 +18,7 @@ from typing import Any
 
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.schema import json_data
+from armd.files.schema import load_json_data
 
 COUNTS, MIDDLE = 4096, 2048
 GELLO_SUFFIXES = (".yaml", ".yml")
@@ -53,7 +53,7 @@ def read_servo_zeros(path: Path, n_joints: int) -> ServoZeros:
     if path.suffix.lower() in GELLO_SUFFIXES:
         zeros = _read_gello(path, content)
     else:
-        zeros = _read_phosphobot(path, json_data(path, content))
+        zeros = _read_phosphobot(path, load_json_data(path, content))
     if len(zeros.offsets) < n_joints:
         problem = f"{len(zeros.offsets)} joints"
         raise BadInput(path, "the offsets", problem, f"{n_joints}, as the arm has")

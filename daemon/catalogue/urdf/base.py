@@ -10,7 +10,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import frames
+from armd.compensation.model.kinematics import compute_frames
 from armd.daemon.catalogue.axes import choose_across, make_turn
 from armd.daemon.catalogue.frame_poses import FramePose, make_rotations_about
 from armd.daemon.catalogue.urdf.joints import TURNING, describe_joint, read_axis, read_origin
@@ -133,7 +133,9 @@ def _measure_misfit(chain: JointChain, arm: Arm, base: FramePose) -> tuple[float
 
 def compute_joint_frames(arm: Arm, parameters: F64) -> list[FramePose]:
     """G_k of each joint at zero angles in armd's base frame: z is its axis."""
-    origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
+    origins, rotations = (
+        part[0] for part in compute_frames(np.zeros((1, arm.n_joints)), parameters)
+    )
     theta = np.degrees(parameters[arm.layout.angles])
     return [
         FramePose(rotations[k] @ make_turn(2, float(theta[k])), origins[k])

@@ -9,9 +9,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from armd.arrays import F64
-from armd.daemon.catalogue.urdf.roll_pitch_yaw import quaternion_to_matrix, rpy_to_matrix
+from armd.daemon.catalogue.urdf.roll_pitch_yaw import (
+    convert_quaternion_to_matrix,
+    convert_rpy_to_matrix,
+)
 from armd.errors import BadInput
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 TURNING = ("revolute", "continuous")
 #: What an origin or an axis may say: whatever else stands there would be passed over in silence.
@@ -31,13 +34,13 @@ def read_origin(path: Path, joint: Element) -> tuple[F64, F64]:
     xyz = _parse_numbers(path, place, origin.get("xyz", "0 0 0"), 3)
     if "quat_xyzw" not in origin.attrib:  # URDF 1.2 has either
         rpy = _parse_numbers(path, place, origin.get("rpy", "0 0 0"), 3)
-        return xyz, rpy_to_matrix(rpy)
+        return xyz, convert_rpy_to_matrix(rpy)
     if "rpy" in origin.attrib:
         raise BadInput(path, place, "both rpy and quat_xyzw", "one of them")
     quaternion = _parse_numbers(path, place, origin.attrib["quat_xyzw"], 4)
     if not np.linalg.norm(quaternion) > 1e-6:
         raise BadInput(path, place, f"quat_xyzw={origin.get('quat_xyzw')!r}", "a quaternion, not 0")
-    return xyz, quaternion_to_matrix(quaternion)
+    return xyz, convert_quaternion_to_matrix(quaternion)
 
 
 def read_axis(path: Path, joint: Element) -> F64:
@@ -65,7 +68,9 @@ def _find_only(path: Path, joint: Element, tag: str, attributes: set[str]) -> El
             *(e.tag for e in element),
         ]
         if strange:
-            raise BadInput(path, place, few(strange), f"{' or '.join(sorted(attributes))} alone")
+            raise BadInput(
+                path, place, format_names(strange), f"{' or '.join(sorted(attributes))} alone"
+            )
         return element
     return None
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.catalogue.frame_poses import FramePose, find_least_rotation, measure_difference
 from armd.daemon.catalogue.urdf.base import JointChain, compute_joint_frames, place_base
 from armd.daemon.catalogue.urdf.joints import describe_joint
@@ -23,11 +23,14 @@ from armd.daemon.catalogue.urdf.places import (
     Edit,
     JointPlaces,
     apply_edits,
-    edit_tag,
     find_joints,
+    replace_tag,
 )
-from armd.daemon.catalogue.urdf.roll_pitch_yaw import matrix_to_quaternion, matrix_to_rpy
-from armd.daemon.catalogue.urdf.urdf import list_joints_between, walk
+from armd.daemon.catalogue.urdf.roll_pitch_yaw import (
+    convert_matrix_to_quaternion,
+    convert_matrix_to_rpy,
+)
+from armd.daemon.catalogue.urdf.urdf import follow_joints, list_joints_between
 from armd.daemon.catalogue.urdf.xml_tree import read_robot
 from armd.errors import ArmdError, BadInput
 from armd.files.inputs import read_input
@@ -64,7 +67,7 @@ def correct_urdf(
     root = read_robot(path, content)
     joints, ends = list_joints_between(path, root, base_link, tip_link)
     chain = JointChain.from_joints(path, joints)
-    walk(path, joints, "", ends)  # refuses what is no chain of turning joints
+    follow_joints(path, joints, "", ends)  # refuses what is no chain of turning joints
     turning = [k for k, axis in enumerate(chain.axes) if axis is not None]
     if len(turning) != arm.n_joints:
         names = ", ".join(joints[k].get("name", "") for k in turning)
@@ -100,7 +103,7 @@ def find_robot_joints(path: Path, content: bytes) -> list[JointPlaces]:
 
 def _compute_tip_turn(chain: JointChain, arm: Arm, base: FramePose) -> F64:
     """Rotation (3, 3) from armd's last frame to the tip's link, as drawn."""
-    last = base.rotation @ forward(np.zeros((1, arm.n_joints)), arm.nominal())[1][0]
+    last = base.rotation @ compute_pose(np.zeros((1, arm.n_joints)), arm.nominal())[1][0]
     turned: F64 = last.T @ chain.links()[-1].rotation
     return turned
 
@@ -108,7 +111,7 @@ def _compute_tip_turn(chain: JointChain, arm: Arm, base: FramePose) -> F64:
 def _locate_tip(
     q: F64, chain: JointChain, arm: Arm, parameters: F64, base: FramePose
 ) -> tuple[F64, F64]:
-    position, rotation = forward(q, parameters)
+    position, rotation = compute_pose(q, parameters)
     turned = base.rotation @ rotation @ _compute_tip_turn(chain, arm, base)
     return base.origin + position @ base.rotation.T, turned
 
@@ -174,9 +177,9 @@ def _make_edits(
         if np.abs(now.rotation - origin.rotation).max() > same:
             name, old, new = _format_rotation(joint.find("origin"), origin.rotation)
             attributes[name] = _list_changed(old, new, same)
-        edits += edit_tag(content, places[k], "origin", attributes)
+        edits += replace_tag(content, places[k], "origin", attributes)
         if axis is not None and axis is not chain.axes[k]:
-            edits += edit_tag(content, places[k], "axis", {"xyz": axis.tolist()})
+            edits += replace_tag(content, places[k], "axis", {"xyz": axis.tolist()})
     return edits
 
 
@@ -185,9 +188,9 @@ def _format_rotation(origin: Element | None, rotation: F64) -> tuple[str, F64, F
     attributes = {} if origin is None else origin.attrib
     if "quat_xyzw" in attributes:
         old = np.array(attributes["quat_xyzw"].split(), dtype=np.float64)
-        return "quat_xyzw", old, matrix_to_quaternion(rotation)
+        return "quat_xyzw", old, convert_matrix_to_quaternion(rotation)
     old = np.array(attributes.get("rpy", "0 0 0").split(), dtype=np.float64)
-    return "rpy", old, matrix_to_rpy(rotation, old)
+    return "rpy", old, convert_matrix_to_rpy(rotation, old)
 
 
 def _list_changed(old: F64, new: F64, same: float) -> list[float | None]:

@@ -92,7 +92,7 @@ def _parse_start_tag(content: bytes, start: int) -> StartTag:
     return StartTag(start, closed.end(), last, values)
 
 
-def edit_tag(
+def replace_tag(
     content: bytes, joint: JointPlaces, tag: str, attributes: Mapping[str, Numbers]
 ) -> list[Edit]:
     """Edits that give attributes of a joint's *tag* these numbers; None leaves one as it is.

@@ -12,7 +12,7 @@ from armd.arrays import F64
 LOCKED = 1e-13
 
 
-def rpy_to_matrix(rpy: F64) -> F64:
+def convert_rpy_to_matrix(rpy: F64) -> F64:
     """Rotation matrix (3, 3) of roll, pitch, yaw (3,) rad."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     return np.array(
@@ -24,7 +24,7 @@ def rpy_to_matrix(rpy: F64) -> F64:
     )
 
 
-def quaternion_to_matrix(quaternion: F64) -> F64:
+def convert_quaternion_to_matrix(quaternion: F64) -> F64:
     """Rotation matrix (3, 3) of x, y, z, w (4,), of any length but 0."""
     x, y, z, w = quaternion / np.linalg.norm(quaternion)
     return np.array(
@@ -36,7 +36,7 @@ def quaternion_to_matrix(quaternion: F64) -> F64:
     )
 
 
-def matrix_to_rpy(rotation: F64, reference: F64 | None = None) -> F64:
+def convert_matrix_to_rpy(rotation: F64, reference: F64 | None = None) -> F64:
     """Roll, pitch, yaw (3,) rad of a rotation matrix (3, 3); of the two triples, and of whole
     turns, those nearest to *reference* (3,), or to zero."""
     reference = np.zeros(3) if reference is None else reference
@@ -69,7 +69,7 @@ def _measure_distance(triple: F64, reference: F64) -> float:
     return float(np.abs(triple - reference).sum())
 
 
-def matrix_to_quaternion(rotation: F64) -> F64:
+def convert_matrix_to_quaternion(rotation: F64) -> F64:
     """x, y, z, w (4,) with w ≥ 0 of a rotation matrix (3, 3)."""
     half = np.eye(4)
     half[:3, :3] = rotation + rotation.T - np.trace(rotation) * np.eye(3)

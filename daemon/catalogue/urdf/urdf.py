@@ -17,7 +17,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.parameters import MOST_JOINTS
-from armd.daemon.catalogue.axes import axes_to_rows, choose_across, format_point
+from armd.daemon.catalogue.axes import choose_across, convert_axes_to_rows, format_point
 from armd.daemon.catalogue.urdf.joints import (
     TURNING,
     describe_joint,
@@ -29,7 +29,7 @@ from armd.daemon.catalogue.urdf.joints import (
 from armd.daemon.catalogue.urdf.xml_tree import read_robot
 from armd.errors import BadInput
 from armd.files.schema import validate
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
 
@@ -86,7 +86,7 @@ def compute_denavit_hartenberg(chain: Chain) -> tuple[F64, F64, F64]:
     frame's rotation (3, 3)."""
     z = chain.axes[0]
     x = choose_across(z)
-    rows, tip = axes_to_rows(chain.origins, chain.axes, chain.tip, x)
+    rows, tip = convert_axes_to_rows(chain.origins, chain.axes, chain.tip, x)
     return rows, tip, np.column_stack([x, np.cross(z, x), z])
 
 
@@ -94,7 +94,7 @@ def read_chain(path: Path, tip_link: str | None = None, base_link: str | None = 
     """Raises `BadInput`."""
     root = read_robot(path)
     joints, ends = list_joints_between(path, root, base_link, tip_link)
-    return walk(path, joints, root.get("name", ""), ends)
+    return follow_joints(path, joints, root.get("name", ""), ends)
 
 
 def list_joints_between(
@@ -120,7 +120,7 @@ def list_joints_between(
         joints[link] = joint
     link = tip_link or _find_last_link(path, joints)
     if link not in joints:
-        raise BadInput(path, "the tip's link", repr(link), f"one of {few(joints)}")
+        raise BadInput(path, "the tip's link", repr(link), f"one of {format_names(joints)}")
     links: list[Element] = []
     end = link
     while link in joints and link != base_link:
@@ -131,12 +131,12 @@ def list_joints_between(
         link = "" if parent is None else parent.get("link", "")
     if base_link not in (None, link):
         above = [joint.find("parent").get("link", "") for joint in links]  # type: ignore[union-attr]
-        expected = f"a link above {end}: one of {few(above)}"
+        expected = f"a link above {end}: one of {format_names(above)}"
         raise BadInput(path, "the base link", repr(base_link), expected)
     return links, (link, end)
 
 
-def walk(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> Chain:
+def follow_joints(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> Chain:
     """Axes and tip at zero angles of these joints, in the frame of the first one's parent."""
     rotation, position = np.eye(3), np.zeros(3)
     origins, axes, limits, names = [], [], [], []
@@ -168,7 +168,7 @@ def _find_last_link(path: Path, joints: dict[str, Element]) -> str:
         return ends[0]
     if not joints:
         raise BadInput(path, "the chain", "no joints", "a robot with joints")
-    problem = f"{len(ends)} ends: {few(ends)}" if ends else "no end"
+    problem = f"{len(ends)} ends: {format_names(ends)}" if ends else "no end"
     raise BadInput(path, "the chain", problem, "--tip-link to say which link touches")
 
 

@@ -12,14 +12,14 @@ import armd
 from armd.daemon.bridges.export import formats, source
 from armd.daemon.bridges.export.source import Measurements
 from armd.daemon.bridges.tips import Tips
-from armd.daemon.files.measurement_log import log_folder, logs_folder
+from armd.daemon.files.measurement_log import locate_log_folder, locate_logs_folder
 from armd.drivers.replay.recording import Recording
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.terminal.arguments import add_endpoint
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 
 #: Beside the texts, how a recording's file is known that was written before.
 WRITTEN_BEFORE: dict[str, Callable[[bytes], bool]] = {
@@ -65,8 +65,8 @@ def run(args: argparse.Namespace) -> int:
     check_outputs({"-o": (args.output, kind)}, [args.source], args.force)
     if suffix == source.RECORDING:
         return _to_foxglove(args)
-    since_ns = instant_ns(args.since) if args.since else None
-    with aside(args).status("reading the measurements …"):
+    since_ns = parse_instant_ns(args.since) if args.since else None
+    with make_aside(args).status("reading the measurements …"):
         collection = _find(args)
     chosen = [m for m in collection.measurements if since_ns is None or m.stamp_ns >= since_ns]
     tips = Tips(collection.info or NO_INFO)
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     without = sum(m.position_mm is None for m in chosen)
     left_out = "their fields empty" if suffix == ".csv" else "left out"
     remark = f", {without} of them without a position: {left_out}" if without else ""
-    print(f"armd: {args.output}: {counted(len(chosen), 'measurement')}{remark}")
+    print(f"armd: {args.output}: {format_count(len(chosen), 'measurement')}{remark}")
     for sentence in collection.left_out:
         print(f"armd: {sentence}")
     return 0
@@ -92,9 +92,9 @@ def _to_foxglove(args: argparse.Namespace) -> int:
         needs = "it installed: pip install foxglove-sdk"
         raise BadInput(args.output, "the package foxglove-sdk", "nothing", needs) from error
     recording = Recording(path)
-    with aside(args).status("writing the recording …"):
+    with make_aside(args).status("writing the recording …"):
         points, measurements = write_foxglove(recording, args.output)
-    written = f"{counted(points, 'point')}, {counted(measurements, 'measurement')}"
+    written = f"{format_count(points, 'point')}, {format_count(measurements, 'measurement')}"
     print(f"armd: {args.output}: {written}, for Foxglove")
     if recording.missing is not None:
         print(f"armd: {recording.missing}")
@@ -113,8 +113,8 @@ def _find(args: argparse.Namespace) -> Measurements:
 
 def _find_own_log(serial: str | None) -> Path:
     if serial:
-        return log_folder(serial)
-    folders = logs_folder()
+        return locate_log_folder(serial)
+    folders = locate_logs_folder()
     log_folders = sorted(path for path in folders.glob("*") if path.is_dir())
     if len(log_folders) == 1:
         return log_folders[0]
@@ -124,7 +124,7 @@ def _find_own_log(serial: str | None) -> Path:
     )
 
 
-def instant_ns(text: str) -> int:
+def parse_instant_ns(text: str) -> int:
     """Without an offset it is UTC, as armd writes all its times; raises `BadInput`."""
     try:
         ns = round(float(text) * 1e9)

@@ -15,12 +15,12 @@ from rich.text import Text
 
 import armd
 from armd.daemon.bridges import process
-from armd.daemon.bridges.fleet import Fleet, Listening, tell
-from armd.daemon.bridges.listening import address
-from armd.daemon.commands.screen import COLOURS, temperatures
+from armd.daemon.bridges.fleet import Fleet, Listening, show_repeatedly
+from armd.daemon.bridges.listening import parse_address
+from armd.daemon.commands.screen import COLOURS, format_temperatures
 from armd.daemon.host.metrics import MetricsServer
 from armd.errors import BadInput
-from armd.printable import printable
+from armd.printable import to_printable
 from armd.terminal.plain import make_moving_console
 from armd.zenoh_session import open_session
 
@@ -43,7 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="a line per arm and second")
     parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself (at Ctrl-C)")
     parser.add_argument(
-        "--metrics", type=address, metavar="HOST:PORT", help="serve OpenMetrics of all arms there"
+        "--metrics",
+        type=parse_address,
+        metavar="HOST:PORT",
+        help="serve OpenMetrics of all arms there",
     )
 
 
@@ -52,18 +55,18 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _watch(args: argparse.Namespace) -> None:
-    session = await process.connected(lambda: _open(args), args.endpoint)
+    session = await process.wait_for_connection(lambda: _open(args), args.endpoint)
     with ExitStack() as stack:
         stack.callback(_close, session)
         fleet = Fleet()
-        listening = await process.in_thread(lambda: Listening(session, fleet, args.serial))
+        listening = await process.run_in_thread(lambda: Listening(session, fleet, args.serial))
         stack.enter_context(closing(listening))
         if args.metrics is not None:
             _serve_metrics(args, fleet, stack)
         elif not args.json and args.router is not None:
-            process.ready("fleet", str(args.router))
+            process.report_ready("fleet", str(args.router))
         show = _print if args.json else stack.enter_context(_Screen()).show
-        await tell(fleet, show, EVERY_S, args.seconds)
+        await show_repeatedly(fleet, show, EVERY_S, args.seconds)
 
 
 def _open(args: argparse.Namespace) -> zenoh.Session:
@@ -92,7 +95,7 @@ def _serve_metrics(args: argparse.Namespace, fleet: Fleet, stack: ExitStack) -> 
             "the command line", "--metrics", problem, "an address to listen on"
         ) from error
     if not args.json:
-        process.ready("fleet", f"{host}:{server.port}")
+        process.report_ready("fleet", f"{host}:{server.port}")
 
 
 def _print(fleet: Fleet) -> None:
@@ -107,26 +110,26 @@ class _Screen(Live):
         super().__init__(console=make_moving_console(), auto_refresh=False)
 
     def show(self, fleet: Fleet) -> None:
-        self.update(table_of(fleet), refresh=True)
+        self.update(make_table(fleet), refresh=True)
 
 
-def table_of(fleet: Fleet) -> Table:
+def make_table(fleet: Fleet) -> Table:
     """Return what is known of the arms; no word of theirs is markup or obeyed by the terminal."""
     table = Table("arm", "state", "points/s", "lost", "temperatures", "calibration")
     for row in fleet.rows():
-        state = Text(printable(row["state"]), COLOURS.get(row["state"], ""))
-        state.append(f" {printable(row['reason'])}", "default")
+        state = Text(to_printable(row["state"]), COLOURS.get(row["state"], ""))
+        state.append(f" {to_printable(row['reason'])}", "default")
         cells = (
             f"{row['points_hz']:.0f}",
             row["lost"],
-            temperatures(row) or "none",
+            format_temperatures(row) or "none",
             (row["calibration"] or "none")[:8],
         )
         table.add_row(_as_text(row["serial"]), state, *map(_as_text, cells))
     for serial, text in list(fleet.events)[-EVENTS_SHOWN:]:
-        table.add_row(_as_text(serial), Text(printable(text), "dim"))
+        table.add_row(_as_text(serial), Text(to_printable(text), "dim"))
     return table
 
 
 def _as_text(cell: object) -> Text:
-    return Text(printable(cell))
+    return Text(to_printable(cell))

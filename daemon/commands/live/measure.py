@@ -12,7 +12,7 @@ from armd.client import Arm
 from armd.compensation.data.sessions.format import ArtefactFile
 from armd.daemon.measure.ending import EndOptions, Then, list_commands
 from armd.daemon.measure.ending import run as run_command
-from armd.daemon.measure.in_use import ask_in_use
+from armd.daemon.measure.in_use import get_in_use
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, Wishes
@@ -22,7 +22,7 @@ from armd.errors import BadInput
 from armd.files.inputs import check_input
 from armd.files.outputs import check_output_folder
 from armd.files.schema import load_toml
-from armd.terminal.arguments import add_arm, parse_integer, positive, seconds
+from armd.terminal.arguments import add_arm, parse_integer, parse_positive, parse_seconds
 
 WAIT_S = 60.0  # for an arm to show up
 
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder for the session; one that was interrupted is taken up again",
     )
     parser.add_argument("--json", action="store_true", help="one line per reading and refusal")
-    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (never)")
+    parser.add_argument("--seconds", type=parse_seconds, metavar="S", help="stop by itself (never)")
     group = parser.add_argument_group("what to measure")
     group.add_argument(
         "--artefact", metavar="FILE", type=Path, help="TOML with the table [artefact] of a session"
@@ -85,11 +85,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--tests", metavar="NAME,…", type=_parse_names, help=f"of verify: {', '.join(TESTS)} (all)"
     )
-    group.add_argument("--sphere-mm", metavar="D", type=positive, help="certified diameter, of tip")
+    group.add_argument(
+        "--sphere-mm", metavar="D", type=parse_positive, help="certified diameter, of tip"
+    )
     group.add_argument(
         "--near-mm",
         metavar="MM",
-        type=positive,
+        type=parse_positive,
         help="a reading farther from its target is refused (5; coarse arms: 20 encoder steps)",
     )
     group.add_argument(
@@ -131,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
         sphere_mm=args.sphere_mm,
     )
     with armd.connect(args.serial, args.endpoint, timeout_s=WAIT_S) as arm:
-        in_use = ask_in_use(arm)
+        in_use = get_in_use(arm)
         plan = make_plan(args.kind, in_use.arm, artefact, wishes)
         with Measuring(args.output, plan, in_use) as measuring:
             # refused now rather than at the end

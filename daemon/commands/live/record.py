@@ -20,15 +20,15 @@ from typing import Any
 import armd
 from armd import keys
 from armd.client import Arm
-from armd.daemon.files.recorder import TOPICS, Recorder, default_path
+from armd.daemon.files.recorder import TOPICS, Recorder, choose_default_path
 from armd.daemon.state import State
 from armd.errors import BadInput
 from armd.files.outputs import RECORDING, add_force, check_output_folder, check_outputs
 from armd.files.writing import explain_os_errors
-from armd.printable import printable
+from armd.printable import to_printable
 from armd.stream import Stream
-from armd.terminal.arguments import add_arm, seconds
-from armd.terminal.counted import counted
+from armd.terminal.arguments import add_arm, parse_seconds
+from armd.terminal.counted import format_count
 
 POLL_S = 0.01
 WAIT_S = 60.0  # for an arm to show up
@@ -54,7 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="points with joints and temperatures instead, as Parquet by arm and day",
     )
-    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument(
+        "--seconds", type=parse_seconds, metavar="S", help="stop by itself (at Ctrl-C)"
+    )
     session = parser.add_argument_group("with --session")
     session.add_argument(
         "--artefact", metavar="FILE", type=Path, help="TOML with the table [artefact] (a seat)"
@@ -116,7 +118,9 @@ def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], b
     )
     heard: deque[bytes] = deque()
     with arm.calling(keys.MEASUREMENT, heard.append):  # from now on, not those of the past
-        print(printable(f"armd: {arm.serial} to {args.session}; first {folder.target}"), flush=True)
+        print(
+            to_printable(f"armd: {arm.serial} to {args.session}; first {folder.target}"), flush=True
+        )
         while going_on():
             time.sleep(POLL_S)
             while heard:
@@ -126,9 +130,9 @@ def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], b
                 try:
                     text = folder.take(measurement)
                 except (KeyError, TypeError, ValueError) as error:
-                    text = f"passed over, no measurement of armd's: {printable(repr(error))}"
+                    text = f"passed over, no measurement of armd's: {to_printable(repr(error))}"
                 print(f"{folder.n:4d}  {text}; next {folder.target}", flush=True)
-    print(f"armd: {args.session}: {counted(folder.n, 'reading')}")
+    print(f"armd: {args.session}: {format_count(folder.n, 'reading')}")
     return 0 if folder.n else 1
 
 
@@ -154,7 +158,7 @@ def _record_lake(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool
             lake.take(waiting, [*first, *joints.take()])
 
         take([arm.state()], first)
-        print(printable(f"armd: recording {arm.serial} to {lake.folder}"), flush=True)
+        print(to_printable(f"armd: recording {arm.serial} to {lake.folder}"), flush=True)
         _warn_unless_ready(arm)
         write_s = time.monotonic() + FILE_S
         while going_on():
@@ -165,14 +169,14 @@ def _record_lake(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool
                 lake.write()
         take([])
     lost, without = arm.lost.here, lake.without_joints
-    summary = f"{counted(lake.rows, 'point')} in {counted(lake.files, 'file')}"
-    print(printable(f"armd: {lake.folder}: {summary}; {lost} lost, {without} without joints"))
+    summary = f"{format_count(lake.rows, 'point')} in {format_count(lake.files, 'file')}"
+    print(to_printable(f"armd: {lake.folder}: {summary}; {lost} lost, {without} without joints"))
     return 0 if lake.rows and not lost and not without else 1
 
 
 def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
     with ExitStack() as opened:
-        output = args.output or default_path(arm.serial)
+        output = args.output or choose_default_path(arm.serial)
         opened.enter_context(explain_os_errors(output))
         # Buffered: mcap would buffer a raw file itself, and not flush the last few bytes. What a
         # killed recorder loses is the chunk in progress either way.
@@ -190,7 +194,7 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
         following, preamble = arm.preamble()
         recorder.begin(following, preamble)
         recorder.take_frames(waiting)
-        print(printable(f"armd: recording {arm.serial} to {output}"), flush=True)
+        print(to_printable(f"armd: recording {arm.serial} to {output}"), flush=True)
         _warn_unless_ready(arm)
         while going_on():
             time.sleep(POLL_S)
@@ -202,7 +206,7 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
     print(f"armd: {output}: {counted}; {recorder.lost_frames} raw frames lost")
     if not recorder.counts[keys.RAW]:
         silence = f"armd: {output}: raw frames: found none, expected some: the arm's line is silent"
-        print(printable(silence), file=sys.stderr)
+        print(to_printable(silence), file=sys.stderr)
         return 1
     return 1 if recorder.lost_frames else 0
 
@@ -212,7 +216,7 @@ def _warn_unless_ready(arm: Arm) -> None:
     health = arm.state()
     if health.get("state") == State.NOT_READY:
         text = f"armd: warning: {arm.serial} is {State.NOT_READY}: {health.get('reason')}"
-        print(printable(text), file=sys.stderr, flush=True)
+        print(to_printable(text), file=sys.stderr, flush=True)
 
 
 def _receive_first(stream: Stream, seconds: float) -> list[bytes]:

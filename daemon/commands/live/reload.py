@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 import armd
-from armd.printable import printable
+from armd.printable import to_printable
 from armd.terminal.arguments import add_arm
 
 
@@ -15,5 +15,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     with armd.connect(args.serial, args.endpoint) as arm:
-        print(printable(f"{arm.serial}: {arm.command('reload')}"))
+        print(to_printable(f"{arm.serial}: {arm.command('reload')}"))
     return 0

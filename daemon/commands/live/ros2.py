@@ -10,11 +10,11 @@ import armd
 from armd.daemon.bridges import process
 from armd.daemon.bridges.ros2 import urdf
 from armd.daemon.bridges.ros2.bridge import Bridge, Settings
-from armd.daemon.bridges.ros2.node import NAME, legal
+from armd.daemon.bridges.ros2.node import NAME, make_legal_name
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.printable import printable
+from armd.printable import to_printable
 from armd.terminal.arguments import add_arm
 
 RATE_HZ = 100.0
@@ -55,8 +55,8 @@ def run(args: argparse.Namespace) -> int:
             calibration = arm.calibration_file()
             text = urdf.write(arm.info(), calibration, settings.namespace, settings.frame)
         write_whole(args.urdf, text)
-        if sentence := urdf.left_out(calibration):  # of the result: said with -q, too
-            print(f"armd: {args.urdf}: {printable(sentence)}", file=sys.stderr)
+        if sentence := urdf.describe_omissions(calibration):  # of the result: said with -q, too
+            print(f"armd: {args.urdf}: {to_printable(sentence)}", file=sys.stderr)
         return 0
     if args.router is None:
         raise _make_option_fault(
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read_settings(args: argparse.Namespace, serial: str) -> Settings:
-    namespace = (args.namespace or legal(serial)).strip("/")
+    namespace = (args.namespace or make_legal_name(serial)).strip("/")
     frame = args.frame or f"{namespace.replace('/', '_')}_base"
     return Settings(args.router or "", args.domain, namespace, frame, args.rate)
 

@@ -10,11 +10,11 @@ import json
 from typing import Any
 
 import armd
-from armd.daemon.commands.screen import in_use, temperatures
+from armd.daemon.commands.screen import format_sources, format_temperatures
 from armd.daemon.host.root import WARNING
 from armd.daemon.state import State
 from armd.errors import BadInput
-from armd.printable import printable
+from armd.printable import to_printable
 from armd.terminal.arguments import add_arm
 
 GOOD = (State.READY, State.WARMING)
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             problem = f"a message without {error!s}"
             raise BadInput(arm.serial, "health", problem, "one of armd's daemon") from error
-        print("\n".join(printable(line) for line in lines))
+        print("\n".join(to_printable(line) for line in lines))
     return 0 if health.get("state") in GOOD else 1
 
 
@@ -45,8 +45,8 @@ def _write_lines(health: dict[str, Any]) -> list[str]:
     lines = [
         f"{health['serial']}  {health['state']}: {health['reason']}",
         f"points       {health['rates']['points_hz']:g} Hz, {health['points']['published']}",
-        f"sensors      {temperatures(health) or 'none'}",
-        f"in use       {in_use(health)}",
+        f"sensors      {format_temperatures(health) or 'none'}",
+        f"in use       {format_sources(health)}",
         f"drops        {', '.join(f'{n} {name}' for name, n in drops.items()) or 'none'}",
     ]
     if last := health.get("interim"):

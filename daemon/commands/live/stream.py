@@ -32,9 +32,9 @@ def run(args: argparse.Namespace) -> int:
     if args.points is not None and not 0 < args.points < float("inf"):
         problem = f"{args.points:g}"
         raise BadInput("the command line", "--points", problem, "a number of points per second")
-    template = None if args.template is None else lines.template(args.template)
+    template = None if args.template is None else lines.parse_template(args.template)
     line = template or lines.PRESETS[args.format]
-    header = lines.CSV_HEADER if line is lines.csv else None
+    header = lines.CSV_HEADER if line is lines.format_csv else None
     return process.serve(
         args, lambda arm: LineStream(arm, line, header, args.points).serve(args.listen)
     )

@@ -21,10 +21,10 @@ import armd
 from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.printable import printable
-from armd.terminal.arguments import add_endpoint, positive
-from armd.terminal.counted import counted
-from armd.terminal.suggest import did_you_mean
+from armd.printable import to_printable
+from armd.terminal.arguments import add_endpoint, parse_positive
+from armd.terminal.counted import format_count
+from armd.terminal.suggest import suggest
 
 OWN = "-"
 VERBS = ("list", "use", "calibrate", "apply", "history")
@@ -53,12 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", metavar="OUT.json", help="of calibrate: the result")
     parser.add_argument(
-        "--sphere-mm", metavar="D", type=positive, help="of calibrate: as the session has it"
+        "--sphere-mm", metavar="D", type=parse_positive, help="of calibrate: as the session has it"
     )
     parser.add_argument(
         "--limit-mm",
         metavar="MM",
-        type=positive,
+        type=parse_positive,
         default=LIMIT_MM,
         help=f"of calibrate: how well the offset must be known, k = 2, and how far a tip may move"
         f" before it is warned of ({LIMIT_MM:g})",
@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--form-mm",
         metavar="MM",
-        type=positive,
+        type=parse_positive,
         help="of calibrate: largest form error (--limit-mm)",
     )
     add_force(parser)
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     """0; of calibrate 1 where the verdict is doubtful."""
     verb, words = args.words[0], args.words[1:]
     if verb not in VERBS:
-        if guess := did_you_mean(verb, VERBS):  # a tip of such a name wants its verb before it
+        if guess := suggest(verb, VERBS):  # a tip of such a name wants its verb before it
             expected = f"one of {', '.join(VERBS)}, or the NAME of a tip{guess}"
             raise BadInput("the command line", "armd tip", repr(verb), expected)
         verb, words = "use", args.words
@@ -108,25 +108,25 @@ def _use_tip(args: argparse.Namespace, words: list[str]) -> int:
     name, serial = words[0], words[1] if len(words) > 1 else None
     with armd.connect(serial, args.endpoint) as arm:
         done = arm.command("tip", name="" if name == OWN else name)
-        print(printable(f"{arm.serial}: {done}"))
+        print(to_printable(f"{arm.serial}: {done}"))
     return 0
 
 
 def _apply(args: argparse.Namespace, words: list[str]) -> int:
-    from armd.daemon.files.tip_history import put_in_force
+    from armd.daemon.files.tip_history import use_tip
 
     with armd.connect(words[1] if len(words) > 1 else None, args.endpoint) as arm:
-        print(printable(f"{arm.serial}: {put_in_force(arm, words[0])}"))
+        print(to_printable(f"{arm.serial}: {use_tip(arm, words[0])}"))
     return 0
 
 
 def _list_tips(args: argparse.Namespace, words: list[str]) -> int:
-    from armd.daemon.files.tip_history import history
-    from armd.daemon.measure.in_use import ask_in_use
+    from armd.daemon.files.tip_history import read_history
+    from armd.daemon.measure.in_use import get_in_use
 
     with armd.connect(words[0] if words else None, args.endpoint) as arm:
-        info, in_use = arm.info(), ask_in_use(arm)
-        last = {entry["name"]: entry for entry in history(arm.serial)}
+        info, in_use = arm.info(), get_in_use(arm)
+        last = {entry["name"]: entry for entry in read_history(arm.serial)}
     table = Table(
         "", "tip", "offset, mm", "radius, mm", _make_when_column(), "U (k = 2), mm", "verdict"
     )
@@ -140,7 +140,7 @@ def _list_tips(args: argparse.Namespace, words: list[str]) -> int:
         calibration = last.get(name)
         table.add_row(
             "▶" if used else "",
-            printable("the calibration's own (-)" if name == OWN else name),
+            to_printable("the calibration's own (-)" if name == OWN else name),
             "" if offset is None else " ".join(f"{value:.3f}" for value in offset),
             f"{radius:.3f}",
             *(("never", "", "") if calibration is None else _format_calibration(calibration)),
@@ -152,7 +152,11 @@ def _list_tips(args: argparse.Namespace, words: list[str]) -> int:
 def _format_calibration(entry: dict[str, Any]) -> tuple[str, str, str]:
     expanded = 2 * max(entry["standard_uncertainty_mm"])
     # Its reasons stand where it was calibrated, and in the file.
-    return _format_minute(entry), f"{expanded:.4f}", printable(entry["verdict"].partition(":")[0])
+    return (
+        _format_minute(entry),
+        f"{expanded:.4f}",
+        to_printable(entry["verdict"].partition(":")[0]),
+    )
 
 
 def _make_when_column() -> Column:
@@ -165,13 +169,13 @@ def _format_minute(entry: dict[str, Any]) -> str:
 
 
 def _print_history(args: argparse.Namespace, words: list[str]) -> int:
-    from armd.daemon.files.tip_history import history, history_file
+    from armd.daemon.files.tip_history import locate_history_file, read_history
 
     serial = words[0] if words else None
     if serial is None:
         with armd.connect(None, args.endpoint) as arm:
             serial = arm.serial
-    entries = history(serial, args.name)
+    entries = read_history(serial, args.name)
     table = Table(
         _make_when_column(),
         "tip",
@@ -185,7 +189,7 @@ def _print_history(args: argparse.Namespace, words: list[str]) -> int:
         radius = entry["radius_mm"]
         table.add_row(
             _format_minute(entry),
-            printable(entry["name"]),
+            to_printable(entry["name"]),
             " ".join(f"{value:.3f}" for value in entry["offset_mm"]),
             _format_calibration(entry)[1],
             f"{entry['form_error_mm']:.4f}",
@@ -195,12 +199,12 @@ def _print_history(args: argparse.Namespace, words: list[str]) -> int:
     console = Console()
     console.print(table)
     times = "calibration" if len(entries) == 1 else "calibrations"
-    console.print(f"{len(entries)} {times}; {history_file(serial)}", soft_wrap=True)
+    console.print(f"{len(entries)} {times}; {locate_history_file(serial)}", soft_wrap=True)
     return 0
 
 
 def _calibrate(args: argparse.Namespace, words: list[str]) -> int:
-    from armd.daemon.files.tip_history import history, keep
+    from armd.daemon.files.tip_history import keep, read_history
     from armd.daemon.measure.tip_calibration import calibrate_tip, measure_moved_mm
 
     folder = Path(words[0])
@@ -214,7 +218,7 @@ def _calibrate(args: argparse.Namespace, words: list[str]) -> int:
     entry = calibration.as_json()
     earlier = [
         past
-        for past in history(calibration.serial, calibration.name)
+        for past in read_history(calibration.serial, calibration.name)
         if past["session"] != entry["session"]
     ]
     moved, uncertainty, since = measure_moved_mm(calibration, earlier[-1] if earlier else None)
@@ -223,10 +227,10 @@ def _calibrate(args: argparse.Namespace, words: list[str]) -> int:
     if args.json:
         write_whole(args.json, json.dumps({"schema": "armd.tip/1", **entry}, indent=1) + "\n")
     console, fit = Console(soft_wrap=True), calibration.fit
-    n_readings = counted(len(fit.residual_mm), "reading")
+    n_readings = format_count(len(fit.residual_mm), "reading")
     expanded = " ".join(f"{2 * value:.4f}" for value in fit.uncertainty_mm)
     offset = ", ".join(f"{value:.4f}" for value in fit.offset_mm)
-    console.print(printable(f"tip {calibration.name} of {calibration.serial}, {n_readings}"))
+    console.print(to_printable(f"tip {calibration.name} of {calibration.serial}, {n_readings}"))
     console.print(f"offset        [{offset}] mm, U (k = 2) {expanded} mm", markup=False)
     if fit.radius_mm is not None and fit.radius_uncertainty_mm is not None:
         text = f"{fit.radius_mm:.4f} mm, U (k = 2) {2 * fit.radius_uncertainty_mm:.4f} mm"
@@ -237,10 +241,10 @@ def _calibrate(args: argparse.Namespace, words: list[str]) -> int:
         text = f"the offset moved by {moved:.3f} mm, more than {args.limit_mm:g} mm: was the tip"
         console.print(f"WARNING       {text} changed, loosened or hit?")
     console.print(f"verdict       {calibration.verdict}")
-    console.print(printable(f"kept in       {history_path}"))
+    console.print(to_printable(f"kept in       {history_path}"))
     if calibration.name != OWN:
         console.print(
-            printable(f"for armd.toml [tips.{json.dumps(calibration.name)}]"), markup=False
+            to_printable(f"for armd.toml [tips.{json.dumps(calibration.name)}]"), markup=False
         )
         console.print(f"              offset_mm = [{offset}]", markup=False)
         if fit.radius_mm is not None:

@@ -9,9 +9,9 @@ from contextlib import suppress
 
 import armd
 from armd import Arm, Point, keys
-from armd.daemon.commands.screen import Screen, refreshes
-from armd.daemon.commands.terminal import hush
-from armd.terminal.arguments import add_arm, seconds
+from armd.daemon.commands.screen import Screen, generate_refreshes
+from armd.daemon.commands.terminal import drop_output
+from armd.terminal.arguments import add_arm, parse_seconds
 from armd.terminal.plain import make_moving_console
 
 REFRESH_S = 0.1
@@ -20,7 +20,9 @@ REFRESH_S = 0.1
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm(parser)
     parser.add_argument("--json", action="store_true", help="one line per point")
-    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument(
+        "--seconds", type=parse_seconds, metavar="S", help="stop by itself (at Ctrl-C)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -28,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             (_print_json if args.json else _show)(arm, args.seconds)
         except BrokenPipeError:  # `armd watch --json | head -1` has seen enough
-            hush()
+            drop_output()
     return 0
 
 
@@ -48,5 +50,5 @@ def _to_json(point: Point) -> dict[str, object]:
 
 def _show(arm: Arm, seconds: float | None) -> None:
     with Screen(arm, make_moving_console()) as screen, arm.stream(keys.POINT) as stream:
-        for elapsed_s in refreshes(seconds, REFRESH_S):
+        for elapsed_s in generate_refreshes(seconds, REFRESH_S):
             screen.show(arm.decode(stream.take()), elapsed_s)

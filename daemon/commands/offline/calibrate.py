@@ -18,8 +18,8 @@ from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.offline.arm_model import read_arm
 from armd.offline.calibrate import METHODS, ORDERS, calibrate
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 from armd.terminal.plain import make_plain_console
 
 
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     check_outputs(outputs, [args.arm, *args.session, args.about], args.force)
     about = read_about(args)
     arm = read_arm(args.arm)
-    console = aside(args)
+    console = make_aside(args)
     with console.status("identifying …") as status:
         calibration = calibrate(
             args.session,
@@ -107,7 +107,7 @@ def _print(result: Result, written: str) -> None:
         console.print(f"not identifiable: {line}")
     if len(fit.down_weighted):
         console.print(
-            f"{counted(len(fit.down_weighted), 'reading')} far off have less weight,"
+            f"{format_count(len(fit.down_weighted), 'reading')} far off have less weight,"
             f" {len(fit.outliers)} of them outliers"
             + (f": {fit.outlier_words()}" if len(fit.outliers) else "")
         )

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from armd import Flag
 from armd.arrays import Mask
 from armd.compensation.data.correction.correction import Corrector
-from armd.compensation.data.sessions.columns import APPROACH, angles, truths
+from armd.compensation.data.sessions.columns import APPROACH, read_angles, read_truths
 from armd.compensation.data.sessions.format import AngleUnit
 from armd.compensation.data.tables.readings import Readings, load_readings
 from armd.compensation.inverse.compensate import OK, CommandedAngles, compensate
@@ -24,16 +24,16 @@ from armd.compensation.model.state import States
 from armd.daemon.commands.offline.given import (
     add_arm,
     add_session_settings,
+    find_session_settings,
     load_given,
-    session_settings,
 )
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.outputs import OutputKind, add_force, check_outputs, has_columns
 from armd.files.writing import write_whole
-from armd.printable import printable
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.printable import to_printable
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 
 COMMANDED = OutputKind(
     "a table of commands", has_columns("q1_command", "change_mm", "residual_mm", "status")
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     check_outputs({"-o": (args.output, COMMANDED)}, inputs, args.force)
     model, model_under_test = load_given(args)
     arm, calibration = model.content, model_under_test.loaded if model_under_test else None
-    unit, started_unix_s = session_settings(table, args.angle_unit, args.started)
+    unit, started_unix_s = find_session_settings(table, args.angle_unit, args.started)
     corrector = Corrector(arm, calibration, unit, started_unix_s)
     readings = load_readings(table, corrector.columns, [])
     repeated = [name for name in _name_columns(arm) if readings.has(name)]
@@ -72,12 +72,12 @@ def run(args: argparse.Namespace) -> int:
         problem = f"{repeated[0]} already"
         raise BadInput(table, "the header", problem, "a table without columns of commands")
     lines = _split_lines(readings)
-    angles(readings, arm, unit)  # none may be missing
+    read_angles(readings, arm, unit)  # none may be missing
     batch = corrector.take(readings)
     corrector.ended(table)
     moving = _follows_rates(readings, batch.states)
-    with aside(args).status("compensating …"):
-        found_angles = compensate(arm, calibration, batch.states, truths(readings), moving)
+    with make_aside(args).status("compensating …"):
+        found_angles = compensate(arm, calibration, batch.states, read_truths(readings), moving)
     write_whole(args.output, _join_text(lines, found_angles, arm, unit))
     flags = corrector.correct(batch)[1]
     _print(args, found_angles, corrector.remarks, flags)
@@ -133,19 +133,19 @@ def _print(
     flags: npt.NDArray[np.uint32],
 ) -> None:
     for remark in remarks:
-        print(printable(f"armd: {remark}"), file=sys.stderr)
+        print(to_printable(f"armd: {remark}"), file=sys.stderr)
     for flag, words in (
         (Flag.TEMPERATURE_RANGE, "a temperature or time outside what was calibrated"),
         (Flag.TEMPERATURE_STALE, "no temperature of a sensor in use: the last one is held"),
     ):
         if n := int((flags & int(flag) != 0).sum()):
-            line = f"armd: {args.table}: {counted(n, 'row')} with {words}"
-            print(printable(line), file=sys.stderr)
+            line = f"armd: {args.table}: {format_count(n, 'row')} with {words}"
+            print(to_printable(line), file=sys.stderr)
     counts = Counter(commanded.status)
     fine = counts.pop(OK, 0)
     other_counts = "".join(f", {n} {status}" for status, n in sorted(counts.items()))
     largest = np.nanmax(np.where(commanded.is_ok, commanded.change_mm, np.nan), initial=0.0)
     print(
-        f"{args.output}: {counted(len(commanded.status), 'row')}: {fine} ok{other_counts};"
+        f"{args.output}: {format_count(len(commanded.status), 'row')}: {fine} ok{other_counts};"
         f" the tip would have been off by up to {largest:.4f} mm"
     )

@@ -14,14 +14,14 @@ from armd.compensation.data.tables.recorded import is_recorded
 from armd.daemon.commands.offline.given import (
     add_arm,
     add_session_settings,
+    find_session_settings,
     load_given,
-    session_settings,
 )
 from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
-from armd.printable import printable
-from armd.terminal.aside import aside, show_bar
-from armd.terminal.counted import counted
+from armd.printable import to_printable
+from armd.terminal.aside import make_aside, show_bar
+from armd.terminal.counted import format_count
 from armd.terminal.suggest import list_folder
 
 #: What more there is to remark is counted.
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     inputs = [readings, readings.parent / "session.toml", args.arm, args.calibration]
     check_outputs({"-o": (args.output, POINTS)}, inputs, args.force)
     arm, calibration = load_given(args)
-    unit, started_unix_s = session_settings(readings, args.angle_unit, args.started)
+    unit, started_unix_s = find_session_settings(readings, args.angle_unit, args.started)
     loaded = calibration.loaded if calibration else None
     corrector = Corrector(arm.content, loaded, unit, started_unix_s)
     header = read_header(readings)
@@ -55,14 +55,14 @@ def run(args: argparse.Namespace) -> int:
     if repeated and not (readings.suffix == ".parquet" and is_recorded(header)):
         names = ", ".join(repeated)
         twice = f"armd: {readings}: has {names} already; the last of each is new"
-        print(printable(twice), file=sys.stderr)
-    with show_bar(aside(args), "correcting") as report_progress:
+        print(to_printable(twice), file=sys.stderr)
+    with show_bar(make_aside(args), "correcting") as report_progress:
         n = correct_file(
             readings, args.output, corrector, lambda share: report_progress("correcting", share)
         )
     for remark in corrector.remarks[:MOST_REMARKS]:
-        print(printable(f"armd: {remark}"), file=sys.stderr)
+        print(to_printable(f"armd: {remark}"), file=sys.stderr)
     if (n_omitted := len(corrector.remarks) - MOST_REMARKS) > 0:
-        print(f"armd: {counted(n_omitted, 'more remark')} of the same kind", file=sys.stderr)
-    print(printable(f"{args.output}: {counted(n, 'point')}"))
+        print(f"armd: {format_count(n_omitted, 'more remark')} of the same kind", file=sys.stderr)
+    print(to_printable(f"{args.output}: {format_count(n, 'point')}"))
     return 0

@@ -19,8 +19,8 @@ from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.offline.design import DesignResult, check_readings, design
 from armd.offline.first_design import FirstDesignResult
-from armd.terminal.arguments import finite
-from armd.terminal.aside import aside, show_bar
+from armd.terminal.arguments import parse_finite
+from armd.terminal.aside import make_aside, show_bar
 from armd.terminal.plain import make_plain_console
 
 
@@ -47,13 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     first.add_argument(
         "--reach",
         nargs=2,
-        type=finite,
+        type=parse_finite,
         metavar=("MIN", "MAX"),
         help="distance of the tip from the base, mm",
     )
     first.add_argument(
         "--lowest",
-        type=finite,
+        type=parse_finite,
         metavar="MM",
         help="no part of the arm lower than this over the base (default: no limit)",
     )
@@ -100,7 +100,7 @@ def _choose(args: argparse.Namespace) -> DesignResult:
             raise BadInput("command line", f"--{option}", "it beside sessions", expected)
     arm, calibration = load_given(args)
     sessions: list[str] = args.session
-    with show_bar(aside(args), "reading") as report_progress:
+    with show_bar(make_aside(args), "reading") as report_progress:
         return design(
             arm, sessions, calibration=calibration, readings=args.readings, progress=report_progress
         )

@@ -19,7 +19,7 @@ from armd.daemon.commands.offline.given import add_arm, add_model_under_test, lo
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.offline.diagnose import diagnose
-from armd.terminal.aside import aside, show_bar
+from armd.terminal.aside import make_aside, show_bar
 from armd.terminal.plain import make_plain_console
 
 
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     about = read_about(args)
     arm, calibration = load_given(args)
     command = shlex.join(["armd", *sys.argv[1:]])
-    with show_bar(aside(args), "reading") as report_progress:
+    with show_bar(make_aside(args), "reading") as report_progress:
         diagnosis = diagnose(
             args.session,
             arm,

@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from armd.compensation.data.sessions.session import load_sessions
-from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.requirements import ABSURD_RMS_MM
 from armd.compensation.identify.admission.wrong_names import report_misnamed
@@ -19,8 +19,8 @@ from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.offline.evaluate import evaluate
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 from armd.terminal.plain import make_plain_console
 
 #: More readings are not held at once only to say what may be wrong with them.
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     inputs = [args.arm, args.calibration, *args.session]
     check_outputs({"--json": (args.json, RESULT)}, inputs, args.force)
     model, model_under_test = load_given(args)
-    with aside(args).status("reading …") as status:
+    with make_aside(args).status("reading …") as status:
         evaluation = evaluate(
             args.session, model, model_under_test, fit_tip=args.fit_tip, progress=status.update
         )
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         calibration = model_under_test.content if model_under_test else None
         console.print(_describe_why(args, model.content, calibration, result))
     if result["n_unused"]:
-        unused = counted(result["n_unused"], "reading")
+        unused = format_count(result["n_unused"], "reading")
         console.print(f"{unused} without a temperature that the calibration needs")
     return 0
 
@@ -82,7 +82,9 @@ def _describe_why(
     """What may be wrong where residuals are no arm's."""
     if result["n"] <= MOST_HELD:
         sessions = load_sessions(args.session, arm)
-        observations = gather(sessions, arm, calibration.artefact if calibration else None)
+        observations = collect_observations(
+            sessions, arm, calibration.artefact if calibration else None
+        )
         reasons = report_misnamed(
             sessions, observations, AssumedModel.from_calibration(arm, calibration)
         )

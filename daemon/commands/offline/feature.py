@@ -13,7 +13,7 @@ from rich.console import Console
 
 from armd.arrays import F64
 from armd.compensation.features.fit import SHAPES, Feature, fit
-from armd.compensation.features.relate import angle, distance
+from armd.compensation.features.relate import compute_angle, compute_distance
 from armd.compensation.features.shapes import Shape
 from armd.compensation.report.layout.written import add_pages
 from armd.daemon.bridges.export.source import MeasurementLine, from_path
@@ -21,8 +21,8 @@ from armd.daemon.commands.offline import repeatability
 from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.printable import printable
-from armd.terminal.arguments import positive
+from armd.printable import to_printable
+from armd.terminal.arguments import parse_positive
 
 RELATIONS = ("distance", "angle")
 REPEATABILITY = "repeatability"
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tip-radius-mm",
         metavar="R",
-        type=positive,
+        type=parse_positive,
         help="of a circle, sphere or cylinder: tell the radius of the surface touched, too",
     )
     parser.add_argument(
@@ -204,7 +204,9 @@ def _format_expanded(uncertainties: list[float] | None, digits: int, unit: str) 
 
 def _relate_features(kind: str, first: Feature, second: Feature) -> tuple[str, dict[str, Any]]:
     try:
-        relation = distance(first, second) if kind == "distance" else angle(first, second)
+        relation = (
+            compute_distance(first, second) if kind == "distance" else compute_angle(first, second)
+        )
     except ArithmeticError as error:
         raise BadInput(
             "the command line", f"armd feature {kind}", str(error), "two directions"
@@ -214,7 +216,7 @@ def _relate_features(kind: str, first: Feature, second: Feature) -> tuple[str, d
     figures[f"standard_uncertainty_{key}"] = relation.standard_uncertainty  # type: ignore[assignment]
     uncertain = relation.standard_uncertainty
     words = "not known" if uncertain is None else f"{2 * uncertain:.4f} {unit}"
-    return printable(f"{kind} {relation.value:.4f} {unit}, U (k = 2) {words}"), figures
+    return to_printable(f"{kind} {relation.value:.4f} {unit}, U (k = 2) {words}"), figures
 
 
 def _offset_surface(feature: Feature, tip_mm: float, inside: bool) -> tuple[str, dict[str, Any]]:

@@ -11,7 +11,7 @@ from armd.daemon.commands.offline.given import load_given
 from armd.errors import BadInput
 from armd.offline.calibration import resolve_calibration
 from armd.offline.first_design import FirstDesignResult, design_without_sessions
-from armd.terminal.aside import aside
+from armd.terminal.aside import make_aside
 from armd.terminal.plain import make_plain_console
 
 
@@ -19,7 +19,7 @@ def choose(args: argparse.Namespace) -> FirstDesignResult:
     bounds = Bounds(_read_reach(args.reach), args.lowest)
     arm, calibration = load_given(args)
     loaded = resolve_calibration(calibration, arm)
-    with aside(args).status("choosing poses …"):
+    with make_aside(args).status("choosing poses …"):
         return design_without_sessions(arm, loaded, args.readings, args.artefact, bounds)
 
 

@@ -35,7 +35,7 @@ def load_given(args: argparse.Namespace) -> tuple[ArmModel, Calibration | None]:
 
 
 def add_session_settings(parser: argparse.ArgumentParser, of_angles: str) -> None:
-    """Options of a table that may stand beside a session.toml: see `session_settings`."""
+    """Options of a table that may stand beside a session.toml: see `find_session_settings`."""
     parser.add_argument(
         "--started", metavar="ISO", help="instant of time_s = 0, with its offset from UTC"
     )
@@ -46,7 +46,7 @@ def add_session_settings(parser: argparse.ArgumentParser, of_angles: str) -> Non
     )
 
 
-def session_settings(
+def find_session_settings(
     readings: Path, unit: AngleUnit | None, started: str | None
 ) -> tuple[AngleUnit, float | None]:
     """What was said on the command line, else what session.toml beside the readings says."""

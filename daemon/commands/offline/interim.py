@@ -26,7 +26,7 @@ from armd.compensation.interim.report.judgement import Judgement
 from armd.compensation.interim.report.next_check import NextCheck, plan_next_check
 from armd.compensation.interim.report.result import as_json, describe_judgement
 from armd.compensation.interim.report.single import list_single_readings
-from armd.compensation.interim.report.watch_memory import recall, remember
+from armd.compensation.interim.report.watch_memory import read_memory, write_memory
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.compensation.report.layout.about import About, add_about, read_about
@@ -35,7 +35,7 @@ from armd.daemon.commands.offline import interim_points
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_changed, write_whole
-from armd.terminal.aside import aside, show_bar
+from armd.terminal.aside import make_aside, show_bar
 
 #: In a history's folder: the calibration with the growth of the links, where the one in
 #: use could not know it.
@@ -111,7 +111,7 @@ def _add(args: argparse.Namespace) -> int:
     keeping.check_new(folder, lines, dated)
     remarks = refuse_unfit(sessions, arm, calibration.content)
     causes = list_causes(arm, calibration.content)
-    console, new = aside(args), []
+    console, new = make_aside(args), []
     with show_bar(console, "evaluating the checks") as report_progress:
         for number, session in enumerate(sessions, 1):
             new.append(keeping.NewCheck(session, reduce(session, arm, calibration.content, causes)))
@@ -147,7 +147,7 @@ def _report_history(args: argparse.Namespace) -> int:
     folder = Path(args.history)
     if chain.is_of_points(folder):
         return interim_points.report(args, to_file, about)
-    with aside(args).status("judging the history …"):
+    with make_aside(args).status("judging the history …"):
         judgement, result, after = _judge_history(folder)
     if args.poses:
         write_whole(args.poses, _write_poses(after))
@@ -170,7 +170,7 @@ def _judge_history(
 ) -> tuple[Judgement, dict[str, Any], NextCheck]:
     """Judge a history, some of which was loaded *before*; its changes' calibrations and the result
     are written beside it."""
-    judgement = judge(history.load(folder, before), recall(folder))
+    judgement = judge(history.load(folder, before), read_memory(folder))
     judgement = replace(judgement, far_off=tuple(list_single_readings(folder, judgement)))
     files: list[tuple[str, str] | None] = []
     for finding in (finding for epoch in judgement.epochs for finding in epoch.reported_changes):
@@ -187,7 +187,7 @@ def _judge_history(
         with_growth = GROWTH, saved.sha256
     result = as_json(judgement, files, after.as_json(), with_growth)
     write_changed(folder / chain.REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    remember(folder, judgement)
+    write_memory(folder, judgement)
     return judgement, result, after
 
 

@@ -15,15 +15,15 @@ from armd.compensation.interim.checks import chain, keeping
 from armd.compensation.interim.points.figures import compute_figures
 from armd.compensation.interim.points.history import keep_tables, load_checks, read_tables
 from armd.compensation.interim.points.judge import PointEpoch, judge_points
-from armd.compensation.interim.points.result import describe_points, points_as_json
+from armd.compensation.interim.points.result import describe_points, format_points
 from armd.compensation.report.layout.about import About
 from armd.compensation.report.layout.written import write_pages
 from armd.daemon.files.session_folder import load_artefact
 from armd.errors import BadInput
 from armd.files.writing import write_changed, write_whole
 from armd.offline.corrector import parse_instant
-from armd.printable import printable
-from armd.terminal.aside import aside
+from armd.printable import to_printable
+from armd.terminal.aside import make_aside
 
 
 def add_arguments(add: argparse.ArgumentParser) -> None:
@@ -75,7 +75,7 @@ def add(args: argparse.Namespace) -> int:
         keeping.check_past(dated, now)
     for table in new:
         compute_figures(table.path, table.points, artefact, radius_mm)
-    with keeping.lock_history(folder), aside(args).status("judging the history …"):
+    with keeping.lock_history(folder), make_aside(args).status("judging the history …"):
         lines = chain.read_lines(folder, chain.PointsLine).lines
         if not args.future:
             keeping.check_clock(folder, lines, now)
@@ -94,7 +94,7 @@ def add(args: argparse.Namespace) -> int:
         epochs, result = _judge_history(folder)
     remarks = [] if args.quiet else [sentence for table in new for sentence in table.remarks]
     for remark in filter(None, [*remarks, keeping.report_early_dates(lines, dated)]):
-        aside(args).print(f"armd: {printable(remark)}", soft_wrap=True, markup=False)
+        make_aside(args).print(f"armd: {to_printable(remark)}", soft_wrap=True, markup=False)
     return _print_result(epochs, result, print_json=args.json)
 
 
@@ -107,7 +107,7 @@ def report(args: argparse.Namespace, to_file: str | None, about: About) -> int:
     if args.poses:
         raise BadInput("--poses", "the history", "one of points", "one of sessions, with joints")
     folder = Path(args.history)
-    with aside(args).status("judging the history …"):
+    with make_aside(args).status("judging the history …"):
         epochs, result = _judge_history(folder)
     write_pages(args, lambda: _render_page(folder, epochs, result, about))
     if to_file:
@@ -125,7 +125,7 @@ def _render_page(
 
 def _judge_history(folder: Path) -> tuple[list[PointEpoch], dict[str, Any]]:
     epochs = judge_points(load_checks(folder))
-    result = points_as_json(epochs)
+    result = format_points(epochs)
     write_changed(folder / chain.REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
     return epochs, result
 

@@ -12,11 +12,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 from armd.compensation.geometry.corrections import Correction, list_corrections
-from armd.compensation.geometry.geometry import Geometry, geometry_at
+from armd.compensation.geometry.geometry import Geometry, compute_geometry
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.daemon.bridges.ros2 import urdf
-from armd.daemon.bridges.ros2.node import legal
+from armd.daemon.bridges.ros2.node import make_legal_name
 from armd.daemon.catalogue.universal_robots import (
     FIRST_LINE,
     LINKS,
@@ -27,9 +27,9 @@ from armd.daemon.catalogue.urdf.like import correct_urdf
 from armd.errors import BadInput
 from armd.files.outputs import ARM, RESULT, OutputKind, add_force, check_outputs, has_columns
 from armd.files.writing import write_whole
-from armd.printable import printable
-from armd.terminal.counted import counted
-from armd.terminal.suggest import few
+from armd.printable import to_printable
+from armd.terminal.counted import format_count
+from armd.terminal.suggest import format_names
 
 COLUMNS = list(Correction.__dataclass_fields__)
 #: A URDF is somebody's work: it is never written over unasked.
@@ -85,8 +85,8 @@ def run(args: argparse.Namespace) -> int:
     loaded = load_calibration(args.calibration, arm) if args.calibration else None
     if suffix == ".yaml" and arm.n_joints != len(LINKS):
         expected = "six, as Universal Robots' arms have"
-        raise BadInput(args.arm, "joint", counted(arm.n_joints, "joint"), expected)
-    geometry = geometry_at(arm, loaded.content if loaded else None, args.at_c)
+        raise BadInput(args.arm, "joint", format_count(arm.n_joints, "joint"), expected)
+    geometry = compute_geometry(arm, loaded.content if loaded else None, args.at_c)
     content, remarks = WRITERS[suffix](args, arm, loaded, geometry)
     write_whole(args.output, content)
     _print(args, loaded, geometry, remarks)
@@ -97,7 +97,7 @@ def _write_urdf(
     args: argparse.Namespace, arm: Arm, loaded: LoadedCalibration | None, geometry: Geometry
 ) -> tuple[bytes | str, list[str]]:
     if args.like is None:
-        prefix = legal(arm.serial_number)
+        prefix = make_legal_name(arm.serial_number)
         text = urdf.write_geometry(arm, geometry.parameters, prefix, f"{prefix}_base")
         return text, [f"a new URDF from {prefix}_base to {prefix}_ball"]
     edited = correct_urdf(args.like, arm, geometry.parameters, args.base_link, args.tip_link)
@@ -106,7 +106,7 @@ def _write_urdf(
             f"{args.like}: its tip is up to {edited.nominal_mm:.3g} mm from where {args.arm} has it"
             " without a calibration; is it the URDF that was imported?"
         )
-        print(f"armd: {printable(drawn)}", file=sys.stderr)
+        print(f"armd: {to_printable(drawn)}", file=sys.stderr)
     begin, end = edited.ends
     return edited.content, [
         f"the joints from {begin} to {end} of {args.like}; the tip moves by up to "
@@ -196,13 +196,14 @@ def _print(
         sentence for sentence in remarks if sentence.startswith("without") or not args.quiet
     ]
     for sentence in shown_remarks:
-        print(f"armd: {printable(sentence)}")
+        print(f"armd: {to_printable(sentence)}")
     if geometry.terms:
         left_out = geometry.left_out
         print(
-            f"armd: without {counted(len(geometry.terms), 'term')} of the calibration"
-            f" ({printable(few(_effects(geometry)))}); the geometry is the best without them, and"
-            f" its tip differs by {left_out.rms_mm:.6f} mm RMS, {left_out.max_mm:.6f} mm at most"
+            f"armd: without {format_count(len(geometry.terms), 'term')} of the calibration"
+            f" ({to_printable(format_names(_effects(geometry)))}); the geometry is the best without"
+            f" them, and its tip differs by {left_out.rms_mm:.6f} mm RMS,"
+            f" {left_out.max_mm:.6f} mm at most"
         )
     if geometry.by_temperature is not None and geometry.range_c is not None:
         low, high = geometry.range_c

@@ -16,24 +16,24 @@ from armd import Flag
 from armd.arrays import F64
 from armd.compensation.data.sessions.columns import LEAST_C, MOST_C
 from armd.compensation.interim.recorrection.quality_page import Impact, render_quality_page
-from armd.compensation.interim.recorrection.recorrect import Recorrected, recorrect
+from armd.compensation.interim.recorrection.recorrect import Recorrected, correct_again
 from armd.compensation.model.arm import Arm, Vector3, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.compensation.model.state import States
 from armd.compensation.report.layout.written import add_pages, list_page_outputs, write_pages
 from armd.daemon.bridges.export import source
 from armd.daemon.bridges.export.source import MeasurementLine, Measurements
-from armd.daemon.bridges.export.tables import uncertainty_mm
-from armd.daemon.commands.live.export import instant_ns
+from armd.daemon.bridges.export.tables import compute_uncertainty_mm
+from armd.daemon.commands.live.export import parse_instant_ns
 from armd.daemon.commands.offline.given import add_arm
 from armd.daemon.config import load_config
-from armd.daemon.files.measurement_log import log_files
-from armd.daemon.live.arm_in_use import with_offset
+from armd.daemon.files.measurement_log import list_log_files
+from armd.daemon.live.arm_in_use import replace_offset
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 
 COLUMNS = (
     "seq", "stamp_ns", "x_old_mm", "y_old_mm", "z_old_mm", "x_new_mm", "y_new_mm", "z_new_mm",
@@ -88,10 +88,10 @@ def run(args: argparse.Namespace) -> int:
         [*args.measurements, args.arm, args.calibration, args.config],
         args.force,
     )
-    since_ns = instant_ns(args.since) if args.since else None
+    since_ns = parse_instant_ns(args.since) if args.since else None
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm)
-    with aside(args).status("reading the measurements …"):
+    with make_aside(args).status("reading the measurements …"):
         collections = [source.from_path(path) for path in args.measurements]
     nameless = sum(
         _count_nameless(path, collection, arm, args.arm)
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     without = [m for m in chosen if m.angles_rad is None]
     chosen = [m for m in chosen if m.angles_rad is not None]
     location = ", ".join(map(str, args.measurements))
-    with aside(args).status(f"correcting {counted(len(chosen), 'measurement')} again …"):
+    with make_aside(args).status(f"correcting {format_count(len(chosen), 'measurement')} again …"):
         new = _recorrect_measurements(chosen, arm, calibration, _load_tips(args.config), location)
     old = np.array([m.position_mm or (np.nan,) * 3 for m in chosen]).reshape(-1, 3)
     distance = np.linalg.norm(new.position_mm - old, axis=1)
@@ -117,10 +117,12 @@ def run(args: argparse.Namespace) -> int:
     )
     left_out = [sentence for collection in collections for sentence in collection.left_out]
     if without:
-        none = counted(len(without), "measurement")
+        none = format_count(len(without), "measurement")
         left_out.insert(0, f"{none} without angles left out (pressed while invalid)")
     if nameless:
-        remark = f"{counted(nameless, 'measurement')} without the serial number of an arm (of an"
+        remark = (
+            f"{format_count(nameless, 'measurement')} without the serial number of an arm (of an"
+        )
         left_out.append(f"{remark} older armd) taken for {arm.serial_number}'s")
     write_whole(args.output, _write_table(chosen, old, new, change, calibration))
     celsius = [c for m in chosen for c in m.temperatures_c.values() if c is not None]
@@ -151,7 +153,7 @@ def _hash_inputs(args: argparse.Namespace) -> dict[str, str]:
         *args.measurements,
         *map(Path, filter(None, (args.arm, args.calibration, args.config))),
     ]
-    files = [file for path in paths for file in (log_files(path) if path.is_dir() else [path])]
+    files = [file for path in paths for file in (list_log_files(path) if path.is_dir() else [path])]
     hashes = {}
     for file in files:
         with file.open("rb") as data:
@@ -188,12 +190,12 @@ def _recorrect_measurements(
     for offset in dict.fromkeys(offsets):
         with_tip: tuple[Arm, LoadedCalibration | None] = (arm, calibration)
         if offset is not None:
-            with_tip = with_offset(arm, calibration, offset)
+            with_tip = replace_offset(arm, calibration, offset)
         its_arm, its_calibration = with_tip
         assert its_calibration is not None
         rows = np.array([row_offset == offset for row_offset in offsets])
         # All rows, for lags; then those of this tip.
-        recorrected = recorrect(its_arm, its_calibration, states)
+        recorrected = correct_again(its_arm, its_calibration, states)
         position[rows], uncertainty[rows] = (
             recorrected.position_mm[rows],
             recorrected.uncertainty_mm[rows],
@@ -260,7 +262,7 @@ def _write_table(
     for i, m in enumerate(chosen):
         numbers = [
             *old[i], *new.position_mm[i], *(new.position_mm[i] - old[i]), change.distance_mm[i],
-            change.at_most_mm[i], *uncertainty_mm(m), *new.uncertainty_mm[i],
+            change.at_most_mm[i], *compute_uncertainty_mm(m), *new.uncertainty_mm[i],
         ]  # fmt: skip
         writer.writerow(
             [

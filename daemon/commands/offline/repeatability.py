@@ -27,7 +27,7 @@ from armd.errors import BadInput
 from armd.files.outputs import RESULT, check_outputs
 from armd.files.writing import write_whole
 from armd.terminal.plain import make_plain_console
-from armd.terminal.suggest import few
+from armd.terminal.suggest import format_names
 
 
 class Visits(NamedTuple):
@@ -118,7 +118,7 @@ def _require_one(path: Path, places: Sequence[tuple[str, str]]) -> None:
     """Raise `BadInput` unless all visits are of one target in one placement."""
     different = list(dict.fromkeys(places))
     if len(different) > 1:
-        problem = few([f"{target} in {placement}" for placement, target in different])
+        problem = format_names([f"{target} in {placement}" for placement, target in different])
         raise BadInput(path, "target", problem, "one seat in one placement, visited many times")
 
 

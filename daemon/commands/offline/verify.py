@@ -22,9 +22,9 @@ from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.offline.verify import require_judged, resolve_limits, verify
-from armd.printable import printable
-from armd.terminal.arguments import positive
-from armd.terminal.aside import aside
+from armd.printable import to_printable
+from armd.terminal.arguments import parse_positive
+from armd.terminal.aside import make_aside
 from armd.terminal.plain import make_plain_console
 
 
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--artefact", type=Path, metavar="FILE.toml", help="its certified lengths ([artefact])"
     )
     points.add_argument(
-        "--tip-radius-mm", type=positive, metavar="R",
+        "--tip-radius-mm", type=parse_positive, metavar="R",
         help="of the ball, where the points are its centre's on a sphere (0: on the surface)",
     )  # fmt: skip
     parser.add_argument("--json", metavar="RESULT.json", help="all figures and the verdict")
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     if args.arm is None:
         raise BadInput("the command line", "--arm", "nothing", "the arm.toml measured with")
     arm, calibration = load_given(args)
-    with aside(args).status("evaluating …"):
+    with make_aside(args).status("evaluating …"):
         result = verify(args.session, arm, calibration, args.mpe, decision=args.decision)
     return _finish(args, result.details, limits, lambda: result.page(about))
 
@@ -86,7 +86,7 @@ def _verify_points(args: argparse.Namespace, limits: PermissibleErrors | None, a
     path = Path(args.session)
     verification = verify_points(path, artefact, radius_mm, test, judged=limits is not None)
     for sentence in () if args.quiet else verification.messages:
-        print(f"armd: {printable(sentence)}")
+        print(f"armd: {to_printable(sentence)}")
     verdict = judge(verification.verification, limits)
     require_judged(verdict, args.session)
     return _finish(args, verdict, limits, lambda: _render_page(args, verdict, verification, about))

@@ -13,7 +13,7 @@ from armd.drivers.config import ServoConfig
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.servos.memory import Memory
 from armd.errors import BadInput
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,5 +30,5 @@ def run(args: argparse.Namespace) -> int:
     changes = memory.accept()
     for servo, phrases in changes.items():
         print(f"armd: servo {servo}: {'; '.join(phrases)}")
-    print(f"armd: {memory.path}: {counted(len(changes), 'servo')} changed, accepted as found")
+    print(f"armd: {memory.path}: {format_count(len(changes), 'servo')} changed, accepted as found")
     return 0

@@ -57,7 +57,7 @@ def load_truth(path: Path) -> npt.NDArray[np.void]:
     return np.frombuffer(data, TRUTH, len(data) // TRUTH.itemsize)
 
 
-def numbered_like(
+def match_numbers(
     points: npt.NDArray[np.void], truth: npt.NDArray[np.void]
 ) -> npt.NDArray[np.void]:
     """The truth (n,) at each of *points* (n,), numbered as they are.
@@ -75,7 +75,7 @@ def numbered_like(
     return matches
 
 
-def at_their_instants(
+def match_instants(
     points: npt.NDArray[np.void], truth: npt.NDArray[np.void]
 ) -> npt.NDArray[np.void]:
     """The truth at each of *points* that lies within it, numbered as they are.

@@ -16,16 +16,16 @@ from rich.console import Console
 import armd
 from armd import POINT, Arm, Lost, keys
 from armd.arrays import F64
-from armd.daemon.commands.screen import Screen, refreshes
+from armd.daemon.commands.screen import Screen, generate_refreshes
 from armd.daemon.commands.service.comparison import (
     PointErrors,
-    at_their_instants,
     compare,
     load_truth,
-    numbered_like,
+    match_instants,
+    match_numbers,
 )
-from armd.daemon.commands.service.stage import CAN, SERIAL, Stage, servo_wire
-from armd.terminal.arguments import parse_integer, seconds, seed
+from armd.daemon.commands.service.stage import CAN, SERIAL, Stage, make_servo_wire
+from armd.terminal.arguments import parse_integer, parse_seconds, parse_seed
 from armd.terminal.plain import make_moving_console
 
 WARM_UP_K = 10.0
@@ -38,7 +38,9 @@ JOINTS, SERVO_JOINTS = 6, 5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument(
+        "--seconds", type=parse_seconds, metavar="S", help="stop by itself (at Ctrl-C)"
+    )
     wire = parser.add_mutually_exclusive_group()
     wire.add_argument("--can", action="store_true", help="as CANopen nodes instead of a pty")
     wire.add_argument(
@@ -52,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="of the arm: 3 to 9 (6; --servo: 5); others are not calibrated first",
     )
-    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="which arm (1)")
+    parser.add_argument("--seed", type=parse_seed, default=1, metavar="N", help="which arm (1)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     console = make_moving_console()
     meter = Meter()
     if args.servo:
-        wire = servo_wire(args.servo, args.joints or SERVO_JOINTS)
+        wire = make_servo_wire(args.servo, args.joints or SERVO_JOINTS)
     else:
         wire = CAN if args.can else SERIAL
     calibrated = not args.servo and args.joints in (None, JOINTS)
@@ -89,11 +91,11 @@ def run(args: argparse.Namespace) -> int:
         stage.stop()  # servos write down the truth at their end
         truth = load_truth(stage.truth)
         if wire is CAN:
-            truth = numbered_like(meter.sampled_points, truth)
+            truth = match_numbers(meter.sampled_points, truth)
         elif args.servo:
-            truth = at_their_instants(meter.sampled_points, truth)
+            truth = match_instants(meter.sampled_points, truth)
         errors = compare(meter.sampled_points, truth)
-    console.print(summary(meter, arm.lost, errors, calibrated), highlight=False)
+    console.print(format_summary(meter, arm.lost, errors, calibrated), highlight=False)
     return 1 if arm.lost.total else 0
 
 
@@ -151,12 +153,12 @@ def _watch(arm: Arm, meter: Meter, console: Console, seconds: float | None) -> N
         arm.calling(keys.POINT, meter.take),
         suppress(KeyboardInterrupt),
     ):
-        for elapsed_s in refreshes(seconds, REFRESH_S):
+        for elapsed_s in generate_refreshes(seconds, REFRESH_S):
             screen.show(meter.collect(arm), elapsed_s)
     meter.collect(arm)
 
 
-def summary(meter: Meter, lost: Lost, errors: PointErrors, calibrated: bool) -> str:
+def format_summary(meter: Meter, lost: Lost, errors: PointErrors, calibrated: bool) -> str:
     """What `armd demo` prints at its end."""
     p50, p99 = np.percentile(meter.latency_ms, [50, 99])
     stream = (

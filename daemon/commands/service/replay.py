@@ -33,9 +33,9 @@ from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
 from armd.files.schema import validate
 from armd.files.writing import replace_file
-from armd.printable import printable
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.printable import to_printable
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 
 Points = npt.NDArray[np.void]
 SETTLING_NS = 1_500_000_000
@@ -70,11 +70,11 @@ def run(args: argparse.Namespace) -> int:
         config = _make_config(recording, args, Path(folder))
         if not args.check and args.output is None:
             return serve(config)
-        with aside(args).status("playing the recording …"):
+        with make_aside(args).status("playing the recording …"):
             points = np.concatenate([np.zeros(0, armd.POINT), *_iterate_points(config)])
         if args.output is not None:
             _write(args.output, points)
-            print(f"armd: {args.output}: {counted(len(points), 'point')}")
+            print(f"armd: {args.output}: {format_count(len(points), 'point')}")
         return _compare(recording, points) if args.check else 0
 
 
@@ -114,7 +114,7 @@ def _iterate_points(config: Config) -> Iterator[Points]:
                     case Event(kind="replay_ended"):
                         return
                     case Event(kind="recording_cut"):
-                        print(printable(f"armd: {item.text}"), file=sys.stderr)
+                        print(to_printable(f"armd: {item.text}"), file=sys.stderr)
                     case Event():
                         pass
                     case samples:
@@ -142,13 +142,13 @@ def _compare(recording: Recording, points: Points) -> int:
             same = replayed[seq] == message.data
             identical += same
             different += not same
-    print(f"armd: {counted(identical, 'point')} bit-identical, {different} different")
+    print(f"armd: {format_count(identical, 'point')} bit-identical, {different} different")
     for count, why in (
         (early, f"the first {SETTLING_NS / 1e9:g} s of a recording that began in mid-stream"),
         (absent, "their frames are not in the recording"),
     ):
         if count:
-            print(f"armd: {counted(count, 'recorded point')} not compared: {why}")
+            print(f"armd: {format_count(count, 'recorded point')} not compared: {why}")
     return 1 if different or not identical else 0
 
 

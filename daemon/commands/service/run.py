@@ -11,13 +11,13 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from armd.compiled.rehearsal import rehearse
+from armd.compiled.rehearsal import run_rehearsal
 from armd.daemon.config import Config, load_config
-from armd.daemon.host.journal import keep_standard_streams_open, say
-from armd.daemon.host.priority import go_first
+from armd.daemon.host.journal import keep_standard_streams_open, print_line
+from armd.daemon.host.priority import raise_priority
 from armd.daemon.host.root import refuse_root_service
 from armd.daemon.live.arm_in_use import ArmInUse
-from armd.daemon.network.session import zenoh_session
+from armd.daemon.network.session import open_zenoh_session
 from armd.daemon.service import Service
 from armd.drivers.table import open_driver
 from armd.errors import BadInput
@@ -42,19 +42,19 @@ def serve(config: Config) -> int:
     # From here on a signal is heard, and done when there is something to do it.
     signals = SignalRequests()
     arm = ArmInUse(config)
-    rehearse(config, arm)  # compiles everything the stream needs, before ready is said
+    run_rehearsal(config, arm)  # compiles everything the stream needs, before ready is said
     driver = open_driver(config.driver, config.expectation)
     with ExitStack() as stack:
-        session = stack.enter_context(zenoh_session(config))
+        session = stack.enter_context(open_zenoh_session(config))
         stack.enter_context(closing(driver))
         service = stack.enter_context(closing(Service(config, driver, session, arm)))
         if config.file.metrics is not None:
             stack.enter_context(closing(_serve_metrics(config, service)))
         signals.start_serving(service)
         gc.freeze()  # what start-up made stays; the collector need not look at it again
-        say(_ready(config, arm))
+        print_line(_ready(config, arm))
         if config.driver.kind != "replay":  # which may run as fast as it can
-            go_first()
+            raise_priority()
         # From here on the journal speaks, which waits for nobody who reads it.
         logging.getLogger("armd").setLevel(logging.WARNING)
         service.run()

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 
-def become(arguments: Sequence[str]) -> NoReturn:
+def replace_process(arguments: Sequence[str]) -> NoReturn:
     """Replace this process by `python -m armd.simulator ARGUMENTS`."""
     sys.stdout.flush()
     _hand_over_interrupts()

@@ -54,7 +54,7 @@ class DemoWire:
     rate_hz: int
 
 
-def servo_wire(family: str, joints: int) -> DemoWire:
+def make_servo_wire(family: str, joints: int) -> DemoWire:
     """A printed arm on a servo bus, with its gripper's servo for a button."""
     driver = (
         f'kind = "{family}"\nport = "{{place}}"\nids = {list(range(1, joints + 1))}\n'

@@ -20,18 +20,18 @@ from armd.daemon.catalogue.known_arms import (
     load_known_arm,
     read_arm_text,
     read_title,
-    with_serial_number,
+    set_serial_number,
     write_daemon_text,
 )
 from armd.daemon.catalogue.servos.lerobot import take_over
 from armd.drivers.microscribe.factory import read_factory
 from armd.drivers.microscribe.wire import BAUDS
-from armd.drivers.ports import serial_ports
+from armd.drivers.ports import list_serial_ports
 from armd.errors import BadInput
 from armd.files.outputs import ARM, add_force, check_same
 from armd.files.schema import validate
 from armd.files.writing import check_place, write_whole
-from armd.printable import printable
+from armd.printable import to_printable
 
 MICROSCRIBE = "MicroScribe 3D, 3DX, 3DL, G or G2: the factory's geometry, read from the arm"
 
@@ -86,13 +86,13 @@ def run(args: argparse.Namespace) -> int:
         takeover = take_over(args.file, args.arm, args.prefix, args.short_sweep)
         text, bus = takeover.text, takeover.bus
         for sentence in () if args.quiet else takeover.remarks:
-            print(f"armd: {printable(sentence)}", file=sys.stderr)
+            print(f"armd: {to_printable(sentence)}", file=sys.stderr)
     elif args.name == "microscribe":
         return _set_up_microscribe(args)
     else:
         text, bus = read_arm_text(args.name), KNOWN[find_spelling(args.name)]
     if args.serial_number is not None:
-        text = with_serial_number(text, args.serial_number)
+        text = set_serial_number(text, args.serial_number)
         validate("--serial-number", tomllib.loads(text), Arm)
     if args.output is None:
         sys.stdout.write(text)
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     write_whole(args.output, text)
     print(f"{args.output}: {read_title(text)}")
     if not args.quiet:
-        print(printable(f"armd: {describe_geometry(text)}"), file=sys.stderr)
+        print(to_printable(f"armd: {describe_geometry(text)}"), file=sys.stderr)
     if bus is not None:
         _write_daemon_file(args.output, bus, args.port)
     return 0
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
 def _set_up_microscribe(args: argparse.Namespace) -> int:
     if args.serial_number is not None:
         raise BadInput("armd arm", "--serial-number", args.serial_number, "nothing: it has its own")
-    ports = [args.port] if args.port else [str(port) for port in serial_ports()]
+    ports = [args.port] if args.port else [str(port) for port in list_serial_ports()]
     if len(ports) != 1:
         raise BadInput("armd arm", "--port", f"{len(ports)} serial ports", "the MicroScribe's")
     if args.output is not None:
@@ -145,7 +145,7 @@ def _write_daemon_file(output: Path, bus: Bus, port: str | None) -> None:
             sep="\n  ",
         )
         return
-    ports = serial_ports() if port is None else [Path(port)]
+    ports = list_serial_ports() if port is None else [Path(port)]
     if len(ports) != 1:
         reason = "no serial port is plugged in" if not ports else f"{len(ports)} ports are there"
         print(f"{path}: not written, {reason}; with --port PORT it is. Its [driver]:", end="\n  ")

@@ -14,11 +14,11 @@ from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.schema import decode_toml, json_data, load_toml
-from armd.printable import printable
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
-from armd.terminal.suggest import did_you_mean, suggest_path
+from armd.files.schema import decode_toml, load_json_data, load_toml
+from armd.printable import to_printable
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
+from armd.terminal.suggest import suggest, suggest_path
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,14 +38,14 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput(path, "the file", "nothing", f"an existing file{suggest_path(path)}")
     arms = _find_arms(args.file)
     wrong = False
-    session_faults, doubts = _compare_sessions(args.file, arms, aside(args))
+    session_faults, doubts = _compare_sessions(args.file, arms, make_aside(args))
     for path in args.file:
         faults, remark = _check_file(path, arms)
         faults = [*faults, *session_faults.get(_get_folder(path), [])]
         for fault in faults:
-            print(f"armd: {printable(fault)}", file=sys.stderr)
+            print(f"armd: {to_printable(fault)}", file=sys.stderr)
         if not faults:
-            print(printable(f"{path}: ok{remark}"))
+            print(to_printable(f"{path}: ok{remark}"))
         wrong = wrong or bool(faults)
     for doubt in doubts:
         print(doubt)
@@ -65,8 +65,8 @@ def _compare_sessions(
         return {}, []
     from armd.compensation.data.sessions.format import SessionFile
     from armd.compensation.data.sessions.session import Session, load_session, report_turns
-    from armd.compensation.estimate.observations import gather
-    from armd.compensation.identify.admission.remark import remark
+    from armd.compensation.estimate.observations import collect_observations
+    from armd.compensation.identify.admission.remark import write_remark
 
     of_arm: dict[str, list[Session]] = {}
     for path in dict.fromkeys(folders):
@@ -83,7 +83,7 @@ def _compare_sessions(
         doubts += [remark for session in read for remark in session.remarks]
         with console.status("holding the sessions against each other …"):
             try:
-                doubts.append(remark(sessions, gather(sessions, arms[serial])))
+                doubts.append(write_remark(sessions, collect_observations(sessions, arms[serial])))
             except BadInput as fault:
                 for session_fault in (fault, *fault.more):
                     faults.setdefault(_get_folder(Path(session_fault.file)), []).append(
@@ -127,7 +127,7 @@ def _choose_checker(path: Path) -> Checker:
 def _read_schema(path: Path) -> str:
     """What a TOML or JSON file says it is; empty if it does not say."""
     content = read_input(path)
-    data = json_data(path, content) if path.suffix == ".json" else decode_toml(path, content)
+    data = load_json_data(path, content) if path.suffix == ".json" else decode_toml(path, content)
     if not isinstance(data, dict):
         return ""
     if "schema" not in data and "arm" not in data:  # two kinds of file need not say it
@@ -159,7 +159,7 @@ def _check_arm(path: Path, _: Arms) -> str:
 def _check_calibration(path: Path, arms: Arms) -> str:
     serial = load_calibration(path).content.arm
     if serial not in arms:
-        suggestion = did_you_mean(serial, arms)
+        suggestion = suggest(serial, arms)
         return f" (on its own: the arm.toml of {serial!r} is not among the files{suggestion})"
     load_calibration(path, arms[serial])
     return ""
@@ -188,7 +188,7 @@ def _check_session(path: Path, arms: Arms) -> str:
     check_is_session(folder)
     serial = load_toml(folder / "session.toml", SessionFile).arm
     if serial not in arms:
-        suggestion = did_you_mean(serial, arms)
+        suggestion = suggest(serial, arms)
         return (
             f" (session.toml; the readings want the arm.toml of {serial!r} among the files"
             f"{suggestion})"
@@ -202,9 +202,9 @@ def _check_artefact(path: Path, _: Arms) -> str:
 
     artefact = load_toml(path, ArtefactFile).artefact
     unknown = sum(target.position_mm is None for target in artefact.targets)
-    lengths = counted(len(artefact.distances), "certified length")
-    surfaces = f", {counted(len(artefact.surfaces), 'surface')}" if artefact.surfaces else ""
-    targets = f"{counted(len(artefact.targets), 'target')}, {unknown} without position"
+    lengths = format_count(len(artefact.distances), "certified length")
+    surfaces = f", {format_count(len(artefact.surfaces), 'surface')}" if artefact.surfaces else ""
+    targets = f"{format_count(len(artefact.targets), 'target')}, {unknown} without position"
     return f" ({targets}{surfaces}; {lengths})"
 
 

@@ -14,17 +14,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    print(script(args.shell))
+    print(make_script(args.shell))
     return 0
 
 
-def script(shell: str) -> str:
+def make_script(shell: str) -> str:
     """Made of the commands' own parsers; every value without a list of its own is a file."""
     import shtab  # only here
 
-    from armd.daemon.cli import installed, parsers
+    from armd.daemon.cli import find_installed, make_parsers
 
-    parser, commands = parsers(installed())
+    parser, commands = make_parsers(find_installed())
     for command in commands.values():
         _complete_files(command, shtab.FILE)
     return str(shtab.complete(parser, shell))

@@ -10,13 +10,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from armd.daemon.config import load_config
-from armd.daemon.doctor.examine import examine_port
+from armd.daemon.doctor.examine import diagnose_port
 from armd.daemon.doctor.expected import compare
 from armd.daemon.doctor.finding import Patient
-from armd.daemon.doctor.machine import ThisMachine, can_buses
+from armd.daemon.doctor.machine import ThisMachine, list_can_buses
 from armd.drivers.config import ServoConfig
 from armd.drivers.poll.protocol.families import FAMILIES
-from armd.drivers.ports import serial_ports
+from armd.drivers.ports import list_serial_ports
 from armd.errors import BadInput
 from armd.terminal.plain import make_moving_console
 
@@ -39,15 +39,15 @@ def run(args: argparse.Namespace) -> int:
     machine = ThisMachine()
     driver = _read_servos(args.config) if args.config else None
     port = args.port if driver is None else driver.port
-    ports = [port] if port else [str(port) for port in serial_ports()]
+    ports = [port] if port else [str(port) for port in list_serial_ports()]
     patients = []
     for port in ports:
         with make_moving_console(stderr=True).status(f"asking on {port} …"):
-            patients.append(examine_port(port, machine))
+            patients.append(diagnose_port(port, machine))
     if driver is not None:
         compare(patients[0], args.config, driver)
     elif not args.port:
-        patients += can_buses()
+        patients += list_can_buses()
     if not patients:
         nothing = Patient("this machine")
         text = "no serial adapter and no CAN interface is plugged in"

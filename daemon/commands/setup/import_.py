@@ -25,7 +25,7 @@ from armd.compensation.data.sessions.session import load_session
 from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.model.arm import Arm, load_arm
 from armd.daemon.catalogue.urdf.xml_tree import ROBOTS
-from armd.errors import BadInput, cut
+from armd.errors import BadInput, shorten_text
 from armd.files.outputs import (
     ARM,
     SESSION,
@@ -36,10 +36,10 @@ from armd.files.outputs import (
     check_same,
 )
 from armd.files.writing import write_whole
-from armd.printable import printable
-from armd.terminal.arguments import positive
-from armd.terminal.aside import aside
-from armd.terminal.counted import counted
+from armd.printable import to_printable
+from armd.terminal.arguments import parse_positive
+from armd.terminal.aside import make_aside
+from armd.terminal.counted import format_count
 
 #: What robots' own programs record: how it is known, and what reads it.
 RECORDED = ((is_dataset, read_dataset), (is_bag, read_bag), (is_episode, read_episode))
@@ -95,7 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="how both tables go together (by time where both have times, else by row)",
     )  # fmt: skip
     table.add_argument(
-        "--within", type=positive, metavar="SECONDS",
+        "--within", type=parse_positive, metavar="SECONDS",
         help=f"most that a point and its joints are apart in time ({WITHIN_S:g})",
     )  # fmt: skip
     table.add_argument("--operator", metavar="NAME", help="who measured; reports name him or her")
@@ -144,7 +144,7 @@ def run(args: argparse.Namespace) -> int:
             raise BadInput("the command line", f"--{option}", "no --points", "both tables")
     arm = load_arm(args.arm)
     artefact = None if args.artefact is None else _load_artefact(args)
-    with aside(args).status("reading the table …"):
+    with make_aside(args).status("reading the table …"):
         table = _read(args)
         if args.points is not None:
             points = read_table(args.points)
@@ -165,18 +165,18 @@ def run(args: argparse.Namespace) -> int:
     n = len(table.rows)
     content = _make_content(args, arm, import_columns, artefact, remarks)
     reflector = [REFLECTOR] if REFLECTOR in import_columns.texts else []
-    names = ["time_s", "placement", "target", *reflector, *arm_columns(import_columns.numbers)]
+    names = ["time_s", "placement", "target", *reflector, *list_arm_columns(import_columns.numbers)]
     columns = {name: (import_columns.numbers | import_columns.texts)[name] for name in names}
-    with aside(args).status("writing the session …"):
+    with make_aside(args).status("writing the session …"):
         _write(args, arm, content, columns)
     for sentence in () if args.quiet else remarks:
-        print(f"armd: {cut(printable(sentence))}")
-    targets = counted(len(set(import_columns.texts["target"])), "target")
-    print(f"armd: {args.output}: {counted(n, 'reading')}, {targets}")
+        print(f"armd: {shorten_text(to_printable(sentence))}")
+    targets = format_count(len(set(import_columns.texts["target"])), "target")
+    print(f"armd: {args.output}: {format_count(n, 'reading')}, {targets}")
     return 0
 
 
-def arm_columns(numbers: dict[str, list[float]]) -> list[str]:
+def list_arm_columns(numbers: dict[str, list[float]]) -> list[str]:
     """What is not the time, the angles first."""
     return [name for name in numbers if name != "time_s"]
 
@@ -212,13 +212,13 @@ def _make_content(
 
 def _load_artefact(args: argparse.Namespace) -> dict[str, Any]:
     """The `[artefact]` of a TOML file, or of a certificate's table."""
-    from armd.daemon.files.artefact_table import artefact_of_table
+    from armd.daemon.files.artefact_table import read_artefact_table
     from armd.daemon.files.session_folder import load_artefact
 
     if args.artefact.suffix.lower() in TABLES:
-        artefact, remarks = artefact_of_table(args.artefact)
+        artefact, remarks = read_artefact_table(args.artefact)
         for sentence in () if args.quiet else remarks:
-            print(f"armd: {cut(printable(sentence))}")
+            print(f"armd: {shorten_text(to_printable(sentence))}")
     else:
         artefact = load_artefact(args.artefact, [])
     content: dict[str, Any] = artefact.model_dump(mode="json", by_alias=True, exclude_none=True)
@@ -282,6 +282,6 @@ def _import_urdf(args: argparse.Namespace) -> int:
     check_same(args.output, text, ARM, args.force, [args.table])
     write_whole(args.output, text)
     for sentence in () if args.quiet else remarks:
-        print(f"armd: {cut(printable(sentence))}")
+        print(f"armd: {shorten_text(to_printable(sentence))}")
     print(f"armd: {args.output}: written; add the tip's radius and the encoders' counts per turn")
     return 0

@@ -13,8 +13,8 @@ from armd.daemon.catalogue.known_arms import (
     Bus,
     describe_geometry,
     read_arm_text,
-    with_joint,
-    with_serial_number,
+    set_joint,
+    set_serial_number,
     write_daemon_text,
 )
 from armd.daemon.catalogue.rows import CONVENTIONS, ROW, from_rows
@@ -24,7 +24,7 @@ from armd.errors import BadInput
 from armd.files.outputs import ARM, OutputKind, add_force, check_output_folder, check_same
 from armd.files.schema import validate
 from armd.files.writing import write_whole
-from armd.terminal.suggest import hint
+from armd.terminal.suggest import suggest_names
 
 #: What a person is asked who gives no option, and what Enter means.
 QUESTIONS = {
@@ -134,7 +134,7 @@ def _choose_arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
     else:
         name = args.start_from.lower().replace("_", "-")
         if name not in KNOWN:
-            expected = f"FILE.urdf, FILE.csv, or a known arm{hint(name, KNOWN)}"
+            expected = f"FILE.urdf, FILE.csv, or a known arm{suggest_names(name, KNOWN)}"
             raise BadInput("the command line", "--from", args.start_from, expected)
         text, bus = read_arm_text(name), KNOWN[name]
         remarks.append(describe_geometry(text))
@@ -143,7 +143,7 @@ def _choose_arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
     joints = tomllib.loads(text)["joint"]
     unsaid = [k for k, joint in enumerate(joints, 1) if "counts_per_turn" not in joint]
     for k in unsaid:
-        text = with_joint(text, k, {"counts_per_turn": args.counts_per_turn})
+        text = set_joint(text, k, {"counts_per_turn": args.counts_per_turn})
     if unsaid and not args.quiet:
         joint_text = ", ".join(map(str, unsaid))
         print(
@@ -152,4 +152,4 @@ def _choose_arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
         )
     if not text.startswith("#"):
         text = ABOUT + text
-    return with_serial_number(text, args.serial_number), bus
+    return set_serial_number(text, args.serial_number), bus

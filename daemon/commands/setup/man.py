@@ -12,16 +12,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    print(page())
+    print(make_page())
     return 0
 
 
-def page() -> str:
+def make_page() -> str:
     """What `armd --help` and `armd COMMAND --help` say."""
-    from armd.daemon.cli import installed, parsers
+    from armd.daemon.cli import find_installed, make_parsers
 
-    names = installed()
-    parser, commands = parsers(names)
+    names = find_installed()
+    parser, commands = make_parsers(names)
     parts = [
         f'.TH ARMD 1 "" "armd {__version__}" "User commands"',
         f".SH NAME\narmd \\- {_escape_text(str(parser.description))}",

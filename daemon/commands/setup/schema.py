@@ -31,7 +31,7 @@ FORMATS: dict[str, tuple[type[BaseModel], str]] = {
 }
 
 
-def json_schema(name: str) -> dict[str, Any]:
+def make_json_schema(name: str) -> dict[str, Any]:
     """Of one of `FORMATS`."""
     model, title = FORMATS[name]
     schema = model.model_json_schema(by_alias=True)
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    text = json.dumps(json_schema(args.name), indent=1) + "\n"
+    text = json.dumps(make_json_schema(args.name), indent=1) + "\n"
     if args.output is None:
         print(text, end="")
         return 0

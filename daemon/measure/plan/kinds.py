@@ -18,7 +18,7 @@ from armd.daemon.measure.plan.stations import (
     Wishes,
     compute_near_mm,
     make_seats_artefact,
-    repeat_rounds,
+    plan_rounds,
 )
 from armd.daemon.measure.plan.surface_stations import (
     CALIBRATION_TOUCHES,
@@ -34,7 +34,7 @@ from armd.daemon.measure.plan.verify_stations import (
     TESTS,
 )
 from armd.errors import BadInput
-from armd.terminal.counted import counted
+from armd.terminal.counted import format_count
 
 COMMAND_LINE = "the command line"
 #: Rounds over an artefact in each of its placements, or as many more as a certificate wants.
@@ -104,7 +104,7 @@ Made = tuple[Artefact, list[Station]]
 def _plan_seats(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
     targets = wishes.targets or ["seat"]
     repeats = wishes.repeats or SEAT_READINGS
-    return make_seats_artefact(targets), repeat_rounds(
+    return make_seats_artefact(targets), plan_rounds(
         wishes.placements or ["1"], targets, repeats, SEAT_HOW
     )
 
@@ -124,7 +124,7 @@ def _plan_artefact(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
         station
         for placement in placements
         for station in (
-            *repeat_rounds([placement], targets, wishes.repeats or enough, BALL_HOW),
+            *plan_rounds([placement], targets, wishes.repeats or enough, BALL_HOW),
             *make_surface_stations(artefact, placement, names, touches),
         )
     ]
@@ -178,12 +178,12 @@ def _plan_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
 def _plan_tip(_arm: Arm, _none: Artefact | None, wishes: Wishes) -> Made:
     if wishes.sphere_mm is None:
         names = ["seat"]
-        stations = repeat_rounds(["1"], names, wishes.repeats or TIP_SEAT_READINGS, SEAT_HOW)
+        stations = plan_rounds(["1"], names, wishes.repeats or TIP_SEAT_READINGS, SEAT_HOW)
     else:
         # A contact point is a target of its own: the tip's centre stands there once.
         count = wishes.repeats or TIP_SPHERE_READINGS
         names = [f"SPHERE.{i:02d}" for i in range(1, count + 1)]
-        stations = repeat_rounds(
+        stations = plan_rounds(
             ["1"], names, 1, f"{SPHERE_HOW}, the wrist turned otherwise each time"
         )
     return make_seats_artefact(names), stations
@@ -191,7 +191,7 @@ def _plan_tip(_arm: Arm, _none: Artefact | None, wishes: Wishes) -> Made:
 
 def _plan_repeatability(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
     names = ["seat"]
-    return make_seats_artefact(names), repeat_rounds(
+    return make_seats_artefact(names), plan_rounds(
         ["1"], names, wishes.repeats or REPEATABILITY_VISITS, VISIT_HOW
     )
 
@@ -206,7 +206,7 @@ def _plan_interim(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     else:
         targets, how = wishes.targets or artefact.target_names, BALL_HOW
         repeats = wishes.repeats or INTERIM_ROUNDS
-    return artefact, repeat_rounds(wishes.placements or ["1"], targets, repeats, how)
+    return artefact, plan_rounds(wishes.placements or ["1"], targets, repeats, how)
 
 
 def _plan_interim_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
@@ -223,7 +223,9 @@ def _plan_interim_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> 
             raise BadInput(COMMAND_LINE, name, f"it with {option}", expected)
     seats, poses = list(wishes.targets or INTERIM_SEATS), _read_interim_table(arm, wishes)
     if len(seats) != (n_seats := len(INTERIM_SEATS)):
-        raise BadInput(COMMAND_LINE, "--targets", counted(len(seats), "name"), f"{n_seats}: seats")
+        raise BadInput(
+            COMMAND_LINE, "--targets", format_count(len(seats), "name"), f"{n_seats}: seats"
+        )
     check_artefact = make_seats_artefact(seats)
     return check_artefact, make_stations(poses, check_artefact, (wishes.placements or ["1"])[0])
 

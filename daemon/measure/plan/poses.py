@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64, I64
 from armd.compensation.data.sessions.format import Artefact
-from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
+from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch
 from armd.daemon.measure.plan.stations import Station
 from armd.errors import BadInput
 from armd.files.inputs import MOST_TOML_BYTES, read_input
@@ -133,7 +133,7 @@ def _place_targets(local: F64, tips: F64) -> tuple[F64, I64]:
         placed = (local - local.mean(axis=0)) @ turn.T + tips.mean(axis=0)
         for _ in range(STEPS):
             nearest = np.linalg.norm(tips[:, None] - placed, axis=2).argmin(axis=1)
-            rotation, translation = align_by_kabsch(local[nearest], tips, weight, group, 1)
+            rotation, translation = fit_by_kabsch(local[nearest], tips, weight, group, 1)
             placed = local @ rotation[0].T + translation[0]
         away = np.linalg.norm(tips[:, None] - placed, axis=2)
         missed = float((away.min(axis=1) ** 2).sum())

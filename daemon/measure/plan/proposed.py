@@ -13,7 +13,7 @@ from armd.daemon.interim_checks import MOST_BYTES
 from armd.daemon.measure.plan.poses import Pose, describe_pose
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.schema import json_data
+from armd.files.schema import load_json_data
 
 SCHEMA = "armd.interim/1"
 SEATS = 2
@@ -28,7 +28,7 @@ def load_proposed_check(history: Path, arm: Arm) -> list[Pose]:
     if not path.exists():
         expected = "the result of `armd interim add` or `armd interim report`"
         raise BadInput(path, "the file", "nothing", expected)
-    result = json_data(path, read_input(path, MOST_BYTES))
+    result = load_json_data(path, read_input(path, MOST_BYTES))
     if not isinstance(result, dict) or result.get("schema") != SCHEMA:
         raise BadInput(path, "schema", "another file", repr(SCHEMA))
     if result.get("arm") != arm.serial_number:

@@ -91,7 +91,7 @@ def compute_near_mm(arm: Arm) -> float:
     return max(NEAR_MM, NEAR_STEPS * step_mm)
 
 
-def repeat_rounds(
+def plan_rounds(
     placements: Sequence[str], targets: Sequence[str], repeats: int, how: str = ""
 ) -> list[Station]:
     """Round after round over all targets, in one placement after another: no target is touched

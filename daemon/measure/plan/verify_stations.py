@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
-from armd.daemon.measure.plan.stations import Station, repeat_rounds
+from armd.daemon.measure.plan.stations import Station, plan_rounds
 
 #: Readings of a seat, each in another posture: as ASME B89.4.22 wants of a single point.
 SEAT_READINGS = 10
@@ -65,7 +65,7 @@ def _plan_lengths(names: Sequence[str]) -> list[Station]:
     if not set(LENGTHS) <= set(names):
         return []
     placements = [f"E_UNI{i}" for i in range(1, 8)]
-    return repeat_rounds(placements, LENGTHS, 3, "the length bar, from one end to the other")
+    return plan_rounds(placements, LENGTHS, 3, "the length bar, from one end to the other")
 
 
 def _plan_volumetric(names: Sequence[str]) -> list[Station]:

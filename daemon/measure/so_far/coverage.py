@@ -36,7 +36,7 @@ def count_targets(plan: Plan, progress: Progress) -> list[dict[str, Any]]:
 
 def describe_joints(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
     """Each joint: the angles it has stood at, and what share of its range that is."""
-    angles = np.degrees(stack_angles(progress, arm.n_joints))
+    angles = np.degrees(collect_angles(progress, arm.n_joints))
     rows = []
     for k, joint in enumerate(arm.joint):
         low = float(angles[:, k].min()) if len(angles) else None
@@ -68,7 +68,7 @@ def describe_temperatures(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
     return rows
 
 
-def stack_angles(progress: Progress, n_joints: int) -> F64:
+def collect_angles(progress: Progress, n_joints: int) -> F64:
     """Joint angles (n, N) rad of the readings."""
     rows = [reading.measurement["angles_rad"] for reading in progress.readings]
     return np.array(rows, dtype=float).reshape(len(rows), n_joints)

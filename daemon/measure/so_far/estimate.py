@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from armd.arrays import F64
 from armd.compensation.data.sessions.format import Artefact, SurfaceKind
 from armd.compensation.data.sessions.session import load_sessions
-from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
+from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.tip import TipFit, fit_in_seat, fit_on_sphere
 from armd.compensation.model.arm import Arm
@@ -126,7 +126,7 @@ def _compute_residuals(artefact: Artefact, readings: Sequence[Reading]) -> list[
         local = np.array([certified[reading.target] for reading in placed])
         base = _stack_points(placed)
         group, weight = np.zeros(len(placed), np.int64), np.ones(len(placed))
-        rotation, translation = align_by_kabsch(local, base, weight, group, 1)
+        rotation, translation = fit_by_kabsch(local, base, weight, group, 1)
         parts.append((base - local @ rotation[0].T - translation[0], 6))
     kinds = artefact.surface_kinds
     for name in {reading.target for reading in readings} - set(certified):

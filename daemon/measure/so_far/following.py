@@ -12,10 +12,10 @@ from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.plan.postures import Proposal, choose_designed, propose
 from armd.daemon.measure.plan.stations import Plan
 from armd.daemon.measure.so_far.coverage import (
+    collect_angles,
     count_targets,
     describe_joints,
     describe_temperatures,
-    stack_angles,
 )
 from armd.daemon.measure.so_far.estimate import estimate_now
 from armd.daemon.measure.so_far.progress import Progress
@@ -55,7 +55,7 @@ class Following:
                 place: _locate_placement(plan, progress, place) for place in measured_in
             }
         to = arm, in_use.constants, self._target_mm
-        measured = stack_angles(progress, arm.n_joints)
+        measured = collect_angles(progress, arm.n_joints)
         if plan.kind == "repeatability":
             self._posture = Proposal(measured[0] if len(measured) else None, "")
         elif station.posture_deg is None:

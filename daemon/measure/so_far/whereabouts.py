@@ -9,7 +9,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.data.sessions.format import Artefact
-from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
+from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch
 
 #: Points nearer to one line (or plane) than this do not tell how the artefact is turned about it.
 LEAST_SPAN_MM = 20.0
@@ -44,7 +44,7 @@ class Whereabouts:
         local = np.array([self._certified[name] for name in names])
         base = np.array([self._positions[name] for name in names])
         group, weight = np.zeros(len(names), np.int64), np.ones(len(names))
-        rotation, translation = align_by_kabsch(local, base, weight, group, 1)
+        rotation, translation = fit_by_kabsch(local, base, weight, group, 1)
         self._rotation, self._translation = rotation[0], translation[0]
         self._middle = local.mean(axis=0)
         _, extent, vectors = np.linalg.svd(local - self._middle, full_matrices=False)

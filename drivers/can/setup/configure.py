@@ -78,7 +78,7 @@ class PromptNode(canopen.RemoteNode):  # type: ignore[misc]
         self.sdo.deadline_s = time.monotonic() + VISIT_S
 
 
-def remote_node(number: int) -> PromptNode:
+def make_remote_node(number: int) -> PromptNode:
     """A node with the dictionary of its kind; only standard objects are used, so that of any
     maker will answer."""
     kind = "temperature" if number in can.TEMPERATURE_NODES else "encoder"
@@ -131,7 +131,7 @@ def configure_module(node: PromptNode, n_channels: int, every_sync: int) -> None
         every_sync = max(1, min(SYNCHRONOUS_MOST, every_sync))
         last = -(-n_channels // can.CHANNELS_PER_PDO)
         for pdo in (*range(1, last + 1), can.STATUS_PDO_NUMBER):
-            mapping = can.values_mapping(pdo)
+            mapping = can.list_mapped_values(pdo)
             check_mapping(pdo, set_tpdo(node.sdo, node.id, pdo, (mapping,), every_sync), mapping)
         _start(node)
     except SdoError as error:

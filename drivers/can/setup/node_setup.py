@@ -7,7 +7,7 @@ from functools import partial
 
 from armd.drivers.can import objects as can
 from armd.drivers.can.bus import OwnNetwork
-from armd.drivers.can.decoder import note
+from armd.drivers.can.decoder import encode_note
 from armd.drivers.can.setup.configure import (
     Complaints,
     EncoderFacts,
@@ -15,8 +15,8 @@ from armd.drivers.can.setup.configure import (
     configure_encoder,
     configure_module,
     is_encoder,
+    make_remote_node,
     read_complaints,
-    remote_node,
 )
 from armd.drivers.can.setup.job import Job
 from armd.drivers.can.setup.sdo import NodeRefused
@@ -100,7 +100,7 @@ class NodeSetup:
         """*nodes* are those of *network*: a visit that outlives it must not add to the next's."""
         node = nodes.get(number)
         if node is None:
-            node = nodes[number] = network.add_node(remote_node(number))
+            node = nodes[number] = network.add_node(make_remote_node(number))
         if number > self._expected.n_joints and number not in can.TEMPERATURE_NODES:
             return is_encoder(node)
         if number in can.TEMPERATURE_NODES:
@@ -131,12 +131,12 @@ class NodeSetup:
             return self._note_complaints(number, outcome)
         self._complaint.pop(number, None)
         if outcome is None:
-            return [note(note="configured", node=number)]
+            return [encode_note(note="configured", node=number)]
         self._alarms.pop(number, None)
         if outcome.alarms is not None:
             self._alarms[number] = outcome.alarms
         return [
-            note(
+            encode_note(
                 note="configured",
                 node=number,
                 counts_per_turn=outcome.counts_per_turn,
@@ -154,11 +154,11 @@ class NodeSetup:
             self._without_warnings.add(number)
         elif complaints.warnings != self._warnings.get(number, 0):
             self._warnings[number] = complaints.warnings
-            notes.append(note(note="warnings", node=number, warnings=complaints.warnings))
+            notes.append(encode_note(note="warnings", node=number, warnings=complaints.warnings))
         alarms = complaints.alarms
         if alarms is not None and alarms != self._alarms.get(number):
             self._alarms[number] = alarms
-            notes.append(note(note="alarms", node=number, alarms=alarms))
+            notes.append(encode_note(note="alarms", node=number, alarms=alarms))
         return notes
 
     def _check_serial_number(self, number: int, reported: int | None) -> None:
@@ -177,4 +177,4 @@ class NodeSetup:
         self._complaint[number] = fault
         text = f"CAN node {number}: {fault}"
         detail = {"node": number, "faults": [fault]}
-        return [note(note="refused", node=number, kind=kind, text=text, detail=detail)]
+        return [encode_note(note="refused", node=number, kind=kind, text=text, detail=detail)]

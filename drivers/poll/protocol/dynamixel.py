@@ -39,46 +39,46 @@ HARDWARE_ERRORS = {
 _crc = crc16.umts
 
 
-def build(servo_id: int, instruction: int, params: bytes = b"") -> bytes:
+def make_packet(servo_id: int, instruction: int, params: bytes = b"") -> bytes:
     """A whole packet, stuffed."""
     body = (bytes([instruction]) + params).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     packet = HEADER + bytes([servo_id]) + (len(body) + 2).to_bytes(2, "little") + body
     return packet + _crc(packet).to_bytes(2, "little")
 
 
-def ping(servo_id: int) -> bytes:
-    return build(servo_id, PING)
+def make_ping(servo_id: int) -> bytes:
+    return make_packet(servo_id, PING)
 
 
-def read(servo_id: int, address: int, length: int) -> bytes:
-    return build(servo_id, READ, _span(address, length))
+def make_read(servo_id: int, address: int, length: int) -> bytes:
+    return make_packet(servo_id, READ, _span(address, length))
 
 
-def write(servo_id: int, address: int, data: bytes) -> bytes:
-    return build(servo_id, WRITE, address.to_bytes(2, "little") + data)
+def make_write(servo_id: int, address: int, data: bytes) -> bytes:
+    return make_packet(servo_id, WRITE, address.to_bytes(2, "little") + data)
 
 
-def sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
+def make_sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
     """Each of *ids* answers with a status of its own, in this order."""
-    return build(BROADCAST, SYNC_READ, _span(address, length) + bytes(ids))
+    return make_packet(BROADCAST, SYNC_READ, _span(address, length) + bytes(ids))
 
 
-def fast_sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
+def make_fast_sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
     """All of *ids* answer in one status; one that is missing ends it for those after it."""
-    return build(BROADCAST, FAST_SYNC_READ, _span(address, length) + bytes(ids))
+    return make_packet(BROADCAST, FAST_SYNC_READ, _span(address, length) + bytes(ids))
 
 
-def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
+def make_status(servo_id: int, error: int, data: bytes = b"") -> bytes:
     """As a servo sends it."""
-    return build(servo_id, STATUS, bytes([error]) + data)
+    return make_packet(servo_id, STATUS, bytes([error]) + data)
 
 
-def status_size(length: int) -> int:
+def compute_status_size(length: int) -> int:
     """Bytes on the wire of a status with *length* bytes of data that need no stuffing."""
     return OVERHEAD + 1 + length
 
 
-def fast_status_blocks(
+def make_fast_status_blocks(
     answers: Sequence[Status], carry: Callable[[int, bytes], bytes] = lambda _, block: block
 ) -> list[bytes]:
     """The pieces of one fast status, as the servos send them one after the other; not stuffed.
@@ -94,7 +94,7 @@ def fast_status_blocks(
     return blocks
 
 
-def fast_status_size(n: int, length: int) -> int:
+def compute_fast_status_size(n: int, length: int) -> int:
     """Bytes on the wire of a fast status of *n* servos with *length* bytes of data each."""
     return OVERHEAD - 2 + n * (4 + length)
 
@@ -102,7 +102,7 @@ def fast_status_size(n: int, length: int) -> int:
 def is_fast_status(data: bytes, n: int, length: int) -> bool:
     """Whether *data* are one whole fast status, of that size, with all servos' answers intact."""
     return (
-        len(data) == fast_status_size(n, length)
+        len(data) == compute_fast_status_size(n, length)
         and data.startswith(HEADER)
         and data[4] == BROADCAST
         and data[7] == STATUS
@@ -121,7 +121,7 @@ def _intact_blocks(raw: bytes, length: int) -> list[bool]:
     return intact
 
 
-def splitter() -> Splitter:
+def make_splitter() -> Splitter:
     """Finds the packets of either side."""
     return Splitter(HEADER, _cut, range(OVERHEAD, _LONGEST))
 
@@ -144,7 +144,7 @@ def _cut(buffer: bytearray, begin: int, sizes: Container[int]) -> Packet | Cut:
     return Packet(servo_id, body[0], body[1:], raw)
 
 
-def statuses(packet: Packet, length: int | None = None) -> list[Status]:
+def decode_statuses(packet: Packet, length: int | None = None) -> list[Status]:
     """A packet read as servos' answers. A fast status can only be taken apart by one who knows
     the *length* of the data that were asked for; it lacks the servos whose own checksums fail."""
     if packet.code != STATUS or not packet.params:
@@ -162,7 +162,7 @@ def statuses(packet: Packet, length: int | None = None) -> list[Status]:
     ]
 
 
-def read_request(packet: Packet) -> ReadRequest | None:
+def decode_read_request(packet: Packet) -> ReadRequest | None:
     """A packet read as the host's; None if it asks for no registers."""
     params = packet.params
     if len(params) < 4:

@@ -13,16 +13,16 @@ from armd.drivers.poll.protocol.feetech import (
     READ,
     WRITE,
     are_statuses,
-    build,
-    ping,
-    read,
-    splitter,
-    status,
-    status_size,
-    statuses,
-    write,
+    compute_status_size,
+    decode_statuses,
+    make_packet,
+    make_ping,
+    make_read,
+    make_splitter,
+    make_status,
+    make_write,
 )
-from armd.drivers.poll.protocol.feetech import read_request as _plain_request
+from armd.drivers.poll.protocol.feetech import decode_read_request as _plain_request
 from armd.drivers.poll.protocol.packet import BROADCAST, Packet, ReadRequest
 
 __all__ = [
@@ -30,14 +30,14 @@ __all__ = [
     "READ",
     "WRITE",
     "are_statuses",
-    "build",
-    "ping",
-    "read",
-    "splitter",
-    "status",
-    "status_size",
-    "statuses",
-    "write",
+    "compute_status_size",
+    "decode_statuses",
+    "make_packet",
+    "make_ping",
+    "make_read",
+    "make_splitter",
+    "make_status",
+    "make_write",
 ]
 
 SYNC_WRITE, BULK_READ = 0x83, 0x92
@@ -48,13 +48,13 @@ ERRORS = {0: "input voltage", 1: "angle limit", 2: "overheating", 5: "overload"}
 REFUSALS = 1 << 3 | 1 << 4 | 1 << 6
 
 
-def bulk_read(parts: Sequence[tuple[int, int, int]]) -> bytes:
+def make_bulk_read(parts: Sequence[tuple[int, int, int]]) -> bytes:
     """Of (id, address, length), answered by a status each, in this order."""
     triples = [bytes([length, servo, address]) for servo, address, length in parts]
-    return build(BROADCAST, BULK_READ, b"\0" + b"".join(triples))
+    return make_packet(BROADCAST, BULK_READ, b"\0" + b"".join(triples))
 
 
-def read_request(packet: Packet) -> ReadRequest | None:
+def decode_read_request(packet: Packet) -> ReadRequest | None:
     """A packet read as the host's; None if it asks for no registers, or for several spans."""
     if packet.code == BULK_READ and len(packet.params) > 3 and len(packet.params) % 3 == 1:
         lengths, ids, addresses = (packet.params[k::3] for k in (1, 2, 3))

@@ -57,10 +57,10 @@ class Dynamixel1(ShortPackets):
         return ""
 
     def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
-        return dynamixel1.bulk_read([(servo, address, length) for servo in ids])
+        return dynamixel1.make_bulk_read([(servo, address, length) for servo in ids])
 
     def request(self, packet: Packet) -> ReadRequest | None:
-        return dynamixel1.read_request(packet)
+        return dynamixel1.decode_read_request(packet)
 
     def position_of(self, data: bytes, model: int | None) -> int:
         position = int.from_bytes(data[:2], "little", signed=True)

@@ -45,7 +45,7 @@ class Servo:
         return asdict(self)
 
 
-def differences(servo: Servo, remembered: dict[str, Any], family: Family) -> list[str]:
+def list_differences(servo: Servo, remembered: dict[str, Any], family: Family) -> list[str]:
     """One phrase per difference, `homing offset (register 31): found 12, expected 0`; empty for the
     same."""
     phrases = []
@@ -53,12 +53,12 @@ def differences(servo: Servo, remembered: dict[str, Any], family: Family) -> lis
         expected = remembered.get(name, actual)
         if actual != expected:
             if name == "model":
-                actual, expected = (model_name(n, family.models) for n in (actual, expected))
+                actual, expected = (find_model_name(n, family.models) for n in (actual, expected))
             phrases.append(f"{family.register(name)}: found {actual}, expected {expected}")
     return phrases
 
 
-def model_name(model: int, models: dict[int, str]) -> str:
+def find_model_name(model: int, models: dict[int, str]) -> str:
     return models.get(model, f"model {model}")
 
 
@@ -145,23 +145,23 @@ class ShortPackets(Family):
     has_fast = False
 
     def splitter(self) -> Splitter:
-        return feetech.splitter()
+        return feetech.make_splitter()
 
     def read(self, servo_id: int, address: int, length: int) -> bytes:
-        return feetech.read(servo_id, address, length)
+        return feetech.make_read(servo_id, address, length)
 
     def write(self, servo_id: int, address: int, data: bytes) -> bytes:
-        return feetech.write(servo_id, address, data)
+        return feetech.make_write(servo_id, address, data)
 
     def statuses(self, packet: Packet, length: int) -> list[Status]:
-        return feetech.statuses(packet)
+        return feetech.decode_statuses(packet)
 
     def sizes(self, request: ReadRequest) -> range:
-        size = feetech.status_size(request.length)
+        size = feetech.compute_status_size(request.length)
         return range(size, size + 1)
 
     def answer_bytes(self, request: ReadRequest) -> int:
-        return feetech.status_size(request.length)
+        return feetech.compute_status_size(request.length)
 
     def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
         return feetech.are_statuses(data, missing, request.length)
@@ -195,19 +195,19 @@ class Feetech(ShortPackets):
         return ""
 
     def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
-        return feetech.sync_read(ids, address, length)
+        return feetech.make_sync_read(ids, address, length)
 
     def request(self, packet: Packet) -> ReadRequest | None:
-        return feetech.read_request(packet)
+        return feetech.decode_read_request(packet)
 
     def position_of(self, data: bytes, model: int | None) -> int:
-        return feetech.signed(data[0] | data[1] << 8, 15)
+        return feetech.decode_signed(data[0] | data[1] << 8, 15)
 
     def identity(self, data: bytes) -> Servo:
         return Servo(
             model=data[3] | data[4] << 8,
             firmware=f"{data[0]}.{data[1]}",
-            homing_offset=feetech.signed(data[31] | data[32] << 8, 11),
+            homing_offset=feetech.decode_signed(data[31] | data[32] << 8, 11),
             reversed=bool(data[18] & 0x80),
             mode=data[33],
             torque=data[40] != 0,
@@ -250,33 +250,35 @@ class Dynamixel(Family):
         return ""
 
     def splitter(self) -> Splitter:
-        return dynamixel.splitter()
+        return dynamixel.make_splitter()
 
     def read(self, servo_id: int, address: int, length: int) -> bytes:
-        return dynamixel.read(servo_id, address, length)
+        return dynamixel.make_read(servo_id, address, length)
 
     def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
-        build = dynamixel.fast_sync_read if fast else dynamixel.sync_read
+        build = dynamixel.make_fast_sync_read if fast else dynamixel.make_sync_read
         return build(ids, address, length)
 
     def write(self, servo_id: int, address: int, data: bytes) -> bytes:
-        return dynamixel.write(servo_id, address, data)
+        return dynamixel.make_write(servo_id, address, data)
 
     def request(self, packet: Packet) -> ReadRequest | None:
-        return dynamixel.read_request(packet)
+        return dynamixel.decode_read_request(packet)
 
     def statuses(self, packet: Packet, length: int) -> list[Status]:
-        return dynamixel.statuses(packet, length)
+        return dynamixel.decode_statuses(packet, length)
 
     def sizes(self, request: ReadRequest) -> range:
         if request.fast:
-            size = dynamixel.fast_status_size(len(request.ids), request.length)
+            size = dynamixel.compute_fast_status_size(len(request.ids), request.length)
             return range(size, size + 1)
-        size = dynamixel.status_size(request.length)
-        return range(dynamixel.status_size(0), size + request.length // 3 + 1)  # refused … stuffed
+        size = dynamixel.compute_status_size(request.length)
+        return range(
+            dynamixel.compute_status_size(0), size + request.length // 3 + 1
+        )  # refused … stuffed
 
     def answer_bytes(self, request: ReadRequest) -> int:
-        return 4 + request.length if request.fast else dynamixel.status_size(request.length)
+        return 4 + request.length if request.fast else dynamixel.compute_status_size(request.length)
 
     def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
         return request.fast and dynamixel.is_fast_status(data, len(request.ids), request.length)

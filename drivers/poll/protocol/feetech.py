@@ -22,44 +22,44 @@ SYNC_READ, SYNC_WRITE = 0x82, 0x83
 ERRORS = {0: "voltage", 1: "encoder", 2: "temperature", 3: "current", 5: "overload"}
 
 
-def build(servo_id: int, code: int, params: bytes = b"") -> bytes:
+def make_packet(servo_id: int, code: int, params: bytes = b"") -> bytes:
     """A whole packet: an instruction to a servo, or its status with *code* the error byte."""
     body = bytes([servo_id, len(params) + 2, code]) + params
     return HEADER + body + bytes([~sum(body) & 0xFF])
 
 
-def ping(servo_id: int) -> bytes:
+def make_ping(servo_id: int) -> bytes:
     """Beware of adapters that echo: the echo looks like a status with the error bit "voltage"."""
-    return build(servo_id, PING)
+    return make_packet(servo_id, PING)
 
 
-def read(servo_id: int, address: int, length: int) -> bytes:
+def make_read(servo_id: int, address: int, length: int) -> bytes:
     """Beware of adapters that echo: of a read of 2 bytes the echo looks like the answer."""
-    return build(servo_id, READ, bytes([address, length]))
+    return make_packet(servo_id, READ, bytes([address, length]))
 
 
-def write(servo_id: int, address: int, data: bytes) -> bytes:
-    return build(servo_id, WRITE, bytes([address]) + data)
+def make_write(servo_id: int, address: int, data: bytes) -> bytes:
+    return make_packet(servo_id, WRITE, bytes([address]) + data)
 
 
-def sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
+def make_sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
     """Each of *ids* answers with a status of its own, in this order."""
-    return build(BROADCAST, SYNC_READ, bytes([address, length, *ids]))
+    return make_packet(BROADCAST, SYNC_READ, bytes([address, length, *ids]))
 
 
-def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
+def make_status(servo_id: int, error: int, data: bytes = b"") -> bytes:
     """As a servo sends it."""
-    return build(servo_id, error, data)
+    return make_packet(servo_id, error, data)
 
 
-def status_size(length: int) -> int:
+def compute_status_size(length: int) -> int:
     """Bytes on the wire of a status with *length* bytes of data."""
     return OVERHEAD + length
 
 
 def are_statuses(data: bytes, ids: Sequence[int], length: int) -> bool:
     """Whether *data* are whole intact statuses of *ids*, with *length* bytes of data each."""
-    size = status_size(length)
+    size = compute_status_size(length)
     if len(data) != size * len(ids):
         return False
     for i, servo in enumerate(ids):
@@ -71,7 +71,7 @@ def are_statuses(data: bytes, ids: Sequence[int], length: int) -> bool:
     return True
 
 
-def splitter() -> Splitter:
+def make_splitter() -> Splitter:
     """Finds the packets of either side."""
     return Splitter(HEADER, _cut, range(OVERHEAD, OVERHEAD + 254))
 
@@ -91,12 +91,12 @@ def _cut(buffer: bytearray, begin: int, sizes: Container[int]) -> Packet | Cut:
     return Packet(servo_id, raw[4], raw[5:-1], raw)
 
 
-def statuses(packet: Packet) -> list[Status]:
+def decode_statuses(packet: Packet) -> list[Status]:
     """A packet read as a servo's; an instruction's echo reads as a status too."""
     return [] if packet.id == BROADCAST else [Status(packet.id, packet.code, packet.params)]
 
 
-def read_request(packet: Packet) -> ReadRequest | None:
+def decode_read_request(packet: Packet) -> ReadRequest | None:
     """A packet read as the host's; None if it asks for no registers."""
     params = packet.params
     if packet.code == READ and len(params) == 2:
@@ -106,7 +106,7 @@ def read_request(packet: Packet) -> ReadRequest | None:
     return None
 
 
-def signed(value: int, sign_bit: int) -> int:
+def decode_signed(value: int, sign_bit: int) -> int:
     """Sign and magnitude as Feetech keeps them, with the sign in *sign_bit*."""
     magnitude = value & ((1 << sign_bit) - 1)
     return -magnitude if value >> sign_bit & 1 else magnitude

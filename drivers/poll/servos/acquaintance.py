@@ -11,7 +11,7 @@ from typing import Any
 from serial.tools import list_ports
 
 from armd.drivers.config import ServoConfig
-from armd.drivers.poll.decoder import ServoDecoder, note
+from armd.drivers.poll.decoder import ServoDecoder, encode_note
 from armd.drivers.poll.plan import RequestPlan
 from armd.drivers.poll.protocol.packet import ReadRequest
 from armd.drivers.poll.servos.memory import Memory
@@ -100,11 +100,11 @@ class Acquaintance:
         if self._judged is None and missing:
             if self._unanswered >= max(TRIES, len(missing)):
                 self._tries = self._unanswered = 0
-                yield note(note="one_by_one")
+                yield encode_note(note="one_by_one")
                 return
             if not roster.servos or self._tries < self._patience(len(missing)):
                 return
-            yield note(note="missing", servos=missing)
+            yield encode_note(note="missing", servos=missing)
         now_known = {servo: identified.geometry for servo, identified in roster.servos.items()}
         is_unchanged = self._judged is not None and now_known.items() <= self._judged.items()
         self._version = roster.version
@@ -133,14 +133,14 @@ class Acquaintance:
             changed = self._memory.compare(self._decoder.roster.servos, accept)
         except BadInput as error:
             text = f"{error}; say `armd accept` once it is gone"
-            yield note(note="foreign", text=text)
+            yield encode_note(note="foreign", text=text)
             return
         except OSError as error:
             text = f"the servos' offsets cannot be remembered: {error}"
-            yield note(note="told", kind="memory", text=text, severity="warning")
+            yield encode_note(note="told", kind="memory", text=text, severity="warning")
             changed = {}
         self._remembered_ns = self._memory.changed_ns()
-        yield note(note="verdict", changed=changed)
+        yield encode_note(note="verdict", changed=changed)
 
     def _adapter(self) -> Iterator[bytes]:
         """The USB adapter's serial number, where the configuration names one."""
@@ -154,7 +154,7 @@ class Acquaintance:
         )
         if actual != expected:
             text = f"adapter {self._config.port}: serial number: found {actual or 'none'}, "
-            yield note(note="foreign", text=text + f"expected {expected}")
+            yield encode_note(note="foreign", text=text + f"expected {expected}")
 
     def write_due(self) -> bytes | None:
         """What [driver] torque_off and return_delay_us want, once each; nothing else is written."""
@@ -181,7 +181,7 @@ class Acquaintance:
                     text = f"{roster.name(servo)}: {family.register(name)}: found {actual}, "
                     text += f"expected {expected}: it did not keep what was written"
                     self._refusals.append(
-                        note(note="told", kind="write_refused", text=text, severity="error")
+                        encode_note(note="told", kind="write_refused", text=text, severity="error")
                     )
         if not self._check:
             self._idle_version = roster.version

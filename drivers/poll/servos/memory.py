@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from pydantic import Field
 
-from armd.drivers.poll.protocol.family import Family, Servo, differences
+from armd.drivers.poll.protocol.family import Family, Servo, list_differences
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_json
 from armd.files.state_folder import find_state_folder
@@ -53,7 +53,7 @@ class Memory:
         if after != before:
             self._save(after)
         changed = {
-            servo: differences(identified, accepted[servo], self._family)
+            servo: list_differences(identified, accepted[servo], self._family)
             for servo, identified in servos.items()
         }
         return {servo: phrases for servo, phrases in changed.items() if phrases}

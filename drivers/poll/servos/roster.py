@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from armd.drivers.joint_watch import GOOD_FOR_NS
-from armd.drivers.poll.protocol.family import Family, Servo, model_name
+from armd.drivers.poll.protocol.family import Family, Servo, find_model_name
 from armd.drivers.poll.servos.doubles import Doubles
 from armd.drivers.sample import Event
 
@@ -118,7 +118,7 @@ class Roster:
             or before.firmware != identified.firmware
         ):
             is_known = identified.model in self._family.models
-            model = model_name(identified.model, self._family.models)
+            model = find_model_name(identified.model, self._family.models)
             text = f"{self.name(servo)} is a {model}, firmware {identified.firmware}"
             if not is_known:
                 text += ", which is not known here; it is read by its family's common registers"

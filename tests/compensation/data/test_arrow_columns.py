@@ -10,7 +10,7 @@ import pyarrow.parquet
 import pytest
 
 from armd.compensation.data.tables import pieces
-from armd.compensation.data.tables.arrow_columns import FEW_NAMES, codes_of, encoded_in_order
+from armd.compensation.data.tables.arrow_columns import FEW_NAMES, encode_in_order, to_codes
 from armd.errors import BadInput
 
 
@@ -29,8 +29,8 @@ def test_numbers_follow_the_order_of_the_rows(names: list[str], numbers: list[in
         pa.array(numbers, pa.int32()), pa.array(names, pa.string())
     )
     expected = stored.cast(pa.string()).dictionary_encode()
-    found = encoded_in_order(stored)
-    np.testing.assert_array_equal(codes_of(found), codes_of(expected))
+    found = encode_in_order(stored)
+    np.testing.assert_array_equal(to_codes(found), to_codes(expected))
     assert found.dictionary.to_pylist() == expected.dictionary.to_pylist()
 
 
@@ -41,7 +41,7 @@ def test_pieces_of_parquet_have_the_names_of_their_rows(
     path = tmp_path / "readings.parquet"
     texts = ["P2", "P2", "P1", "P1", "P1", "P2", "P3", None]
     pa.parquet.write_table(pa.table({"placement": texts}), path, row_group_size=7)
-    read = list(pieces.reading_pieces(path, [], ["placement"]))
+    read = list(pieces.read_pieces(path, [], ["placement"]))
     found = []
     for piece in read[:-1]:
         codes, names = piece.names("placement")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.sessions.session import load_session, load_sessions, session_pieces
+from armd.compensation.data.sessions.session import load_session, load_session_pieces, load_sessions
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.interim.checks.admission import refuse_unfit
@@ -76,7 +76,7 @@ def test_the_cells_count_as_missing_and_are_named(
     expected = np.column_stack([before.states.temperature_c, before.artefact_c])
     expected[list(rows), [*arm.sensors, "artefact_c"].index(column)] = np.nan
     np.testing.assert_array_equal(read, expected)
-    pieces = list(session_pieces(folder / "T26", arm))
+    pieces = list(load_session_pieces(folder / "T26", arm))
     assert tuple(remark for piece in pieces for remark in piece.remarks) == session.remarks
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.sessions.session import Session, load_sessions
-from armd.compensation.data.soundness.turns import whole_turns
+from armd.compensation.data.soundness.turns import find_whole_turns
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.model.arm import Arm, load_arm
 from armd.simulator.measured.noise import Noise
@@ -46,9 +46,9 @@ def test_the_turn_inside_the_limits_is_meant(limits, degrees, turns) -> None:
     arm = arm_of(limits, (None, None), (None, None))
     q = np.zeros((len(degrees), 3))
     q[:, 0] = np.radians(degrees)
-    assert whole_turns(q, arm)[:, 0].tolist() == turns
+    assert find_whole_turns(q, arm)[:, 0].tolist() == turns
     q[:, 0] = math.nan
-    assert not whole_turns(q, arm).any()
+    assert not find_whole_turns(q, arm).any()
 
 
 def turned(session: Path, unit: float = math.tau) -> None:

@@ -13,11 +13,11 @@ from urdf_numbers import DESCRIPTIONS, SO100, Description
 
 from armd.arrays import F64
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import frames
+from armd.compensation.model.kinematics import compute_frames
 from armd.daemon import cli
 from armd.daemon.catalogue.known_arms import KNOWN, load_known_arm, read_arm_text
 from armd.daemon.config import load_config
-from armd.drivers.ports import serial_ports
+from armd.drivers.ports import list_serial_ports
 
 LEROBOT = {
     "shoulder_pan": {
@@ -113,7 +113,7 @@ def test_the_geometry_is_the_descriptions(name: str, tmp_path: Path) -> None:
     q = rng.uniform(-np.pi, np.pi, (200, arm.n_joints))
     directions = [joint.direction for joint in arm.joint]
     assert directions == [joint.direction for joint in description.joints]
-    origins, rotations = frames(q * directions, arm.nominal())
+    origins, rotations = compute_frames(q * directions, arm.nominal())
     tips = origins[:, -1] + rotations[:, -1] @ np.array(arm.tip.offset_mm)
     for literal, tolerance_mm in ((False, 2e-9), (True, 5e-3)):
         for pose, tip_mm in zip(q, tips, strict=True):
@@ -144,7 +144,7 @@ def test_the_so100_is_its_description_from_another_zero(tmp_path: Path) -> None:
     which is that of the SO-101 within what the two drawings differ by."""
     arm = load_arm(_written("so100", tmp_path))
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (100, 5))
-    origins, _ = frames(q, arm.nominal())
+    origins, _ = compute_frames(q, arm.nominal())
     quarter = np.pi / 2
     zero = np.array([0.0, 1.8, -quarter, 1 - quarter, 0.0])
     for pose, tip_mm in zip(q, origins[:, -1], strict=True):
@@ -157,7 +157,7 @@ def test_the_so100_is_its_description_from_another_zero(tmp_path: Path) -> None:
         assert (joint.min_deg, joint.max_deg) == pytest.approx((low, high), abs=0.001)
     other = load_arm(_written("so101", tmp_path / ".."))
     # Wrists at both zeros: the SO-101's drawing is 2.4 mm lower.
-    wrists = [frames(np.zeros((1, 5)), one.nominal())[0][0, 4] for one in (arm, other)]
+    wrists = [compute_frames(np.zeros((1, 5)), one.nominal())[0][0, 4] for one in (arm, other)]
     assert np.linalg.norm(wrists[0] - wrists[1]) < 3.0
     assert [one.direction for one in arm.joint] == [one.direction for one in other.joint]
 
@@ -239,7 +239,7 @@ def test_ports_have_their_lasting_names(tmp_path: Path) -> None:
     for device in ("ttyACM0", "ttyUSB3", "ttyS0"):
         (tmp_path / device).touch()
     (named / "usb-maker_adapter").symlink_to("../../ttyUSB3")
-    assert serial_ports(tmp_path) == [tmp_path / "ttyACM0", named / "usb-maker_adapter"]
+    assert list_serial_ports(tmp_path) == [tmp_path / "ttyACM0", named / "usb-maker_adapter"]
 
 
 # --- LeRobot ---------------------------------------------------------------------------------

@@ -15,13 +15,13 @@ from armd.compensation.inverse.compensate import compensate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import (
     Calibration,
-    constants_of,
     load_calibration,
+    name_constants,
     save_calibration,
 )
 from armd.compensation.model.state import States
 from armd.daemon.cli import main
-from armd.files.toml_text import toml_text
+from armd.files.toml_text import format_toml
 from support.plain_kinematics import tip_pose
 from support.selection import parametrize_default
 
@@ -60,14 +60,14 @@ def make(folder: Path, n: int, terms: list[dict[str, Any]] = TERMS, off: float =
         "schema": "armd.arm/1", "serial_number": "ARM-1", "temperature_sensor": [{"name": "t1"}],
         "joint": joints, "tip": {"offset_mm": [20.0, 0.0, 60.0], "radius_mm": 1.0},
     }  # fmt: skip
-    (folder / "arm.toml").write_text(toml_text(content))
+    (folder / "arm.toml").write_text(format_toml(content))
     arm = load_arm(folder / "arm.toml")
     values, layout = arm.nominal(), arm.layout
     scale = np.where(layout.are_lengths, 0.5, 1e-3)
     values += off * scale * np.random.default_rng(n).normal(size=layout.count)
     calibration = {
         "arm": "ARM-1", "created": "2026-01-01T00:00:00+00:00", "reference_temperature_c": 20.0,
-        "constants": constants_of(values, arm.n_joints), "terms": terms,
+        "constants": name_constants(values, arm.n_joints), "terms": terms,
         "temperature_range_c": {"t1": (10.0, 30.0)},
     }  # fmt: skip
     save_calibration(folder / "cal.json", Calibration.model_validate(calibration))

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from armd.daemon.cli import main, parsers
+from armd.daemon.cli import main, make_parsers
 from armd.daemon.commands.groups import COMMANDS
 
 
@@ -40,7 +40,7 @@ def test_bash_completes_commands_options_and_choices(capsys: pytest.CaptureFixtu
 
 
 def test_every_shell_gets_every_command_and_option(capsys: pytest.CaptureFixture[str]) -> None:
-    _, commands = parsers(COMMANDS.keys() - {"simulate"})
+    _, commands = make_parsers(COMMANDS.keys() - {"simulate"})
     options = {word for one in commands.values() for word in one.list_options()}
     assert len(options) > 60
     for shell in ("bash", "zsh", "fish"):
@@ -60,7 +60,7 @@ def test_the_shell_takes_its_script(shell: str, capsys: pytest.CaptureFixture[st
 
 def test_the_man_page_has_what_help_has(capsys: pytest.CaptureFixture[str]) -> None:
     page = said(capsys, "man").replace("\\-", "-")
-    _, commands = parsers(COMMANDS.keys() - {"simulate"})
+    _, commands = make_parsers(COMMANDS.keys() - {"simulate"})
     for name, command in commands.items():
         assert f".SS armd {name}\n" in page
         if name != "simulate":

@@ -22,11 +22,11 @@ from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import (
     Calibration,
-    constants_of,
     load_calibration,
+    name_constants,
     save_calibration,
 )
-from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.daemon.cli import main
 from armd.daemon.live import flags
 
@@ -73,7 +73,7 @@ class Bench:
             "created": "2026-01-01T00:00:00Z",
             "reference_temperature_c": 20.0,
             "temperature_range_c": {"t1": [15.0, 30.0]},
-            "constants": constants_of(self.arm.nominal(), 3),
+            "constants": name_constants(self.arm.nominal(), 3),
             "terms": terms,
             "covariance_of": ["d_1", "a_2", "term 0"],
             "covariance": [[4e-6, 1e-6, 0.0], [1e-6, 9e-6, 0.0], [0.0, 0.0, term_variance]],
@@ -110,7 +110,7 @@ class Bench:
 
     def lifted_mm(self) -> list[float | None]:
         """How much higher than by the drawing each point is, joints 2 and 3 at zero."""
-        nominal_mm = forward(np.zeros((1, 3)), self.arm.nominal())[0][0, 2]
+        nominal_mm = compute_pose(np.zeros((1, 3)), self.arm.nominal())[0][0, 2]
         heights = [row["z_mm"] for row in self.points()]
         return [round(float(z) - nominal_mm, 6) if z else None for z in heights]
 
@@ -141,7 +141,7 @@ def test_columns_are_kept_and_points_added(bench: Bench) -> None:
     assert figures(rows)[:, 3:] == pytest.approx(expected[:, 3:], rel=1e-4)
     # u² of z: d_1 and its coefficient at 6 K, the sensor, joints 2 and 3 by their levers
     nominal = bench.arm.nominal()
-    lever = jacobian(q, nominal)[1][0, 2]
+    lever = compute_jacobian(q, nominal)[1][0, 2]
     by_hand = 4e-6 + 36 * 1e-8 + (0.007 * 0.1) ** 2 + (lever[5] * 3e-6) ** 2
     by_hand += (lever[10] * 4e-6) ** 2 + 9e-6 * lever[7] ** 2 + 2e-6 * lever[7]
     assert figures(rows)[0, 5] == pytest.approx(by_hand**0.5, rel=1e-4)
@@ -153,7 +153,7 @@ def test_without_a_calibration_nominal_geometry_and_flag_7(bench: Bench) -> None
     assert bench.run() == 0
     (row,) = bench.points()
     assert int(row["flags"]) == Flag.NOT_CALIBRATED
-    position = forward(np.array([[0.1, 0.2, 0.3]]), bench.arm.nominal())[0]
+    position = compute_pose(np.array([[0.1, 0.2, 0.3]]), bench.arm.nominal())[0]
     assert [float(row[name]) for name in point_columns.COLUMNS[:3]] == pytest.approx(
         position[0], abs=1e-8
     )
@@ -188,7 +188,7 @@ def test_counts_and_degrees(bench: Bench) -> None:
     bench.readings("q1,q2,q3\n250000,1000,500000\n")
     assert bench.run("--angle-unit", "count") == 0
     q = np.array([[np.pi / 2, -np.pi / 500, np.pi]])
-    position = forward(q, bench.arm.nominal())[0]
+    position = compute_pose(q, bench.arm.nominal())[0]
     assert positions(bench.points()) == pytest.approx(position, abs=1e-8)
     bench.readings("q1,q2,q3\n90,-0.36,180\n")
     assert bench.run("--angle-unit", "deg") == 0

@@ -19,10 +19,10 @@ import serial
 from armd.daemon import cli
 from armd.daemon.commands.setup import doctor
 from armd.daemon.config import load_config
-from armd.daemon.doctor.examine import examine_port
+from armd.daemon.doctor.examine import diagnose_port
 from armd.daemon.doctor.expected import compare
 from armd.daemon.doctor.finding import Patient
-from armd.daemon.doctor.machine import ThisMachine, can_buses
+from armd.daemon.doctor.machine import ThisMachine, list_can_buses
 from armd.drivers.config import ServoConfig
 from armd.simulator.servobus.arm import make_arm_toml
 from support.pty_link import PtyLink
@@ -73,7 +73,7 @@ def test_what_is_wrong_with_servos_is_told_and_how_to_mend_it(
     tables = {i: sts3215() for i in (1, 2, 4, 6)}
     tables[5] = sts3215(firmware=(3, 9), torque=1, delay=250)
     with FakeServos("feetech", tables) as bus:
-        found = examine_port(bus.port, ThisMachine())
+        found = diagnose_port(bus.port, ThisMachine())
     doctor._print([found], True)
     patient = found.as_json()
     assert bus.writes == []
@@ -133,7 +133,7 @@ def test_servos_that_cannot_be_used_are_named(capsys: pytest.CaptureFixture[str]
     tables[2][3:5] = (1284).to_bytes(2, "little")
     tables[3] = bytearray(20)  # too short for what it is asked
     with FakeServos("feetech", tables, weak=4) as bus:
-        found = examine_port(bus.port, ThisMachine())
+        found = diagnose_port(bus.port, ThisMachine())
     doctor._print([found], True)
     assert bus.writes == []
     told = [(finding.kind, finding.text) for finding in found.findings]
@@ -431,7 +431,7 @@ def test_a_can_bus_that_is_down_is_told(tmp_path: Path) -> None:
         folder.mkdir(parents=True)
         (folder / "type").write_text(f"{kind}\n")
         (folder / "flags").write_text(f"{flags:#x}\n")
-    down, up = can_buses(tmp_path)
+    down, up = list_can_buses(tmp_path)
     assert up.name == "can1" and not up.findings
     assert down.findings[0].mend == "sudo ip link set can0 up type can bitrate 1000000"
 

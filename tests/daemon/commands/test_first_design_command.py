@@ -12,9 +12,9 @@ import pytest
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.design.reaching import solve_postures
-from armd.compensation.estimate.placements.rigid_motions import align_by_kabsch
+from armd.compensation.estimate.placements.rigid_motions import fit_by_kabsch
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon import cli
 from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes
@@ -65,7 +65,7 @@ def test_a_table_a_result_and_a_page_of_a_trackers_points(
     low, high = arm.range_rad
     assert (q >= low).all() and (q <= high).all()
     np.testing.assert_allclose(np.degrees(q), shown, atol=0.051)
-    np.testing.assert_allclose(forward(q, arm.nominal())[0], tip, atol=0.051)
+    np.testing.assert_allclose(compute_pose(q, arm.nominal())[0], tip, atol=0.051)
     assert (np.linalg.norm(tip, axis=1) > 199).all() and (np.linalg.norm(tip, axis=1) < 801).all()
     assert result["schema"] == "armd.design/1" and result["target_kind"] == "tracker"
     assert result["rank"] == result["structural_rank"] == 13
@@ -132,11 +132,11 @@ def test_a_session_in_these_poses_is_granted_a_certificate(arm: Arm, on_balls: b
         wide = [joint.model_copy(update={"min_deg": None, "max_deg": None}) for joint in arm.joint]
         place = np.array([row["placement"] for row in rows])
         local = np.array([BALLS[row["target"]] for row in rows])
-        wanted, drawn = np.zeros((len(q), 3)), forward(q, nominal)[0]
+        wanted, drawn = np.zeros((len(q), 3)), compute_pose(q, nominal)[0]
         for one in ("P1", "P2", "P3"):
             of = place == one
             group = np.zeros(of.sum(), dtype=np.int64)
-            turn, shift = align_by_kabsch(local[of], drawn[of], np.ones(of.sum()), group, 1)
+            turn, shift = fit_by_kabsch(local[of], drawn[of], np.ones(of.sum()), group, 1)
             wanted[of] = local[of] @ turn[0].T + shift[0]
         assert np.abs(wanted - drawn).max() < 1.0
         wanted += rng.normal(0.0, 0.02, wanted.shape)
@@ -144,7 +144,7 @@ def test_a_session_in_these_poses_is_granted_a_certificate(arm: Arm, on_balls: b
         assert reached.all()
         columns |= {"placement": place, "target": [row["target"] for row in rows]}
     else:
-        seen = forward(q, truth)[0] + rng.normal(0.0, 0.02, (len(q), 3))
+        seen = compute_pose(q, truth)[0] + rng.normal(0.0, 0.02, (len(q), 3))
         columns |= {"placement": ["T"] * len(q), "target": ["reflector"] * len(q)}
         columns |= {f"{axis}_mm": seen[:, i] for i, axis in enumerate("xyz")}
     columns |= {f"q{k + 1}": q[:, k] for k in range(4)}

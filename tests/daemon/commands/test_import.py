@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from armd.compensation.data.foreign.table import read_table
 from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.cli import main
 from armd.daemon.config import load_config
 
@@ -236,7 +236,7 @@ def test_a_urdf_moves_as_its_own_chain_does(bench: Bench, name: str, link: str |
     assert main(["import", str(path), "-o", str(out), *options]) == 0
     arm = load_arm(out)
     q = np.random.default_rng(3).uniform(-2, 2, (40, arm.n_joints))
-    ours = forward(q, arm.nominal())[0]
+    ours = compute_pose(q, arm.nominal())[0]
     theirs = np.array([urdf_tip(path, options[1], row) for row in q])
     turn, rest = Rotation.align_vectors(theirs - theirs.mean(0), ours - ours.mean(0))
     assert rest < 1e-2  # mm over 40 points: these files print quarter turns to a few digits

@@ -14,7 +14,7 @@ import pytest
 
 from armd import __version__
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
 from armd.compensation.model.slow_factors import Daily, Temperature, Time
 from armd.compensation.model.terms import Term
 from armd.daemon.cli import main
@@ -84,7 +84,7 @@ class Bench:
 
     def calibrate(self, terms: list[Term] = [], **changes: Any) -> None:  # noqa: B006
         arm = load_arm(self.folder / "arm.toml")
-        constants = constants_of(arm.nominal(), 3)
+        constants = name_constants(arm.nominal(), 3)
         constants["a_2"] += 0.5
         content = {
             "arm": "TEST", "created": "2026-01-01T00:00:00+00:00", "constants": constants,
@@ -369,7 +369,7 @@ def test_what_a_daemon_measured_is_found_again(
         {
             "arm": drawn.serial_number, "created": "2026-01-01T00:00:00+00:00",
             "reference_temperature_c": 20.0,
-            "constants": constants_of(drawn.nominal(), drawn.n_joints),
+            "constants": name_constants(drawn.nominal(), drawn.n_joints),
         }
     )  # fmt: skip
     save_calibration(tmp_path / "same.json", content)

@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 import armd
 from armd.compensation.identify.tip import fit_in_seat, fit_on_sphere
-from armd.compensation.model.kinematics import forward, joint_jacobian
+from armd.compensation.model.kinematics import compute_joint_jacobian, compute_pose
 from armd.daemon.cli import main
-from armd.daemon.files.kept_tips import tips_file, tips_in_force
-from armd.daemon.files.tip_history import history, history_file
+from armd.daemon.files.kept_tips import load_active_tips, locate_tips_file
+from armd.daemon.files.tip_history import locate_history_file, read_history
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import make_plan
@@ -102,14 +102,14 @@ def measured(folder, offset_mm, noise_mm=0.002, seed=4, n=12):
         while not measuring.complete:
             q = rng.uniform(-2, 2, (1, 6))
             for _ in range(60):
-                way = goal - forward(q, true)[0]
-                step = np.linalg.pinv(joint_jacobian(q, true), rcond=1e-3) @ way[:, :, None]
+                way = goal - compute_pose(q, true)[0]
+                step = np.linalg.pinv(compute_joint_jacobian(q, true), rcond=1e-3) @ way[:, :, None]
                 q = q + np.clip(step[:, :, 0], -0.3, 0.3)
-            if np.linalg.norm(forward(q, true)[0] - goal) > 1e-9:
+            if np.linalg.norm(compute_pose(q, true)[0] - goal) > 1e-9:
                 continue
             q += rng.normal(0, noise_mm / 500, q.shape)
             number += 1
-            tip, rotation = forward(q, p)
+            tip, rotation = compute_pose(q, p)
             told = measuring.offer(
                 {
                     "seq": number,
@@ -154,9 +154,9 @@ def test_a_tip_is_calibrated_kept_and_warned_of_when_it_moved(tmp_path, state, c
     said = capsys.readouterr().out
     assert "WARNING       the offset moved by 0.3" in said
     assert result["measured"] in said  # since when
-    kept = history("SMALL-1", "ruby")
+    kept = read_history("SMALL-1", "ruby")
     assert [round(entry["offset_mm"][1], 1) for entry in kept] == [0.0, 0.3]
-    assert history("SMALL-1", "other") == []
+    assert read_history("SMALL-1", "other") == []
     assert main(["tip", "history", "SMALL-1"]) == 0
     assert "2 calibrations" in capsys.readouterr().out
 
@@ -197,7 +197,7 @@ def test_the_last_calibration_is_put_in_force_if_it_is_good(tmp_path, state, cap
     assert main(command) == 0
     assert "SMALL-1: tip ruby, as it was calibrated now" in capsys.readouterr().out
     ((name, asked),) = daemon.asked
-    offset_mm = history("SMALL-1", "ruby")[-1]["offset_mm"]
+    offset_mm = read_history("SMALL-1", "ruby")[-1]["offset_mm"]
     assert (name, asked["name"], asked["radius_mm"]) == ("keep_tip", "ruby", "")
     assert [float(word) for word in asked["offset_mm"].split(",")] == offset_mm  # to the last bit
     # A doubtful one is kept in the history and goes nowhere else.
@@ -210,20 +210,20 @@ def test_the_last_calibration_is_put_in_force_if_it_is_good(tmp_path, state, cap
 
 @pytest.mark.parametrize("content", ["{", "[]", '{"schema": "armd.tips/2"}', '{"tips": {"a": 1}}'])
 def test_damaged_kept_tips_are_told(tmp_path, state, content):
-    path = tips_file("SMALL-1")
+    path = locate_tips_file("SMALL-1")
     path.parent.mkdir(parents=True)
     path.write_text(content)
     with pytest.raises(BadInput, match=str(path)):
-        tips_in_force("SMALL-1", {})
+        load_active_tips("SMALL-1", {})
 
 
 def test_a_torn_history_keeps_what_is_whole(tmp_path, state, capsys):
     measured(tmp_path / "one", [50.0, 0.0, 0.0])
     main(["tip", "calibrate", str(tmp_path / "one")])
-    with history_file("SMALL-1").open("a") as file:
+    with locate_history_file("SMALL-1").open("a") as file:
         file.write('{"schema": "armd.ti')
     main(["tip", "calibrate", str(tmp_path / "one")])
-    assert len(history("SMALL-1")) == 2
+    assert len(read_history("SMALL-1")) == 2
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from armd.daemon.cli import main, module_of
+from armd.daemon.cli import main, name_module
 from armd.daemon.commands.groups import COMMANDS, GROUPS
 from armd.daemon.commands.usage import USAGE
 from armd.simulator import options
@@ -36,7 +36,7 @@ def test_every_command_has_its_usage() -> None:
 
 @pytest.mark.parametrize("name", USAGE)
 def test_the_examples_are_taken(name: str) -> None:
-    module = importlib.import_module(module_of(name))
+    module = importlib.import_module(name_module(name))
     for example in USAGE[name].examples:
         program, command, *words = shlex.split(example)
         assert (program, command) == ("armd", name)
@@ -48,7 +48,7 @@ def test_the_examples_are_taken(name: str) -> None:
 
 @pytest.mark.parametrize("name", USAGE)
 def test_who_may_answer_no_says_when(name: str) -> None:
-    module = importlib.import_module(module_of(name))
+    module = importlib.import_module(name_module(name))
     source = inspect.getsource(module)
     answers_no = re.search(r"return (1|0) (if .* )?else (1|0)\b|return 1\b", source) is not None
     assert answers_no == bool(USAGE[name].no)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.daemon.cli import main
@@ -86,7 +86,7 @@ def test_a_calibration_that_overflows_is_refused(
         arm=arm.serial_number,
         created="2026-01-01T00:00:00Z",
         reference_temperature_c=arm.reference_temperature_c + 5.0,
-        constants=constants_of(arm.nominal(), arm.n_joints),
+        constants=name_constants(arm.nominal(), arm.n_joints),
         terms=[Term(parameter="a_2", basis=[heat], coefficient=1e308)],
     )
     path, result = tmp_path / "cal.json", tmp_path / "result.json"

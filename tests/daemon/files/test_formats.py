@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from armd.compensation.data.sessions.columns import number_columns
+from armd.compensation.data.sessions.columns import list_number_columns
 from armd.compensation.model.arm import Arm
 from armd.daemon.cli import main
-from armd.daemon.commands.setup.schema import FORMATS, json_schema
+from armd.daemon.commands.setup.schema import FORMATS, make_json_schema
 from support.pages import page_path
 
 SECTIONS = {
@@ -54,7 +54,7 @@ def rows(title: str) -> dict[str, dict[str, str]]:
 
 @pytest.mark.parametrize("name", SECTIONS)
 def test_the_page_has_every_key_and_its_default(name: str) -> None:
-    schema = json_schema(name)
+    schema = make_json_schema(name)
     expected = dict(keys(schema, schema))
     shown = rows(SECTIONS[name])
     assert list(shown) == list(expected)
@@ -96,13 +96,13 @@ def test_the_example_of_limits_is_accepted_and_has_every_key() -> None:
     (example,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     data = tomllib.loads(example)
     FORMATS["mpe"][0].model_validate_json(json.dumps(data), strict=True)
-    schema = json_schema("mpe")
+    schema = make_json_schema("mpe")
     dotted = {f"{table}.{key}" for table in ("mpe", "uncertainty") for key in data[table]}
     assert {*data, *dotted} == {key for key, _ in keys(schema, schema)}
 
 
 def test_the_daemons_page_has_every_key() -> None:
-    schema = json_schema("daemon")
+    schema = make_json_schema("daemon")
     text = page_path("configure").read_text(encoding="utf-8")
     for key, _ in keys(schema, schema):
         assert re.search(rf"[`\[.]{key.rsplit('.', 1)[-1]}\b", text) or key in text, key
@@ -115,7 +115,7 @@ def test_the_page_has_every_column() -> None:
     )  # fmt: skip
     text = page_path("formats").read_text(encoding="utf-8")
     section = text.split("\n## readings.csv\n")[1].split("\n## ")[0]
-    for column in number_columns(arm):
+    for column in list_number_columns(arm):
         shown = {"t1": "a sensor's name"}
         joint = re.fullmatch(r"([qw])\d", column)
         cell = f"`{joint[1]}1`" if joint else shown.get(column, f"`{column}`")

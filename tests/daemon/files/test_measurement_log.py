@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from armd.daemon.files import measurement_log
-from armd.daemon.files.measurement_log import MeasurementLog, log_files
+from armd.daemon.files.measurement_log import MeasurementLog, list_log_files
 from armd.drivers.sample import Event
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
@@ -21,7 +21,7 @@ PATIENCE_S = 60.0
 
 
 def lines(folder: Path) -> list[str]:
-    return [line for path in log_files(folder) for line in path.read_text().splitlines()]
+    return [line for path in list_log_files(folder) for line in path.read_text().splitlines()]
 
 
 def wait_for_events(log: MeasurementLog) -> list[Event]:
@@ -58,7 +58,7 @@ def test_a_long_file_is_followed_by_another(
         log = MeasurementLog(tmp_path)
         log.add("x" * 29)
         log.close()
-    assert [path.name for path in log_files(tmp_path)] == [
+    assert [path.name for path in list_log_files(tmp_path)] == [
         "000001.jsonl", "000002.jsonl", "000003.jsonl",
     ]  # fmt: skip
     assert len(lines(tmp_path)) == 6

@@ -10,7 +10,7 @@ import pytest
 from armd import Flag
 from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.cli import main
 from armd.daemon.files.session_folder import SessionFolder, load_artefact
 from armd.errors import BadInput
@@ -66,7 +66,7 @@ def test_presses_over_the_wire_become_readings(tmp_path, capsys):
     rows = np.abs(session.states.time_s[:, None] - stamps_s).argmin(axis=1)
     assert len(set(rows)) == session.n
     np.testing.assert_allclose(session.states.time_s, stamps_s[rows], rtol=0, atol=1e-5)
-    tip_mm, _ = forward(session.states.q, load_arm(arm.arm_toml).nominal())
+    tip_mm, _ = compute_pose(session.states.q, load_arm(arm.arm_toml).nominal())
     published_mm = np.array([measured[row]["position_mm"] for row in rows])
     np.testing.assert_allclose(tip_mm, published_mm, rtol=0, atol=1e-4)
     assert np.isfinite(session.states.temperature_c).all()

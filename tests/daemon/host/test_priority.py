@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from armd.daemon.host.priority import PRIORITY, SENDER_NAME, go_first, sender_goes_first
+from armd.daemon.host.priority import PRIORITY, SENDER_NAME, raise_priority, raise_sender_priority
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
 
 FIRST_AND_LATER = """
 import os, threading
-from armd.daemon.host.priority import go_first
-go_first()
+from armd.daemon.host.priority import raise_priority
+raise_priority()
 later = threading.Thread(target=lambda: print(os.sched_getscheduler(0)))
 later.start(); later.join()
 print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
@@ -55,7 +55,7 @@ def test_without_the_right_nothing_changes(monkeypatch: pytest.MonkeyPatch) -> N
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    go_first()
+    raise_priority()
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
@@ -96,4 +96,4 @@ def priorities(pid: int) -> dict[str, int]:
 
 def test_nothing_is_asked_again_where_the_stream_is_ordinary() -> None:
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
-    assert sender_goes_first()
+    assert raise_sender_priority()

@@ -8,7 +8,7 @@ import pytest
 
 from armd import Flag
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.config import Limits
 from armd.daemon.live.drift import CoarseHistory
 from armd.daemon.live.pipeline import Pipeline
@@ -96,7 +96,7 @@ def test_rest_ends_soon_after_joints_begin_to_move_together():
     soon = []
     for _ in range(60):
         begin, way = rng.uniform(-0.6, 0.6, 4), rng.normal(size=4)
-        tips, _ = forward(np.array([begin, begin + 1e-6 * way]), arm)
+        tips, _ = compute_pose(np.array([begin, begin + 1e-6 * way]), arm)
         way *= 12.0 / (np.linalg.norm(tips[1] - tips[0]) / 1e-6)
         angles = begin + np.clip(time_s - 1.0, 0.0, None)[:, None] * way
         counts = np.round(angles / count_rad)

@@ -15,10 +15,10 @@ import zenoh
 
 from armd import POINT
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.config import Limits
 from armd.daemon.live.pipeline import Pipeline
-from armd.daemon.network.publisher import Publisher, joint_messages
+from armd.daemon.network.publisher import Publisher, encode_joint_messages
 from support.running_daemon import PATIENCE_S, free_endpoint, running_daemon, session_with
 from support.simulated_arm import simulated_arm
 from support.small_arm import samples_of, small_arm
@@ -77,7 +77,7 @@ def test_one_per_point_and_only_while_somebody_listens(tmp_path: Path) -> None:
             point = by_seq[seq]
             assert stamp_ns == point["stamp_ns"]
             # Without calibration the point is the nominal geometry's at these very angles.
-            tip, _ = forward(np.array([angles]), model.nominal())
+            tip, _ = compute_pose(np.array([angles]), model.nominal())
             assert tip[0] == pytest.approx(point["position_mm"], abs=1e-6)
             assert len(rates) == model.n_joints
         ok, info = daemon.get("info")
@@ -118,7 +118,7 @@ def test_a_broken_joint_has_no_angle() -> None:
     samples["joint_invalid"][1] = 0b010
     pipeline = Pipeline(arm, None, Limits())
     points, joints = pipeline.correct(samples)
-    first, second = (unpack(m) for m in joint_messages(points, samples, joints))
+    first, second = (unpack(m) for m in encode_joint_messages(points, samples, joints))
     assert np.degrees(first[2]) == pytest.approx([10, 20, 30], abs=1e-3)
     assert np.degrees([second[2][0], second[2][2]]) == pytest.approx([11, 30], abs=1e-3)
     assert np.isnan(second[2][1])

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armd import Flag
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.slow_factors import Temperature, Time
 from armd.compensation.model.terms import Term
 from armd.compiled import library
@@ -45,8 +45,8 @@ def test_points_are_forward_kinematics_of_the_warm_arm():
     cold = small_arm().nominal()
     warm = cold.copy()
     warm[7] += 0.05  # a_2, 5 K warmer
-    np.testing.assert_allclose(points["position_mm"][:1], forward(q, warm)[0], atol=1e-9)
-    moved = forward(q, warm)[0] - forward(q, cold)[0]
+    np.testing.assert_allclose(points["position_mm"][:1], compute_pose(q, warm)[0], atol=1e-9)
+    moved = compute_pose(q, warm)[0] - compute_pose(q, cold)[0]
     np.testing.assert_allclose(points["correction_mm"][:1], moved, atol=1e-7)
     for name in ("seq", "stamp_ns", "monotonic_ns"):
         np.testing.assert_array_equal(points[name], still(3)[name])
@@ -60,13 +60,13 @@ def test_samples_of_another_kind_never_reach_what_was_settled_for_others(monkeyp
     settled_for = []
 
     def settled(function, samples, *_):
-        kind = library.kind(samples)
+        kind = library.describe_kind(samples)
         settled_for.append(kind)
-        return lambda samples, *_: calls.append(library.kind(samples) == kind)
+        return lambda samples, *_: calls.append(library.describe_kind(samples) == kind)
 
     calls: list[bool] = []
     pipeline = calibrated()
-    monkeypatch.setattr("armd.daemon.live.pipeline.settled", settled)
+    monkeypatch.setattr("armd.daemon.live.pipeline.select_compiled", settled)
     for samples in (still(1), still(9), still(9)[::2], still(2), still(2)):
         pipeline.correct(samples)
     assert calls == [True] * 5

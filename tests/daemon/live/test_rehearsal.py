@@ -11,7 +11,7 @@ import numpy as np
 
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
-from armd.compiled.rehearsal import rehearse
+from armd.compiled.rehearsal import run_rehearsal
 from armd.daemon.config import load_config
 from armd.daemon.health import Tally
 from armd.daemon.live.arm_in_use import ArmInUse
@@ -76,7 +76,7 @@ def stream(decoder: SerialDecoder, arm: ArmInUse) -> set[str]:
 def main(config: Path) -> None:
     loaded = load_config(config)
     arm = ArmInUse(loaded)
-    rehearse(loaded, arm)
+    run_rehearsal(loaded, arm)
     driver = SerialDriver(loaded.file.driver, loaded.expectation)
     driver.open()
     before = compiled()

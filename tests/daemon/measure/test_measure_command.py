@@ -20,7 +20,7 @@ from armd import keys
 from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
-from armd.daemon.cli import main, module_of
+from armd.daemon.cli import main, name_module
 from armd.daemon.measure import hearing
 from armd.daemon.measure.ending import EndOptions, list_commands
 from armd.daemon.measure.in_use import MeasuredWith
@@ -211,7 +211,7 @@ def test_each_kind_ends_with_a_command_that_there_is(tmp_path, kind, calibrated,
     assert [command[0] for command in made] == named
     for command in made:
         parser = argparse.ArgumentParser()
-        importlib.import_module(module_of(command[0])).add_arguments(parser)
+        importlib.import_module(name_module(command[0])).add_arguments(parser)
         parser.parse_args(command[1:])  # exits where an option is not one of the command's
     written = load_arm(tmp_path / kind / "arm.toml")
     assert written == ARM

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from armd import Flag
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.session import load_session
-from armd.compensation.model.kinematics import forward
+from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.measure.in_use import MeasuredWith, write_arm_toml
 from armd.daemon.measure.log import NAME
 from armd.daemon.measure.measuring import Measuring
@@ -43,7 +43,7 @@ ORIGIN = np.array([350.0, 150.0, 100.0])
 def press(number, point_mm=None, q=None, **changes):
     """A measurement as the daemon publishes it, at rest at a point; angles that differ."""
     q = np.array([0.1 + 0.01 * number, 0.2, 0.3]) if q is None else np.asarray(q)
-    tip, rotation = forward(q[None], ARM.nominal())
+    tip, rotation = compute_pose(q[None], ARM.nominal())
     return {
         "trigger": "button",
         "seq": 1000 * number,
@@ -403,7 +403,7 @@ def test_a_posture_unlike_those_measured_is_proposed_and_reaches_the_ball(tmp_pa
         for number, ball in enumerate(("B1", "B2", "B3"), 1):
             measuring.offer(at(ball, number))
         following = measuring.state()["next"]
-    tip, _ = forward(np.radians([following["posture_deg"]]), ARM.nominal())
+    tip, _ = compute_pose(np.radians([following["posture_deg"]]), ARM.nominal())
     np.testing.assert_allclose(tip[0], following["position_mm"], atol=0.5)
     assert following["why"]
 
@@ -415,7 +415,7 @@ pose,x_mm,y_mm,z_mm,q1_deg,q2_deg,q3_deg,approach_joint_1,approach_joint_2,appro
 
 def poses_table(path, postures_deg):
     """A table of `armd design -o`, in its columns: the tips are where the arm has them."""
-    tips, _ = forward(np.radians(postures_deg), ARM.nominal())
+    tips, _ = compute_pose(np.radians(postures_deg), ARM.nominal())
     rows = "".join(
         f"{i},{','.join(f'{v:.1f}' for v in (*tip, *posture))},+,-,+,25.0\n"
         for i, (tip, posture) in enumerate(zip(tips, postures_deg, strict=True), 1)
@@ -428,7 +428,7 @@ def reaching(point_mm, near_deg):
     """Joint angles that bring the tip to a point (SciPy's least squares), and those near them."""
 
     def away(q):
-        return forward(q[None], ARM.nominal())[0][0] - point_mm
+        return compute_pose(q[None], ARM.nominal())[0][0] - point_mm
 
     found = least_squares(away, np.radians(near_deg), xtol=1e-14, ftol=1e-14)
     assert np.linalg.norm(found.fun) < 1e-6
@@ -456,7 +456,7 @@ def test_each_pose_of_a_design_goes_to_the_ball_that_suits_it(tmp_path):
             told = measuring.offer(press(number, moved.apply(ball)))
             assert told["event"] == "reading", told
         following = measuring.state()["next"]
-    tip, _ = forward(np.radians([following["posture_deg"]]), ARM.nominal())
+    tip, _ = compute_pose(np.radians([following["posture_deg"]]), ARM.nominal())
     np.testing.assert_allclose(tip[0], moved.apply(balls[3]), atol=0.5)
     assert np.abs(np.array(following["posture_deg"]) - postures[3]).max() < 15.0
 

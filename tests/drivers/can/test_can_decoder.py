@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from armd.drivers.can import objects as can
 from armd.drivers.can.cycle import LATE_MOST_NS, CycleAssembler, EncoderReading
-from armd.drivers.can.decoder import CanDecoder, note
+from armd.drivers.can.decoder import CanDecoder, encode_note
 from armd.drivers.can.objects import CanFrame
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, RawFrame, Temperatures
@@ -30,7 +30,7 @@ class Bus:
         self.tell(note="up")
 
     def tell(self, **fields):
-        self._feed("link", note(**fields))
+        self._feed("link", encode_note(**fields))
 
     def configure(self, node):
         self.tell(

@@ -4,7 +4,7 @@ from collections import deque
 
 from armd.drivers.can import objects as can
 from armd.drivers.can.bus import BusFault
-from armd.drivers.can.decoder import note
+from armd.drivers.can.decoder import encode_note
 from armd.drivers.can.driver import CanDriver
 from armd.drivers.can.objects import CanFrame
 from armd.drivers.config import CanConfig
@@ -37,7 +37,9 @@ def test_what_came_before_the_fault_is_delivered():
     config = CanConfig(kind="can", interface="virtual", sync="follower")
     driver = CanDriver(config, Expectation("SIM-0001", 1, 0, (TURN,)))
     driver._note(
-        note(note="configured", node=1, counts_per_turn=TURN, range_counts=TURN, serial_number=1)
+        encode_note(
+            note="configured", node=1, counts_per_turn=TURN, range_counts=TURN, serial_number=1
+        )
     )
     emergency = CanFrame(can.EMCY_BASE + 1, can.EMCY.pack(0x5000, 1))
     network = BreakingNetwork([emergency])

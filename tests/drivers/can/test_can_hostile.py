@@ -17,7 +17,7 @@ import pytest
 from armd.drivers.can import bus as bus_module
 from armd.drivers.can import objects
 from armd.drivers.can.bus import GARBLED_MOST, BusFault, OwnNetwork, open_bus
-from armd.drivers.can.decoder import CanDecoder, note
+from armd.drivers.can.decoder import CanDecoder, encode_note
 from armd.drivers.can.driver import CanDriver
 from armd.drivers.can.objects import CanFrame
 from armd.drivers.can.setup import configure
@@ -275,7 +275,7 @@ def test_random_frames_never_raise_in_the_decoder():
     decoder = CanDecoder(Expectation("SIM-0001", 6, 7, (TURN,) * 6), 500.0)
     for k in range(1, 7):
         decoder.feed(
-            RawFrame(0, 0, "link", note(
+            RawFrame(0, 0, "link", encode_note(
                 note="configured", node=k, counts_per_turn=TURN, range_counts=TURN, serial_number=k
             ), "can")
         )  # fmt: skip
@@ -365,9 +365,9 @@ def test_a_visit_that_outlives_its_bus_leaves_no_node_to_the_next(monkeypatch):
     def slowly(number):
         building.set()
         released.wait(60.0)
-        return configure.remote_node(number)
+        return configure.make_remote_node(number)
 
-    monkeypatch.setattr("armd.drivers.can.setup.node_setup.remote_node", slowly)
+    monkeypatch.setattr("armd.drivers.can.setup.node_setup.make_remote_node", slowly)
     setup = NodeSetup(ONE_JOINT, 500.0, None)
     old = Nodes(lambda number, request: None)
     old._nodes = {}

@@ -25,19 +25,19 @@ MX_28, AX_12 = 29, 12
 
 #: from the e-Manual's page of the protocol, and the manuals of the AX-12 and the DX-116
 PUBLISHED = {
-    "ping": (dynamixel1.ping(1), "FF FF 01 02 01 FB"),
-    "answer to a ping": (dynamixel1.status(1, 0), "FF FF 01 02 00 FC"),
-    "read temperature": (dynamixel1.read(1, 43, 1), "FF FF 01 04 02 2B 01 CC"),
-    "temperature 32": (dynamixel1.status(1, 0, b"\x20"), "FF FF 01 03 00 20 DB"),
-    "write an id": (dynamixel1.write(0xFE, 3, b"\x01"), "FF FF FE 04 03 03 01 F6"),
-    "write a lock": (dynamixel1.write(0, 47, b"\x01"), "FF FF 00 04 03 2F 01 C8"),
-    "write a punch": (dynamixel1.write(0, 48, b"\x40\x00"), "FF FF 00 05 03 30 40 00 87"),
-    "range error": (dynamixel1.status(0, 8), "FF FF 00 02 08 F5"),
+    "ping": (dynamixel1.make_ping(1), "FF FF 01 02 01 FB"),
+    "answer to a ping": (dynamixel1.make_status(1, 0), "FF FF 01 02 00 FC"),
+    "read temperature": (dynamixel1.make_read(1, 43, 1), "FF FF 01 04 02 2B 01 CC"),
+    "temperature 32": (dynamixel1.make_status(1, 0, b"\x20"), "FF FF 01 03 00 20 DB"),
+    "write an id": (dynamixel1.make_write(0xFE, 3, b"\x01"), "FF FF FE 04 03 03 01 F6"),
+    "write a lock": (dynamixel1.make_write(0, 47, b"\x01"), "FF FF 00 04 03 2F 01 C8"),
+    "write a punch": (dynamixel1.make_write(0, 48, b"\x40\x00"), "FF FF 00 05 03 30 40 00 87"),
+    "range error": (dynamixel1.make_status(0, 8), "FF FF 00 02 08 F5"),
     "bulk read": (
-        dynamixel1.bulk_read([(1, 30, 2), (2, 36, 2)]),
+        dynamixel1.make_bulk_read([(1, 30, 2), (2, 36, 2)]),
         "FF FF FE 09 92 00 02 01 1E 02 02 24 1D",
     ),
-    "answer to a bulk read": (dynamixel1.status(2, 0, b"\x00\x80"), "FF FF 02 04 00 00 80 79"),
+    "answer to a bulk read": (dynamixel1.make_status(2, 0, b"\x00\x80"), "FF FF 02 04 00 00 80 79"),
 }
 
 
@@ -46,11 +46,11 @@ def test_packets_are_as_published(name):
     ours, published = PUBLISHED[name]
     wire = bytes.fromhex(published)
     assert ours == wire
-    (packet,) = dynamixel1.splitter().push(b"\xff" + wire)
+    (packet,) = dynamixel1.make_splitter().push(b"\xff" + wire)
     assert packet.raw == wire
     for at in range(2, len(wire)):  # no packet comes of a damaged one
         damaged = wire[:at] + bytes([wire[at] ^ 4]) + wire[at + 1 :]
-        splitter = dynamixel1.splitter()
+        splitter = dynamixel1.make_splitter()
         assert [*splitter.push(damaged), *splitter.flush()] == []
         assert splitter.bad_sum + splitter.junk > 0
 
@@ -67,10 +67,10 @@ def test_requests_are_read_as_they_were_meant():
     for data, meant in (
         (FAMILY.read(3, 36, 8), ReadRequest((3,), 36, 8, is_single=True)),
         (FAMILY.sync_read([1, 2, 5], 36, 8), ReadRequest((1, 2, 5), 36, 8)),
-        (dynamixel1.bulk_read([(1, 30, 2), (2, 36, 2)]), None),
-        (dynamixel1.write(1, 24, b"\0"), None),
+        (dynamixel1.make_bulk_read([(1, 30, 2), (2, 36, 2)]), None),
+        (dynamixel1.make_write(1, 24, b"\0"), None),
     ):
-        (packet,) = dynamixel1.splitter().push(data)
+        (packet,) = dynamixel1.make_splitter().push(data)
         assert FAMILY.request(packet) == meant
 
 

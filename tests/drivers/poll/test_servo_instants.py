@@ -5,8 +5,8 @@ import pytest
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.decoder import ServoDecoder, note
-from armd.drivers.poll.exchange import instants
+from armd.drivers.poll.decoder import ServoDecoder, encode_note
+from armd.drivers.poll.exchange import compute_instants
 from armd.drivers.sample import Event, RawFrame
 from support.fake_servos import Dynamixel, Feetech
 from support.sampled import rows_of
@@ -29,11 +29,11 @@ class PacedLine:
         self.tables = {servo: family.table(servo) for servo in self.ids}
         for table in self.tables.values():
             table[family.delay] = 0
-        self.feed("link", note(note="up"))
+        self.feed("link", encode_note(note="up"))
         kind = self.decoder.family
         self.byte_ns, self.gap_ns = self.decoder.byte_ns, kind.return_delay_least_us * 1e3
         self.exchange(0, kind.identity_bytes)
-        self.feed("link", note(note="verdict", changed={}))
+        self.feed("link", encode_note(note="verdict", changed={}))
 
     def feed(self, direction, data):
         frame = RawFrame(self.now_ns, self.now_ns, direction, bytes(data), "poll")
@@ -118,11 +118,15 @@ def test_a_first_cycle_in_which_the_host_stood_still_is_left_out_for_a_motion(fa
 def test_an_instant_is_the_middle_of_what_request_and_answers_allow():
     """By hand: sent at 0, 10 for the request, answers of 20 after pauses of 5. The second servo is
     silent; the third's answer is here at 160, 100 later than the line needs."""
-    found = instants(0, 10, [36, None, 160], 20, [5, 5, 5])
+    found = compute_instants(0, 10, [36, None, 160], 20, [5, 5, 5])
     assert found[0] == (15 + 16) / 2  # its own answer was here 1 later than the line needs
     assert found[2] == (10 + 5 + 20 + 5 + 140) / 2
     # All in one piece: the last one's arrival bounds the first.
-    assert instants(0, 10, [160, 160, 160], 20, [5, 5, 5]) == [15 + 37.5, 40 + 37.5, 65 + 37.5]
+    assert compute_instants(0, 10, [160, 160, 160], 20, [5, 5, 5]) == [
+        15 + 37.5,
+        40 + 37.5,
+        65 + 37.5,
+    ]
 
 
 @BOTH

@@ -12,7 +12,7 @@ from test_servo_instants import PacedLine
 
 from armd.drivers import shell
 from armd.drivers.config import Trigger
-from armd.drivers.poll.decoder import note
+from armd.drivers.poll.decoder import encode_note
 from armd.drivers.table import open_driver
 from support.driven_servos import BOTH, Taken, assert_replayed, config, driven, expected, state
 from support.fake_servos import Dynamixel, FakeServos, Feetech
@@ -270,7 +270,7 @@ class LineOfSingleReads(PacedLine):
     def exchange(self, address, length, pause_ns=0):
         kind = self.decoder.family
         if address == 0:
-            self.feed("link", note(note="one_by_one"))
+            self.feed("link", encode_note(note="one_by_one"))
         for servo in self.ids:
             self.now_ns += pause_ns if servo == 4 else 0
             request = kind.read(servo, address, length)

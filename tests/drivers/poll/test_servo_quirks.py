@@ -32,7 +32,7 @@ from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event
 from armd.drivers.table import open_driver
-from armd.drivers.unwrap import warm_up
+from armd.drivers.unwrap import load_compiled
 from armd.simulator.live.faults import FAULTS as SIMULATED
 from support.sampled import rows_of
 from support.simulated_arm import simulated_arm
@@ -63,7 +63,7 @@ class Run:
                 for name, (at, lasts, joint) in FAULTS.items()
             )
         )
-        warm_up()
+        load_compiled()
         options = ("--scenario", str(scenario))
         items = []
         with simulated_arm(folder, *options, wire=("--servo", family), seconds=LAST_S) as arm:

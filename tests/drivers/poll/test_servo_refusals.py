@@ -4,9 +4,9 @@ import pytest
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.decoder import ServoDecoder, note
+from armd.drivers.poll.decoder import ServoDecoder, encode_note
 from armd.drivers.poll.protocol.families import FAMILIES
-from armd.drivers.poll.protocol.family import Servo, differences
+from armd.drivers.poll.protocol.family import Servo, list_differences
 from armd.drivers.sample import RawFrame
 
 BOTH = pytest.mark.parametrize("kind", ["feetech", "dynamixel"])
@@ -21,7 +21,7 @@ def as_found(kind, **registers):
 
 
 def feed(decoder, **fields):
-    return decoder.feed(RawFrame(10**9, 10**18, "link", note(**fields), "poll"))
+    return decoder.feed(RawFrame(10**9, 10**18, "link", encode_note(**fields), "poll"))
 
 
 def decoder_of(kind, *servos):
@@ -46,7 +46,7 @@ def decoder_of(kind, *servos):
 def test_what_differs_from_the_remembered(kind, name, found, told):
     found = found[kind] if isinstance(found, dict) else found
     family, other = FAMILIES[kind], as_found(kind, **{name: found})
-    (phrase,) = differences(other, GOOD[kind].geometry, family)
+    (phrase,) = list_differences(other, GOOD[kind].geometry, family)
     if told is None:
         told = f"found {family.models[found]}, expected {family.models[GOOD[kind].model]}"
     assert phrase == f"{family.register(name)}: {told}"

@@ -7,7 +7,7 @@ from contextlib import closing
 import pytest
 
 from armd.drivers.poll.protocol.families import FAMILIES
-from armd.drivers.poll.protocol.family import Servo, differences
+from armd.drivers.poll.protocol.family import Servo, list_differences
 from armd.drivers.table import open_driver
 from support.driven_servos import BOTH, Taken, config, driven, expected, state
 from support.fake_servos import Dynamixel, FakeServos, Feetech
@@ -91,12 +91,12 @@ def test_a_mode_that_ignores_the_offset_is_another_geometry():
         return family.identity(bytes(table[: family.identity_bytes]))
 
     remembered = found(-1500, 4).geometry
-    (phrase,) = differences(found(-1500, 3), remembered, family)
+    (phrase,) = list_differences(found(-1500, 3), remembered, family)
     assert phrase == "offset in force (register 11): found False, expected True"
-    assert not differences(found(-1500, 5), remembered, family)
+    assert not list_differences(found(-1500, 5), remembered, family)
     assert found(1024, 3).geometry == found(1024, 4).geometry
     older = {name: value for name, value in remembered.items() if name != "offset_in_force"}
-    assert not differences(found(-1500, 3), older, family)  # as written before it was asked
+    assert not list_differences(found(-1500, 3), older, family)  # as written before it was asked
 
 
 def test_a_silent_line_says_what_came_in_place_of_answers(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armd.drivers.serial.clock import ENOUGH, ClockMapping, holds
+from armd.drivers.serial.clock import ENOUGH, ClockMapping, can_promise
 
 BOOT_NS = 5_000_000_000_000  # host instant of the device's zero
 
@@ -134,7 +134,7 @@ def test_a_sample_from_the_future_or_long_after_the_last_answer_is_not_promised(
     clock = ClockMapping()
     now = run(clock, 5, lambda: (30_000, 30_000))
     device_ns = now - BOOT_NS
-    assert holds(device_ns, clock.to_host(device_ns), now + 1_000_000, clock.line)
-    assert not holds(device_ns, clock.to_host(device_ns), now - 6_000_000, clock.line)
+    assert can_promise(device_ns, clock.to_host(device_ns), now + 1_000_000, clock.line)
+    assert not can_promise(device_ns, clock.to_host(device_ns), now - 6_000_000, clock.line)
     later = device_ns + 31_000_000_000
-    assert not holds(later, clock.to_host(later), now + 32_000_000_000, clock.line)
+    assert not can_promise(later, clock.to_host(later), now + 32_000_000_000, clock.line)

@@ -13,7 +13,7 @@ MS = 1_000_000  # ns
 
 def rows(*pairs):
     """(seq, t_us) pairs as the codec delivers them."""
-    out = np.zeros(len(pairs), wire.sample_layout(1))
+    out = np.zeros(len(pairs), wire.make_sample_layout(1))
     out["seq"] = [seq % WRAP for seq, _ in pairs]
     out["t_us"] = [t for _, t in pairs]
     return out

@@ -6,7 +6,7 @@ from armd.compensation.model.pose_factors import Angle
 from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 
-def candidates(facts):
+def list_candidates(facts):
     for k in facts.joints[:-1]:
         terms = tie([(f"theta_{k}", 1.0)], Angle(joint=k + 1))
         column = Column("pull", "rad per rad", 5 * ARC_SECOND, terms)
@@ -23,6 +23,6 @@ EFFECT = Effect(
     "cables to the next joint are stiff, and pull as it turns",
     "a joint that twists under gravity (joint compliance)",
     "measure the same poses with the cables of that joint loosened",
-    candidates,
+    list_candidates,
     reading,
 )

@@ -25,7 +25,7 @@ def run(args):
 
     async def bridge(arm):
         with arm.on_measurement(post):  # in a thread of its own: a slow server delays nobody
-            process.ready("webhook", args.url)
+            process.report_ready("webhook", args.url)
             await asyncio.Event().wait()
 
     return process.serve(args, bridge)
