@@ -6,16 +6,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armd.compensation.diagnose.noise.shared_columns import (
-    make_drift_columns,
-    make_target_nuisance,
-)
+from armd.compensation.diagnose.noise.shared_columns import make_drift_columns, make_target_nuisance
 
 N, PLACEMENTS = 48, 4
 
 
 def problem(**observed: Any) -> Any:
-    """Rests of two targets, in two placements of each of two sessions; two certified lengths behind them."""
+    """Rests of two targets in two placements of each of two sessions; two certified lengths."""
     observations = {
         "placement": np.arange(N) * PLACEMENTS // N,
         "session": (np.arange(N) >= N // 2).astype(int),
