@@ -25,13 +25,9 @@ import pyarrow.parquet
 from measured import measured
 
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import (
-    Calibration,
-    load_calibration,
-    name_constants,
-    save_calibration,
-)
+from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.files.toml_text import format_toml
+from support.drawn import drawn
 from support.synthetic import STARTED
 from support.synthetic import arm as synthetic_arm
 
@@ -134,19 +130,15 @@ def _write_model(folder: Path) -> None:
     (folder / "session").mkdir()
     (folder / "arm.toml").write_text(format_toml(arm.model_dump(by_alias=True, exclude_none=True)))
     names = [f"{letter}_{k}" for letter in "da" for k in range(1, 7)]
-    content = {
-        "schema": "armd.calibration/1",
-        "arm": arm.serial_number,
-        "created": "2026-01-01T00:00:00Z",
-        "reference_temperature_c": 20.0,
-        "temperature_range_c": {f"t{k}": [10.0, 40.0] for k in range(1, 7)},
-        "constants": name_constants(arm.nominal(), 6),
-        "terms": [_expansion(f"a_{k}", f"t{k}") for k in range(1, 7)],
-        "covariance_of": names,
-        "covariance": (1e-6 * np.eye(len(names))).tolist(),
-        "noise": {"encoder_rad": [2e-6] * 6, "temperature_c": 0.1},
-    }
-    save_calibration(folder / "cal.json", Calibration.model_validate(content))
+    calibration = drawn(
+        arm,
+        temperature_range_c={f"t{k}": [10.0, 40.0] for k in range(1, 7)},
+        terms=[_expansion(f"a_{k}", f"t{k}") for k in range(1, 7)],
+        covariance_of=names,
+        covariance=(1e-6 * np.eye(len(names))).tolist(),
+        noise={"encoder_rad": [2e-6] * 6, "temperature_c": 0.1},
+    )
+    save_calibration(folder / "cal.json", calibration)
     session = {
         "schema": "armd.session/1",
         "arm": arm.serial_number,

@@ -29,9 +29,10 @@ from armd.compensation.kernel import kernel
 from armd.compensation.kernel.model import Model
 from armd.compensation.kernel.points import fill
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, name_constants
+from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.kinematics import compute_jacobian
 from armd.compensation.model.state import States
+from support.drawn import drawn
 
 SAMPLES = 1 << 14
 ROUNDS = 60
@@ -216,17 +217,8 @@ def an_arm() -> Arm:
 
 
 def calibrated(arm: Arm, terms: list[dict[str, object]]) -> LoadedCalibration:
-    content = {
-        "schema": "armd.calibration/1",
-        "arm": arm.serial_number,
-        "created": "2026-01-01T00:00:00Z",
-        "reference_temperature_c": 20.0,
-        "constants": name_constants(arm.nominal(), 6),
-        "terms": terms,
-        "covariance_of": list(name_constants(arm.nominal(), 6))[:30],
-        "covariance": (np.eye(30) * 1e-10).tolist(),
-    }
-    return LoadedCalibration(Calibration.model_validate(content), "00" * 32, Path("bench.json"))
+    known = {"covariance_of": arm.layout.names[:30], "covariance": (np.eye(30) * 1e-10).tolist()}
+    return LoadedCalibration(drawn(arm, terms=terms, **known), "00" * 32, Path("bench.json"))
 
 
 def polynomial_terms(coefficients: F64) -> list[dict[str, object]]:

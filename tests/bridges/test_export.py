@@ -5,8 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import math
-import subprocess
-import sys
 import uuid
 from pathlib import Path
 from typing import Any
@@ -20,6 +18,7 @@ from hypothesis import strategies as st
 from armd.daemon.bridges.export import source
 from armd.daemon.bridges.export.qif import NAMESPACE
 from armd.daemon.cli import main
+from support.program import run_armd, start_recording
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
 
@@ -275,26 +274,22 @@ def test_from_a_daemon_its_log_and_a_recording(
 ) -> None:
     """The three sources agree, and `armd correct` reads the CSV."""
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
-    armd = [sys.executable, "-m", "armd.daemon.cli"]
-
-    def run(*words: str) -> None:
-        subprocess.run([*armd, *words], check=True, timeout=60, cwd=tmp_path)
-
     with (
         simulated_arm(tmp_path, seconds=60) as arm,
         running_daemon(tmp_path, arm.port) as daemon,
         daemon.listen() as heard,
     ):
         recorded = str(tmp_path / "r.mcap")
-        command = [*armd, "record", "--endpoint", daemon.endpoint, "-o", recorded]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as recorder:
-            assert recorder.stdout is not None and "recording" in recorder.stdout.readline()
+        with start_recording(daemon.endpoint, "-o", recorded) as recorder:
             before = len(heard.json("measurement"))
             heard.wait_for(lambda: len(heard.json("measurement")) > before + 1)
             recorder.terminate()
-        run("export", "SIM-0001", "--endpoint", daemon.endpoint, "-o", "live.csv")
-        run("export", "--log", "-o", "log.csv")
-        run("export", recorded, "-o", "recorded.csv")
+        for words in (
+            ("SIM-0001", "--endpoint", daemon.endpoint, "-o", "live.csv"),
+            ("--log", "-o", "log.csv"),
+            (recorded, "-o", "recorded.csv"),
+        ):
+            run_armd("export", *words, check=True, cwd=tmp_path)
     live, log, played = (
         {row["stamp_ns"]: row for row in csv.DictReader((tmp_path / name).read_text().splitlines())}
         for name in ("live.csv", "log.csv", "recorded.csv")
@@ -306,7 +301,8 @@ def test_from_a_daemon_its_log_and_a_recording(
             k: v for k, v in log[stamp].items() if k not in "ijk"
         }
         assert played.get(stamp, row) == row
-    run("correct", "live.csv", "--arm", str(arm.arm_toml), "-o", "again.csv")
+    words = ("correct", "live.csv", "--arm", arm.arm_toml, "-o", "again.csv")
+    run_armd(*words, check=True, cwd=tmp_path)
 
 
 def test_a_source_keeps_what_later_versions_add(tmp_path: Path) -> None:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import time
 import urllib.request
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +18,14 @@ import zenoh
 import armd
 from armd import POINT, Lost
 from armd.daemon.bridges.fleet import Fleet
+from support.careless_network import session
 from support.long_case import long_case
-from support.running_bridge import PATIENCE_S, running_bridge
+from support.program import ARMD
+from support.running_bridge import running_bridge
 from support.running_daemon import free_endpoint, running_daemon, session_with
 from support.simulated_arm import simulated_arm
+from support.waiting import PATIENCE_S, wait_until
 
-ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 EXAMPLES = Path(__file__).parents[2] / "deploy" / "zenoh"
 
 
@@ -67,18 +67,8 @@ def test_an_arm_is_listed_while_its_token_stands() -> None:
     assert [row["serial"] for row in fleet.rows()] == ["B"]
 
 
-@contextmanager
-def router(endpoint: str) -> Iterator[zenoh.Session]:
-    config = zenoh.Config()
-    for key, value in {
-        "mode": "router",
-        "listen/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-        "transport/link/tx/queue/size/data": 16,
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config) as session:
-        yield session
+def router(endpoint: str) -> AbstractContextManager[zenoh.Session]:
+    return session("router", endpoint, **{"transport/link/tx/queue/size/data": 16})
 
 
 def arm_with_daemon(
@@ -131,13 +121,12 @@ def test_two_arms_behind_a_router(tmp_path: Path) -> None:
         assert fleet.wait(60) == 0
         metrics = ["--endpoint", plant, "--metrics", "127.0.0.1:0"]
         with running_bridge("fleet", *metrics) as bridge:
-            end_s = time.monotonic() + PATIENCE_S
-            text = ""
-            while 'armd_points_total{serial="SIM-0001"}' not in text:
-                assert time.monotonic() < end_s
-                url = f"http://{bridge.where}/metrics"
-                with urllib.request.urlopen(url, timeout=60) as reply:
-                    text = reply.read().decode()
+
+            def metrics() -> str:
+                with urllib.request.urlopen(f"http://{bridge.where}/metrics", timeout=60) as reply:
+                    return str(reply.read().decode())
+
+            wait_until(lambda: 'armd_points_total{serial="SIM-0001"}' in metrics())
             assert bridge.stop() == 0
 
 
@@ -246,10 +235,8 @@ def test_an_arm_in_a_plant_relays_no_key_between_its_guests(tmp_path: Path) -> N
         answer = arm.declare_queryable("armd/SIM-0001/info", lambda query: asked.append("info"))
         for key in keys:
             listener.declare_subscriber(key, lambda sample: relayed.append(str(sample.key_expr)))
-        end_s = time.monotonic() + PATIENCE_S
-        while not asked:  # a question to the arm passes
-            assert time.monotonic() < end_s
-            list(speaker.get("armd/SIM-0001/info", timeout=0.2))
+        # A question to the arm passes.
+        wait_until(lambda: (list(speaker.get("armd/SIM-0001/info", timeout=0.2)), asked)[1])
         for _ in range(20):
             for key in keys:
                 speaker.put(key, b"x")
@@ -283,10 +270,7 @@ def test_many_arms_through_one_router(
         for k in range(arms):
             serial = f"SIM-{k:04d}"
             arm_with_daemon(stack, tmp_path / serial, serial, plant, seed=k + 1)
-        end_s = time.monotonic() + PATIENCE_S
-        while len(payloads) < arms:
-            assert time.monotonic() < end_s, sorted(payloads)
-            time.sleep(0.1)
+        wait_until(lambda: len(payloads) == arms, payloads.keys())
         starts = {serial: len(heard) for serial, heard in payloads.items()}
         time.sleep(seconds)
         lost, upstream, rates = 0, 0, []

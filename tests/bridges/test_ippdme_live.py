@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 import armd
-from support.running_bridge import PATIENCE_S, RunningBridge, running_bridge
+from support.running_bridge import RunningBridge, running_bridge
 from support.running_daemon import Daemon, running_daemon
 from support.simulated_arm import simulated_arm
+from support.waiting import PATIENCE_S
 
 TIPS = """
 [commands]

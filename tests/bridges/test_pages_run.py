@@ -11,7 +11,6 @@ import re
 import shlex
 import subprocess
 import sys
-import time
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,15 +19,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import zenoh
 
 import armd
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
+from armd.compensation.model.calibration import save_calibration
+from support.careless_network import session
+from support.drawn import drawn
 from support.pages import page_path
+from support.program import run_armd
 from support.running_bridge import RunningBridge, running_bridge
-from support.running_daemon import PATIENCE_S, Daemon, free_endpoint, running_daemon
+from support.running_daemon import Daemon, free_endpoint, running_daemon
 from support.simulated_arm import simulated_arm
+from support.waiting import PATIENCE_S, wait_until
 
 PAGES = ["ippdme", "ros2", "fleet", "record-export", "interim", "import", "view"]
 #: Commands that these pages show, too, and that other tests run.
@@ -128,11 +130,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
 @contextmanager
 def zenoh_router() -> Iterator[str]:
     endpoint = free_endpoint()
-    config = zenoh.Config()
-    config.insert_json5("mode", '"router"')
-    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    with zenoh.open(config):
+    with session("router", endpoint):
         yield endpoint
 
 
@@ -191,10 +189,8 @@ def test_who_serves_is_of_use(place: Place, line: str) -> None:
             page = urllib.request.urlopen(f"http://{bridge.where}/", timeout=PATIENCE_S)
             assert b"<title>armd</title>" in page.read()
         elif "--metrics" in line:
-            until_s = time.monotonic() + PATIENCE_S  # it serves before it has heard of any arm
-            while b'serial="SIM-0001"' not in (said := metrics(bridge)):
-                assert time.monotonic() < until_s, said
-                time.sleep(0.1)
+            # It serves before it has heard of any arm.
+            wait_until(lambda: b'serial="SIM-0001"' in metrics(bridge))
         else:  # what then comes there: test_ros2_live.py
             assert bridge.where == place.router
 
@@ -206,11 +202,7 @@ def test_what_ends_leaves_its_file(place: Place) -> None:
     (place.folder / "measured.jsonl").write_text("\n".join(past) + "\n")
     calibration_of(place.folder)
     for line, left in DONE.items():
-        run = subprocess.run(
-            [sys.executable, "-m", "armd.daemon.cli", *here(line, place)],
-            capture_output=True,
-            text=True,
-        )
+        run = run_armd(*here(line, place))
         assert (run.returncode, run.stderr) == (0, ""), line
         assert (place.folder / left).stat().st_size > 100, line
     assert np.loadtxt(place.folder / "points.xyz").shape[1] == 6
@@ -219,10 +211,7 @@ def test_what_ends_leaves_its_file(place: Place) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("line", FOR_EVER)
 def test_who_shows_the_fleet(place: Place, line: str) -> None:
-    words = [*here(line, place), "--seconds", "3"]
-    run = subprocess.run(
-        [sys.executable, "-m", "armd.daemon.cli", *words], capture_output=True, text=True
-    )
+    run = run_armd(*here(line, place), "--seconds", "3")
     assert (run.returncode, run.stderr) == (0, "")
     assert "SIM-0001" in run.stdout
     if "--json" in line:
@@ -244,13 +233,9 @@ def test_the_subscriber_of_the_page(place: Place) -> None:
 
 def calibration_of(folder: Path) -> None:
     arm = load_arm(folder / "arm.toml")
-    constants = name_constants(arm.nominal(), len(arm.joint))
-    constants["a_2"] += 0.5
-    content = {
-        "arm": arm.serial_number, "created": "2026-01-01T00:00:00+00:00", "constants": constants,
-        "reference_temperature_c": 20.0, "terms": [],
-    }  # fmt: skip
-    save_calibration(folder / "calibration-2.json", Calibration.model_validate(content))
+    values = arm.nominal()
+    values[arm.layout.index("a_2")] += 0.5
+    save_calibration(folder / "calibration-2.json", drawn(arm, values=values))
 
 
 def test_the_addresses_of_the_pages_are_nobodys() -> None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import re
 import struct
 import subprocess
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -20,10 +18,12 @@ import zenoh
 from rosbags.typesys import Stores, get_typestore
 from zenoh import ext
 
-from support.running_bridge import PATIENCE_S
+from support.careless_network import session
+from support.program import ARMD, run_armd
 from support.running_daemon import Daemon, free_endpoint, running_daemon
 from support.selection import parametrize_default
 from support.simulated_arm import simulated_arm
+from support.waiting import wait_until
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 DOMAIN = 7
@@ -37,20 +37,6 @@ TOPICS = {
     "/tf_static": "tf2_msgs/msg/TFMessage",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
-
-
-def session(mode: str, endpoint: str) -> zenoh.Session:
-    config = zenoh.Config()
-    side = "listen" if mode == "router" else "connect"
-    settings: dict[str, Any] = {
-        "mode": mode,
-        f"{side}/endpoints": [endpoint],
-        "scouting/multicast/enabled": False,
-        "timestamping/enabled": True,
-    }
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)
 
 
 # --- rmw_zenoh's own reading of a liveliness token, ported -------------------------------------
@@ -126,10 +112,7 @@ class Ros:
         return take
 
     def wait(self, topic: str, n: int = 1) -> list[tuple[Any, int]]:
-        end_s = time.monotonic() + PATIENCE_S
-        while len(self.heard[topic]) < n:
-            assert time.monotonic() < end_s, topic
-            time.sleep(0.02)
+        wait_until(lambda: len(self.heard[topic]) >= n, topic)
         return list(self.heard[topic])
 
     def close(self) -> None:
@@ -153,10 +136,8 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
 
 def test_a_router_that_is_not_there_is_told_of_and_so_is_one_that_goes(daemon: Daemon) -> None:
     endpoint = free_endpoint()
-    words = [sys.executable, "-m", "armd.daemon.cli", "ros2", "--endpoint", daemon.endpoint]
-    with subprocess.Popen(
-        [*words, "--router", endpoint], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    words, pipe = ["--endpoint", daemon.endpoint, "--router", endpoint], subprocess.PIPE
+    with subprocess.Popen([*ARMD, "ros2", *words], stdout=pipe, stderr=pipe, text=True) as process:
         try:
             assert process.stdout is not None and process.stderr is not None
             waits = process.stderr.readline()
@@ -174,7 +155,7 @@ def test_a_router_that_is_not_there_is_told_of_and_so_is_one_that_goes(daemon: D
 @pytest.mark.slow
 def test_topics_through_a_router(daemon: Daemon) -> None:
     endpoint = free_endpoint()
-    words = [sys.executable, "-m", "armd.daemon.cli", "ros2", "--endpoint", daemon.endpoint]
+    words = [*ARMD, "ros2", "--endpoint", daemon.endpoint]
     words += ["--router", endpoint, "--domain", str(DOMAIN), "--rate", "50"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -253,9 +234,8 @@ def see_topics(endpoint: str) -> None:
 
 
 def test_the_arm_is_drawn(daemon: Daemon, tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "armd.daemon.cli", "ros2", "--endpoint", daemon.endpoint]
     file = tmp_path / "arm.urdf"
-    done = subprocess.run([*words, "--urdf", str(file)], capture_output=True, text=True)
+    done = run_armd("ros2", "--endpoint", daemon.endpoint, "--urdf", file)
     assert done.returncode == 0, done.stderr
     robot = Xml.parse(file).getroot()
     names = [
@@ -275,7 +255,6 @@ def test_the_arm_is_drawn(daemon: Daemon, tmp_path: Path) -> None:
     default=2,
 )
 def test_bad_usage(words: list[str], said: str) -> None:
-    command = [sys.executable, "-m", "armd.daemon.cli", "ros2", *words]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = run_armd("ros2", *words)
     assert done.returncode == 2
     assert said in done.stderr

@@ -8,7 +8,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +24,7 @@ from armd.daemon.bridges import lines
 from armd.daemon.bridges.tips import Tips, rotate
 from armd.errors import BadInput
 from support.pages import page_path
+from support.program import ARMD, run_armd
 from support.punctuality import Punctuality
 from support.running_bridge import running_bridge
 from support.running_daemon import Daemon, running_daemon
@@ -206,8 +206,7 @@ def test_csv_begins_with_its_header(daemon: Daemon) -> None:
     ],
 )
 def test_bad_usage(words: list[str], said: str) -> None:
-    command = [sys.executable, "-m", "armd.daemon.cli", "stream", *words]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = run_armd("stream", *words)
     assert done.returncode == 2
     assert said in done.stderr
     assert "Traceback" not in done.stderr
@@ -218,16 +217,14 @@ def test_an_occupied_port_is_named(daemon: Daemon, tmp_path: Path) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         where = f"127.0.0.1:{taken.getsockname()[1]}"
-        command = [sys.executable, "-m", "armd.daemon.cli", "stream", "--endpoint", daemon.endpoint]
-        done = subprocess.run([*command, "--listen", where], capture_output=True, text=True)
+        done = run_armd("stream", "--endpoint", daemon.endpoint, "--listen", where)
     assert done.returncode == 2
     assert done.stderr.startswith(f"armd: the command line: --listen: found {where}: ")
 
 
 @pytest.mark.slow
 def test_ended_while_it_waits_for_its_daemon() -> None:
-    command = [sys.executable, "-m", "armd.daemon.cli", "stream", "--verbose"]
-    command += ["--endpoint", "tcp/127.0.0.1:9"]
+    command = [*ARMD, "stream", "--verbose", "--endpoint", "tcp/127.0.0.1:9"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         assert "connecting to tcp/127.0.0.1:9" in process.stderr.readline()  # and nobody answers

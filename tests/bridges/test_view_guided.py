@@ -20,10 +20,10 @@ from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import KINDS, Wishes
 from armd.errors import ArmdError, BadInput
 from armd.files.schema import load_toml
+from support.pressed import pressed
 from support.small_arm_toml import ARM
 
-SECOND_NS = 10**9
-BEGUN_NS = 1_800_000_000 * SECOND_NS
+BEGUN_NS = 1_800_000_000 * 10**9
 SEATS = {"kind": "seats", "name": "seats 1", "targets": "S1, S2", "repeats": 2}
 
 
@@ -56,16 +56,9 @@ class Feed:
 
 
 def press(number: int, **changes: Any) -> dict[str, Any]:
-    """One reading, *number* seconds after the beginning, each in another posture."""
+    """One reading of an arm without sensors."""
     place = [500.0, 100.0 * (number % 2), 300.0]
-    return {
-        "trigger": "button", "seq": 1000 * number, "stamp_ns": BEGUN_NS + number * SECOND_NS,
-        "count": 250, "duration_s": 0.5, "flags": 512, "flag_names": ["AT_REST"],
-        "position_mm": place, "standard_deviation_mm": [0.001, 0.002, 0.002],
-        "covariance_mm2": None, "orientation": [0.0, 0.0, 0.0, 1.0],
-        "angles_rad": [0.1 + 0.01 * number, 0.2, 0.3], "rates_rad_s": [0.0, 0.0, 0.0],
-        "approach": None, "temperatures_c": {}, "calibration": None, "tip": None, "buttons": 1,
-    } | changes  # fmt: skip
+    return pressed(number, position_mm=place, approach=None, temperatures_c={}) | changes
 
 
 class Page:

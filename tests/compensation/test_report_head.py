@@ -11,7 +11,6 @@ import pytest
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.state import States
 from armd.compensation.report.layout.about import About, load_about
 from armd.compensation.report.layout.head import add_head
 from armd.compensation.report.layout.page import MOST_LETTERS, Page
@@ -20,6 +19,7 @@ from armd.compensation.report.layout.units import Unit, choose_units, format_thr
 from armd.compensation.report.sessions import add_session_facts
 from armd.daemon.cli import main
 from armd.errors import BadInput
+from support.readings import session_of, states_of
 
 ARM = {"schema": "armd.arm/1", "serial_number": "A-1"}
 
@@ -30,18 +30,9 @@ def an_arm(counts: int | None, a_mm: float = 300.0) -> Arm:
 
 
 def a_session(started: float, **artefact: object) -> Session:
-    unknown = np.full((2, 3), np.nan)
-    states = States(
-        q=np.zeros((2, 3)), rate=unknown, temperature_c=np.array([[20.0], [21.26]]),
-        time_s=np.arange(2.0), approach=unknown, series=np.zeros(2, np.int64),
-    )  # fmt: skip
-    return Session(
-        path=Path("s"), name="s", arm="A-1", started_unix_s=started,
-        artefact=Artefact.model_validate({"name": "beam", "target": [{"name": "B"}]} | artefact),
-        states=states, placement=np.zeros(2, np.int64), placement_names=["P"],
-        target=np.zeros(2, np.int64), truth_mm=unknown, artefact_c=np.full(2, np.nan),
-        unused_columns=[], row=np.arange(2),
-    )  # fmt: skip
+    states = states_of(np.zeros((2, 3)), temperature_c=np.array([[20.0], [21.26]]))
+    beam = Artefact.model_validate({"name": "beam", "target": [{"name": "B"}]} | artefact)
+    return session_of("s", "A-1", beam, states, started_unix_s=started)
 
 
 def entries(page: Page) -> dict[str, str]:

@@ -13,7 +13,6 @@ import pytest
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.state import States
 from armd.compensation.report.verification.page import make_verification_report
 from armd.compensation.verify.figures import evaluate_figures
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
@@ -21,6 +20,7 @@ from armd.compensation.verify.results import Figure, Verification
 from armd.compensation.verify.spheres import find_smallest_sphere, fit_sphere
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import BadInput
+from support.readings import session_of, states_of
 
 TIP_RADIUS_MM, DIAMETER_MM = 3.0, 25.0
 ARM = Arm.model_validate(
@@ -69,20 +69,17 @@ class Measured:
         n = len(self.rows)
         none = np.zeros((n, 3))
         names = list(targets)
-        return Session(
-            path=Path("session"),
-            name="session",
-            arm="TEST",
-            started_unix_s=datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC).timestamp(),
-            artefact=artefact,
-            states=States(none, none, np.zeros((n, 0)), np.zeros(n), none, np.zeros(n, np.int64)),
+        begun = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC)
+        return session_of(
+            "session",
+            "TEST",
+            artefact,
+            states_of(none, temperature_c=np.zeros((n, 0)), time_s=np.zeros(n)),
+            started_unix_s=begun.timestamp(),
             placement=np.array([placements.index(placement) for placement, _, _ in self.rows]),
             placement_names=placements,
             target=np.array([names.index(target) for _, target, _ in self.rows]),
-            truth_mm=np.full((n, 3), np.nan),
             artefact_c=np.full(n, self.artefact_c),
-            row=np.arange(n),
-            unused_columns=[],
         )
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,6 +12,7 @@ from armd.daemon import cli
 from armd.daemon.config import load_config
 from armd.daemon.network.session import open_session
 from armd.drivers.config import ReplayConfig
+from support.program import run_armd
 from support.running_daemon import free_endpoint
 from support.selection import parametrize_default
 
@@ -122,11 +121,7 @@ def test_what_the_configuration_names_must_fit(tmp_path, capsys, config, arm, sa
 
 
 def test_no_traceback_from_the_command_line(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "armd.daemon.cli", "run", str(tmp_path / "none.toml")],
-        capture_output=True,
-        text=True,
-    )
+    done = run_armd("run", tmp_path / "none.toml")
     expected = f"armd: {tmp_path}/none.toml: the file: found nothing, expected an existing file\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
 

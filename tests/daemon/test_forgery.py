@@ -15,7 +15,8 @@ import pytest
 
 import armd
 from armd.simulator.truth.nominal import make_arm_toml
-from support.running_daemon import PATIENCE_S, running_daemon, session_with
+from support.running_daemon import running_daemon, session_with
+from support.waiting import PATIENCE_S
 
 SERIAL = "SIM-0001"
 FORGER = """

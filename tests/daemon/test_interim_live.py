@@ -7,8 +7,6 @@ import datetime
 import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from armd.daemon.commands.live.status import _write_lines as status_lines
 from armd.daemon.interim_checks import InterimChecks, explain_complaints
 from support.interim_history import write_history
+from support.program import run_armd
 from support.running_daemon import Heard, running_daemon
 from support.simulated_arm import simulated_arm
 
@@ -230,11 +229,6 @@ def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
         assert daemon.stop()[0] == 0
 
 
-def armd(*words: str | Path) -> int:
-    command = [sys.executable, "-m", "armd.daemon.cli", *map(str, words)]
-    return subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode
-
-
 def from_now_on(heard: Heard) -> np.ndarray:
     """The next points."""
     begin = len(heard.points())
@@ -259,14 +253,15 @@ def test_the_daemon_takes_the_calibration_that_a_history_of_checks_wrote(tmp_pat
     """The arm slips, the checks say so and the daemon is INACCURATE; with `calibration_from` it is
     READY, and its points are where the tip is."""
     made, checks = tmp_path / "made", tmp_path / "checks"
-    assert armd("simulate", "--session", "calibration", "-o", made, "--seed", SEED) == 0
+    run_armd("simulate", "--session", "calibration", "-o", made, "--seed", SEED, check=True)
     calibration = tmp_path / "calibration.json"
     files = ("--arm", made / "arm.toml")
-    assert armd("calibrate", *sorted(made.glob("T*")), *files, "-o", calibration) == 0
+    run_armd("calibrate", *sorted(made.glob("T*")), *files, "-o", calibration, check=True)
     words = ("--session", "interim", "--days", "12", "--seed", SEED, "--plant", f"{SLIP}@8")
-    assert armd("simulate", *words, "-o", checks) == 0
+    run_armd("simulate", *words, "-o", checks, check=True)
     history, files = tmp_path / "history", (*files, "--calibration", calibration)
-    assert armd("interim", "add", *sorted(checks.glob("day-*")), *files, "--history", history) == 1
+    words = ("interim", "add", *sorted(checks.glob("day-*")), *files, "--history", history)
+    assert run_armd(*words).returncode == 1
     (change,) = json.loads((history / "report.json").read_text())["changes"]
     assert (change["cause"], change["location"]) == ("encoder_slip", "joint 3")
 

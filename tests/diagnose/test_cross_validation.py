@@ -16,12 +16,13 @@ from armd.compensation.diagnose.search import search
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.encoder.encoder_eccentricity import make_harmonic_columns
-from armd.compensation.model.calibration import ArtefactCorrection, Calibration
+from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
 from armd.compensation.wording import ARC_SECOND
 from support import synthetic
+from support.drawn import drawn
 
 ARM = synthetic.arm()
 PLACEMENTS, READINGS = 4, 240
@@ -56,12 +57,8 @@ def searched(
 ) -> tuple[SearchResult, PartedSurvey | None]:
     """Under the true arm, held; only eccentric discs are in the catalogue."""
     monkeypatch.setattr(search.catalogue, "list_all_candidates", lambda _facts: iter(CANDIDATES))
-    content = Calibration(
-        arm=ARM.serial_number, created="2026-03-01T00:00:00Z", reference_temperature_c=20.0,
-        constants={},
-    )  # fmt: skip
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
-    baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
+    baseline = Baseline(model, drawn(ARM), True, (), (), np.zeros((0, 0)))
     whole = search.Search(collect_rests([session], ARM), ARM, baseline)
     return whole.run(), whole.survey.parted
 

@@ -14,11 +14,12 @@ from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.report import sizes
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, tie
-from armd.compensation.model.calibration import Calibration, name_constants
+from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from support import synthetic
+from support.drawn import drawn
 from support.small_fit import candidate, small_fit
 
 ARM = synthetic.arm(3)
@@ -57,15 +58,9 @@ def session(name: str = "points") -> Any:
 
 def baseline(held: bool) -> Baseline:
     """A calibration that identified θ₂ and a₂, with a covariance; its first link grows as told."""
-    calibration = Calibration(
-        arm=ARM.serial_number,
-        created="2026-03-01T09:00:00+00:00",
-        reference_temperature_c=20.0,
-        constants=name_constants(ARM.nominal(), ARM.n_joints),
-        terms=[Term(parameter="d_1", basis=[Temperature(weights={"t1": 1.0})], coefficient=0.007)],
-        covariance_of=["theta_2", "a_2"],
-        covariance=[[4e-10, 1e-7], [1e-7, 2.5e-3]],
-    )
+    growth = Term(parameter="d_1", basis=[Temperature(weights={"t1": 1.0})], coefficient=0.007)
+    known = {"covariance_of": ["theta_2", "a_2"], "covariance": [[4e-10, 1e-7], [1e-7, 2.5e-3]]}
+    calibration = drawn(ARM, terms=[growth], **known)
     return from_calibration(calibration, ARM, held)
 
 

@@ -16,10 +16,11 @@ from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.model.calibration import Calibration, name_constants
+from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
 from support import synthetic
+from support.drawn import drawn
 
 ARM = synthetic.arm(6)
 NOISE_MM = 1e-3
@@ -36,16 +37,8 @@ DISC = Candidate(
 
 
 def given() -> Calibration:
-    names = ["alpha_6", "tip_y", "tip_z"]
-    return Calibration(
-        arm=ARM.serial_number,
-        created="2026-03-01T09:00:00+00:00",
-        reference_temperature_c=20.0,
-        constants=name_constants(ARM.nominal(), ARM.n_joints),
-        terms=[],
-        covariance_of=names,
-        covariance=np.diag(np.square([TWIST_RAD, 2e-3, 2e-3])).tolist(),
-    )
+    covariance = np.diag(np.square([TWIST_RAD, 2e-3, 2e-3])).tolist()
+    return drawn(ARM, covariance_of=["alpha_6", "tip_y", "tip_z"], covariance=covariance)
 
 
 def measured(twist: float, rng: np.random.Generator, name: str) -> Session:

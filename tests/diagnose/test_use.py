@@ -6,21 +6,15 @@ import pytest
 from armd.compensation.diagnose.problem.use import evaluate_histories
 from armd.compensation.effects.effect import Use, Winding
 from armd.compensation.model.state import States
+from support.readings import states_of
 
 TAU_S = 300.0
 
 
 def states(time_s: np.ndarray, q: np.ndarray, rate: np.ndarray, series: np.ndarray) -> States:
-    n = len(time_s)
-    nothing = np.full((n, 1), np.nan)
-    return States(
-        np.stack([np.zeros(n), q], axis=1),
-        np.stack([np.full(n, np.nan), rate], axis=1),
-        nothing,
-        time_s,
-        np.full((n, 3), np.nan),
-        series,
-    )
+    angles = np.stack([np.zeros(len(q)), q], axis=1)
+    rates = np.stack([np.full(len(q), np.nan), rate], axis=1)
+    return states_of(angles, rate=rates, time_s=time_s, series=series)
 
 
 @pytest.mark.parametrize("by_rate", [True, False])

@@ -24,10 +24,11 @@ from armd.compensation.diagnose.search_outcome import is_farther_off
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.encoder.encoder_eccentricity import make_harmonic_columns
-from armd.compensation.model.calibration import ArtefactCorrection, Calibration
+from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
 from support import synthetic
+from support.drawn import drawn
 from support.small_fit import unit_noise
 
 ARM = synthetic.arm()
@@ -94,12 +95,8 @@ def test_a_search_without_work_left_ends_and_reports_it(
     session = synthetic.session(
         ARM, ARM.nominal(), np.random.default_rng(3), terms=[term], encoder_rad=5e-6
     )
-    content = Calibration(
-        arm=ARM.serial_number, created="2026-03-01T00:00:00Z", reference_temperature_c=20.0,
-        constants={},
-    )  # fmt: skip
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
-    baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
+    baseline = Baseline(model, drawn(ARM), True, (), (), np.zeros((0, 0)))
     rests = collect_rests([session], ARM)
     for work in (WorkBudget(most), WorkBudget(most)):
         result = search.Search(rests, ARM, baseline, work=work).run()

@@ -34,13 +34,12 @@ from support.microscribe import (
     EXPECTED,
     PARAMETERS,
     TURNS,
-    events_of,
     held_against_truth,
     nominal,
     read_until_end,
 )
 from support.punctuality import Punctuality
-from support.sampled import rows_of
+from support.sampled import events_of, rows_of
 from support.simulated_arm import simulated_arm
 
 # As captured from the arm with serial number 40937; the replies in DanielBetancourt1's notes.

@@ -24,8 +24,8 @@ from armd.drivers.microscribe.timer import Timer
 from armd.drivers.sample import Event, RawFrame
 from armd.drivers.table import open_driver
 from armd.simulator.microscribe import motion
-from support.microscribe import EXPECTED, events_of, held_against_truth, read_until_end
-from support.sampled import rows_of
+from support.microscribe import EXPECTED, held_against_truth, read_until_end
+from support.sampled import events_of, rows_of
 from support.selection import parametrize_default
 from support.simulated_arm import simulated_arm
 

@@ -19,6 +19,7 @@ from armd.compensation.model.pose_factors import Angle
 from armd.errors import BadInput
 from armd.plugins.entry_points import Plugin, report
 from support.other_packages import environment_with, install_template
+from support.program import run_armd
 from support.whole_scene import whole_scene
 
 PLUGIN = Plugin("armd.causes", "odd", "odd 1.0", EntryPoint("odd", "odd:EFFECT", "armd.causes"))
@@ -140,5 +141,4 @@ def test_the_template_s_cause_is_found_where_it_was_planted(tmp_path: Path) -> N
     cause, place, pull = found.split(" | ")
     assert (cause, place) == ("cable_pull", "joint 2")
     assert float(pull) == pytest.approx(2e-4, abs=2e-6)
-    command = [sys.executable, "-m", "armd.daemon.cli", "check", "arm.toml", "extended.json"]
-    assert subprocess.run(command, cwd=tmp_path, stdout=subprocess.DEVNULL).returncode == 0
+    assert run_armd("check", "arm.toml", "extended.json", cwd=tmp_path).returncode == 0

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.estimate.folds import make_placement_folds
-from armd.compensation.estimate.noise.postures import (
-    compute_counts,
-    estimate_shared_part,
-)
+from armd.compensation.estimate.noise.postures import compute_counts, estimate_shared_part
 from armd.compensation.estimate.observations import Observations, collect_observations
 from support import synthetic
 

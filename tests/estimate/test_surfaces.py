@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,10 +27,10 @@ from armd.compensation.estimate.surface_kinds import (
 from armd.compensation.estimate.surfaces import choose_side, measure_heights, project_on_normals
 from armd.compensation.identify.admission.touched_surfaces import require_surfaces
 from armd.compensation.model.kinematics import compute_pose
-from armd.compensation.model.state import States
 from armd.errors import BadInput
 from armd.files.schema import validate
 from support import synthetic
+from support.readings import session_of, states_of
 
 RADIUS_MM = 3.0
 ARM = synthetic.arm().model_copy(
@@ -63,27 +62,19 @@ def session(target: list[str], placement: list[int], approach: F64 | None = None
     n = len(target)
     rng = np.random.default_rng(1)
     names = artefact.target_names
-    return Session(
-        path=Path("bodies"),
-        name="bodies",
-        arm=ARM.serial_number,
-        started_unix_s=0.0,
-        artefact=artefact,
-        states=States(
-            q=rng.uniform(-1.0, 1.0, (n, ARM.n_joints)),
-            rate=np.full((n, ARM.n_joints), np.nan),
-            temperature_c=np.full((n, len(ARM.sensors)), np.nan),
-            time_s=np.arange(float(n)),
-            approach=np.full((n, 3), np.nan) if approach is None else approach,
-            series=np.zeros(n, dtype=np.int64),
-        ),
+    states = states_of(
+        rng.uniform(-1.0, 1.0, (n, ARM.n_joints)),
+        temperature_c=np.full((n, len(ARM.sensors)), np.nan),
+        approach=np.full((n, 3), np.nan) if approach is None else approach,
+    )
+    return session_of(
+        "bodies",
+        ARM.serial_number,
+        artefact,
+        states,
         placement=np.array(placement),
         placement_names=["P1", "P2"],
         target=np.array([names.index(name) for name in target]),
-        truth_mm=np.full((n, 3), np.nan),
-        artefact_c=np.full(n, np.nan),
-        unused_columns=[],
-        row=np.arange(n),
     )
 
 

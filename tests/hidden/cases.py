@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy.stats import beta
 
-from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.estimate.linear.linear_model import LinearModel
-from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import NOISE, Design
-from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.measured.noise import Noise
 from armd.simulator.plants.plant import Plant
+from support.made_case import MadeCase, make_case
+from support.planting import ARC_SECOND, rms_um
 
 #: Causes that only a calibration from before can show.
 HELD = {"geometry_shift", "sensor_offset", "sensor_swapped", "link_expansion"}
@@ -32,7 +27,6 @@ NOISES = {
     "heavy tails": replace(NOISE, tails="heavy"),
     "slow drift": replace(NOISE, wander_um=3.0),
 }
-ARC_SECOND = np.pi / 180 / 3600
 #: Truth of a single amplitude in the finding's unit, per unit of the plant's size.
 AMPLITUDE = {
     "encoder_eccentricity": 1e-3 / 25.0,
@@ -80,37 +74,15 @@ def run_case(
     design = design or Design()
     if held:
         design = replace(design, before=6)
-    with tempfile.TemporaryDirectory() as folder:
-        case = generate_case(Path(folder), seed, plants, design, noise)
-        arm = load_arm(case.arm)
-        sessions = [load_session(path, arm) for path in case.sessions]
-        holdout = [load_session(path, arm) for path in case.holdout]
-        calibration = None
-        if held:
-            before = [load_session(path, arm) for path in case.before]
-            calibration = calibrate(before, arm).calibration
-        started = time.perf_counter()
-        diagnosis = diagnose(sessions, arm, calibration)
-        seconds = time.perf_counter() - started
-        before_um = evaluate(holdout, arm, diagnosis.baseline.calibration)
-        after_um = evaluate(holdout, arm, diagnosis.extended)
-        return _judged(
-            case,
-            tuple(plants),
-            diagnosis,
-            float(np.sqrt((before_um.distance_um**2).mean())),
-            float(np.sqrt((after_um.distance_um**2).mean())),
-            seconds,
-        )
+    made = make_case(seed, plants, design, noise)
+    calibration = made.calibrate_before()
+    started = time.perf_counter()
+    diagnosis = diagnose(made.sessions, made.arm, calibration)
+    return _judged(made, tuple(plants), diagnosis, time.perf_counter() - started)
 
 
 def _judged(
-    case: HiddenCase,
-    plants: tuple[Plant, ...],
-    diagnosis: Diagnosis,
-    before_um: float,
-    after_um: float,
-    seconds: float,
+    made: MadeCase, plants: tuple[Plant, ...], diagnosis: Diagnosis, seconds: float
 ) -> Judged:
     places = [found.candidate.place for found in diagnosis.findings]
     if diagnosis.outliers:
@@ -121,8 +93,8 @@ def _judged(
     return Judged(
         plants,
         tuple(
-            projected_snr(diagnosis.search.first, _error(case, effect), diagnosis.search.last.noise)
-            for effect in case.effects
+            projected_snr(diagnosis.search.first, error_mm, diagnosis.search.last.noise)
+            for error_mm in made.errors_mm()
         ),
         diagnosis,
         tuple(truth in places for truth in truths),
@@ -134,16 +106,11 @@ def _judged(
             if found.candidate.cause == "unknown"
         ),
         tuple(_amplitude_errors(plants, diagnosis)),
-        before_um,
-        after_um,
-        case.oracle_rms_um(case.holdout),
+        rms_um(made.holdout, made.arm, diagnosis.baseline.calibration),
+        rms_um(made.holdout, made.arm, diagnosis.extended),
+        made.case.oracle_rms_um(made.case.holdout),
         seconds,
     )
-
-
-def _error(case: HiddenCase, effect: object) -> np.ndarray:
-    error = effect.error_mm  # type: ignore[attr-defined]
-    return np.concatenate([error[path.name] for path in case.sessions])
 
 
 def at_most(count: int, of: int) -> str:

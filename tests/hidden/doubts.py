@@ -20,14 +20,13 @@ from armd.compensation.diagnose.constants import SURE
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.report.advice import Doubt, find_most_doubtful
-from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.measured.plan import Climate
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import draw_plant
 from armd.simulator.plants.plant import Plant
+from support.made_case import read_case
 from support.next_session import measure_next
 from support.warmed_climate import warmed
 
@@ -107,11 +106,8 @@ def _draw(rng: np.random.Generator, causes: tuple[str, ...], factor: float) -> P
 def settle(folder: Path, seed: int, case: Doubtful) -> tuple[Diagnosis, Settled | None]:
     """Diagnose a case; where that is in doubt, measure what armd proposes, and diagnose again."""
     hidden = generate_case(folder, seed, [case.plant], case.measured)
-    arm = load_arm(hidden.arm)
-    sessions = [load_session(path, arm) for path in hidden.sessions]
-    calibration = None
-    if hidden.before:
-        calibration = calibrate([load_session(p, arm) for p in hidden.before], arm).calibration
+    made = read_case(hidden)
+    arm, sessions, calibration = made.arm, made.sessions, made.calibrate_before()
     before = diagnose(sessions, arm, calibration)
     doubt = find_most_doubtful(before)
     if doubt is None:

@@ -7,24 +7,19 @@ courses (`simulator.truth.course`) are laws of their own, none of them the diagn
 
 from __future__ import annotations
 
-import tempfile
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from cases import NOISES, at_most, projected_snr
 
-from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case
 from armd.simulator.plants.drift import draw_drift
 from armd.simulator.plants.plant import Plant
+from support.made_case import make_case
+from support.planting import rms_um
 
 KINDS = ("drift", "still")
 SURE = 0.95
@@ -97,27 +92,14 @@ def run_drift(kind: str, seed: int) -> Drifted:
     noise = NOISES["gaussian" if plants else "slow drift"]
     held = bool(rng.integers(2))
     design = replace(Design(), before=6 if held else 0)
-    with tempfile.TemporaryDirectory() as folder:
-        case = generate_case(Path(folder), seed, plants, design, noise)
-        arm = load_arm(case.arm)
-        sessions, holdout, before = (
-            [load_session(path, arm) for path in paths]
-            for paths in (case.sessions, case.holdout, case.before)
-        )
-        calibration = calibrate(before, arm).calibration if held else None
-        started = time.perf_counter()
-        diagnosis = diagnose(sessions, arm, calibration)
-        seconds = time.perf_counter() - started
-        error_um = [
-            float(np.sqrt((evaluate(holdout, arm, model).distance_um ** 2).mean()))
-            for model in (diagnosis.baseline.calibration, diagnosis.extended)
-        ]
-        snr = 0.0
-        for effect in case.effects:
-            error_mm = np.concatenate([effect.error_mm[path.name] for path in case.sessions])
-            first, last = diagnosis.search.first, diagnosis.search.last
-            snr = projected_snr(first, error_mm, last.noise)
-        oracle_um = case.oracle_rms_um(case.holdout)
+    made = make_case(seed, plants, design, noise)
+    calibration = made.calibrate_before()
+    started = time.perf_counter()
+    diagnosis = diagnose(made.sessions, made.arm, calibration)
+    seconds = time.perf_counter() - started
+    snr = 0.0
+    for error_mm in made.errors_mm():
+        snr = projected_snr(diagnosis.search.first, error_mm, diagnosis.search.last.noise)
     told = said(diagnosis)
     wrong = [one for one in told if not (plants and tells(one, plants[0], held))]
     return Drifted(
@@ -129,8 +111,9 @@ def run_drift(kind: str, seed: int) -> Drifted:
         bool(told) and not wrong if plants else not told,
         sum(one.probability >= SURE and one.cause != "unknown" for one in wrong),
         bool(told) and not plants,
-        *error_um,
-        oracle_um,
+        rms_um(made.holdout, made.arm, diagnosis.baseline.calibration),
+        rms_um(made.holdout, made.arm, diagnosis.extended),
+        made.case.oracle_rms_um(made.case.holdout),
         seconds,
     )
 

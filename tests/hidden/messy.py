@@ -6,26 +6,21 @@ Every other case has a cause planted, every other pair of them a calibration fro
 from __future__ import annotations
 
 import re
-import tempfile
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from cases import at_most
 
-from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.report.result import as_json
-from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.report.diagnosis.page import make_diagnosis_report
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.plants.draw import draw_plant
 from armd.simulator.plants.plant import Plant
+from support.made_case import MadeCase, make_case
+from support.planting import rms_um
 
 DESIGN = Design(sessions=6, articulations=4, holdout=1)
 #: Causes that act through the posture: a dead channel or a wrong clock takes none of them away.
@@ -93,58 +88,44 @@ def run_mess(kind: str, seed: int, design: Design = DESIGN) -> MessOutcome:
         plants = [draw_plant(rng, CAUSES, float(np.exp(rng.uniform(0.4, 1.4))))]
     held = seed % 4 > 1 or any(plant.cause == "geometry_shift" for plant in plants)
     design = replace(design, before=4) if held else design
-    with tempfile.TemporaryDirectory() as folder:
-        case = generate_case(Path(folder), seed, plants, design, mess=kind)
-        arm = load_arm(case.arm)
-        calibration = None
-        if held:
-            before = [load_session(path, arm) for path in case.before]
-            calibration = calibrate(before, arm).calibration
-        started = time.perf_counter()
-        diagnosis = diagnose([load_session(p, arm) for p in case.sessions], arm, calibration)
-        seconds = time.perf_counter() - started
-        result = as_json(diagnosis, None)
-        headings = tuple(
-            re.findall("<h[23]>([^<]*)", make_diagnosis_report(diagnosis, result, {}, ()))
-        )
-        snr = 0.0
-        if plants:
-            snr = _snr(case)
-        errors = [
-            _held_out_um(case, arm, model)
-            for model in (diagnosis.baseline.calibration, diagnosis.extended)
-        ]
+    made = make_case(seed, plants, design, mess=kind)
+    calibration = made.calibrate_before()
+    started = time.perf_counter()
+    diagnosis = diagnose(made.sessions, made.arm, calibration)
+    seconds = time.perf_counter() - started
+    result = as_json(diagnosis, None)
+    headings = re.findall("<h[23]>([^<]*)", make_diagnosis_report(diagnosis, result, {}, ()))
     truth = (plants[0].cause, plants[0].location, plants[0].size) if plants else None
     return MessOutcome(
-        kind, seed, truth, snr, held,
+        kind, seed, truth, _snr(made) if plants else 0.0, held,
         tuple((f["cause"], f["location"], float(f["probability"])) for f in result["findings"]),
         tuple(result.get("readings", {}).get("told", ())),
-        result["baseline"]["noise_floor_um"] / _true_floor_um(case),
-        *errors, seconds, headings,
+        result["baseline"]["noise_floor_um"] / _true_floor_um(made),
+        _held_out_um(made, diagnosis.baseline.calibration),
+        _held_out_um(made, diagnosis.extended),
+        seconds, tuple(headings),
     )  # fmt: skip
 
 
-def _snr(case: HiddenCase) -> float:
+def _snr(made: MadeCase) -> float:
     """Norm of the effect over the noise, not clear of what absorbs; about twice what is clear."""
-    (effect,) = case.effects
-    names = [path.name for path in case.sessions]
-    error = np.concatenate([effect.error_mm[name] for name in names])
+    (error,) = made.errors_mm()
     error -= error.mean(axis=0)
-    per_axis = _true_floor_um(case) / 1e3 / np.sqrt(3.0)
+    per_axis = _true_floor_um(made) / 1e3 / np.sqrt(3.0)
     return 0.5 * float(np.linalg.norm(error)) / per_axis
 
 
-def _true_floor_um(case: HiddenCase) -> float:
+def _true_floor_um(made: MadeCase) -> float:
     """3-D RMS of what encoders, seats and certificates err by, gross errors aside."""
+    case = made.case
     rows = [case.noise_mm[path.name][~case.measured[path.name].spoilt] for path in case.sessions]
     return 1e3 * float(np.sqrt((np.concatenate(rows) ** 2).sum(axis=1).mean()))
 
 
-def _held_out_um(case: HiddenCase, arm: Arm, model: Calibration) -> float:
+def _held_out_um(made: MadeCase, model: Calibration) -> float:
     """3-D RMS on the session held out, its gross errors aside."""
-    sessions = [load_session(path, arm) for path in case.holdout]
-    kept = [s.rows(~case.measured[s.name].spoilt) for s in sessions]
-    return float(np.sqrt((evaluate(kept, arm, model).distance_um ** 2).mean()))
+    kept = [s.rows(~made.case.measured[s.name].spoilt) for s in made.holdout]
+    return rms_um(kept, made.arm, model)
 
 
 def tell_mess(o: MessOutcome) -> str:

@@ -26,15 +26,14 @@ from told_apart import told_apart
 from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import compute_pose
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, list_columns
+from support.made_case import make_case
 from support.planting import Effect, middle_unix_s, of_joint, planted, rms_um, slip, wave
 
 KINDS = (
@@ -257,40 +256,28 @@ def _at(number: int, plant: Plant) -> Plant:
 def _simulated(kind: str, seed: int, plants: Sequence[Plant], design: Design = DESIGN) -> Strange:
     held = any(plant.cause in HELD for plant in plants)
     design = replace(design, before=4) if held else design
-    with tempfile.TemporaryDirectory() as folder:
-        case = generate_case(Path(folder), seed, plants, design)
-        arm = load_arm(case.arm)
-        sessions, holdout, before = (
-            [load_session(path, arm) for path in paths]
-            for paths in (case.sessions, case.holdout, case.before)
-        )
-        calibration = calibrate(before, arm).calibration if held else None
-        diagnosis = diagnose(sessions, arm, calibration)
-        errors = [
-            np.concatenate([effect.error_mm[path.name] for path in case.sessions])
-            for effect in case.effects
-        ]
-        first, noise = diagnosis.search.first, diagnosis.search.last.noise
-        snr = [
-            projected_snr(first, error, noise, [e for e in errors if e is not error])
-            for error in errors
-        ]
-        given = diagnosis.baseline.calibration
-        return Strange(
-            kind,
-            seed,
-            tuple(
-                (p.cause, p.location, _words(p), value)
-                for p, value in zip(plants, snr, strict=True)
-            ),
-            tuple(list_columns(plants[0])) if kind in NAMELESS else (),
-            _told(diagnosis),
-            rms_um(holdout, arm, given),
-            rms_um(holdout, arm, diagnosis.extended),
-            case.oracle_rms_um(case.holdout),
-            0.0,
-            _apart(diagnosis, errors, plants),
-        )
+    made = make_case(seed, plants, design)
+    diagnosis = diagnose(made.sessions, made.arm, made.calibrate_before())
+    errors = made.errors_mm()
+    first, noise = diagnosis.search.first, diagnosis.search.last.noise
+    snr = [
+        projected_snr(first, error, noise, [e for e in errors if e is not error])
+        for error in errors
+    ]
+    return Strange(
+        kind,
+        seed,
+        tuple(
+            (p.cause, p.location, _words(p), value) for p, value in zip(plants, snr, strict=True)
+        ),
+        tuple(list_columns(plants[0])) if kind in NAMELESS else (),
+        _told(diagnosis),
+        rms_um(made.holdout, made.arm, diagnosis.baseline.calibration),
+        rms_um(made.holdout, made.arm, diagnosis.extended),
+        made.case.oracle_rms_um(made.case.holdout),
+        0.0,
+        _apart(diagnosis, errors, plants),
+    )
 
 
 def _apart(
@@ -333,16 +320,8 @@ def _draw_planted(
 
 def _again(seed: int, rng: np.random.Generator) -> Strange:
     """Healthy sessions, one effect more at each of three times; judged is the third."""
-    with tempfile.TemporaryDirectory() as folder:
-        case = generate_case(
-            Path(folder), seed, [], Design(sessions=10, articulations=3, before=5, holdout=2)
-        )
-        arm = load_arm(case.arm)
-        before, later, holdout = (
-            [load_session(path, arm) for path in paths]
-            for paths in (case.before, case.sessions, case.holdout)
-        )
-    times = [before, later[:5], later[5:]]
+    made = make_case(seed, (), Design(sessions=10, articulations=3, before=5, holdout=2))
+    times = [made.before, made.sessions[:5], made.sessions[5:]]
     effects: list[tuple[str, str, Effect]] = []
     calibration: Calibration | None = None
     for sessions in times:
@@ -352,9 +331,9 @@ def _again(seed: int, rng: np.random.Generator) -> Strange:
                 break
         effects.append(more)
         under = calibration
-        found = diagnose(planted(sessions, *(e for *_, e in effects)), arm, under)
+        found = diagnose(planted(sessions, *(e for *_, e in effects)), made.arm, under)
         calibration = found.extended
-    return _judged("again", seed, found, effects, holdout, times[2])
+    return _judged("again", seed, found, effects, made.holdout, times[2])
 
 
 def _judged(

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.refit import Refits, solve_again
@@ -27,12 +24,11 @@ from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.diagnose.report.verdict import format_um, write_verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
-from armd.compensation.model.arm import load_arm
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.slow_factors import After, Temperature, Time
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
+from support.made_case import make_case
 from support.planting import planted, rms_um, wave
 
 GROUPS = np.repeat(np.arange(40), 5)
@@ -46,6 +42,11 @@ def cause(k: int) -> Candidate:
     return Candidate("encoder_scale", location.joint(k), (), ())
 
 
+def causes(n: int) -> Any:
+    """A search that found a cause at each of the first joints."""
+    return search_of(*map(cause, range(1, n + 1)))
+
+
 def squares_of(worth: dict[tuple[int, ...], float], grown: float = 1.0) -> Any:
     """Squared residuals held out by findings in the model, readings with a common pattern."""
     pattern = 1.0 + 0.2 * np.random.default_rng(4).normal(size=len(GROUPS))
@@ -56,12 +57,47 @@ def squares_of(worth: dict[tuple[int, ...], float], grown: float = 1.0) -> Any:
     return squares
 
 
-def test_a_harmful_finding_is_not_written_though_the_one_after_it_helps() -> None:
-    worth = {(): 4.0, (0,): 3.0, (1,): 4.4, (2,): 3.5, (0, 1): 3.3, (0, 2): 2.0, (0, 1, 2): 2.2}
-    chosen = choose(
-        search_of(cause(1), cause(2), cause(3)), [Look(squares_of(worth), GROUPS)], [True] * 3
-    )
-    assert chosen.numbers == (0, 2)
+def look(worth: dict[tuple[int, ...], float], grown: float = 1.0) -> Look:
+    return Look(squares_of(worth, grown), GROUPS)
+
+
+SHAPE = Candidate(
+    "unknown", location.make_shape_location("encoder_scale", location.joint(1)), (), ("q1",)
+)
+
+
+@pytest.mark.parametrize(
+    ("findings", "worth", "numbers", "doubted"),
+    [
+        pytest.param(
+            causes(3),
+            {(): 4.0, (0,): 3.0, (1,): 4.4, (2,): 3.5, (0, 1): 3.3, (0, 2): 2.0, (0, 1, 2): 2.2},
+            (0, 2), {1},
+            id="a harmful one is not, though the one after it helps",
+        ),
+        pytest.param(
+            causes(2), {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 2.0}, (0, 1), set(),
+            id="what helps beside a later one only gets its turn again",
+        ),
+        pytest.param(  # two that help only together, and a third beside which they still do
+            causes(3),
+            {(): 4.0, (0,): 4.0, (1,): 4.0, (2,): 4.2, (0, 1): 2.0, (0, 2): 4.2, (1, 2): 4.2,
+             (0, 1, 2): 2.2},
+            (0, 1), {2},
+            id="a set that helps together carries nothing along that harms",
+        ),
+        pytest.param(
+            search_of(cause(1), SHAPE), {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 4.4}, (), {0, 1},
+            id="a shape is not without its cause",
+        ),
+    ],
+)  # fmt: skip
+def test_which_findings_are_written(
+    findings: Any, worth: dict[tuple[int, ...], float], numbers: tuple[int, ...], doubted: set[int]
+) -> None:
+    chosen = choose(findings, [look(worth)], [True] * len(findings.findings))
+    assert chosen.numbers == numbers
+    assert set(chosen.doubts) == doubted
 
 
 def test_a_drift_that_makes_later_readings_worse_is_told_and_not_written() -> None:
@@ -69,14 +105,11 @@ def test_a_drift_that_makes_later_readings_worse_is_told_and_not_written() -> No
     along = Time(since_unix_s=0.0, until_unix_s=9.0)
     terms = tie([("theta_1", 1.0)], along)
     drift = Candidate("geometry_shift", location.joint(1), (Column("a", "1", 1.0, terms),), ())
-    look = Look(squares_of({(): 4.0, (0,): 3.0, (1,): 3.8, (0, 1): 2.5}), GROUPS)
-    findings, able = search_of(drift, cause(2)), [True, True]
-    later = squares_of({(): 4.0, (0,): 4.1, (1,): 9.0, (0, 1): 9.1})
-    chosen = choose(findings, [look], able, later=later)
-    assert (chosen.numbers, chosen.contradicted_later) == ((1,), (0,))
-    later = squares_of({(): 4.0, (0,): 3.9, (1,): 9.0, (0, 1): 9.1})
-    chosen = choose(findings, [look], able, later=later)
-    assert (chosen.numbers, chosen.contradicted_later) == ((0, 1), ())
+    looks = [look({(): 4.0, (0,): 3.0, (1,): 3.8, (0, 1): 2.5})]
+    for after, expected in ((4.1, ((1,), (0,))), (3.9, ((0, 1), ()))):
+        later = squares_of({(): 4.0, (0,): after, (1,): 9.0, (0, 1): 9.1})
+        chosen = choose(search_of(drift, cause(2)), looks, [True, True], later=later)
+        assert (chosen.numbers, chosen.contradicted_later) == expected
 
 
 def test_a_temperature_that_stands_in_for_a_drift_is_asked_for_later_readings_too() -> None:
@@ -90,11 +123,11 @@ def test_a_temperature_that_stands_in_for_a_drift_is_asked_for_later_readings_to
         for k, f in ((1, along), (2, warm))
     )
     worth = {(): 4.0, (0,): 4.1, (1,): 3.0, (2,): 3.5, (0, 1): 3.1, (0, 2): 3.6, (1, 2): 2.5}
-    look = Look(squares_of(worth | {(0, 1, 2): 2.6}), GROUPS)
+    looks = [look(worth | {(0, 1, 2): 2.6})]
     later = squares_of({some: 4.0 + sum(some) for some in (*worth, (0, 1, 2))})
-    chosen = choose(search_of(drift, expansion, cause(3)), [look], [True] * 3, later=later)
+    chosen = choose(search_of(drift, expansion, cause(3)), looks, [True] * 3, later=later)
     assert (chosen.numbers, chosen.contradicted_later) == ((2,), (1,))
-    chosen = choose(search_of(drift, expansion, cause(3)), [look], [True] * 3)
+    chosen = choose(search_of(drift, expansion, cause(3)), looks, [True] * 3)
     assert chosen.numbers == (1, 2)
 
 
@@ -115,33 +148,12 @@ def test_later_readings_are_asked_beside_whatever_goes_on_nobody_knows_how() -> 
     assert not may_go_on_otherwise(of("unknown", [angle]))
 
 
-def test_what_helps_beside_a_later_one_only_gets_its_turn_again() -> None:
-    worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 2.0}
-    chosen = choose(search_of(cause(1), cause(2)), [Look(squares_of(worth), GROUPS)], [True] * 2)
-    assert chosen.numbers == (0, 1)
-
-
-def test_a_set_that_helps_together_carries_nothing_along_that_harms() -> None:
-    """Two that help only together, and a third beside which they still do."""
-    worth = {
-        (): 4.0, (0,): 4.0, (1,): 4.0, (2,): 4.2, (0, 1): 2.0, (0, 2): 4.2, (1, 2): 4.2,
-        (0, 1, 2): 2.2,
-    }  # fmt: skip
-    chosen = choose(
-        search_of(cause(1), cause(2), cause(3)), [Look(squares_of(worth), GROUPS)], [True] * 3
-    )
-    assert chosen.numbers == (0, 1)
-    assert set(chosen.doubts) == {2}
-
-
 def test_readings_held_out_make_doubtful_what_they_contradict() -> None:
     """By their likelihood ratio, and by no more than that the arm changed."""
     n = len(GROUPS)
     for share, expected in ((1.0, None), (1.0 + 2.0 / (1.5 * n), np.exp(-2.0)), (1.2, 0.05)):
         worth = {(): 4.0, (0,): 3.0, (1,): 4.0 * share, (0, 1): 3.0 * share}
-        chosen = choose(
-            search_of(cause(1), cause(2)), [Look(squares_of(worth), GROUPS)], [True] * 2
-        )
+        chosen = choose(causes(2), [look(worth)], [True] * 2)
         assert chosen.numbers == (0,)
         assert chosen.doubts == {1: pytest.approx(1.0 if expected is None else expected)}
 
@@ -163,9 +175,8 @@ def test_a_sure_finding_is_asked_by_placements_left_out_alone() -> None:
 def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_the_gain() -> None:
     """What is written must not stand beside figures of a search that found something else."""
     worth = {(): 4.0, (0,): 3.0, (1,): 3.5, (0, 1): 2.0}
-    looks, findings = [Look(squares_of(worth), GROUPS)], search_of(cause(1), cause(2))
-    assert choose(findings, looks, [True] * 2).gains == {}
-    chosen = choose(findings, looks, [True] * 2, repeated_tells=False)
+    assert choose(causes(2), [look(worth)], [True] * 2).gains == {}
+    chosen = choose(causes(2), [look(worth)], [True] * 2, repeated_tells=False)
     assert (chosen.numbers, chosen.by) == ((0, 1), "placements left out")
     rms_um = {some: 1e3 * np.sqrt(squares_of(worth)(some, False).mean()) for some in worth}
     for i, (before, after) in enumerate((((), (0,)), ((0,), (0, 1)))):
@@ -174,33 +185,31 @@ def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_t
 
 
 def test_nothing_is_written_that_could_not_be_found_again() -> None:
-    chosen = choose(search_of(cause(1)), [Look(squares_of({(): 4.0, (0,): 3.0}), GROUPS)], [False])
-    assert chosen.numbers == ()
+    assert choose(causes(1), [look({(): 4.0, (0,): 3.0})], [False]).numbers == ()
 
 
 def test_what_one_placement_shows_its_targets_bear_out() -> None:
     """Without that placement nobody knows of it: no gain there is no word against it."""
-    silent, shown, harm = ({(): 4.0, (0,): after} for after in (4.0, 2.0, 4.5))
-    one, first = Look(squares_of(shown), GROUPS), search_of(cause(1))
-    assert choose(first, [Look(squares_of(silent), GROUPS), one], [True]).numbers == (0,)
-    assert choose(first, [Look(squares_of(harm), GROUPS), one], [True]).numbers == ()
-    looks = [Look(squares_of(harm), GROUPS), one]
-    deaf = choose(first, looks, [True], lambda _finding, _some: True)
+    silent, shown, harm = (look({(): 4.0, (0,): after}) for after in (4.0, 2.0, 4.5))
+    assert choose(causes(1), [silent, shown], [True]).numbers == (0,)
+    assert choose(causes(1), [harm, shown], [True]).numbers == ()
+    deaf = choose(causes(1), [harm, shown], [True], lambda _finding, _some: True)
     assert deaf.numbers == (0,)
     assert deaf.gains[0].is_confirmed
 
 
 def test_placements_hear_a_finding_that_only_another_one_hides_from_them() -> None:
     """Beside the other, one placement alone shows it; by itself they all do, and contradict it."""
-    worth = {(): 4.0, (0,): 4.4, (1,): 4.6, (0, 1): 4.8}
-    by_target = Look(squares_of({(): 4.0, (0,): 3.0, (1,): 3.0, (0, 1): 2.0}), GROUPS)
-    looks, findings = [Look(squares_of(worth), GROUPS), by_target], search_of(cause(1), cause(2))
+    looks = [
+        look({(): 4.0, (0,): 4.4, (1,): 4.6, (0, 1): 4.8}),
+        look({(): 4.0, (0,): 3.0, (1,): 3.0, (0, 1): 2.0}),  # by target
+    ]
 
     def beside_the_other(finding: int, some: tuple[int, ...]) -> bool:
         return finding == 0 and 1 in some
 
-    assert choose(findings, looks, [True] * 2, beside_the_other).numbers == ()
-    assert choose(findings, looks, [True] * 2, lambda finding, _: finding == 0).numbers == (0,)
+    assert choose(causes(2), looks, [True] * 2, beside_the_other).numbers == ()
+    assert choose(causes(2), looks, [True] * 2, lambda finding, _: finding == 0).numbers == (0,)
 
 
 def test_gross_readings_have_no_voice_but_a_finding_that_makes_them_worse_is_not_written() -> None:
@@ -213,19 +222,17 @@ def test_gross_readings_have_no_voice_but_a_finding_that_makes_them_worse_is_not
             gross, 4000.0 * (worse if some else 1.0), usual(some, growth)
         )
 
-    assert choose(search_of(cause(1)), [Look(squares(1.0), GROUPS)], [True]).numbers == (0,)
-    assert choose(search_of(cause(1)), [Look(squares(1.2), GROUPS)], [True]).numbers == ()
+    assert choose(causes(1), [Look(squares(1.0), GROUPS)], [True]).numbers == (0,)
+    assert choose(causes(1), [Look(squares(1.2), GROUPS)], [True]).numbers == ()
 
 
 def test_the_first_links_growth_is_written_only_where_held_out_readings_bear_it_out() -> None:
     worth = {(): 4.0, (0,): 3.0}
     for grown, expected in ((0.7, True), (1.0, False), (1.3, False)):
-        looks = [Look(squares_of(worth, grown), GROUPS)]
-        chosen = choose(search_of(cause(1)), looks, [True], growth=True)
+        chosen = choose(causes(1), [look(worth, grown)], [True], growth=True)
         assert (chosen.numbers, chosen.growth) == ((0,), expected)
         assert chosen.after.sum() < chosen.before.sum()
-    none = [Look(squares_of({(): 4.0, (0,): 4.0}, 0.5), GROUPS)]
-    chosen = choose(search_of(cause(1)), none, [True], growth=True)
+    chosen = choose(causes(1), [look({(): 4.0, (0,): 4.0}, 0.5)], [True], growth=True)
     assert (chosen.numbers, chosen.growth) == ((), False)
     assert (chosen.after == chosen.before).all()
 
@@ -234,21 +241,12 @@ def test_a_look_that_is_deaf_to_the_first_links_growth_does_not_speak_of_it() ->
     """The one ramp that shows the growth was left out whole: the others cannot foretell it."""
     worth = {(): 4.0, (0,): 3.0}
     for by_target, expected in ((0.99, True), (1.01, False)):
-        looks = [Look(squares_of(worth, grown), GROUPS) for grown in (1.2, by_target)]
-        chosen = choose(search_of(cause(1)), looks, [True], growth=True, cannot_see_growth=True)
+        looks = [look(worth, grown) for grown in (1.2, by_target)]
+        chosen = choose(causes(1), looks, [True], growth=True, cannot_see_growth=True)
         assert (chosen.numbers, chosen.growth) == ((0,), expected)
         assert chosen.after.sum() == pytest.approx(0.75 * chosen.before.sum())
-        heard = choose(search_of(cause(1)), looks, [True], growth=True)
+        heard = choose(causes(1), looks, [True], growth=True)
         assert not heard.growth
-
-
-def test_a_shape_is_not_written_without_its_cause() -> None:
-    shape = Candidate(
-        "unknown", location.make_shape_location("encoder_scale", location.joint(1)), (), ("q1",)
-    )
-    worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 4.4}
-    chosen = choose(search_of(cause(1), shape), [Look(squares_of(worth), GROUPS)], [True, True])
-    assert chosen.numbers == ()
 
 
 def test_rounding_is_no_gain() -> None:
@@ -259,16 +257,13 @@ def test_rounding_is_no_gain() -> None:
 @pytest.fixture(scope="module")
 def disturbed() -> Any:
     """Four sessions with bad readings and an eccentricity; two held out, with a bad one too."""
-    with tempfile.TemporaryDirectory() as folder:
-        design = Design(sessions=5, articulations=3, holdout=2)
-        case = generate_case(Path(folder), 611, [Plant("outliers", "rows", 150.0)], design)
-        arm = load_arm(case.arm)
-        sessions = planted([load_session(p, arm) for p in case.sessions], wave(2, 8.0))
-        holdout = planted([load_session(p, arm) for p in case.holdout], wave(2, 8.0))
-        q = holdout[0].states.q.copy()
-        q[7] += 3e-4  # 60 arc seconds in every joint
-        holdout[0] = replace(holdout[0], states=replace(holdout[0].states, q=q))
-        return arm, sessions, holdout
+    design = Design(sessions=5, articulations=3, holdout=2)
+    made = make_case(611, [Plant("outliers", "rows", 150.0)], design)
+    sessions, holdout = (planted(some, wave(2, 8.0)) for some in (made.sessions, made.holdout))
+    q = holdout[0].states.q.copy()
+    q[7] += 3e-4  # 60 arc seconds in every joint
+    holdout[0] = replace(holdout[0], states=replace(holdout[0].states, q=q))
+    return made.arm, sessions, holdout
 
 
 @pytest.mark.slow

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,16 +10,14 @@ import pytest
 from drifts import run_drift, said
 from sweep import CONSTANTS, ROOM, changed
 
-from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.diagnose.search import explains
-from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case
 from armd.simulator.truth import course
 from support.known_regression import known_regression
 from support.long_case import long_case
+from support.made_case import make_case
 from support.planting import of_joint, planted
 
 HOUR_S = 3600.0
@@ -30,10 +26,8 @@ HOUR_S = 3600.0
 @pytest.fixture(scope="module")
 def healthy() -> Any:
     """Five sessions, four hours apart, of an arm with nothing wrong."""
-    with tempfile.TemporaryDirectory() as folder:
-        case = generate_case(Path(folder), 631, [], Design(sessions=5, articulations=3, holdout=0))
-        arm = load_arm(case.arm)
-        return arm, [load_session(path, arm) for path in case.sessions]
+    made = make_case(631, (), Design(sessions=5, articulations=3, holdout=0))
+    return made.arm, made.sessions
 
 
 @pytest.mark.slow

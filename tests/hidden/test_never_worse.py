@@ -6,23 +6,18 @@ before: what tempts a diagnosis to write what is not there.
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from cases import NOISES
 
-from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.heldout.gain import limit_squares
-from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import DESIGNS
-from armd.simulator.hidden import generate_case
 from armd.simulator.plants.draw import draw_plant
+from support.made_case import make_case
 from support.selection import parametrize_default
 
 MOST_WORSE = 1.02
@@ -40,17 +35,10 @@ def before_and_after(seed: int) -> tuple[bool, float, float]:
         for _ in range(int(rng.integers(4)))
     ]
     noise = NOISES[str(rng.choice(list(NOISES)))]
-    with tempfile.TemporaryDirectory() as folder:
-        case = generate_case(Path(folder), seed, plants, design, noise)
-        arm = load_arm(case.arm)
-        before, sessions, holdout = (
-            [load_session(path, arm) for path in paths]
-            for paths in (case.before, case.sessions, case.holdout)
-        )
-    given = calibrate(before, arm).calibration if held else None
-    found = diagnose(sessions, arm, given)
+    made = make_case(seed, plants, design, noise)
+    found = diagnose(made.sessions, made.arm, made.calibrate_before())
     old, new = (
-        (evaluate(holdout, arm, model).residual_mm ** 2).sum(axis=1)
+        (evaluate(made.holdout, made.arm, model).residual_mm ** 2).sum(axis=1)
         for model in (found.baseline.calibration, found.extended)
     )
     if not found.written:

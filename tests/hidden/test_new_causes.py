@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.report.verdict import write_verdict
-from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
+from support.made_case import make_case
+from support.planting import ARC_SECOND
 from support.selection import parametrize_default
 
-ARC_SECOND = np.pi / 180 / 3600
 DESIGN = Design(sessions=5, articulations=3, holdout=0)
 
 
 def diagnosed(seed: int, plant: Plant) -> Diagnosis:
-    with tempfile.TemporaryDirectory() as folder:
-        case = generate_case(Path(folder), seed, [plant], DESIGN)
-        arm = load_arm(case.arm)
-        return diagnose([load_session(path, arm) for path in case.sessions], arm)
+    made = make_case(seed, [plant], DESIGN)
+    return diagnose(made.sessions, made.arm)
 
 
 @parametrize_default(

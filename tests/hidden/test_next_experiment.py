@@ -2,8 +2,6 @@
 
 import csv
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from armd.simulator.campaigns.hidden import DESIGNS, Design
 from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.plants.plant import Plant
 from armd.simulator.truth.effects.effect import Conditions
+from support.program import run_armd
 
 #: Joint 3 turns through 75° only: a gain, an eccentricity and an ellipticity are nearly one curve.
 CONFOUNDED = replace(DESIGNS["short range"], sessions=4, articulations=3, holdout=0)
@@ -30,10 +29,8 @@ GAUGES = {"theta_1", "d_1", "theta_6", "d_6", "a_6", "alpha_6"}
 
 def run_design(case: HiddenCase, folder: Path) -> tuple[dict, list[dict[str, str]], str, str]:
     table, out, page = folder / "poses.csv", folder / "poses.json", folder / "poses.html"
-    command = [sys.executable, "-m", "armd.daemon.cli", "design", *map(str, case.sessions)]
-    command += ["--arm", str(case.arm), "--poses", "9", "-o", str(table), "--json", str(out)]
-    command += ["--report", str(page)]
-    done = subprocess.run(command, check=True, timeout=200, capture_output=True, text=True)
+    words = ["design", *case.sessions, "--arm", case.arm, "--poses", "9", "-o", table]
+    done = run_armd(*words, "--json", out, "--report", page, check=True)
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file))
     return json.loads(out.read_text()), rows, page.read_text(), done.stdout

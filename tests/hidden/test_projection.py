@@ -19,10 +19,10 @@ from support.small_fit import whitened_by
 
 
 @pytest.fixture(scope="module")
-def problem(tmp_path_factory):
+def problem():
     """A fit of small sessions, the arm, and the catalogue's candidates."""
     plants = [Plant("encoder_eccentricity", "joint 3", 2.0)]
-    _, found, arm, candidates = first_fit(tmp_path_factory.mktemp("case"), 5, plants)
+    _, found, arm, candidates = first_fit(5, plants)
     return found, arm, candidates
 
 

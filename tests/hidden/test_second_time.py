@@ -7,14 +7,12 @@ the size found and the gain are judged against what was planted.
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from armd.compensation.data.sessions.session import Session, load_session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.extend import extend_calibration
@@ -24,13 +22,12 @@ from armd.compensation.diagnose.heldout.open_constants import keep_open_constant
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.estimate.linear.bordered import compute_pseudo_inverse_factor
-from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case
+from support.made_case import make_case
 from support.planting import ARC_SECOND, Effect, middle_unix_s, planted, rms_um, slip, wave
 
 SINCE_LONG = wave(2, 12.0)  # there before the first diagnosis
@@ -55,18 +52,12 @@ class History:
 
 @pytest.fixture(scope="module")
 def history() -> History:
-    with tempfile.TemporaryDirectory() as folder:
-        design = Design(sessions=10, articulations=3, before=6, holdout=2)
-        case = generate_case(Path(folder), 601, [], design)
-        arm = load_arm(case.arm)
-        before, later, holdout = (
-            [load_session(path, arm) for path in paths]
-            for paths in (case.before, case.sessions, case.holdout)
-        )
-        plain = calibrate(before, arm).calibration
-        first = diagnose(planted(before, SINCE_LONG), arm)
-        assert [f.candidate.place for f in first.findings] == [("encoder_eccentricity", "joint 2")]
-        return History(arm, before, later[:5], later[5:], holdout, plain, first.extended)
+    made = make_case(601, (), Design(sessions=10, articulations=3, before=6, holdout=2))
+    plain, later = made.calibrate_before(), made.sessions
+    assert plain is not None
+    first = diagnose(planted(made.before, SINCE_LONG), made.arm)
+    assert [f.candidate.place for f in first.findings] == [("encoder_eccentricity", "joint 2")]
+    return History(made.arm, made.before, later[:5], later[5:], made.holdout, plain, first.extended)
 
 
 def size_of(diagnosis: Diagnosis, cause: str, location: str) -> tuple[float, float]:

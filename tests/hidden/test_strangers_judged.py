@@ -203,19 +203,21 @@ def test_a_lag_whose_sessions_began_on_a_ramp_is_told(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", (20263260006, 20263260007, 30111260004))
-def test_an_expansion_and_a_lag_through_it_replace_the_wandering_found_first(seed: int) -> None:
-    case = run_strange("ramped", seed)
-    planted = {(cause, location) for cause, location, *_ in case.truths}
-    assert {(one.cause, one.location) for one in case.told} == planted
-    assert case.after_um < 0.2 * case.before_um
-
-
-@pytest.mark.slow
-def test_what_fades_of_a_bent_link_is_no_third_cause() -> None:
-    """Beside the gradient and the lag stood two structures without a name and a shifted constant,
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [
+        ("ramped", 20263260006),
+        ("ramped", 20263260007),
+        ("ramped", 30111260004),
+        ("bent", 20261270001),
+    ],
+)
+def test_an_expansion_and_a_lag_through_it_replace_what_was_found_first(
+    kind: str, seed: int
+) -> None:
+    """A walk; beside a gradient and its lag two structures without a name and a shifted constant,
     where what faded bent the link about another axis than the gradient does."""
-    case = run_strange("bent", 20261270001)
+    case = run_strange(kind, seed)
     planted = {(cause, location) for cause, location, *_ in case.truths}
     assert {(one.cause, one.location) for one in case.told} == planted
     assert case.after_um < 0.2 * case.before_um

@@ -16,19 +16,15 @@ ELSEWHERE = ("joint_backlash", "joint 5")
 
 
 @pytest.fixture(scope="module")
-def planted(tmp_path_factory):
+def planted():
     """What stands for a diagnosis of small sessions, and each place's exact error (readings, 3)."""
     plants = [Plant(*DISC, 2.0), Plant(*GAIN, 8.0), Plant(*ELSEWHERE, 4.0)]
-    case, first, arm, candidates = first_fit(tmp_path_factory.mktemp("case"), 7, plants)
+    made, first, arm, candidates = first_fit(7, plants)
     search = SimpleNamespace(
         first=first, last=first, signatures=SimpleNamespace(candidates=candidates)
     )
-    errors = [
-        np.concatenate([effect.error_mm[path.name] for path in case.sessions])
-        for effect in case.effects
-    ]
-    places = [DISC, GAIN, ELSEWHERE]
-    return SimpleNamespace(search=search, arm=arm), dict(zip(places, errors, strict=True))
+    errors = zip((DISC, GAIN, ELSEWHERE), made.errors_mm(), strict=True)
+    return SimpleNamespace(search=search, arm=arm), dict(errors)
 
 
 def dense(diagnosis, error: np.ndarray, others: list[np.ndarray]) -> float:

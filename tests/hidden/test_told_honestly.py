@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from armd.compensation.data.sessions.session import Session, load_session
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.design.conditions import draw_poses
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
@@ -19,14 +17,13 @@ from armd.compensation.diagnose.report.verdict import write_verdict
 from armd.compensation.diagnose.search.findings import as_reported
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.estimate.observations import collect_observations
-from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
 from armd.compensation.model.kinematics import compute_frames
 from armd.errors import BadInput
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
+from support.made_case import make_case
 from support.planting import planted, slip, wave
 from support.selection import parametrize_default
 
@@ -40,13 +37,10 @@ class Measured:
 
 @pytest.fixture(scope="module")
 def measured() -> Measured:
-    with tempfile.TemporaryDirectory() as folder:
-        design = Design(sessions=5, articulations=3, before=6, holdout=0)
-        case = generate_case(Path(folder), 621, [], design)
-        arm = load_arm(case.arm)
-        before = [load_session(p, arm) for p in case.before]
-        sessions = [load_session(p, arm) for p in case.sessions]
-        return Measured(arm, sessions, calibrate(before, arm).calibration)
+    made = make_case(621, (), Design(sessions=5, articulations=3, before=6, holdout=0))
+    calibration = made.calibrate_before()
+    assert calibration is not None
+    return Measured(made.arm, made.sessions, calibration)
 
 
 @pytest.fixture(scope="module")
@@ -165,17 +159,15 @@ def test_without_limits_poses_stay_where_the_arm_was_seen(measured: Measured) ->
 
 
 @pytest.mark.slow
-def test_a_walk_is_not_told_where_two_causes_do_the_same(tmp_path: Path) -> None:
+def test_a_walk_is_not_told_where_two_causes_do_the_same() -> None:
     """A link expands more than it did and its sensor is off: each session's mean and slope. Alone
     its walk in time explains both at once, and was sure."""
     plants = [
         Plant("link_expansion", "link 4", 9.0),
         Plant("sensor_offset", "sensor t4", -1.1),
     ]
-    case = generate_case(tmp_path, 807, plants, Design(before=6, holdout=0))
-    arm = load_arm(case.arm)
-    before, sessions = ([load_session(p, arm) for p in own] for own in (case.before, case.sessions))
-    told = diagnose(sessions, arm, calibrate(before, arm).calibration).findings
+    made = make_case(807, plants, Design(before=6, holdout=0))
+    told = diagnose(made.sessions, made.arm, made.calibrate_before()).findings
     assert ("link_expansion", "link 4") in [finding.candidate.place for finding in told]
     assert not any(
         finding.candidate.cause == "geometry_shift" and finding.probability >= 0.95

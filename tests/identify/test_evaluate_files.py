@@ -17,8 +17,9 @@ from armd.compensation.identify.evaluation.condensed import compute_moments
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, name_constants
+from armd.compensation.model.calibration import Calibration
 from armd.errors import BadInput
+from support.drawn import drawn
 from support.selection import parametrize_default
 from support.synthetic import STARTED, disturbed, session
 from support.synthetic import arm as synthetic_arm
@@ -27,21 +28,10 @@ LAGGED = {"kind": "temperature", "weights": {"t2": 1.0}, "lag_s": 300.0}
 
 
 def calibration(arm: Arm) -> Calibration:
-    return Calibration.model_validate(
-        {
-            "schema": "armd.calibration/1",
-            "arm": arm.serial_number,
-            "created": "2026-01-01T00:00:00Z",
-            "reference_temperature_c": 20.0,
-            "temperature_range_c": {"t2": [10.0, 40.0]},
-            "constants": name_constants(arm.nominal(), arm.n_joints),
-            # Of the second, a missing temperature leaves two coordinates of the tip known.
-            "terms": [
-                {"parameter": parameter, "basis": [LAGGED], "coefficient": 0.01}
-                for parameter in ("a_2", "d_1")
-            ],
-        }
-    )
+    # Of the second term, a missing temperature leaves two coordinates of the tip known.
+    lagged = {"basis": [LAGGED], "coefficient": 0.01}
+    terms = [lagged | {"parameter": parameter} for parameter in ("a_2", "d_1")]
+    return drawn(arm, terms=terms, temperature_range_c={"t2": [10.0, 40.0]})
 
 
 def write(folder: Path, made: Session, rng: np.random.Generator, *, parquet: bool) -> None:

@@ -10,26 +10,18 @@ import pytest
 
 from armd.compensation.data.sessions.session import Session
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, name_constants
+from armd.compensation.model.calibration import Calibration, LoadedCalibration
 from armd.compensation.verify.figures import correct_positions
 from armd.errors import BadInput
 from support import synthetic
+from support.drawn import drawn
 
 ARM = synthetic.arm()
 
 
 def absurd(coefficient: float) -> Calibration:
     term = {"parameter": "a_2", "basis": [{"kind": "temperature", "weights": {"t2": 1.0}}]}
-    return Calibration.model_validate(
-        {
-            "schema": "armd.calibration/1",
-            "arm": ARM.serial_number,
-            "created": "2026-01-01T00:00:00Z",
-            "reference_temperature_c": 20.0,
-            "constants": name_constants(ARM.nominal(), ARM.n_joints),
-            "terms": [{**term, "coefficient": coefficient}],
-        }
-    )
+    return drawn(ARM, terms=[{**term, "coefficient": coefficient}])
 
 
 def warm_row(rows: slice) -> Session:

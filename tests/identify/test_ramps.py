@@ -1,38 +1,30 @@
 """Sessions measured while the room warms: the first link's growth is told, and misleads nothing."""
 
-from pathlib import Path
-
-import numpy as np
 import pytest
 
-from armd.compensation.data.sessions.session import load_session
 from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.result import Result
-from armd.compensation.model.arm import load_arm
 from armd.compensation.model.terms import Term
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case
 from armd.simulator.truth.answers import list_true_expansion
 from armd.simulator.truth.arm import TrueArm
+from support.made_case import make_case
+from support.planting import rms_um
 
 SEED = 3
 RAMPS = Design(ramp_k_per_h=8.0, ramps=3, articulations=4)
 STEADY = Design(ramp_k_per_h=0.0, ramps=0, articulations=4)
 
 
-def calibrated(folder: Path, before: Design) -> tuple[Result, float]:
+def calibrated(before: Design) -> tuple[Result, float]:
     """Of four sessions so measured; and its RMS error in µm over six later ones at steady
     temperatures, which had no part."""
     design = Design(
         sessions=4, articulations=4, holdout=2, ramp_k_per_h=0.0, ramps=0, before=4, earlier=before
     )
-    case = generate_case(folder, SEED, [], design)
-    arm = load_arm(case.arm)
-    result = calibrate([load_session(path, arm) for path in case.before], arm)
-    later = [load_session(path, arm) for path in (*case.sessions, *case.holdout)]
-    errors = evaluate(later, arm, result.calibration).distance_um
-    return result, float(np.sqrt(np.mean(np.square(errors))))
+    made = make_case(SEED, (), design)
+    result = calibrate(made.before, made.arm)
+    return result, rms_um([*made.sessions, *made.holdout], made.arm, result.calibration)
 
 
 def growth(result: Result) -> list[Term]:
@@ -40,13 +32,11 @@ def growth(result: Result) -> list[Term]:
 
 
 @pytest.mark.slow
-def test_ramps_show_how_the_first_link_grows_and_nothing_else(tmp_path: Path) -> None:
+def test_ramps_show_how_the_first_link_grows_and_nothing_else() -> None:
     """In the simulator's own physics every link grows, the first as well. While it was not in the
     model, three sessions on ramps of 8 K/h made every length a cubic of its temperature."""
-    (tmp_path / "ramps").mkdir()
-    (tmp_path / "steady").mkdir()
-    ramped, ramped_um = calibrated(tmp_path / "ramps", RAMPS)
-    _, steady_um = calibrated(tmp_path / "steady", STEADY)
+    ramped, ramped_um = calibrated(RAMPS)
+    _, steady_um = calibrated(STEADY)
     assert ramped.thermal_order == 1
     (term,) = growth(ramped)
     true = sum(mm for name, _, mm in list_true_expansion(TrueArm.default(SEED)) if name == "d_1")
@@ -56,6 +46,6 @@ def test_ramps_show_how_the_first_link_grows_and_nothing_else(tmp_path: Path) ->
     assert ramped_um < 1.05 * steady_um
 
 
-def test_steady_temperatures_say_nothing_of_the_first_link(tmp_path: Path) -> None:
-    result, _ = calibrated(tmp_path, STEADY)
+def test_steady_temperatures_say_nothing_of_the_first_link() -> None:
+    result, _ = calibrated(STEADY)
     assert growth(result) == []

@@ -15,6 +15,7 @@ from armd.compensation.identify.evaluation.outside_range import OutsideRange
 from armd.compensation.identify.evaluation.seated_again import fit_tip, make_tip_hint, replace_tip
 from armd.compensation.model.calibration import Calibration
 from support import synthetic
+from support.drawn import drawn
 from support.small_arm import small_arm, thermal_calibration
 
 ARM = synthetic.arm()
@@ -42,13 +43,7 @@ def test_the_tip_is_found_and_the_rest_is_noise() -> None:
 
 
 def nominal_calibration() -> Calibration:
-    constants = dict(zip(ARM.layout.names, ARM.nominal().tolist(), strict=True))
-    return Calibration(
-        arm=ARM.serial_number,
-        created="2026-01-01T00:00:00+00:00",
-        reference_temperature_c=ARM.reference_temperature_c,
-        constants=constants,
-    )
+    return drawn(ARM, reference_temperature_c=ARM.reference_temperature_c)
 
 
 def test_one_linear_step_tells_of_the_tip_as_a_whole_fit_does(monkeypatch) -> None:

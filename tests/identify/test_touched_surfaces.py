@@ -27,14 +27,7 @@ from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
 from support.selection import parametrize_default
-from support.touched_surfaces import (
-    Surface,
-    Workshop,
-    cylinder,
-    distance,
-    plane,
-    sphere,
-)
+from support.touched_surfaces import Surface, Workshop, cylinder, distance, plane, sphere
 from support.true_directions import errors_of
 
 #: Of the block and of the radii, as certified.

@@ -17,11 +17,11 @@ from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.report.amend import Amplitudes, extend_calibration, fit
 from armd.compensation.interim.report.judgement import Epoch
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.state import States
 from armd.simulator.campaigns import interim
 from armd.simulator.measured.plan import MOUNTED
 from armd.simulator.truth import nominal
 from armd.simulator.truth.effects.effect import Conditions
+from support.readings import states_of
 
 #: Measured again by each mended calibration, at so many moments.
 MEASURED, MOMENTS = 300, 12
@@ -91,13 +91,12 @@ def _measured(
     rate = 0.003 * rng.normal(size=phi.shape)
     conditions = replace(conditions, rate=rate)
     shown, tip = arm.encoder_angles(phi, conditions), arm.tip(phi, conditions)
-    states = States(
-        q=shown,
+    states = states_of(
+        shown,
         rate=rate,
         temperature_c=np.full((n, len(bench.arm.sensors)), 20.0),
         time_s=np.full(n, MOUNTED.timestamp() + mounted_d * 86400.0),
         approach=conditions.approach,
-        series=np.zeros(n, np.int64),
     )
 
     def square(off: F64, rigid: F64) -> float:

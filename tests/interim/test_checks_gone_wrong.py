@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_interim_history import measured, run, true_calibration
+from test_interim_history import files_of, measured, run, true_calibration
 
 from armd.compensation.data.sessions.session import load_session
 from armd.compensation.interim.checks.admission import refuse_unfit
@@ -32,12 +32,8 @@ def checks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = measured(tmp_path_factory.mktemp("checks"))
     true_calibration(folder)
     days = [folder / f"day-{day:02}" for day in range(1, 6)]
-    assert run("add", *days, *files(folder), "--history", folder / "history") == 0
+    assert run("add", *days, *files_of(folder), "--history", folder / "history") == 0
     return folder
-
-
-def files(checks: Path) -> list[str | Path]:
-    return ["--arm", checks / "arm.toml", "--calibration", checks / "calibration.json"]
 
 
 def edited(checks: Path, tmp_path: Path, edit: Edit) -> Path:
@@ -51,14 +47,14 @@ def edited(checks: Path, tmp_path: Path, edit: Edit) -> Path:
 
 def added(checks: Path, tmp_path: Path, session: Path) -> dict:
     history = Path(shutil.copytree(checks / "history", tmp_path / "history"))
-    assert run("add", session, *files(checks), "--history", history) == 0
+    assert run("add", session, *files_of(checks), "--history", history) == 0
     return json.loads((history / "report.json").read_text())
 
 
 def refused(checks: Path, tmp_path: Path, session: Path) -> str:
     history = tmp_path / "history"
     with pytest.raises(BadInput) as fault:
-        run("add", session, *files(checks), "--history", history)
+        run("add", session, *files_of(checks), "--history", history)
     assert not history.exists()
     return str(fault.value)
 
@@ -110,7 +106,7 @@ def test_new_play_in_a_joint_is_a_change_and_no_reading_gone_wrong(
     folder = measured(tmp_path / "play", "--plant", "joint_backlash@joint 2=20@6")
     history = Path(shutil.copytree(checks / "history", tmp_path / "history"))
     days = [folder / DAY, folder / "day-07"]
-    assert run("add", *days, *files(checks), "--history", history) == 1
+    assert run("add", *days, *files_of(checks), "--history", history) == 1
     result = json.loads((history / "report.json").read_text())
     assert result["changes"][0]["cause"] == "joint_backlash" and result["far_off"] == []
 
@@ -119,7 +115,7 @@ def test_new_play_in_a_joint_is_a_change_and_no_reading_gone_wrong(
 def test_the_first_check_of_all_names_its_reading_too(checks: Path, tmp_path: Path) -> None:
     session = edited(checks, tmp_path, in_the_air(checks, {7: 4.0}))
     history = tmp_path / "history"
-    run("add", session, *files(checks), "--history", history)
+    run("add", session, *files_of(checks), "--history", history)
     (told,) = json.loads((history / "report.json").read_text())["far_off"]
     assert told.startswith(f"{DAY}/readings.csv row 8 (line 9), ")
 

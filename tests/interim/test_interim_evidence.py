@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
-from test_interim_history import measured, run, true_calibration
+from test_interim_history import files_of, measured, run, true_calibration
 
 from armd.compensation.data.sessions.session import load_sessions
 from armd.compensation.effects.effect import Candidate, Column
@@ -84,8 +84,7 @@ def judged(folder: Path, *plants: str) -> tuple[dict, Path]:
     checks = measured(folder / "checks", *plants)
     true_calibration(checks)
     days = sorted(checks.glob("day-*"))
-    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
-    run("add", *days, *files, "--history", folder / "history")
+    run("add", *days, *files_of(checks), "--history", folder / "history")
     return json.loads((folder / "history" / "report.json").read_text()), checks
 
 

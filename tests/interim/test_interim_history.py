@@ -32,6 +32,8 @@ from armd.simulator.sessions import add_arguments
 from armd.simulator.sessions import run as simulate
 from armd.simulator.truth.arm import Materials, TrueArm
 from armd.terminal.loudness import add_loudness
+from support.drawn import drawn
+from support.program import ARMD
 from support.selection import parametrize_default
 
 DAYS = 8
@@ -60,15 +62,9 @@ def true_calibration(folder: Path) -> Path:
         for name, sensor, rate in list_true_expansion(true)
     ]
     constants = name_constants(arm.nominal(), arm.n_joints) | list_true_constants(true)
-    calibration = Calibration.model_validate(
-        {
-            "arm": arm.serial_number,
-            "created": "2026-03-04T00:00:00+00:00",
-            "reference_temperature_c": 20.0,
-            "constants": constants,
-            "terms": terms,
-            "noise": Noise(encoder_rad=[2.4e-6] * 6, reading_mm=5e-4).model_dump(),
-        }
+    noise = Noise(encoder_rad=[2.4e-6] * 6, reading_mm=5e-4)
+    calibration = drawn(
+        arm, created="2026-03-04T00:00:00+00:00", constants=constants, terms=terms, noise=noise
     )
     assert isinstance(true.materials, Materials)
     return save_calibration(folder / "calibration.json", calibration).path
@@ -91,10 +87,26 @@ def run(*words: str | Path) -> int:
     return interim.run(parser.parse_args([str(word) for word in words]))
 
 
+def files_of(checks: Path) -> list[str | Path]:
+    return ["--arm", checks / "arm.toml", "--calibration", checks / "calibration.json"]
+
+
 def add(checks: Path, history: Path, *days: int) -> int:
-    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
     sessions = [checks / f"day-{day:02}" for day in days]
-    return run("add", *sessions, *files, "--history", history)
+    return run("add", *sessions, *files_of(checks), "--history", history)
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {p: p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def run_without_privilege(*words: object) -> subprocess.CompletedProcess[str]:
+    """`armd interim`; root without its privilege to write everywhere."""
+    command = [*ARMD, "interim", *map(str, words)]
+    if os.geteuid() == 0:
+        bounds = "--bounding-set=-dac_override,-dac_read_search"
+        command = ["setpriv", bounds, "--inh-caps=-all", *command]
+    return subprocess.run(command, capture_output=True, text=True, timeout=200)
 
 
 @pytest.fixture(scope="module")
@@ -183,10 +195,10 @@ def test_before_the_change_the_state_is_in_control(checks: Path, tmp_path: Path)
 
 def refused(history: Path, words: str, call: object) -> None:
     """*call* raises `BadInput` that says *words*, and the history is as it was."""
-    before = {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()}
+    before = contents(history)
     with pytest.raises(BadInput, match=words):
         call()  # type: ignore[operator]
-    assert {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()} == before
+    assert contents(history) == before
 
 
 def test_a_check_is_kept_once(checks: Path, copy: Path) -> None:
@@ -213,8 +225,7 @@ def test_a_clock_set_back_is_told(checks: Path, copy: Path, tmp_path: Path) -> N
     at = tomllib.loads(text)["started"]
     late = at + datetime.timedelta(seconds=50)
     file.write_text(text.replace(f"{at:%H:%M:%S}", f"{late:%H:%M:%S}"))
-    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
-    refused(copy, "clock set back", lambda: run("add", again, *files, "--history", copy))
+    refused(copy, "clock set back", lambda: run("add", again, *files_of(checks), "--history", copy))
 
 
 @pytest.mark.slow
@@ -228,18 +239,17 @@ def test_a_check_dated_after_now_is_refused_unless_it_is_wanted(
     text = file.read_text()
     at = tomllib.loads(text)["started"]
     file.write_text(text.replace(f"{at:%Y-%m-%dT%H:%M:%S}", "2026-04-01T09:00:00"))
-    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
     now = datetime.datetime(2026, 3, 31, 9, tzinfo=datetime.UTC).timestamp()
     monkeypatch.setattr(interim.time, "time", lambda: now)
     refused(
         copy,
         "late/session.toml: started: found readings until 2026-04-01.*clock says 2026-03-31T09:00",
-        lambda: run("add", late, *files, "--history", copy),
+        lambda: run("add", late, *files_of(checks), "--history", copy),
     )
-    assert run("add", late, *files, "--history", copy, "--future") == 1
+    assert run("add", late, *files_of(checks), "--history", copy, "--future") == 1
     assert reported(copy)["last_check"] == "2026-04-01T09:00:00Z"
     monkeypatch.setattr(interim.time, "time", lambda: now + 86400.0 - 120.0)
-    assert run("add", late, *files, "--history", tmp_path / "new") == 0
+    assert run("add", late, *files_of(checks), "--history", tmp_path / "new") == 0
 
 
 @pytest.mark.slow
@@ -271,8 +281,7 @@ def test_this_computers_clock_set_back_since_the_last_adding_is_refused(
 ) -> None:
     history, now = tmp_path / "history", time.time()
     add(checks, history, 1, 2)
-    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
-    words = "add", checks / "day-03", *files, "--history", history
+    words = "add", checks / "day-03", *files_of(checks), "--history", history
     monkeypatch.setattr(interim.time, "time", lambda: now - 3600.0)
     said = "history.jsonl: line 2, added: found check day-02 added at .*clock says.*--future"
     refused(history, said, lambda: run(*words))
@@ -289,10 +298,9 @@ def test_a_torn_session_is_refused_and_nothing_begun(
     torn = Path(shutil.copytree(checks / "day-05", tmp_path / "torn"))
     file = torn / "readings.csv"
     file.write_bytes(file.read_bytes()[:-40])
-    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
-    refused(copy, "found", lambda: run("add", torn, *files, "--history", copy))
+    refused(copy, "found", lambda: run("add", torn, *files_of(checks), "--history", copy))
     with pytest.raises(BadInput):
-        run("add", torn, *files, "--history", tmp_path / "new")
+        run("add", torn, *files_of(checks), "--history", tmp_path / "new")
     assert not (tmp_path / "new").exists()
 
 
@@ -408,18 +416,12 @@ def test_a_folder_without_the_right_to_write_is_named(checks: Path, kept: Path, 
     day = Path(shutil.copytree(checks / "day-05", tmp_path / "day-09"))
     text = (day / "session.toml").read_text()
     (day / "session.toml").write_text(text.replace("2026-03-09", "2026-03-13"))
-    before = {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()}
-    words = ["interim", "add", day, "--arm", checks / "arm.toml", "--calibration"]
-    words += [checks / "calibration.json", "--history", history]
-    call = [sys.executable, "-m", "armd.daemon.cli", *map(str, words)]
-    if os.geteuid() == 0:  # root without its privilege to write everywhere
-        call = ["setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all",
-                *call]  # fmt: skip
-    done = subprocess.run(call, capture_output=True, text=True, timeout=200)
+    before = contents(history)
+    done = run_without_privilege("add", day, *files_of(checks), "--history", history)
     assert done.returncode == 2, done.stderr
     where = history / place if place else history
     assert f"armd: {where}: the folder: found no permission to write in it" in done.stderr
-    assert {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()} == before
+    assert contents(history) == before
 
 
 @pytest.mark.slow
@@ -430,7 +432,7 @@ def test_a_full_disk_keeps_nothing_half(
     """The room ends at a check's statistics, the second check's, or at the line itself."""
     history = tmp_path / "history"
     add(checks, history, 1)
-    before = {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()}
+    before = contents(history)
     left = [after]
 
     def full(path: str | Path, content: bytes | str) -> None:
@@ -443,7 +445,7 @@ def test_a_full_disk_keeps_nothing_half(
     monkeypatch.setattr(appending, "write_whole", full)
     with pytest.raises(BadInput, match="no space left"):
         add(checks, history, 2, 4)
-    assert {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()} == before
+    assert contents(history) == before
     assert [p.name for p in (history / "checks").iterdir() if "day-01" not in p.name] == []
     monkeypatch.undo()
     assert add(checks, history, 2, 4) == 0
@@ -468,13 +470,9 @@ def test_no_room_for_the_report_says_that_the_check_is_kept(
 @pytest.mark.slow
 def test_a_history_that_cannot_be_written_is_reported(kept: Path) -> None:
     """An archive, another one's share: what is known already need not be written again."""
-    words = [sys.executable, "-m", "armd.daemon.cli", "interim", "report", "--history", str(kept)]
-    if os.geteuid() == 0:  # root without its privilege to write everywhere
-        words = ["setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all",
-                 *words]  # fmt: skip
     kept.chmod(0o555)
     try:
-        done = subprocess.run(words, capture_output=True, text=True, timeout=200)
+        done = run_without_privilege("report", "--history", kept)
     finally:
         kept.chmod(0o755)
     assert done.returncode == 1, done.stderr
@@ -484,13 +482,11 @@ def test_a_history_that_cannot_be_written_is_reported(kept: Path) -> None:
 @pytest.mark.slow
 def test_two_that_add_at_once_wait_for_each_other(checks: Path, kept: Path, tmp_path: Path) -> None:
     """Different checks are both kept; the same check is kept by one, and the other is refused."""
-    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
     history = tmp_path / "history"
 
     def adding(*days: int) -> subprocess.Popen[str]:
         sessions = [checks / f"day-{day:02}" for day in days]
-        words = [sys.executable, "-m", "armd.daemon.cli", "interim", "add", *sessions, *files]
-        words += ["--history", history]
+        words = [*ARMD, "interim", "add", *sessions, *files_of(checks), "--history", history]
         return subprocess.Popen([*map(str, words)], stderr=subprocess.PIPE, text=True)
 
     both = [adding(1, 3, 5, 7), adding(2, 4, 6, 8)]

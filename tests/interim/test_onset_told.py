@@ -66,29 +66,28 @@ def a_change(first: int, earliest: int, latest: int, **more: Any) -> Change:
     return Change(0, more.pop("gradual", False), first, earliest, latest, more.pop("at", 0.0), 1.0)
 
 
-def test_a_sudden_change_was_between_the_last_good_check_and_the_first_with_it() -> None:
-    change = a_change(3, 3, 4)
-    assert find_interval(checks(), daily(), change, []) == (2 * DAY_S + 1800, 4 * DAY_S - 1800)
-    assert find_instant(checks(), daily(), change, []) == 2.5 * DAY_S
+@pytest.mark.parametrize(
+    ("change", "bad", "since", "until", "instant"),
+    [
+        # A sudden one was between the last good check and the first with it.
+        (a_change(3, 3, 4), [], 2 * DAY_S + 1800, 4 * DAY_S - 1800, 2.5 * DAY_S),
+        # A bad check cannot say whether it had the change.
+        (a_change(3, 3, 3), [2], DAY_S + 1800, 3 * DAY_S - 1800, 2.0 * DAY_S),
+        # One from the first check on began at most a usual gap before.
+        (a_change(0, 0, 0), [], -DAY_S - 1800, -1800, -1800 - DAY_S / 2),
+        # A growth began between two checks or beside them.
+        (a_change(3, 3, 4, gradual=True, at=2.25), [], 1.5 * DAY_S, 4 * DAY_S - 1800, 2.25 * DAY_S),
+    ],
+)
+def test_when_a_change_was(
+    change: Change, bad: list[int], since: float, until: float, instant: float
+) -> None:
+    assert find_interval(checks(), daily(), change, bad) == (since, until)
+    assert find_instant(checks(), daily(), change, bad) == instant
 
 
-def test_a_bad_check_cannot_say_whether_it_had_the_change() -> None:
-    change = a_change(3, 3, 3)
-    assert find_interval(checks(), daily(), change, [2]) == (DAY_S + 1800, 3 * DAY_S - 1800)
-    assert find_instant(checks(), daily(), change, [2]) == 2.0 * DAY_S
-
-
-def test_a_change_from_the_first_check_on_began_at_most_a_usual_gap_before() -> None:
-    change = a_change(0, 0, 0)
-    assert find_interval(checks(), daily(), change, []) == (-DAY_S - 1800, -1800)
-    assert find_instant(checks(), daily(), change, []) == -1800 - DAY_S / 2
+def test_a_change_that_no_good_check_was_before_began_a_usual_gap_before_the_first() -> None:
     assert find_interval(checks(), daily(), a_change(2, 2, 2), [0, 1])[0] == DAY_S - 1800
-
-
-def test_a_growth_began_between_two_checks_or_beside_them() -> None:
-    change = a_change(3, 3, 4, gradual=True, at=2.25)
-    assert find_interval(checks(), daily(), change, []) == (1.5 * DAY_S, 4 * DAY_S - 1800)
-    assert find_instant(checks(), daily(), change, []) == 2.25 * DAY_S
     assert find_interval(checks(), daily(), a_change(1, 1, 1, gradual=True), [])[0] == -DAY_S - 1800
 
 

@@ -13,6 +13,7 @@ from armd.compensation.model.slow_factors import Temperature, Time
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from support.plain_kinematics import tip_pose
+from support.readings import states_of
 from support.small_arm import small_arm, thermal_calibration
 
 ARM = small_arm()
@@ -24,14 +25,8 @@ def states(celsius: list[list[float]], q: np.ndarray | None = None) -> States:
     """One measurement for each row of temperatures of a, b, c; an hour apart."""
     n = len(celsius)
     angles = np.random.default_rng(1).uniform(-2.0, 2.0, (n, 3)) if q is None else q
-    return States(
-        q=angles,
-        rate=np.full((n, 3), np.nan),
-        temperature_c=np.array(celsius),
-        time_s=NOON + 3600.0 * np.arange(n),
-        approach=np.full((n, 3), np.nan),
-        series=np.zeros(n, np.int64),
-    )
+    time_s = NOON + 3600.0 * np.arange(n)
+    return states_of(angles, temperature_c=np.array(celsius), time_s=time_s)
 
 
 def plain_tips(at: States, off: dict[str, np.ndarray]) -> np.ndarray:

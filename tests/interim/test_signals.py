@@ -8,12 +8,14 @@ import pytest
 from armd.compensation.effects.effect import Column, tie
 from armd.compensation.interim.checks.signals import LEAST_MM, USUAL_MM, Signals
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, name_constants
+from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from support import synthetic
+from support.drawn import drawn
 from support.plain_kinematics import tip_pose
+from support.readings import states_of
 
 ARM = synthetic.arm()
 NAMES = ARM.layout.names
@@ -23,25 +25,14 @@ WARM = Term(parameter="d_3", basis=[PER_K], coefficient=0.02)
 
 def states(seed: int = 0, n: int = 5) -> States:
     rng = np.random.default_rng(seed)
-    return States(
-        q=rng.uniform(-2.0, 2.0, (n, ARM.n_joints)),
-        rate=np.full((n, ARM.n_joints), np.nan),
-        temperature_c=rng.uniform(15.0, 30.0, (n, ARM.n_joints)),
-        time_s=1.7e9 + np.arange(n),
-        approach=np.full((n, 3), np.nan),
-        series=np.arange(n),
-    )
+    q = rng.uniform(-2.0, 2.0, (n, ARM.n_joints))
+    celsius = rng.uniform(15.0, 30.0, q.shape)
+    time_s = 1.7e9 + np.arange(n)
+    return states_of(q, temperature_c=celsius, time_s=time_s, series=np.arange(n))
 
 
 def calibration(arm: Arm = ARM, **more: object) -> Calibration:
-    content = {
-        "arm": arm.serial_number,
-        "created": "2026-01-01T00:00:00+00:00",
-        "reference_temperature_c": 20.0,
-        "constants": name_constants(arm.nominal(), arm.n_joints),
-        "terms": [WARM],
-    }
-    return Calibration.model_validate(content | more)
+    return drawn(arm, terms=[WARM], **more)
 
 
 def tips(at: States, off: dict[str, np.ndarray | float]) -> np.ndarray:

@@ -30,6 +30,7 @@ from armd.compensation.model.slow_factors import Time
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
+from support.drawn import drawn
 from support.drawn_calibration import an_arm
 from support.spoilt_files import fifo, loop, nest
 
@@ -38,18 +39,8 @@ RELEASED = sorted(DATA.glob("calibration-*.json"))  # one per released version, 
 
 
 def plain(**changes) -> Calibration:
-    arm = an_arm(3)
-    names = ParameterLayout(3).names
-    return Calibration.model_validate(
-        {
-            "schema": "armd.calibration/1",
-            "arm": arm.serial_number,
-            "created": "2026-01-01T00:00:00+00:00",
-            "reference_temperature_c": 20.0,
-            "constants": dict.fromkeys(names, 0.0),
-        }
-        | changes
-    )
+    constants = dict.fromkeys(ParameterLayout(3).names, 0.0)
+    return drawn(an_arm(3), **{"constants": constants} | changes)
 
 
 def rewritten(path: Path, change, rehash: bool = True) -> None:

@@ -20,6 +20,7 @@ from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
 from support.drawn_calibration import REFERENCE_C, WARM, an_arm, calibrated, term
+from support.readings import states_of
 
 CURVE = [0.0, 1.0, 0.5, -2.0, 0.25, 3.0, -1.0]
 POSE_FACTORS = [
@@ -53,13 +54,12 @@ def some_states(n: int, n_joints: int, seed: int = 1) -> States:
     rate = rng.normal(size=(n, n_joints)) * rng.integers(0, 2, (n, n_joints))
     rate[rng.random((n, n_joints)) < 0.1] = np.nan
     approach[rng.random(n) < 0.1] = np.nan
-    return States(
-        q=rng.uniform(-7, 7, (n, n_joints)),
+    return states_of(
+        rng.uniform(-7, 7, (n, n_joints)),
         rate=rate,
         temperature_c=np.repeat(rng.uniform(18, 28, (-(-n // 3), 2)), 3, axis=0)[:n],
         time_s=1.7e9 + np.arange(n) * 2.0,
         approach=approach / np.linalg.norm(approach, axis=1, keepdims=True),
-        series=np.zeros(n, np.int64),
     )
 
 

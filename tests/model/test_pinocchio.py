@@ -13,18 +13,14 @@ import pytest
 from armd.arrays import F64
 from armd.compensation.geometry.geometry import compute_geometry
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.model.calibration import (
-    Calibration,
-    load_calibration,
-    name_constants,
-    save_calibration,
-)
+from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.daemon.catalogue.known_arms import KNOWN, read_arm_text
 from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from armd.daemon.cli import main
 from armd.files.toml_text import format_toml
 from armd.offline.model import Model
+from support.drawn import drawn
 from support.own_urdf import OWN
 from support.selection import parametrize_default
 
@@ -79,14 +75,9 @@ def calibrate(folder: Path, arm: Arm, terms: list[dict[str, Any]]) -> Path:
     rng = np.random.default_rng(arm.n_joints)
     values, layout = arm.nominal(), arm.layout
     values += np.where(layout.are_lengths, 1.0, 4e-3) * rng.normal(size=layout.count)
-    content = {
-        "arm": arm.serial_number, "created": "2026-01-01T00:00:00+00:00",
-        "reference_temperature_c": 20.0, "constants": name_constants(values, arm.n_joints),
-        "terms": terms, "temperature_range_c": dict.fromkeys(arm.sensors[:1], (15.0, 25.0)),
-    }  # fmt: skip
-    path = folder / "cal.json"
-    save_calibration(path, Calibration.model_validate(content))
-    return path
+    ranges = dict.fromkeys(arm.sensors[:1], (15.0, 25.0))
+    calibration = drawn(arm, values=values, terms=terms, temperature_range_c=ranges)
+    return save_calibration(folder / "cal.json", calibration).path
 
 
 def terms_of(arm: Arm) -> list[dict[str, Any]]:

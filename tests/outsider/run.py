@@ -29,15 +29,7 @@ from pathlib import Path
 import numpy as np
 from outsider.case import KINDS, Case, Truth, draw
 from outsider.files import write
-from outsider.judge import (
-    DUE_UNITS,
-    VERDICTS,
-    Tally,
-    is_worse,
-    judge,
-    rightly_refused,
-    tally,
-)
+from outsider.judge import DUE_UNITS, VERDICTS, Tally, is_worse, judge, rightly_refused, tally
 
 ARMD = Path(sys.executable).with_name("armd")
 MOST_S = 600

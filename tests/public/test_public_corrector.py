@@ -19,6 +19,7 @@ import armd
 from armd.compensation.model.calibration import Calibration, save_calibration
 from armd.daemon.cli import main
 from support import synthetic
+from support.drawn import drawn
 from support.measured_arm import measured_arm
 
 NAMES = synthetic.arm().layout.names
@@ -46,19 +47,17 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     terms += [term(f"d_{k}", 1e-3, LAGGED | {"order": 2}) for k in range(1, 7)]
     of = [*NAMES[:33], *(f"term {i}" for i in range(24))]
     root = rng.normal(size=(len(of), len(of))) * 1e-5
-    content = {
-        "arm": "SYN-1",
-        "created": "2026-01-01T00:00:00+00:00",
-        "reference_temperature_c": 20.0,
-        "temperature_range_c": {"t2": [16.0, 24.0]},
-        "constants": dict(zip(NAMES, synthetic.disturbed(measured.arm, rng).tolist(), strict=True)),
-        "terms": terms,
-        "covariance_of": of,
-        "covariance": (root @ root.T).tolist(),
-        "noise": {"encoder_rad": [1e-6] * 6, "reading_mm": 2e-3, "temperature_c": 0.05},
-        "provenance": {"notes": ["a long story"] * 2000},
-    }
-    save_calibration(folder / "cal.json", Calibration.model_validate(content))
+    calibration = drawn(
+        measured.arm,
+        values=synthetic.disturbed(measured.arm, rng),
+        temperature_range_c={"t2": [16.0, 24.0]},
+        terms=terms,
+        covariance_of=of,
+        covariance=(root @ root.T).tolist(),
+        noise={"encoder_rad": [1e-6] * 6, "reading_mm": 2e-3, "temperature_c": 0.05},
+        provenance={"notes": ["a long story"] * 2000},
+    )
+    save_calibration(folder / "cal.json", calibration)
     return measured.arm_file, folder / "cal.json"
 
 

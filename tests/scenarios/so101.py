@@ -17,7 +17,8 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-ARMD = [sys.executable, "-m", "armd.daemon.cli"]
+from support.program import ARMD
+
 MPE = """\
 schema = "armd.mpe/1"
 decision = "simple"

@@ -26,11 +26,11 @@ import armd
 from armd.arrays import F64
 from armd.stream import Stream
 from support.audit import Audit
+from support.program import ARMD
 from support.running_daemon import running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm
 from support.true_model import write_true_model
 
-ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 RATE_HZ = 1000
 FAULTS_PER_MINUTE = 12
 STOP_AND_START_S = 7.0  # how long the second subscriber stands still, then runs

@@ -21,11 +21,11 @@ from armd import Flag
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
 from support.drawn import drawn
+from support.program import ARMD, run_armd
 from support.punctuality import Punctuality
 from support.running_daemon import Daemon, Heard, free_endpoint, running_daemon, write_config
 from support.simulated_arm import SimulatedArm, simulated_arm
 
-ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "subscriber.py"
 TIPS = """
 [commands]
@@ -42,9 +42,8 @@ class Live:
     heard: Heard
     folder: Path
 
-    def armd(self, *arguments: str, seconds: float = 60) -> subprocess.CompletedProcess[str]:
-        command = [*ARMD, *arguments, "--endpoint", self.daemon.endpoint]
-        return subprocess.run(command, capture_output=True, text=True, timeout=seconds)
+    def armd(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        return run_armd(*arguments, "--endpoint", self.daemon.endpoint)
 
     def wait_for_calibration(self, sha256: str) -> None:
         """Until points carry it."""

@@ -9,15 +9,16 @@ import time
 
 import pytest
 
+from support.program import ARMD
 from support.selection import parametrize_default
 
 
 @parametrize_default("after_s", [0.8, 1.5])
 @parametrize_default("words", [["demo"], ["simulate", "--serial"]])
 def test_an_interrupt_at_the_start_leaves_no_traceback(words: list[str], after_s: float) -> None:
-    command = [sys.executable, "-m", "armd.daemon.cli", *words]
+    command, pipe = [*ARMD, *words], subprocess.PIPE
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command, stdout=pipe, stderr=pipe, text=True, start_new_session=True
     ) as process:
         time.sleep(after_s)
         process.send_signal(signal.SIGINT)

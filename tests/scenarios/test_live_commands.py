@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,10 +11,10 @@ import pytest
 
 import armd
 from armd import ArmdError
+from support.program import ARMD, run_armd
 from support.running_daemon import Daemon, running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm
 
-ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 CONFIG = "[commands]\nenabled = true\n[tips.ruby]\noffset_mm = [0.0, 0.0, 150.0]\n"
 
 
@@ -27,8 +26,7 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[SimulatedAr
 
 
 def run(daemon: Daemon, *words: str) -> subprocess.CompletedProcess[str]:
-    command = [*ARMD, *words, "--endpoint", daemon.endpoint]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+    return run_armd(*words, "--endpoint", daemon.endpoint)
 
 
 def test_a_tip_and_a_reload_by_command(live: tuple[SimulatedArm, Daemon]) -> None:

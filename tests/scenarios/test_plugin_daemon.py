@@ -9,7 +9,6 @@ import queue
 import socket
 import struct
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -23,7 +22,9 @@ import pytest
 
 from support.other_packages import environment_with, install_template, make_package
 from support.plain_kinematics import tip_pose
-from support.running_daemon import PATIENCE_S, Daemon, free_endpoint
+from support.program import ARMD, run_armd
+from support.running_daemon import Daemon, free_endpoint
+from support.waiting import PATIENCE_S
 
 TURN = 1 << 20
 ARM = (
@@ -63,11 +64,10 @@ def daemon_with(packages: Path, folder: Path, driver: str, more: str = "") -> It
         f'[zenoh]\nlisten = ["{endpoint}"]\n{more}\n'
     )
     environment = environment_with(packages) | {"STATE_DIRECTORY": str(folder / "state")}
-    command = [sys.executable, "-m", "armd.daemon.cli"]
     with (
         (folder / "daemon.log").open("w") as log,
         subprocess.Popen(
-            [*command, "run", str(folder / "armd.toml")],
+            [*ARMD, "run", str(folder / "armd.toml")],
             stdout=subprocess.PIPE, stderr=log, text=True, env=environment,
         ) as process,
     ):  # fmt: skip
@@ -134,8 +134,7 @@ def test_the_template_s_driver_and_command_at_work(tmp_path: Path) -> None:
         posted() as (url, bodies),
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as arm,
         subprocess.Popen(
-            [sys.executable, "-m", "armd.daemon.cli", "webhook", "UDP-1",
-             "--endpoint", daemon.endpoint, "--url", url],
+            [*ARMD, "webhook", "UDP-1", "--endpoint", daemon.endpoint, "--url", url],
             stdout=subprocess.PIPE, text=True, env=environment_with(packages),
         ) as webhook,
     ):  # fmt: skip
@@ -202,9 +201,7 @@ def test_a_recording_of_the_template_s_driver_is_replayed(tmp_path: Path) -> Non
                 number += 1
 
     def armd(*words: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "armd.daemon.cli", *words]
-        environment = environment_with(packages)
-        return subprocess.run(command, env=environment, capture_output=True, text=True)
+        return run_armd(*words, env=environment_with(packages))
 
     recording = str(tmp_path / "recording.mcap")
     with daemon_with(packages, tmp_path, f'kind = "udp"\nport = {port}') as daemon:

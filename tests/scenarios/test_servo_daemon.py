@@ -5,7 +5,6 @@ import json
 import re
 import signal
 import subprocess
-import sys
 import time
 from contextlib import contextmanager
 
@@ -15,10 +14,10 @@ import zenoh
 
 from armd import Flag
 from support.fake_servos import Dynamixel, FakeServos, Feetech
+from support.program import ARMD, run_armd
 from support.running_daemon import running_daemon
 from support.selection import parametrize_default
 
-ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 BUTTON = 20
 BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 INVALID, WARNING, LOST = int(Flag.INVALID), int(Flag.JOINT_WARNING), int(Flag.SAMPLES_LOST)
@@ -70,10 +69,8 @@ def told(daemon, kind):
 
 
 def accept(folder):
-    command = [sys.executable, "-m", "armd.daemon.cli", "accept", str(folder / "armd.toml")]
-    return subprocess.run(
-        command, capture_output=True, text=True, env={"STATE_DIRECTORY": str(folder / "state")}
-    )
+    environment = {"STATE_DIRECTORY": str(folder / "state")}
+    return run_armd("accept", folder / "armd.toml", env=environment)
 
 
 @pytest.mark.slow
@@ -213,14 +210,9 @@ def test_bad_keys_are_named(tmp_path, change, where, found):
         'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "feetech"\n'
         f'port = "/dev/null"\n{change}\n'
     )
-    command = [sys.executable, "-m", "armd.daemon.cli", "check", str(path)]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = run_armd("check", path)
     told = done.stdout + done.stderr
     assert done.returncode != 0 and where in told and found in told
-
-
-def run(*words):
-    return subprocess.run([*ARMD, *map(str, words)], capture_output=True, text=True, timeout=120)
 
 
 @pytest.mark.slow
@@ -259,7 +251,7 @@ def test_watched_measured_recorded_and_replayed(tmp_path, family, ids):
             recorder.send_signal(signal.SIGINT)
             out, _ = recorder.communicate(timeout=60)
         assert recorder.returncode == 0, out
-        watched = run("watch", "--json", "--seconds", "1", "--endpoint", daemon.endpoint)
+        watched = run_armd("watch", "--json", "--seconds", "1", "--endpoint", daemon.endpoint)
         measurement = heard.json("measurement")[0]
         assert daemon.stop()[0] == 0
     assert watched.returncode == 0, watched.stderr
@@ -269,6 +261,6 @@ def test_watched_measured_recorded_and_replayed(tmp_path, family, ids):
     assert angles_rad.shape == (len(ids),)
     assert np.allclose(angles_rad, 18 * 2 * np.pi / 4096)
     assert measurement["flags"] & INVALID == 0
-    checked = run("replay", recording, "--check")
+    checked = run_armd("replay", recording, "--check")
     assert checked.returncode == 0, checked.stdout + checked.stderr
     assert int(re.search(r"(\d+) points bit-identical, 0 different", checked.stdout)[1]) > 50

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from armd import Flag
+from support.program import run_armd
 from support.running_daemon import running_daemon
 from support.selection import parametrize_default
 
@@ -65,8 +66,7 @@ def test_of_servos_that_all_say_zero_no_point_leaves(family, tmp_path):
 def test_servos_that_know_no_sync_read_are_read_one_by_one(family, tmp_path):
     """The doctor and the event blame neither cable nor supply, and tell the rate that results."""
     with quirky_servos("servo-no-sync-read", tmp_path, family) as port:
-        command = [sys.executable, "-m", "armd.daemon.cli", "doctor", "--port", str(port), "--json"]
-        doctor = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        doctor = run_armd("doctor", "--port", port, "--json")
         with measuring(tmp_path, port, family) as heard:
             heard.wait_for(lambda: heard.events("no_sync_read"))
             heard.wait_for(lambda: heard.reason().startswith("READY"))

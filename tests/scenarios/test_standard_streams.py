@@ -18,8 +18,9 @@ from pathlib import Path
 import pytest
 
 from support.punctuality import Punctuality
-from support.running_daemon import PATIENCE_S, Daemon, free_endpoint, write_config
+from support.running_daemon import Daemon, free_endpoint, write_config
 from support.simulated_arm import SimulatedArm, simulated_arm
+from support.waiting import PATIENCE_S
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 RUN = [sys.executable, "-m", "armd.daemon.cli", "run"]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
+from support.program import ARMD
 from support.punctuality import Punctuality
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
@@ -23,10 +23,8 @@ def test_the_end_does_not_wait_for_a_stopped_subscriber(
         simulated_arm(tmp_path) as arm,
         running_daemon(tmp_path, arm.port) as daemon,
     ):
-        watch = [sys.executable, "-m", "armd.daemon.cli", "watch", "--json"]
-        with subprocess.Popen(
-            [*watch, "--endpoint", daemon.endpoint], stdout=subprocess.PIPE
-        ) as other:
+        watch = [*ARMD, "watch", "--json", "--endpoint", daemon.endpoint]
+        with subprocess.Popen(watch, stdout=subprocess.PIPE) as other:
             try:
                 assert other.stdout is not None
                 assert other.stdout.readline().startswith(b"{")  # it does receive

@@ -16,10 +16,11 @@ import pytest
 
 from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
+from armd.compensation.model.calibration import save_calibration
 from armd.daemon.cli import main
 from armd.daemon.commands.groups import COMMANDS
 from armd.simulator.__main__ import main as simulate
+from support.drawn import drawn
 from support.selection import parametrize_default
 
 ARM = """
@@ -56,14 +57,7 @@ def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "mpe.toml").write_text('schema = "armd.mpe/1"\n[mpe]\ne_uni_mm = 0.03\n')
     (folder / "scenario.toml").write_text('schema = "armd.scenario/1"\n')
     (folder / "lerobot.json").write_text("{}")
-    arm = load_arm(folder / "arm.toml")
-    calibration = Calibration(
-        arm="TEST-1",
-        created="2026-03-01T09:00:00Z",
-        reference_temperature_c=20.0,
-        constants=name_constants(arm.nominal(), 3),
-    )
-    save_calibration(folder / "cal.json", calibration)
+    save_calibration(folder / "cal.json", drawn(load_arm(folder / "arm.toml")))
     measure(folder / "session", 12)
     return folder
 

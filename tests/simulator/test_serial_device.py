@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import select
-import subprocess
-import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +17,7 @@ from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.live.faults import FAULTS
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
+from support.program import run_armd
 from support.simulated_arm import SimulatedArm, simulated_arm
 
 SCENARIO = """
@@ -315,11 +314,10 @@ def test_bad_usage_is_named(
 @pytest.mark.slow
 def test_armd_simulate_is_the_simulator() -> None:
     """Its own help, its own exit codes, also through `armd`."""
-    armd = [sys.executable, "-m", "armd.daemon.cli", "simulate"]
-    shown = subprocess.run([*armd, "--help"], capture_output=True, text=True)
+    shown = run_armd("simulate", "--help")
     assert shown.returncode == 0
     assert shown.stdout.startswith("usage: armd simulate")
-    wrong = subprocess.run([*armd, "--serial", "--rate", "0"], capture_output=True, text=True)
+    wrong = run_armd("simulate", "--serial", "--rate", "0")
     assert wrong.returncode == 2
     assert wrong.stderr.startswith("armd: command line: rate_hz: found 0, expected")
 

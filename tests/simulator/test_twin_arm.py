@@ -11,7 +11,7 @@ import pytest
 
 from armd import Flag
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
+from armd.compensation.model.calibration import Calibration, save_calibration
 from armd.compensation.model.kinematics import compute_joint_jacobian
 from armd.drivers.can import objects
 from armd.files.toml_text import format_toml
@@ -22,6 +22,7 @@ from armd.simulator.twin.arm import BaseDrift, TwinArm, TwinHeat, find_comfort, 
 from armd.simulator.twin.files import to_arm_data, to_calibration_data
 from armd.simulator.twin.model import TwinModel
 from armd.simulator.twin.noise import KNOT_S, FoundNoise
+from support.drawn import drawn
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
 
@@ -66,17 +67,8 @@ def an_arm() -> Arm:
 def calibrated(arm: Arm) -> Calibration:
     rng = np.random.default_rng(4)
     constants = arm.nominal() + rng.normal(0, 1e-3, arm.layout.count)
-    return Calibration.model_validate(
-        {
-            "schema": "armd.calibration/1",
-            "arm": arm.serial_number,
-            "created": "2026-09-01T00:00:00+00:00",
-            "reference_temperature_c": 20.0,
-            "temperature_range_c": {"upper": [0.0, 60.0]},
-            "constants": name_constants(constants, 6),
-            "terms": TERMS,
-        }
-    )
+    more = {"created": "2026-09-01T00:00:00+00:00", "temperature_range_c": {"upper": [0.0, 60.0]}}
+    return drawn(arm, values=constants, terms=TERMS, **more)
 
 
 def half_counts_mm(arm: Arm) -> float:

@@ -11,13 +11,14 @@ import pytest
 from armd.compensation.effects.catalogue import list_all_candidates
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, name_constants
+from armd.compensation.model.calibration import Calibration, LoadedCalibration
 from armd.compensation.model.pose_factors import AnyPoseFactor
 from armd.compensation.model.slow_factors import AnySlowFactor
 from armd.compensation.model.state import States
 from armd.simulator.twin.factors import POSE, SLOW
 from armd.simulator.twin.files import to_arm_data, to_calibration_data
 from armd.simulator.twin.model import TwinModel, count_whole_turns
+from support.drawn import drawn
 from support.drawn_arm import draw_arm
 from support.selection import parametrize_default
 from support.whole_scene import whole_scene
@@ -82,16 +83,8 @@ def drawn_terms(arm: Arm, rng: np.random.Generator) -> list[dict[str, Any]]:
 
 def calibrated(arm: Arm, terms: list[dict[str, Any]], rng: np.random.Generator) -> Calibration:
     constants = arm.nominal() + rng.normal(0, 1e-3, arm.layout.count)
-    return Calibration.model_validate(
-        {
-            "schema": "armd.calibration/1",
-            "arm": arm.serial_number,
-            "created": "2026-09-01T00:00:00+00:00",
-            "reference_temperature_c": 20.5,
-            "constants": name_constants(constants, arm.n_joints),
-            "terms": terms,
-        }
-    )
+    more = {"created": "2026-09-01T00:00:00+00:00", "reference_temperature_c": 20.5}
+    return drawn(arm, values=constants, terms=terms, **more)
 
 
 def states_of(arm: Arm, rng: np.random.Generator, n: int = ROWS) -> States:

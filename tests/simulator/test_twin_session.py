@@ -17,12 +17,7 @@ from armd.compensation.data.sessions.session import load_session
 from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import (
-    Calibration,
-    load_calibration,
-    name_constants,
-    save_calibration,
-)
+from armd.compensation.model.calibration import Calibration, load_calibration, save_calibration
 from armd.compensation.model.kinematics import compute_joint_jacobian
 from armd.files.toml_text import format_toml
 from armd.simulator.__main__ import main
@@ -31,6 +26,7 @@ from armd.simulator.twin.model import TwinModel
 from armd.simulator.twin.noise import FoundNoise, read_noise
 from armd.simulator.twin.session import copy_session
 from armd.simulator.twin.session_files import read_session
+from support.drawn import drawn
 from support.synthetic import STARTED
 
 COUNTS = 1 << 20
@@ -79,18 +75,10 @@ def an_arm() -> Arm:
 def a_calibration(arm: Arm, rng: np.random.Generator) -> Calibration:
     constants = arm.nominal() + 1e-4 * rng.normal(size=arm.layout.count)
     constants[arm.layout.base] = 0.0
-    return Calibration.model_validate(
-        {
-            "schema": "armd.calibration/1",
-            "arm": arm.serial_number,
-            "created": "2027-03-02T00:00:00+00:00",
-            "reference_temperature_c": 20.0,
-            "constants": name_constants(constants, 6),
-            "terms": TERMS,
-            "artefact": {"artefacts": ["mixed"], "expansion_per_k": 12e-6,
-                         "target_offset_mm": {"B2": [0.1, 0.0, -0.2]}, "scale": 1.0001},
-        }
-    )  # fmt: skip
+    artefact = {"artefacts": ["mixed"], "expansion_per_k": 12e-6,
+                "target_offset_mm": {"B2": [0.1, 0.0, -0.2]}, "scale": 1.0001}  # fmt: skip
+    created = "2027-03-02T00:00:00+00:00"
+    return drawn(arm, values=constants, created=created, terms=TERMS, artefact=artefact)
 
 
 class Measured:

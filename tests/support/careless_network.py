@@ -41,7 +41,7 @@ def session(mode, endpoint, **more):
     which a callback runs in, asks the session something."""
     config = zenoh.Config()
     settings = {"mode": mode, "scouting/multicast/enabled": False, "timestamping/enabled": True}
-    settings["listen/endpoints" if mode == "router" else "connect/endpoints"] = [endpoint]
+    settings["connect/endpoints" if mode == "client" else "listen/endpoints"] = [endpoint]
     for key, value in (settings | more).items():
         config.insert_json5(key, json.dumps(value))
     with closing(zenoh.open(config)) as opened:

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, name_constants
+from armd.compensation.model.calibration import LoadedCalibration
+from support.drawn import drawn
 from support.drawn_arm import draw_arm
 
 REFERENCE_C = 20.0
@@ -21,17 +22,7 @@ def an_arm(n_joints: int) -> Arm:
 def calibrated(arm: Arm, terms: list[dict[str, object]], **more: object) -> LoadedCalibration:
     rng = np.random.default_rng(8)
     constants = arm.nominal() + rng.normal(0, 1e-3, arm.layout.count)
-    content = Calibration.model_validate(
-        {
-            "schema": "armd.calibration/1",
-            "arm": "TEST",
-            "created": "2026-01-01T00:00:00Z",
-            "reference_temperature_c": REFERENCE_C,
-            "constants": name_constants(constants, arm.n_joints),
-            "terms": terms,
-            **more,
-        }
-    )
+    content = drawn(arm, values=constants, reference_temperature_c=REFERENCE_C, terms=terms, **more)
     return LoadedCalibration(content, "00" * 32, Path("calibration.json"))
 
 

@@ -4,12 +4,10 @@ fit, by one dense least-squares problem."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.sessions.session import load_session
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -18,22 +16,19 @@ from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.arm import Arm
 from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.plants.plant import Plant
+from support.made_case import MadeCase, make_case
 
 
-def first_fit(
-    folder: Path, seed: int, plants: Sequence[Plant]
-) -> tuple[HiddenCase, Fit, Arm, list[Candidate]]:
+def first_fit(seed: int, plants: Sequence[Plant]) -> tuple[MadeCase, Fit, Arm, list[Candidate]]:
     """The case, a fit of no finding to its sessions, the arm, and the catalogue's candidates."""
-    case = generate_case(folder, seed, plants, Design(sessions=4, articulations=3, holdout=0))
-    arm = load_arm(case.arm)
-    sessions = [load_session(path, arm) for path in case.sessions]
+    made = make_case(seed, plants, Design(sessions=4, articulations=3, holdout=0))
+    arm, sessions = made.arm, made.sessions
     baseline, rests = make_model_under_test(sessions, arm, None)[0], collect_rests(sessions, arm)
     candidates = list(catalogue.list_all_candidates(collect_facts(rests, arm, baseline)))
-    return case, fit(rests, arm, baseline, baseline.model), arm, candidates
+    return made, fit(rests, arm, baseline, baseline.model), arm, candidates
 
 
 def whitened(noise: RestNoise, columns: F64) -> tuple[F64, F64]:

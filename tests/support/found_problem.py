@@ -21,8 +21,9 @@ from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.identify.thermal.terms import make_length_terms
-from armd.compensation.model.calibration import Calibration, name_constants
+from armd.compensation.model.calibration import Calibration
 from support import synthetic
+from support.drawn import drawn
 
 ARM = synthetic.arm(6)
 OFFSET_K = 0.8
@@ -64,15 +65,7 @@ def given() -> Calibration:
         term.model_copy(update={"coefficient": GROWTH[term.basis[0].order]})  # type: ignore[union-attr]
         for term in make_length_terms(ARM, [1, 2])
     ]
-    return Calibration(
-        arm=ARM.serial_number,
-        created="2026-03-01T09:00:00+00:00",
-        reference_temperature_c=20.0,
-        constants=name_constants(ARM.nominal(), ARM.n_joints),
-        terms=terms,
-        covariance_of=["theta_2"],
-        covariance=[[1e-16]],
-    )
+    return drawn(ARM, terms=terms, covariance_of=["theta_2"], covariance=[[1e-16]])
 
 
 def problem_of(session: Session) -> Problem:

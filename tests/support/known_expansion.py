@@ -6,6 +6,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, name_constants
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
+from support.drawn import drawn
 
 
 def known_expansion(arm: Arm, expansion_per_k: float) -> Calibration:
@@ -23,12 +24,10 @@ def known_expansion(arm: Arm, expansion_per_k: float) -> Calibration:
     ]
     n = len(terms)
     tenths = [0.1 * abs(term.coefficient) for term in terms]
-    return Calibration(
-        arm=arm.serial_number,
-        created="2026-03-01T00:00:00Z",
+    return drawn(
+        arm,
         reference_temperature_c=arm.reference_temperature_c,
         temperature_range_c=dict.fromkeys(arm.used_sensors, (10.0, 40.0)),
-        constants=constants,
         terms=terms,
         covariance_of=[f"term {i}" for i in range(n)],
         covariance=[[tenths[i] ** 2 * (i == j) for j in range(n)] for i in range(n)],

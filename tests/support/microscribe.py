@@ -12,7 +12,7 @@ from armd.drivers.config import MicroScribeConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.microscribe import wire
 from armd.drivers.microscribe.geometry import compute_rows_and_tip
-from armd.drivers.sample import Event, Item, RawFrame
+from armd.drivers.sample import Item, RawFrame
 from armd.drivers.table import open_driver
 from support.simulated_arm import SimulatedArm
 
@@ -32,10 +32,6 @@ def read_until_end(arm: SimulatedArm, **config: object) -> tuple[list[Item], lis
             items += driver.read(0.05)
             raw += driver.take_raw()
         return items, raw, driver.counters
-
-
-def events_of(items: list[Item]) -> list[str]:
-    return [item.kind for item in items if isinstance(item, Event)]
 
 
 def nominal() -> Arm:

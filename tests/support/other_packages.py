@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from support.program import run_armd
+
 TEMPLATE = Path(__file__).parents[2] / "docs" / "examples" / "plugin"
 
 
@@ -40,5 +42,4 @@ def environment_with(folder: Path) -> dict[str, str]:
 
 def armd_with(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run `armd` where the packages in *folder* are installed."""
-    command = [sys.executable, "-m", "armd.daemon.cli", *words]
-    return subprocess.run(command, env=environment_with(folder), capture_output=True, text=True)
+    return run_armd(*words, env=environment_with(folder))

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from armd import POINT, joints_dtype
-from armd.compensation.model.calibration import Calibration, save_calibration
+from armd.compensation.model.calibration import save_calibration
 from armd.daemon.files.lake import Lake
 from support import synthetic
+from support.drawn import drawn
 
 SECOND_NS = 1_000_000_000
 
@@ -42,18 +43,16 @@ def published(
 def save_lagged(path: Path, serial: str, lag_s: float, seed: int) -> None:
     """A calibration of `synthetic.arm`, but for its serial number, in which a length lags."""
     arm = synthetic.arm()
-    truth = synthetic.disturbed(arm, np.random.default_rng(seed)).tolist()
+    truth = synthetic.disturbed(arm, np.random.default_rng(seed))
     lagged = {"kind": "temperature", "weights": {"t2": 1.0}, "lag_s": lag_s}
-    content = {
-        "arm": serial,
-        "created": "2026-01-01T00:00:00+00:00",
-        "reference_temperature_c": 20.0,
-        "temperature_range_c": {},
-        "constants": dict(zip(arm.layout.names, truth, strict=True)),
-        "terms": [{"parameter": "a_2", "coefficient": 1e-2, "basis": [lagged]}],
-        "noise": {"encoder_rad": [1e-6] * 6, "reading_mm": 2e-3, "temperature_c": 0.0},
-    }
-    save_calibration(path, Calibration.model_validate(content))
+    calibration = drawn(
+        arm,
+        values=truth,
+        arm=serial,
+        terms=[{"parameter": "a_2", "coefficient": 1e-2, "basis": [lagged]}],
+        noise={"encoder_rad": [1e-6] * 6, "reading_mm": 2e-3, "temperature_c": 0.0},
+    )
+    save_calibration(path, calibration)
 
 
 def payloads(rows: np.ndarray) -> list[bytes]:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-PATIENCE_S = 60.0
+from support.program import ARMD
+from support.waiting import PATIENCE_S
 
 
 @dataclass
@@ -38,8 +38,7 @@ class RunningBridge:
 
 @contextmanager
 def running_bridge(command: str, *options: str) -> Iterator[RunningBridge]:
-    words = [sys.executable, "-m", "armd.daemon.cli", command, *options]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([*ARMD, command, *options], stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
             line = process.stdout.readline().strip()

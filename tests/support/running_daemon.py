@@ -25,8 +25,7 @@ import pytest
 import zenoh
 
 from armd import POINT, POINT_ENCODING
-
-PATIENCE_S = 60.0  # two cores, shared
+from support.waiting import PATIENCE_S
 
 
 class Heard:

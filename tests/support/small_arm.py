@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, LoadedCalibration, name_constants
+from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.drivers.sample import Temperatures, sample_dtype
 from armd.files.schema import validate
+from support.drawn import drawn
 
 COUNTS = 1 << 20
 
@@ -37,19 +38,9 @@ def small_arm(**changes: Any) -> Arm:
 def thermal_calibration(arm: Arm, **changes: Any) -> LoadedCalibration:
     """Nominal geometry; link 2 grows by 10 µm/K of sensor b; identified from 15 to 30 °C."""
     term = Term(parameter="a_2", basis=[Temperature(weights={"b": 1.0})], coefficient=0.01)
-    content = Calibration.model_validate(
-        {
-            "schema": "armd.calibration/1",
-            "arm": arm.serial_number,
-            "created": "2026-01-01T00:00:00+00:00",
-            "reference_temperature_c": 20.0,
-            "temperature_range_c": {"a": (15.0, 30.0), "b": (15.0, 30.0)},
-            "constants": name_constants(arm.nominal(), arm.n_joints),
-            "terms": [term],
-        }
-        | changes
-    )
-    return LoadedCalibration(content, "0123456789abcdef" * 4, None)
+    ranges = {"a": (15.0, 30.0), "b": (15.0, 30.0)}
+    content = {"terms": [term], "temperature_range_c": ranges} | changes
+    return LoadedCalibration(drawn(arm, **content), "0123456789abcdef" * 4, None)
 
 
 def samples_of(angles_deg: np.ndarray, rate_hz: int = 1000, first_seq: int = 0) -> np.ndarray:

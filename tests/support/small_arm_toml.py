@@ -6,7 +6,8 @@ import json
 from typing import Any
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import Calibration, name_constants
+from armd.compensation.model.calibration import name_constants
+from support.drawn import drawn
 
 JOINT = {"a_mm": 300.0, "counts_per_turn": 1 << 20, "min_deg": -170.0, "max_deg": 170.0}
 ARM: dict[str, Any] = {
@@ -28,15 +29,7 @@ def _calibration() -> dict[str, Any]:
         constants[name] += (
             0.01 * (k + 1) if name.startswith(("theta", "alpha", "beta", "d", "a")) else 0.001
         )
-    calibration = Calibration.model_validate(
-        {
-            "schema": "armd.calibration/1",
-            "arm": arm.serial_number,
-            "created": "2026-01-01T00:00:00+00:00",
-            "reference_temperature_c": 20.0,
-            "constants": constants,
-        }
-    )
+    calibration = drawn(arm, constants=constants)
     data: dict[str, Any] = json.loads(calibration.model_dump_json(by_alias=True))
     return data
 

@@ -6,7 +6,7 @@ Not for accuracy: there the simulator's own physics are the truth.
 from __future__ import annotations
 
 import datetime
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from armd.compensation.model.basis import compute_basis_values, compute_paramete
 from armd.compensation.model.kinematics import compute_joint_jacobian, compute_pose
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
+from support.readings import session_of, states_of
 
 STARTED = datetime.datetime(2026, 3, 1, 9, tzinfo=datetime.UTC)
 
@@ -126,27 +127,15 @@ def session(
         if not known:
             raise ValueError("noise at the tip needs known targets")
         truth = certified[target] + local
-    return Session(
-        path=Path(name),
-        name=name,
-        arm=arm.serial_number,
-        started_unix_s=STARTED.timestamp(),
-        artefact=artefact,
-        states=States(
-            q=read,
-            rate=states.rate,
-            temperature_c=states.temperature_c,
-            time_s=states.time_s,
-            approach=states.approach,
-            series=states.series,
-        ),
+    return session_of(
+        name,
+        arm.serial_number,
+        artefact,
+        replace(states, q=read),
         placement=placement,
         placement_names=[f"P{p}" for p in range(placements)],
         target=target,
         truth_mm=truth,
-        artefact_c=np.full(readings, np.nan),
-        unused_columns=[],
-        row=np.arange(readings),
     )
 
 
@@ -155,31 +144,21 @@ def tracked(
 ) -> Session:
     """Random poses seen by a tracker: one placement, truth row by row."""
     n = arm.n_joints
-    states = States(
-        q=rng.uniform(-2.5, 2.5, (readings, n)),
-        rate=np.full((readings, n), np.nan),
+    states = states_of(
+        rng.uniform(-2.5, 2.5, (readings, n)),
         temperature_c=np.full((readings, n), 20.0),
         time_s=STARTED.timestamp() + 5.0 * np.arange(readings),
-        approach=np.full((readings, 3), np.nan),
-        series=np.zeros(readings, dtype=np.int64),
     )
     position = compute_pose(states.q, constants)[0]
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)
-    return Session(
-        path=Path("tracked"),
-        name="tracked",
-        arm=arm.serial_number,
-        started_unix_s=STARTED.timestamp(),
-        artefact=Artefact.model_validate({"name": "tracker", "target": [{"name": "ball"}]}),
-        states=states,
-        placement=np.zeros(readings, dtype=np.int64),
+    return session_of(
+        "tracked",
+        arm.serial_number,
+        Artefact.model_validate({"name": "tracker", "target": [{"name": "ball"}]}),
+        states,
         placement_names=["tracker"],
-        target=np.zeros(readings, dtype=np.int64),
         truth_mm=(position - [1000.0, -300.0, 200.0]) @ turn,
-        artefact_c=np.full(readings, np.nan),
-        unused_columns=[],
-        row=np.arange(readings),
     )
 
 
@@ -193,17 +172,10 @@ def _reach(
 ) -> States:
     n = len(wanted)
     q = rng.uniform(-2.2, 2.2, (n, arm.n_joints))
-    empty = np.full((n, arm.n_joints), np.nan)
+    time_s = STARTED.timestamp() + 5.0 * np.arange(n)
 
     def states() -> States:
-        return States(
-            q=q,
-            rate=empty,
-            temperature_c=temperatures,
-            time_s=STARTED.timestamp() + 5.0 * np.arange(n),
-            approach=np.full((n, 3), np.nan),
-            series=np.zeros(n, dtype=np.int64),
-        )
+        return states_of(q, temperature_c=temperatures, time_s=time_s)
 
     for step in range(400):
         basis = compute_basis_values(terms, states(), arm, arm.reference_temperature_c, constants)

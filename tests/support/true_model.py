@@ -8,11 +8,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
+from armd.compensation.model.calibration import name_constants, save_calibration
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import list_sensor_names, make_arm_toml
+from support.drawn import drawn
 
 
 def write_true_model(folder: Path, seed: int) -> None:
@@ -35,12 +36,10 @@ def write_true_model(folder: Path, seed: int) -> None:
         )
         for name, (strain, link) in strains.items()
     ]
-    calibration = Calibration(
-        arm=arm.serial_number,
-        created="2026-01-01T00:00:00+00:00",
+    calibration = drawn(
+        arm,
         reference_temperature_c=true.reference_c,
         temperature_range_c=dict.fromkeys(arm.sensors, (10.0, 40.0)),
-        constants=constants,
         terms=terms,
         provenance={"method": "the simulated arm's own truth"},
     )

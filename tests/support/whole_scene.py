@@ -8,7 +8,6 @@ from __future__ import annotations
 import datetime
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from scipy.signal import lsim
@@ -22,9 +21,9 @@ from armd.compensation.diagnose.problem.session_facts import collect_facts
 from armd.compensation.effects.effect import SessionFacts, Use, Winding
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
-from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from support.plain_basis import Scene, value
+from support.readings import session_of, states_of
 
 STARTED = datetime.datetime(2026, 3, 2, 6, tzinfo=datetime.UTC)
 STEP_S, READINGS = 600.0, 60  # of each of two sessions, ten hours long
@@ -91,27 +90,22 @@ def _session(arm: Arm, number: int, artefact: Artefact, rng: np.random.Generator
     warming = 6.0 * (1.0 - np.exp(-STEP_S * np.arange(n) / 9000.0))
     temperature = 18.0 + np.outer(warming, [1.0, 0.8, 0.5, 0.3]) + rng.normal(0, 1, (n, 4))
     approach = rng.normal(size=(n, 3))
-    return Session(
-        path=Path(f"whole-{number}"),
-        name=f"whole-{number}",
-        arm=arm.serial_number,
-        started_unix_s=float(time_s[0]),
-        artefact=artefact,
-        states=States(
-            q=q,
-            rate=rng.normal(0, 0.3, q.shape),
-            temperature_c=temperature,
-            time_s=time_s,
-            approach=approach / np.linalg.norm(approach, axis=1, keepdims=True),
-            series=np.zeros(n, dtype=np.int64),
-        ),
+    states = states_of(
+        q,
+        rate=rng.normal(0, 0.3, q.shape),
+        temperature_c=temperature,
+        time_s=time_s,
+        approach=approach / np.linalg.norm(approach, axis=1, keepdims=True),
+    )
+    return session_of(
+        f"whole-{number}",
+        arm.serial_number,
+        artefact,
+        states,
         placement=np.arange(n) * 3 // n,
         placement_names=["P0", "P1", "P2"],
         target=np.arange(n) % len(artefact.targets),
-        truth_mm=np.full((n, 3), np.nan),
         artefact_c=REFERENCE_C + warming,
-        unused_columns=[],
-        row=np.arange(n),
     )
 
 

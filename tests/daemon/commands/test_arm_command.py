@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,49 +20,18 @@ from armd.daemon.catalogue.known_arms import KNOWN, load_known_arm, read_arm_tex
 from armd.daemon.config import load_config
 from armd.drivers.ports import list_serial_ports
 
-LEROBOT = {
-    "shoulder_pan": {
-        "id": 1,
-        "drive_mode": 0,
-        "homing_offset": -1234,
-        "range_min": 747,
-        "range_max": 3456,
-    },
-    "shoulder_lift": {
-        "id": 2,
-        "drive_mode": 0,
-        "homing_offset": 981,
-        "range_min": 880,
-        "range_max": 3200,
-    },
-    "elbow_flex": {
-        "id": 3,
-        "drive_mode": 0,
-        "homing_offset": 12,
-        "range_min": 900,
-        "range_max": 3100,
-    },
-    "wrist_flex": {
-        "id": 4,
-        "drive_mode": 1,
-        "homing_offset": -3,
-        "range_min": 850,
-        "range_max": 3250,
-    },
-    "wrist_roll": {
-        "id": 5,
-        "drive_mode": 0,
-        "homing_offset": 77,
-        "range_min": 0,
-        "range_max": 4095,
-    },
-    "gripper": {
-        "id": 6,
-        "drive_mode": 0,
-        "homing_offset": 5,
-        "range_min": 2020,
-        "range_max": 3500,
-    },
+LEROBOT: dict[str, dict[str, int]] = {
+    name: dict(
+        zip(("id", "drive_mode", "homing_offset", "range_min", "range_max"), row, strict=True)
+    )
+    for name, row in {
+        "shoulder_pan": (1, 0, -1234, 747, 3456),
+        "shoulder_lift": (2, 0, 981, 880, 3200),
+        "elbow_flex": (3, 0, 12, 900, 3100),
+        "wrist_flex": (4, 1, -3, 850, 3250),
+        "wrist_roll": (5, 0, 77, 0, 4095),
+        "gripper": (6, 0, 5, 2020, 3500),
+    }.items()
 }
 
 
@@ -245,11 +215,24 @@ def test_ports_have_their_lasting_names(tmp_path: Path) -> None:
 # --- LeRobot ---------------------------------------------------------------------------------
 
 
+def _imported(folder: Path, motors: Mapping[str, object], *options: str) -> Path:
+    """The arm.toml made of LeRobot's calibration."""
+    source, path = folder / "calibration.json", folder / "arm.toml"
+    source.write_text(json.dumps(motors))
+    assert cli.main(["arm", "import-lerobot", str(source), "-o", str(path), *options]) == 0
+    return path
+
+
+def _driver(folder: Path, motors: Mapping[str, object], *options: str) -> dict[str, list[int]]:
+    """[driver] of the armd.toml made beside it."""
+    _imported(folder, motors, "--port", "/dev/ttyACM0", "--force", *options)
+    driver: dict[str, list[int]] = tomllib.loads((folder / "armd.toml").read_text())["driver"]
+    return driver
+
+
 def test_lerobots_degrees_and_ours_are_the_same_pose(tmp_path: Path) -> None:
     """A raw position, by LeRobot's arithmetic and the drawing, and by the arm.toml made of it."""
-    source, path = tmp_path / "follower.json", tmp_path / "arm.toml"
-    source.write_text(json.dumps(LEROBOT))
-    assert cli.main(["arm", "import-lerobot", str(source), "-o", str(path)]) == 0
+    path = _imported(tmp_path, LEROBOT)
     arm = load_arm(path)
     drawing = load_arm(_written("so101", tmp_path / ".."))
     for k, (motor, joint, nominal) in enumerate(
@@ -273,54 +256,37 @@ def test_lerobots_degrees_and_ours_are_the_same_pose(tmp_path: Path) -> None:
 def test_a_dynamixel_turns_its_count_round_itself(tmp_path: Path) -> None:
     """LeRobot's Koch leader: Drive_Mode 1 is written to the elbow's servo, and not applied again
     (`DynamixelMotorsBus.apply_drive_mode`)."""
-    source, path = tmp_path / "leader.json", tmp_path / "arm.toml"
     leader = {
         key: {**motor, "drive_mode": int(key == "elbow_flex")} for key, motor in LEROBOT.items()
     }
-    source.write_text(json.dumps(leader))
-    assert cli.main(["arm", "import-lerobot", str(source), "-o", str(path), "--arm", "koch"]) == 0
     drawing = load_known_arm("koch")
+    path = _imported(tmp_path, leader, "--arm", "koch")
     taken = [joint.direction for joint in load_arm(path).joint]
     assert taken == [joint.direction for joint in drawing.joint]
 
 
 def test_lerobots_ids_are_taken_over(tmp_path: Path) -> None:
-    source, path = tmp_path / "follower.json", tmp_path / "arm.toml"
-    renamed = {key: {**motor, "id": int(motor["id"]) + 10} for key, motor in LEROBOT.items()}
-    source.write_text(json.dumps(renamed))
-    command = ["arm", "import-lerobot", str(source), "-o", str(path), "--port", "/dev/ttyACM0"]
-    assert cli.main(command) == 0
-    driver = tomllib.loads((tmp_path / "armd.toml").read_text())["driver"]
+    renamed = {key: {**motor, "id": motor["id"] + 10} for key, motor in LEROBOT.items()}
+    driver = _driver(tmp_path, renamed)
     assert driver["ids"] == [11, 12, 13, 14, 15]
     assert driver["temperature_ids"] == [12, 13, 14, 15, 16]
 
 
 def test_servos_whose_ids_are_swapped_keep_their_joints(tmp_path: Path) -> None:
     """A joint is the one of its name: by ids, the elbow's zero and limits became the wrist's."""
-    source, path = tmp_path / "follower.json", tmp_path / "arm.toml"
-    command = ["arm", "import-lerobot", str(source), "-o", str(path), "--port", "/dev/ttyACM0"]
-    source.write_text(json.dumps(LEROBOT))
-    assert cli.main(command) == 0
-    joints = load_arm(path).joint
+    joints = load_arm(_imported(tmp_path, LEROBOT)).joint
     swapped = {"elbow_flex": 4, "wrist_flex": 3, "gripper": 7}
     content = {
         key: {**motor, "id": swapped.get(key, motor["id"])} for key, motor in LEROBOT.items()
     }
-    source.write_text(json.dumps(dict(sorted(content.items()))))
-    (tmp_path / "armd.toml").unlink()
-    assert cli.main([*command, "--force"]) == 0
-    assert load_arm(path).joint == joints
-    driver = tomllib.loads((tmp_path / "armd.toml").read_text())["driver"]
+    driver = _driver(tmp_path, dict(sorted(content.items())))
+    assert load_arm(tmp_path / "arm.toml").joint == joints
     assert driver["ids"] == [1, 2, 4, 3, 5]
     assert driver["temperature_ids"] == [2, 4, 3, 5, 7]
 
 
 def test_without_a_gripper_no_servo_is_asked_that_is_not_there(tmp_path: Path) -> None:
-    source, path = tmp_path / "leader.json", tmp_path / "arm.toml"
-    source.write_text(json.dumps({key: LEROBOT[key] for key in LEROBOT if key != "gripper"}))
-    command = ["arm", "import-lerobot", str(source), "-o", str(path), "--port", "/dev/ttyACM0"]
-    assert cli.main(command) == 0
-    driver = tomllib.loads((tmp_path / "armd.toml").read_text())["driver"]
+    driver = _driver(tmp_path, {key: LEROBOT[key] for key in LEROBOT if key != "gripper"})
     assert driver["temperature_ids"] == [2, 3, 4, 5, 5]
     load_config(tmp_path / "armd.toml")  # one servo may be the warmth of two links
 
@@ -328,31 +294,23 @@ def test_without_a_gripper_no_servo_is_asked_that_is_not_there(tmp_path: Path) -
 def test_an_arm_on_wheels_is_the_arm_without_them(tmp_path: Path) -> None:
     """LeKiwi keeps one file for its SO-101 and its three wheels (`LeKiwi` in LeRobot's
     robots/lekiwi)."""
-    source, path = tmp_path / "kiwi.json", tmp_path / "arm.toml"
-    command = ["arm", "import-lerobot", str(source), "-o", str(path), "--port", "/dev/ttyACM0"]
-    source.write_text(json.dumps(LEROBOT))
-    assert cli.main(command) == 0
+    path = _imported(tmp_path, LEROBOT)
     alone = path.read_text()
-    (tmp_path / "armd.toml").unlink()
     wheel = {"drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
     wheels = {f"base_{side}_wheel": {"id": k, **wheel} for k, side in enumerate("abc", 7)}
-    source.write_text(json.dumps({f"arm_{key}": motor for key, motor in LEROBOT.items()} | wheels))
-    assert cli.main([*command, "--force"]) == 0
+    arm = {f"arm_{key}": motor for key, motor in LEROBOT.items()}
+    driver = _driver(tmp_path, arm | wheels)
     assert path.read_text() == alone
-    driver = tomllib.loads((tmp_path / "armd.toml").read_text())["driver"]
     assert driver["ids"] == [1, 2, 3, 4, 5] and driver["temperature_ids"] == [2, 3, 4, 5, 6]
 
 
 def test_the_second_servo_of_a_joint_is_not_read(tmp_path: Path) -> None:
     """A ViperX: shoulder and elbow have two servos each."""
-    source, path = tmp_path / "viperx.json", tmp_path / "arm.toml"
     names = ["waist", "shoulder", "shoulder_shadow", "elbow", "elbow_shadow", "forearm_roll"]
     names += ["wrist_angle", "wrist_rotate", "gripper"]
     motor = {"drive_mode": 0, "homing_offset": 70_000, "range_min": 900, "range_max": 3200}
-    source.write_text(json.dumps({key: {"id": k, **motor} for k, key in enumerate(names, 1)}))
-    command = ["arm", "import-lerobot", str(source), "-o", str(path), "--arm", "vx300s"]
-    assert cli.main([*command, "--port", "/dev/ttyUSB0"]) == 0
-    driver = tomllib.loads((tmp_path / "armd.toml").read_text())["driver"]
+    motors = {key: {"id": k, **motor} for k, key in enumerate(names, 1)}
+    driver = _driver(tmp_path, motors, "--arm", "vx300s")
     assert driver["ids"] == [1, 2, 4, 6, 7, 8]
     assert driver["temperature_ids"] == [2, 4, 6, 7, 8, 9]
 

@@ -13,16 +13,12 @@ from scipy.optimize import minimize
 
 from armd.compensation.inverse.compensate import compensate
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.model.calibration import (
-    Calibration,
-    load_calibration,
-    name_constants,
-    save_calibration,
-)
-from armd.compensation.model.state import States
+from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.daemon.cli import main
 from armd.files.toml_text import format_toml
+from support.drawn import drawn
 from support.plain_kinematics import tip_pose
+from support.readings import states_of
 from support.selection import parametrize_default
 
 #: d, a, α of the joints of arms with three to seven of them.
@@ -65,12 +61,8 @@ def make(folder: Path, n: int, terms: list[dict[str, Any]] = TERMS, off: float =
     values, layout = arm.nominal(), arm.layout
     scale = np.where(layout.are_lengths, 0.5, 1e-3)
     values += off * scale * np.random.default_rng(n).normal(size=layout.count)
-    calibration = {
-        "arm": "ARM-1", "created": "2026-01-01T00:00:00+00:00", "reference_temperature_c": 20.0,
-        "constants": name_constants(values, arm.n_joints), "terms": terms,
-        "temperature_range_c": {"t1": (10.0, 30.0)},
-    }  # fmt: skip
-    save_calibration(folder / "cal.json", Calibration.model_validate(calibration))
+    calibration = drawn(arm, values=values, terms=terms, temperature_range_c={"t1": (10.0, 30.0)})
+    save_calibration(folder / "cal.json", calibration)
     return arm
 
 
@@ -164,10 +156,7 @@ def real_pose(arm: Arm, values: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 def solve(folder: Path, arm: Arm, q: np.ndarray, wanted: np.ndarray | None = None) -> Any:
     n = len(q)
-    states = States(
-        q, np.full(q.shape, np.nan), np.full((n, 1), 20.0), np.zeros(n), np.full((n, 3), np.nan),
-        np.zeros(n, np.int64),
-    )  # fmt: skip
+    states = states_of(q, temperature_c=np.full((n, 1), 20.0), time_s=np.zeros(n))
     return compensate(arm, load_calibration(folder / "cal.json", arm), states, wanted)
 
 

@@ -20,15 +20,11 @@ from armd.compensation.data.correction import point_columns
 from armd.compensation.data.tables import pieces
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import (
-    Calibration,
-    load_calibration,
-    name_constants,
-    save_calibration,
-)
+from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.daemon.cli import main
 from armd.daemon.live import flags
+from support.drawn import drawn
 
 ARM = """
 schema = "armd.arm/1"
@@ -67,19 +63,13 @@ class Bench:
         self.calibrate([{"parameter": "d_1", "basis": [WARM], "coefficient": 0.007}])
 
     def calibrate(self, terms: list[dict[str, object]], term_variance: float = 1e-8) -> None:
-        content = {
-            "schema": "armd.calibration/1",
-            "arm": "TEST",
-            "created": "2026-01-01T00:00:00Z",
-            "reference_temperature_c": 20.0,
-            "temperature_range_c": {"t1": [15.0, 30.0]},
-            "constants": name_constants(self.arm.nominal(), 3),
-            "terms": terms,
-            "covariance_of": ["d_1", "a_2", "term 0"],
-            "covariance": [[4e-6, 1e-6, 0.0], [1e-6, 9e-6, 0.0], [0.0, 0.0, term_variance]],
-            "noise": {"encoder_rad": [2e-6, 3e-6, 4e-6], "temperature_c": 0.1},
-        }
-        save_calibration(self.folder / "cal.json", Calibration.model_validate(content))
+        calibration = drawn(
+            self.arm, terms=terms, temperature_range_c={"t1": [15.0, 30.0]},
+            covariance_of=["d_1", "a_2", "term 0"],
+            covariance=[[4e-6, 1e-6, 0.0], [1e-6, 9e-6, 0.0], [0.0, 0.0, term_variance]],
+            noise={"encoder_rad": [2e-6, 3e-6, 4e-6], "temperature_c": 0.1},
+        )  # fmt: skip
+        save_calibration(self.folder / "cal.json", calibration)
 
     def readings(self, text: str) -> None:
         (self.folder / "readings.csv").write_text(text)

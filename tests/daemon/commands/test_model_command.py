@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 
 from armd.compensation.model.arm import Arm, load_arm
-from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
+from armd.compensation.model.calibration import Calibration, save_calibration
 from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from armd.daemon.cli import main
 from armd.files.toml_text import format_toml
+from support.drawn import drawn
 from support.own_urdf import OWN
 from support.plain_kinematics import rotation, tip_pose, translation
 from support.plain_urdf import tip_poses
@@ -32,14 +33,13 @@ def calibrate(folder: Path, arm: Arm, terms: list[dict[str, Any]] | None = None)
     rng = np.random.default_rng(5)
     values, layout = arm.nominal(), arm.layout
     values += np.where(layout.are_lengths, 1.0, 4e-3) * rng.normal(size=layout.count)
-    content = {
-        "arm": arm.serial_number, "created": "2026-01-01T00:00:00+00:00",
-        "reference_temperature_c": 20.0, "constants": name_constants(values, arm.n_joints),
-        "terms": terms or [], "temperature_range_c": {"t1": (15.0, 25.0)} if terms else {},
-        "covariance_of": ["theta_2", "a_2", *(["term 0"] if terms else [])],
-        "covariance": np.diag([1e-10, 1e-4, 1e-6][: 3 if terms else 2]).tolist(),
-    }  # fmt: skip
-    save_calibration(folder / "cal.json", Calibration.model_validate(content))
+    calibration = drawn(
+        arm, values=values, terms=terms or [],
+        temperature_range_c={"t1": (15.0, 25.0)} if terms else {},
+        covariance_of=["theta_2", "a_2", *(["term 0"] if terms else [])],
+        covariance=np.diag([1e-10, 1e-4, 1e-6][: 3 if terms else 2]).tolist(),
+    )  # fmt: skip
+    save_calibration(folder / "cal.json", calibration)
     return values
 
 

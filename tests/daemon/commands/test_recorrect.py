@@ -14,10 +14,11 @@ import pytest
 
 from armd import __version__
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
+from armd.compensation.model.calibration import save_calibration
 from armd.compensation.model.slow_factors import Daily, Temperature, Time
 from armd.compensation.model.terms import Term
 from armd.daemon.cli import main
+from support.drawn import drawn
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
 
@@ -84,15 +85,13 @@ class Bench:
 
     def calibrate(self, terms: list[Term] = [], **changes: Any) -> None:  # noqa: B006
         arm = load_arm(self.folder / "arm.toml")
-        constants = name_constants(arm.nominal(), 3)
-        constants["a_2"] += 0.5
+        values = arm.nominal()
+        values[arm.layout.index("a_2")] += 0.5
         content = {
-            "arm": "TEST", "created": "2026-01-01T00:00:00+00:00", "constants": constants,
-            "reference_temperature_c": 20.0, "terms": terms,
-            "temperature_range_c": {"t1": (15.0, 30.5)},
+            "terms": terms, "temperature_range_c": {"t1": (15.0, 30.5)},
             "covariance_of": ["a_2"], "covariance": [[1e-4]],
         }  # fmt: skip
-        save_calibration(self.folder / "new.json", Calibration.model_validate(content | changes))
+        save_calibration(self.folder / "new.json", drawn(arm, values=values, **content | changes))
 
     def rename(self, serial: str) -> None:
         (self.folder / "arm.toml").write_text(ARM.replace('"TEST"', f'"{serial}"'))
@@ -364,15 +363,7 @@ def test_what_a_daemon_measured_is_found_again(
         daemon.listen() as heard,
     ):
         heard.wait_for(lambda: len(heard.json("measurement")) > 1)
-    drawn = load_arm(arm.arm_toml)
-    content = Calibration.model_validate(
-        {
-            "arm": drawn.serial_number, "created": "2026-01-01T00:00:00+00:00",
-            "reference_temperature_c": 20.0,
-            "constants": name_constants(drawn.nominal(), drawn.n_joints),
-        }
-    )  # fmt: skip
-    save_calibration(tmp_path / "same.json", content)
+    save_calibration(tmp_path / "same.json", drawn(load_arm(arm.arm_toml)))
     log = tmp_path / "state" / "measurements" / "SIM-0001"
     files = ["--arm", str(arm.arm_toml), "--calibration", str(tmp_path / "same.json")]
     assert main(["recorrect", str(log), *files, "-o", str(tmp_path / "out.csv")]) == 0

@@ -17,6 +17,7 @@ from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes
 from armd.errors import BadInput
+from support.pressed import pressed
 from support.small_arm import small_arm
 
 TRUE_MM = np.array([51.0, -2.0, 7.5])
@@ -110,23 +111,13 @@ def measured(folder, offset_mm, noise_mm=0.002, seed=4, n=12):
             q += rng.normal(0, noise_mm / 500, q.shape)
             number += 1
             tip, rotation = compute_pose(q, p)
-            told = measuring.offer(
-                {
-                    "seq": number,
-                    "stamp_ns": (1_800_000_000 + number) * 10**9,
-                    "count": 100,
-                    "flags": 1 << 9,
-                    "position_mm": tip[0].tolist(),
-                    "standard_deviation_mm": None,
-                    "orientation": Rotation.from_matrix(rotation[0]).as_quat().tolist(),
-                    "angles_rad": q[0].tolist(),
-                    "rates_rad_s": None,
-                    "approach": None,
-                    "temperatures_c": {},
-                    "calibration": None,
-                    "tip": None,
-                }
-            )
+            orientation = Rotation.from_matrix(rotation[0]).as_quat().tolist()
+            measurement = pressed(
+                number, position_mm=tip[0].tolist(), standard_deviation_mm=None, approach=None,
+                orientation=orientation, angles_rad=q[0].tolist(), rates_rad_s=None,
+                temperatures_c={},
+            )  # fmt: skip
+            told = measuring.offer(measurement)
             assert told["event"] == "reading", told
         return measuring.state()["estimate"]
 

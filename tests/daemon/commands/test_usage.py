@@ -90,25 +90,17 @@ def test_python_dash_m() -> None:
     assert told.stdout.startswith(b"armd ") and told.returncode == 0
 
 
-@pytest.mark.parametrize("words", [["help"], ["--help"]])
-def test_help_is_asked_for_by_any_name(
-    words: list[str], capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("words", "begin"),
+    [("help", "usage: armd "), ("--help", "usage: armd "), ("help check", "usage: armd check"),
+     ("-V", "armd ")],
+)  # fmt: skip
+def test_help_and_version_are_asked_for_by_any_name(
+    words: str, begin: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as end:
-        main(words)
-    assert end.value.code == 0 and "usage: armd" in capsys.readouterr().out
-
-
-def test_help_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["help", "check"])
-    assert "usage: armd check" in capsys.readouterr().out
-
-
-def test_the_version_by_its_letter(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["-V"])
-    assert capsys.readouterr().out.startswith("armd ")
+        main(words.split())
+    assert end.value.code == 0 and capsys.readouterr().out.startswith(begin)
 
 
 def test_nothing_said_is_answered_with_the_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, name_constants, save_calibration
+from armd.compensation.model.calibration import save_calibration
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from armd.daemon.cli import main
+from support.drawn import drawn
 from support.simulated_sessions import simulate_sessions
 
 
@@ -82,13 +83,9 @@ def test_a_calibration_that_overflows_is_refused(
 ) -> None:
     arm = load_arm(measured / "arm.toml")
     heat = Temperature(kind="temperature", weights={arm.sensors[0]: 1.0})
-    calibration = Calibration(
-        arm=arm.serial_number,
-        created="2026-01-01T00:00:00Z",
-        reference_temperature_c=arm.reference_temperature_c + 5.0,
-        constants=name_constants(arm.nominal(), arm.n_joints),
-        terms=[Term(parameter="a_2", basis=[heat], coefficient=1e308)],
-    )
+    term = Term(parameter="a_2", basis=[heat], coefficient=1e308)
+    warmer_c = arm.reference_temperature_c + 5.0
+    calibration = drawn(arm, reference_temperature_c=warmer_c, terms=[term])
     path, result = tmp_path / "cal.json", tmp_path / "result.json"
     save_calibration(path, calibration)
     for command in ("verify", "evaluate"):

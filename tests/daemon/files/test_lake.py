@@ -1,8 +1,6 @@
 """`armd record --lake`: every point with its joints and temperatures, in files that are whole."""
 
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -13,9 +11,11 @@ import pytest
 
 from armd.daemon.files.lake import Lake
 from armd.errors import BadInput
+from support.program import start_recording
 from support.published import SECOND_NS, day_ns, payloads, published
-from support.running_daemon import PATIENCE_S, running_daemon
+from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
+from support.waiting import PATIENCE_S
 
 COVARIANCE = ["xx_mm2", "xy_mm2", "xz_mm2", "yy_mm2", "yz_mm2", "zz_mm2"]
 
@@ -135,16 +135,6 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path, monkeypatch):
 # --- a daemon's points ---------------------------------------------------------------------------
 
 
-def start_recording(endpoint, folder, *more):
-    command = [sys.executable, "-m", "armd.daemon.cli", "record", "--endpoint", endpoint]
-    process = subprocess.Popen(
-        [*command, "--lake", str(folder), *more], stdout=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
-    assert "recording" in process.stdout.readline()
-    return process
-
-
 @pytest.mark.slow
 def test_every_point_of_a_daemon_is_there(tmp_path):
     lake = tmp_path / "lake"
@@ -153,7 +143,7 @@ def test_every_point_of_a_daemon_is_there(tmp_path):
         running_daemon(tmp_path, arm.port) as daemon,
         daemon.listen() as heard,
     ):
-        recorder = start_recording(daemon.endpoint, lake)
+        recorder = start_recording(daemon.endpoint, "--lake", lake)
         begun = len(heard.points())
         heard.wait_for(lambda: len(heard.points()) > begun + 2000)
         recorder.send_signal(signal.SIGINT)
@@ -177,7 +167,7 @@ def test_a_killed_recorder_loses_a_minute_at_most(tmp_path):
         simulated_arm(tmp_path, rate_hz=200) as arm,
         running_daemon(tmp_path, arm.port) as daemon,
     ):
-        recorder = start_recording(daemon.endpoint, lake)
+        recorder = start_recording(daemon.endpoint, "--lake", lake)
         time.sleep(65)
         recorder.kill()
         recorder.communicate()
@@ -185,7 +175,8 @@ def test_a_killed_recorder_loses_a_minute_at_most(tmp_path):
         rows = rows_of(lake)
         assert killed_ns - rows["stamp_ns"].to_numpy().max() < 60 * SECOND_NS
         assert (np.diff(rows["seq"].to_numpy().astype(int)) == 1).all()
-        again = start_recording(daemon.endpoint, lake, "--seconds", "2")  # nothing is to be cleaned
+        # Nothing is to be cleaned.
+        again = start_recording(daemon.endpoint, "--lake", lake, "--seconds", "2")
         again.communicate(timeout=PATIENCE_S)
         assert again.returncode == 0
     assert rows_of(lake).num_rows > len(rows)

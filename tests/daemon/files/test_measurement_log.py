@@ -13,31 +13,18 @@ import pytest
 
 from armd.daemon.files import measurement_log
 from armd.daemon.files.measurement_log import MeasurementLog, list_log_files
-from armd.drivers.sample import Event
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
-
-PATIENCE_S = 60.0
+from support.waiting import wait_until
 
 
 def lines(folder: Path) -> list[str]:
     return [line for path in list_log_files(folder) for line in path.read_text().splitlines()]
 
 
-def wait_for_events(log: MeasurementLog) -> list[Event]:
-    end_s = time.monotonic() + PATIENCE_S
-    while not (events := log.take_events()):
-        assert time.monotonic() < end_s
-        time.sleep(0.01)
-    return list(events)
-
-
 def wait_for_lines(folder: Path, n: int) -> list[str]:
-    end_s = time.monotonic() + PATIENCE_S
-    while len(found := lines(folder)) < n:
-        assert time.monotonic() < end_s, found
-        time.sleep(0.01)
-    return found
+    wait_until(lambda: len(lines(folder)) >= n)
+    return lines(folder)
 
 
 def test_lines_are_on_disk_without_a_close(tmp_path: Path) -> None:
@@ -91,7 +78,7 @@ def test_a_full_disk_is_told_once_and_nothing_is_lost(
         log.add(f'{{"seq": {k}}}')
         time.sleep(0.1)
         told += log.take_events()
-    told += [] if told else wait_for_events(log)
+    told += [] if told else wait_until(log.take_events)
     assert [event.kind for event in told] == ["log_failed"]
     assert "No space left" in told[0].text and told[0].severity == "error"
     assert lines(tmp_path) == []
@@ -109,7 +96,7 @@ def test_more_than_waits_is_lost_and_told(tmp_path: Path, monkeypatch: pytest.Mo
     log = MeasurementLog(tmp_path / "log")
     for k in range(5):
         log.add(str(k))
-    (failed,) = wait_for_events(log)
+    (failed,) = wait_until(log.take_events)
     (tmp_path / "log").unlink()
     assert wait_for_lines(tmp_path / "log", 3) == ["2", "3", "4"]
     log.close()

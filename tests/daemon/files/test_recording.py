@@ -7,8 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
-import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,25 +23,10 @@ from armd.drivers.replay.recording import INFO_ATTACHMENT, RAW_TOPIC, Recording
 from armd.drivers.sample import RawFrame
 from armd.errors import BadInput
 from armd.simulator.truth.nominal import make_arm_toml
+from support.program import ARMD, run_armd, start_recording
 from support.running_daemon import free_endpoint, running_daemon
 from support.simulated_arm import simulated_arm
-
-PATIENCE_S = 60.0
-
-
-def start_recording(endpoint, path):
-    command = [sys.executable, "-m", "armd.daemon.cli", "record", "--endpoint", endpoint]
-    process = subprocess.Popen([*command, "-o", str(path)], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    assert "recording" in process.stdout.readline()
-    return process
-
-
-def wait_until_grown(path, n_bytes):
-    end_s = time.monotonic() + PATIENCE_S
-    while path.stat().st_size < n_bytes:
-        assert time.monotonic() < end_s, path.stat().st_size
-        time.sleep(0.05)
+from support.waiting import PATIENCE_S, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -55,10 +38,10 @@ def recorded(tmp_path_factory):
         simulated_arm(folder, rate_hz=500, link=True) as arm,
         running_daemon(folder, arm.port) as daemon,
     ):
-        first, second = (start_recording(daemon.endpoint, path) for path in (whole, cut))
-        wait_until_grown(whole, 220_000)
+        first, second = (start_recording(daemon.endpoint, "-o", path) for path in (whole, cut))
+        wait_until(lambda: whole.stat().st_size >= 220_000)
         first.send_signal(signal.SIGINT)
-        wait_until_grown(cut, 220_000)
+        wait_until(lambda: cut.stat().st_size >= 220_000)
         second.kill()
         out, _ = first.communicate(timeout=PATIENCE_S)
         second.communicate()
@@ -128,20 +111,14 @@ def test_another_file_is_refused(tmp_path):
 @pytest.mark.slow
 def test_it_is_published_like_a_live_arm(recorded, tmp_path):
     endpoint = free_endpoint()
-    command = [sys.executable, "-m", "armd.daemon.cli"]
     with subprocess.Popen(
-        [*command, "replay", str(recorded[0]), "--listen", endpoint, "--speed", "0.1"],
+        [*ARMD, "replay", str(recorded[0]), "--listen", endpoint, "--speed", "0.1"],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ,
     ) as replay:
         assert replay.stdout is not None and "ready" in replay.stdout.readline()
-        watched = subprocess.run(
-            [*command, "watch", "--json", "--seconds", "3", "--endpoint", endpoint],
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE_S,
-        )
+        watched = run_armd("watch", "--json", "--seconds", "3", "--endpoint", endpoint)
         replay.terminate()
         assert replay.wait(PATIENCE_S) == 0
     points = [json.loads(line) for line in watched.stdout.splitlines()]
@@ -288,11 +265,7 @@ def test_an_arm_that_says_nothing_is_told_at_once_and_at_the_end(tmp_path):
     (tmp_path / "arm.toml").write_text(make_arm_toml())
     silent, out = tmp_path / "unplugged", tmp_path / "silent.mcap"
     with running_daemon(tmp_path, str(silent)) as daemon:
-        command = [sys.executable, "-m", "armd.daemon.cli", "record", "--endpoint", daemon.endpoint]
-        told = subprocess.run(
-            [*command, "--seconds", "2", "-o", str(out)],
-            capture_output=True, text=True, timeout=PATIENCE_S,
-        )  # fmt: skip
+        told = run_armd("record", "--endpoint", daemon.endpoint, "--seconds", "2", "-o", out)
     assert told.returncode == 1
     assert "warning: SIM-0001 is NOT_READY: " in told.stderr and str(silent) in told.stderr
     assert f"armd: {out}: raw frames: found none, expected some" in told.stderr
@@ -315,8 +288,7 @@ def test_a_replay_obeys_no_command_that_the_recorded_daemon_would(tmp_path):
 def test_a_recorder_is_never_kept_by_a_pipe(tmp_path):
     """It would wait for somebody to read it, deaf to every signal."""
     os.mkfifo(tmp_path / "pipe.mcap")
-    command = [sys.executable, "-m", "armd.daemon.cli", "record", "-o", "pipe.mcap"]
-    command += ["--endpoint", "tcp/127.0.0.1:9"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    words = ["record", "-o", "pipe.mcap", "--endpoint", "tcp/127.0.0.1:9"]
+    done = run_armd(*words, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith("armd: pipe.mcap: -o: found a pipe")

@@ -2,7 +2,6 @@
 
 import signal
 import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -14,6 +13,8 @@ from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.cli import main
 from armd.daemon.files.session_folder import SessionFolder, load_artefact
 from armd.errors import BadInput
+from support.pressed import pressed
+from support.program import ARMD
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
 from support.small_arm import small_arm
@@ -43,7 +44,7 @@ def test_presses_over_the_wire_become_readings(tmp_path, capsys):
         # A daemon that begins within a rest cannot know from which side the tip came there.
         heard.wait_for(lambda: len(heard.points()) > 0)
         heard.wait_for(lambda: np.ptp(heard.points()["position_mm"], axis=0).max() > 1.0)
-        command = [sys.executable, "-m", "armd.daemon.cli", "record", "--session", str(folder)]
+        command = [*ARMD, "record", "--session", str(folder)]
         command += ["--endpoint", daemon.endpoint, "--artefact", str(artefact)]
         command += ["--targets", "B2,B1", "--placement", "left"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as recorder:
@@ -75,17 +76,7 @@ def test_presses_over_the_wire_become_readings(tmp_path, capsys):
 
 
 def reading(**changes):
-    """A measurement as a daemon publishes it for an arm of `small_arm`."""
-    return {
-        "stamp_ns": 1_800_000_000_250_000_000,
-        "count": 251,
-        "flags": int(Flag.AT_REST),
-        "standard_deviation_mm": [0.001, 0.002, 0.002],
-        "angles_rad": [0.1, 0.2, 0.3],
-        "rates_rad_s": [1e-12, -1e-12, 1e-12],
-        "approach": [0.0, 0.0, -1.0],
-        "temperatures_c": {"a": 21.5, "b": 21.6, "c": None},
-    } | changes
+    return pressed(0, **changes)
 
 
 def recorded(path, *measurements, targets=("A", "B")):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import struct
-import time
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,7 @@ import pytest
 from armd.daemon.host.awake import DEVICE, LIGHT_SLEEP_US, NO_SLEEP_US, Awake
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
+from support.waiting import wait_until
 
 
 @pytest.fixture
@@ -66,7 +66,4 @@ def test_the_daemon_asks_while_an_arm_sends(tmp_path: Path) -> None:
     ):
         pid = daemon.process.pid
         for wanted in (True, False):
-            deadline = time.monotonic() + 60
-            while is_open(DEVICE, pid) is not wanted:
-                assert time.monotonic() < deadline, f"never {wanted}"
-                time.sleep(0.05)
+            wait_until(lambda wanted=wanted: is_open(DEVICE, pid) is wanted, f"never {wanted}")

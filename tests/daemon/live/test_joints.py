@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 import time
 from contextlib import closing
@@ -19,9 +18,11 @@ from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.config import Limits
 from armd.daemon.live.pipeline import Pipeline
 from armd.daemon.network.publisher import Publisher, encode_joint_messages
-from support.running_daemon import PATIENCE_S, free_endpoint, running_daemon, session_with
+from support.careless_network import session
+from support.running_daemon import free_endpoint, running_daemon, session_with
 from support.simulated_arm import simulated_arm
 from support.small_arm import samples_of, small_arm
+from support.waiting import wait_until
 
 KEY = "armd/SIM-0001/joints"
 
@@ -99,11 +100,7 @@ def looks_into_it(publisher: Publisher) -> bool:
 
 def test_unheard_they_cost_one_question_on_the_tick() -> None:
     endpoint = free_endpoint()
-    config = zenoh.Config()
-    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("timestamping/enabled", "true")
-    with zenoh.open(config) as here, closing(Publisher(here, "SIM-0001")) as publisher:
+    with session("peer", endpoint) as here, closing(Publisher(here, "SIM-0001")) as publisher:
         assert not looks_into_it(publisher)
         with session_with(endpoint) as there:
             subscriber = there.declare_subscriber(KEY, lambda _: None)
@@ -127,10 +124,3 @@ def test_a_broken_joint_has_no_angle() -> None:
 
 def points_of(payloads: list[bytes]) -> np.ndarray:
     return np.frombuffer(b"".join(list(payloads)), POINT)
-
-
-def wait_until(condition: object) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():  # type: ignore[operator]
-        assert time.monotonic() < end_s
-        time.sleep(0.02)

@@ -22,6 +22,7 @@ from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import KINDS, Wishes
 from armd.errors import BadInput
 from armd.files.schema import parse_toml, validate
+from support.pressed import pressed
 from support.small_arm import small_arm
 
 ARM = small_arm()
@@ -44,22 +45,11 @@ def press(number, point_mm=None, q=None, **changes):
     """A measurement as the daemon publishes it, at rest at a point; angles that differ."""
     q = np.array([0.1 + 0.01 * number, 0.2, 0.3]) if q is None else np.asarray(q)
     tip, rotation = compute_pose(q[None], ARM.nominal())
-    return {
-        "trigger": "button",
-        "seq": 1000 * number,
-        "stamp_ns": 1_800_000_000_250_000_000 + number * 10**9,
-        "count": 251,
-        "flags": int(Flag.AT_REST),
-        "position_mm": list(map(float, tip[0] if point_mm is None else point_mm)),
-        "standard_deviation_mm": [0.001, 0.002, 0.002],
-        "orientation": Rotation.from_matrix(rotation[0]).as_quat().tolist(),
-        "angles_rad": q.tolist(),
-        "rates_rad_s": [1e-12, -1e-12, 1e-12],
-        "approach": [0.0, 0.0, -1.0],
-        "temperatures_c": {"a": 21.5, "b": 21.6, "c": None},
-        "calibration": None,
-        "tip": None,
-    } | changes
+    measured = pressed(
+        number, position_mm=list(map(float, tip[0] if point_mm is None else point_mm)),
+        orientation=Rotation.from_matrix(rotation[0]).as_quat().tolist(), angles_rad=q.tolist(),
+    )  # fmt: skip
+    return measured | changes
 
 
 def at(ball, number, off_mm=0.0, placement="P1"):

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd import Flag
 from armd.arrays import F64
 from armd.compensation.data.sessions.format import Artefact
 from armd.compensation.data.sessions.session import load_session
@@ -18,6 +17,7 @@ from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes
 from armd.errors import BadInput
 from armd.files.schema import validate
+from support.pressed import pressed
 from support.small_arm import small_arm
 
 ARM = small_arm()
@@ -43,16 +43,7 @@ SEATED = validate(
 
 
 def press(number: int, point_mm: F64) -> dict[str, Any]:
-    """A measurement as the daemon publishes it."""
-    return {
-        "trigger": "button", "seq": 1000 * number,
-        "stamp_ns": 1_800_000_000_250_000_000 + number * 10**9,
-        "count": 251, "flags": int(Flag.AT_REST), "position_mm": point_mm.tolist(),
-        "standard_deviation_mm": [0.001, 0.002, 0.002], "orientation": [0.0, 0.0, 0.0, 1.0],
-        "angles_rad": [0.1 + 0.01 * number, 0.2, 0.3], "rates_rad_s": [0.0, 0.0, 0.0],
-        "approach": [0.0, 0.0, -1.0], "temperatures_c": {"a": 21.5, "b": 21.6, "c": None},
-        "calibration": None, "tip": None,
-    }  # fmt: skip
+    return pressed(number, position_mm=point_mm.tolist())
 
 
 def test_surfaces_are_touched_anywhere_and_their_scatter_is_told(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from armd.drivers.can.decoder import CanDecoder, encode_note
 from armd.drivers.can.objects import CanFrame
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, RawFrame, Temperatures
-from support.sampled import rows_of
+from support.sampled import Heard
 
 N = 3
 TURN = 1 << 20
@@ -19,7 +19,7 @@ MS = 1_000_000
 EXPECTED = Expectation("SIM-0001", N, 2, (TURN,) * N)
 
 
-class Bus:
+class Bus(Heard):
     """Three encoders and a module on 500 Hz; `cycle` is one SYNC with all that follows it."""
 
     def __init__(self, echo=True):
@@ -66,14 +66,6 @@ class Bus:
         frame = RawFrame(self.now_ns, self.now_ns + 10**18, direction, data, "can")
         self.frames.append(frame)
         self.items += self.decoder.feed(frame)
-
-    @property
-    def samples(self):
-        return rows_of(self.items)
-
-    @property
-    def events(self):
-        return [i.kind for i in self.items if isinstance(i, Event)]
 
 
 @pytest.fixture(params=[True, False], ids=["echo", "no echo"])

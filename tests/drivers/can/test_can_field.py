@@ -60,6 +60,14 @@ def valid(samples):
     return sum(int((each["joint_invalid"] == 0).sum()) for each in samples)
 
 
+def measures(samples, events):
+    return valid(samples) >= 20
+
+
+def has(kind):
+    return lambda samples, events: any(event.kind == kind for event in events)
+
+
 LACKS = {
     "no_rtr": [],
     "no_serial": ["1018:4"],
@@ -71,7 +79,7 @@ LACKS = {
 def test_an_encoder_of_class_c1_is_read(tmp_path):
     """CiA 406's simpler class: no scaling, no alarms, no warnings; its position alone is mapped."""
     with quirky_arm(tmp_path, "class_c1") as port:
-        samples, events = drive(port, 10.0, lambda samples, events: valid(samples) >= 20)
+        samples, events = drive(port, 10.0, measures)
     assert "arm SIM-0001: all 6 encoders identified" in [event.text for event in events]
     limited = [event.text for event in events if event.kind == "encoder_limited"]
     assert len(limited) == N
@@ -84,9 +92,7 @@ def test_an_encoder_of_class_c1_is_read(tmp_path):
 @pytest.mark.slow
 def test_an_encoder_that_tells_no_counts_per_turn_is_read_by_arm_tomls(tmp_path):
     with quirky_arm(tmp_path, "bare_c1") as port:
-        samples, events = drive(
-            port, 10.0, lambda samples, events: valid(samples) >= 20, counts_per_turn=TURN
-        )
+        samples, events = drive(port, 10.0, measures, counts_per_turn=TURN)
     limited = [event.text for event in events if event.kind == "encoder_limited"]
     assert len(limited) == N
     assert all(f"(6501): the {TURN} of arm.toml are taken unchecked" in text for text in limited)
@@ -95,14 +101,18 @@ def test_an_encoder_that_tells_no_counts_per_turn_is_read_by_arm_tomls(tmp_path)
 
 
 @pytest.mark.slow
-def test_an_encoder_that_tells_no_counts_per_turn_needs_arm_tomls(tmp_path):
-    def refused(samples, events):
-        return any(event.kind == "foreign_arm" for event in events)
-
-    with quirky_arm(tmp_path, "bare_c1") as port:
-        samples, events = drive(port, 10.0, refused)
-    text = next(event.text for event in events if event.kind == "foreign_arm")
-    assert "6501, counts per turn: found none, expected counts_per_turn in arm.toml" in text
+@pytest.mark.parametrize(
+    ("quirk", "keys", "said"),
+    [
+        ("bare_c1", {}, "6501, counts per turn: found none, expected counts_per_turn in arm.toml"),
+        ("no_serial", {"encoder_serial_numbers": list(range(406001, 406007))},
+         "serial number (object 1018:4): found none, expected 40600"),
+    ],
+)  # fmt: skip
+def test_what_is_demanded_and_missing_makes_a_foreign_arm(tmp_path, quirk, keys, said):
+    with quirky_arm(tmp_path, quirk) as port:
+        samples, events = drive(port, 10.0, has("foreign_arm"), **keys)
+    assert said in next(event.text for event in events if event.kind == "foreign_arm")
     assert valid(samples) == 0
 
 
@@ -110,7 +120,7 @@ def test_an_encoder_that_tells_no_counts_per_turn_needs_arm_tomls(tmp_path):
 @pytest.mark.parametrize("quirk", LACKS)
 def test_an_encoder_of_another_maker_is_read_and_what_it_lacks_is_named(quirk, tmp_path):
     with quirky_arm(tmp_path, quirk) as port:
-        _, events = drive(port, 10.0, lambda samples, events: valid(samples) >= 20)
+        _, events = drive(port, 10.0, measures)
     assert "arm SIM-0001: all 6 encoders identified" in [event.text for event in events]
     limited = [event for event in events if event.kind == "encoder_limited"]
     assert len(limited) == N * len(LACKS[quirk])
@@ -120,29 +130,13 @@ def test_an_encoder_of_another_maker_is_read_and_what_it_lacks_is_named(quirk, t
 
 @pytest.mark.slow
 def test_an_alarm_that_is_in_no_process_data_makes_its_joint_invalid(tmp_path):
-    def over(samples, events):
-        return any(event.kind == "joint_valid" for event in events)
-
     with quirky_arm(tmp_path, "fixed_map", "--fault", "joint_invalid@8:3") as port:
-        samples, events = drive(port, 60.0, over)
+        samples, events = drive(port, 60.0, has("joint_valid"))
     invalid = np.concatenate([each["joint_invalid"] for each in samples])
     assert set(np.unique(invalid)) == {0, 0b10}
     alarms = [event for event in events if event.kind == "joint_invalid"]
     assert [event.detail["joint"] for event in alarms] == [2]
     assert "alarm" in alarms[0].text
-
-
-@pytest.mark.slow
-def test_a_serial_number_that_is_demanded_and_missing_is_a_foreign_arm(tmp_path):
-    def refused(samples, events):
-        return any(event.kind == "foreign_arm" for event in events)
-
-    numbers = list(range(406001, 406007))
-    with quirky_arm(tmp_path, "no_serial") as port:
-        samples, events = drive(port, 10.0, refused, encoder_serial_numbers=numbers)
-    text = next(event.text for event in events if event.kind == "foreign_arm")
-    assert "serial number (object 1018:4): found none, expected 40600" in text
-    assert valid(samples) == 0
 
 
 POSITION, ALARMS, SPEED = 0x60040020, 0x65030010, 0x60300110

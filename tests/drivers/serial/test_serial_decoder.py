@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armd.drivers.identity import Expectation
-from armd.drivers.sample import Event, RawFrame, Temperatures
+from armd.drivers.sample import RawFrame, Temperatures
 from armd.drivers.serial import wire
 from armd.drivers.serial.clock import EAGER_INTERVAL_NS
 from armd.drivers.serial.decoder import SerialDecoder
 from armd.drivers.serial.reading_buffer import HELD_SAMPLES
-from support.sampled import rows_of
+from support.sampled import Heard
 
 MS = 1_000_000
 EXPECTED = Expectation("SIM-0001", 3, 2, (1 << 20,) * 3)
@@ -27,7 +27,7 @@ def sample(seq, counts=(1, 2, 3), status=0, t_us=None):
     return wire.encode_sample(seq, 1000 * seq if t_us is None else t_us, counts, status)
 
 
-class Line:
+class Line(Heard):
     """Feeds a decoder; sorts what comes out."""
 
     def __init__(self):
@@ -56,18 +56,6 @@ class Line:
         """To a PING of its own, at once."""
         self.tx(wire.encode_ping(t_us)).rx(wire.encode_pong(t_us, t_us))
         return self
-
-    @property
-    def samples(self):
-        return rows_of(self.items)
-
-    @property
-    def seqs(self):
-        return [int(row["seq"]) for row in self.samples]
-
-    @property
-    def events(self):
-        return [item.kind for item in self.items if isinstance(item, Event)]
 
 
 @pytest.fixture

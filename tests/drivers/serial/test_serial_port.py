@@ -10,18 +10,17 @@ import pytest
 
 from armd.drivers.config import SerialConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.sample import Event
 from armd.drivers.serial import wire
 from armd.drivers.serial.decoder import SerialDecoder
 from armd.drivers.table import open_driver
 from support.pty_arm import PtyArm
-from support.sampled import rows_of
+from support.sampled import Heard, rows_of
 
 EXPECTED = Expectation("SIM-0001", 3, 2, (1 << 20,) * 3)
 PATIENCE_S = 60
 
 
-class Reader:
+class Reader(Heard):
     """A driver and everything it has said."""
 
     def __init__(self, driver):
@@ -42,19 +41,6 @@ class Reader:
 
     def event(self, kind):
         return self.until(lambda: kind in self.events)
-
-    @property
-    def samples(self):
-        return rows_of(self.items)
-
-    @property
-    def seqs(self):
-        arrays = [i for i in self.items if isinstance(i, np.ndarray)]
-        return [int(seq) for array in arrays for seq in array["seq"]]
-
-    @property
-    def events(self):
-        return [i.kind for i in self.items if isinstance(i, Event)]
 
 
 @pytest.fixture
