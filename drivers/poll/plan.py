@@ -118,10 +118,11 @@ class RequestPlan:
                 selected = self.select(due_strangers)
                 due_ns.update(dict.fromkeys(selected, now_ns + STRANGER_EVERY_NS))
                 return self.identity(selected)
-        if family.alarm is not None and now_ns >= self._explain_due_ns and roster.alerting:
+        alerting = roster.alerts.servos
+        if alerting and family.alarm is not None and now_ns >= self._explain_due_ns:
             self._explain_due_ns = now_ns + EXPLAIN_EVERY_NS
             one_by_one = self._decoder.one_by_one.active
-            return ReadRequest(self.select(roster.alerting), family.alarm, 1, is_single=one_by_one)
+            return ReadRequest(self.select(alerting), family.alarm, 1, is_single=one_by_one)
         if now_ns >= self._recheck_due_ns and roster.servos:
             self._recheck_due_ns = now_ns + RECHECK_EVERY_NS
             self._rechecked += 1
