@@ -142,6 +142,7 @@ WAYS = {
 }
 #: These end with an error of the decoder, or before the driver has begun; see below.
 CLOSINGS = ["CLOSED LOST CLOSED", "ANSWERED LOST CLOSED"]
+ALL_WAYS = [way for _, _, way in WAYS.values()] + CLOSINGS
 
 
 @pytest.mark.parametrize("name", WAYS)
@@ -198,12 +199,11 @@ def test_closed_after_an_error_in_the_middle(line, followed):
 
 def test_every_transition_is_on_a_way():
     """So the tests above follow each row of the table, and no row that it lacks."""
-    ways = [way for _, _, way in WAYS.values()] + CLOSINGS
-    assert {row for way in ways for row in rows(way)} == TRANSITIONS.keys()
+    assert {row for way in ALL_WAYS for row in rows(way)} == TRANSITIONS.keys()
 
 
 def test_a_way_goes_from_state_to_state_as_the_table_says():
-    for _, _, way in WAYS.values():
+    for way in ALL_WAYS:
         states = [LineState[name] for name in way.split()[::2]]
         assert [TRANSITIONS[row] for row in rows(way)][: len(states) - 1] == states[1:]
 
