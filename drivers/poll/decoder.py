@@ -204,10 +204,11 @@ class ServoDecoder:
         if address == self.family.position:
             return items + self._cycle(exchange)
         if address == self.family.alarm:
+            explain = self.roster.alerts.explain
             return items + [
                 event
                 for servo, answer in exchange.answers.items()
-                for event in self.roster.explain(servo, answer.status.data[0], answer.arrived_ns)
+                for event in explain(servo, answer.status.data[0], answer.arrived_ns)
             ]
         return items + [
             event
@@ -250,7 +251,7 @@ class ServoDecoder:
                 continue
             error = answer.status.error
             alerts = self.family.alerts(error)
-            items += self.roster.alert(servo, error if alerts else 0, now_ns)
+            items += self.roster.alerts.update(servo, error if alerts else 0, now_ns)
             if alerts and servo in self.joints:
                 warned |= 1 << self.joints.index(servo)
         if exchange.answers.keys() <= exchange.doubtful:

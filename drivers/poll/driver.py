@@ -1,22 +1,7 @@
 """The servo driver: a port that may vanish, and one request at a time on it.
 
-One loop within `read`: ask, wait for the answers or for as long as they may take, ask again. The
-next request is on the line before anybody looks at what the last one brought.
-
-An open line is in one of these states. `_turn` waits in each; only what is named leads out of it:
-
-- idle: no exchange, or a complete one. `_ask_if_due` sends what is due → asked. In this order: the
-  rest of a cycle that is read one by one; a write, after which nothing is sent until `_hold_ns`; a
-  question of the acquaintance; one besides the cycles, `_side`; a cycle, from `_due_ns` on.
-- asked: a request is out, `_heard_ns` is 0. `_think_ahead` chooses `_next` with its packet,
-  `_ahead`, or `_side`. Bytes → answering; none until `_end_ns` → ended.
-- answering: bytes gather in `_undecoded`. When all answers are here, by `_brought`, `_ahead` goes
-  out before they are decoded: the new exchange is asked while the old one ends. When all that are
-  expected are here and nothing is ahead, they are decoded → idle. After a pause, by `_end_ns`, →
-  ended.
-- ended: what came is decoded, the decoder is told that it is over, `_next` is dropped → idle.
-
-An error of the port leads from any of them to a closed line, which `_wait_for_port` opens again.
+One loop within `read` follows the table of `states.py`. The next request is on the line before
+anybody looks at what the last one brought.
 """
 
 from __future__ import annotations
@@ -27,11 +12,13 @@ import serial
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
+from armd.drivers.poll.answers import Answers
 from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, encode_note
 from armd.drivers.poll.exchange import Exchange
-from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, PAUSE_MOST_NS, Pace, RequestPlan
+from armd.drivers.poll.plan import RequestPlan
 from armd.drivers.poll.protocol.packet import ReadRequest
 from armd.drivers.poll.servos.acquaintance import Acquaintance
+from armd.drivers.poll.states import TRANSITIONS, LineEvent, LineState
 from armd.drivers.ports import is_pseudo
 from armd.drivers.sample import Item, RawFrame
 from armd.drivers.shell import SerialShell
@@ -41,7 +28,6 @@ WRITE_NS = 10_000_000  # what a servo needs to keep a register, and to say so
 #: On a pseudo-terminal after a request: a kernel thread without any priority carries it, and would
 #: wait until we have decoded what came before.
 CARRIED_S = 30e-6
-ASLEEP = 0.9  # of the time that answers need on the line at least, nobody listens for them
 
 
 class ServoDriver(SerialShell[ServoDecoder]):
@@ -52,27 +38,21 @@ class ServoDriver(SerialShell[ServoDecoder]):
     def __init__(self, config: ServoConfig, expectation: Expectation) -> None:
         super().__init__(ServoDecoder(config, expectation), config.port, CHANNEL)
         self._baud = config.baud
-        self._plan = RequestPlan(self._decoder)
-        self._pace = Pace()
+        self._state = LineState.CLOSED
+        period_ns = 0 if config.rate_hz is None else round(1e9 / config.rate_hz)
+        self._plan = RequestPlan(self._decoder, period_ns)
         self._acquaintance = Acquaintance(
             config, self._decoder, self._plan, expectation.serial_number
         )
+        self._answers = Answers(self._decoder)
         self._packets: dict[ReadRequest, bytes] = {}  # those that were asked for
-        self._period_ns = 0 if config.rate_hz is None else round(1e9 / config.rate_hz)
-        self._due_ns = 0  # the next cycle
-        self._hold_ns = 0  # nothing is sent before: a servo is busy with a write
-        self._needs_ns = 0.0  # what the exchange under way needs on the line, at least
-        self._heard_ns = 0  # its last bytes; 0: none yet
-        self._answered_ns: int | None = None  # when a servo was heard last
-        self._strange_bytes = 0  # that have come since then
-        self._echoes = 0  # that had come by then
-        self._undecoded: list[RawFrame] = []  # what it has brought, while more is to come
-        self._brought = b""  # the bytes of these
-        self._is_cycle = False
-        self._side: ReadRequest | None = None  # due besides the cycles
+        self._blocked_until_ns = 0
         self._next: ReadRequest | None = None  # the next cycle's, should the present one complete
         self._ahead = b""  # its packet
         self._pause_s = 0.0  # after it
+        self._answered_ns: int | None = None  # when a servo was heard last
+        self._strange_bytes = 0  # that have come since then
+        self._echoes = 0  # that had come by then
 
     @property
     def hindrance(self) -> str:
@@ -96,33 +76,42 @@ class ServoDriver(SerialShell[ServoDecoder]):
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
         items: list[Item] = []
         while not items:
-            now_ns = time.monotonic_ns()
             if self._port is None:
-                items += self._wait_for_port(now_ns, deadline_ns)
+                items += self._wait_for_port(deadline_ns)
             else:
                 items += self._turn(self._port, deadline_ns)
             if time.monotonic_ns() >= deadline_ns:
                 break
         return items
 
+    def _follow(self, event: LineEvent) -> None:
+        self._state = TRANSITIONS[self._state, event]
+
+    @property
+    def _exchange(self) -> Exchange:
+        """The open one; there is one while answers are waited for, and when they are here."""
+        assert self._decoder.exchange is not None
+        return self._decoder.exchange
+
     # --- one turn of the loop ----------------------------------------------------------------
 
     def _turn(self, port: serial.Serial, deadline_ns: int) -> list[Item]:
         """Until some bytes have come, or it is time to act."""
         now_ns = time.monotonic_ns()
-        items = self._ask_if_due(port, now_ns)
-        if items:
+        if self._state is LineState.BLOCKED and now_ns >= self._blocked_until_ns:
+            self._follow(LineEvent.RELEASED)
+        if self._state is LineState.IDLE and (items := self._send_due(port, now_ns)):
             return items
-        exchange = self._decoder.exchange
-        if exchange is not None:
-            if self._is_cycle and self._next is None:
-                self._think_ahead(now_ns)
-            end_ns = self._end_ns(exchange)
-            look_ns = exchange.sent.monotonic_ns + round(ASLEEP * self._needs_ns)
-            if self._heard_ns == 0 and min(look_ns, deadline_ns) > now_ns:
-                time.sleep((min(look_ns, deadline_ns) - now_ns) / 1e9)
+        if self._state is LineState.ASKED:
+            self._look_ahead(now_ns)
+            look_ns = min(self._answers.look_ns(self._exchange), deadline_ns)
+            if look_ns > now_ns:
+                time.sleep((look_ns - now_ns) / 1e9)
+        is_waiting = self._state in (LineState.ASKED, LineState.ANSWERING)
+        if is_waiting:
+            end_ns = self._answers.end_ns(self._exchange)
         else:
-            end_ns = max(self._due_ns, self._hold_ns)
+            end_ns = max(self._plan.due_ns, self._blocked_until_ns)
         wait_ns = min(end_ns, deadline_ns) - time.monotonic_ns()
         try:
             ready = has_bytes(port.fileno(), max(0.0, wait_ns / 1e9))
@@ -131,35 +120,23 @@ class ServoDriver(SerialShell[ServoDecoder]):
         if ready:
             return self._receive(port)
         now_ns = time.monotonic_ns()
-        if exchange is not None and now_ns >= end_ns:
-            items += self._end(now_ns)
+        items = self._give_up(now_ns) if is_waiting and now_ns >= end_ns else []
         if now_ns >= self._line.act_ns:  # never while bytes are waiting
             items += self._renew()
         return items
 
-    def _end_ns(self, exchange: Exchange) -> int:
-        """When no more answers are waited for."""
-        due_ns = exchange.sent.monotonic_ns + self._needs_ns
-        given_up = self._decoder.roster.given_up
-        if exchange.request.is_single and self._is_cycle and self._heard_ns == 0:
-            is_expected = not given_up(exchange.request.ids[0])
-            return round(due_ns + (PAUSE_MOST_NS if is_expected else self._pace.accustomed_ns))
-        if exchange.answers and all(map(given_up, exchange.missing)):
-            return round(max(due_ns, self._heard_ns) + ACCUSTOMED_NS)
-        if self._heard_ns == 0:
-            return round(due_ns) + FIRST_BYTE_NS
-        return round(max(due_ns, self._heard_ns) + self._pace.pause_ns)
-
-    def _end(self, now_ns: int) -> list[Item]:
+    def _give_up(self, now_ns: int) -> list[Item]:
+        """Nothing has come for too long."""
+        exchange = self._exchange
         self._decode()
-        items = self._feed("link", OVER)
+        items = self._close_exchange()
         self._next = None
-        self._ended(False, now_ns)
+        self._plan.ended(exchange, False, now_ns)
         return self._heard(items)
 
-    def _ended(self, complete: bool, now_ns: int) -> None:
-        if self._is_cycle:
-            self._plan.ended(complete, now_ns)
+    def _close_exchange(self) -> list[Item]:
+        self._follow(LineEvent.OVER)
+        return self._feed("link", OVER)
 
     def _heard(self, items: list[Item]) -> list[Item]:
         if self._decoder.last_heard_ns != self._answered_ns:
@@ -169,61 +146,48 @@ class ServoDriver(SerialShell[ServoDecoder]):
 
     # --- asking --------------------------------------------------------------------------------
 
-    def _ask_if_due(self, port: serial.Serial, now_ns: int) -> list[Item]:
-        """Nothing is under way: the next request, or what is due instead; the items of that."""
-        exchange = self._decoder.exchange
-        if (exchange is not None and not exchange.complete) or now_ns < self._hold_ns:
-            return []
-        if self._plan.within_cycle:
-            return self._ask_cycle(port, now_ns)
+    def _send_due(self, port: serial.Serial, now_ns: int) -> list[Item]:
+        """A write or a request, if one is due; the items of what it closes."""
         items: list[Item] = []
-        for data in self._acquaintance.notes(now_ns):
-            items += self._feed("link", data)
-        write = self._acquaintance.write_due()
-        if write is not None:
-            self._hold_ns = now_ns + WRITE_NS
-            written = self._write(port, write)
-            return items if written is None else items + self._take(written)
-        request = (
-            self._acquaintance.question(now_ns) or self._side or self._plan.side_question(now_ns)
-        )
-        self._side = None
-        self._is_cycle = request is None
-        if request is not None:
-            return items + self._ask(port, request)
-        if now_ns < self._due_ns:
-            return items
-        if not self._decoder.chain_broken:
-            self._set_next_due(now_ns)
-        return items + self._ask_cycle(port, now_ns)
-
-    def _ask_cycle(self, port: serial.Serial, now_ns: int) -> list[Item]:
-        request = self._plan.cycle(now_ns)
-        self._plan.note_sent(request, now_ns)
-        return self._ask(port, request)
-
-    def _think_ahead(self, now_ns: int) -> None:
-        """While answers are under way: what to ask as soon as the last of them is here."""
+        question: ReadRequest | None = None
         if not self._plan.within_cycle:
-            if self._period_ns or self._side is not None or not self._acquaintance.idle:
-                return
-            self._side = self._plan.side_question(now_ns)
-            if self._side is not None:
-                return
-        self._next = self._plan.cycle(now_ns)
-        self._ahead = self._packet(self._next)
+            for data in self._acquaintance.notes(now_ns):
+                items += self._feed("link", data)
+            write = self._acquaintance.write_due()
+            if write is not None:
+                written = self._write(port, write)
+                self._block(now_ns)
+                return items if written is None else items + self._take(written)
+            question = self._acquaintance.question(now_ns)
+        request = self._plan.take_due(now_ns, question)
+        return items if request is None else items + self._ask(port, request)
 
-    def _set_next_due(self, now_ns: int) -> None:
-        if self._period_ns:
-            late = max(0, now_ns - self._due_ns) // self._period_ns
-            self._due_ns = max(self._due_ns, now_ns - late) + self._period_ns
+    def _block(self, now_ns: int) -> None:
+        self._follow(LineEvent.BLOCKED)
+        self._blocked_until_ns = now_ns + WRITE_NS
 
     def _ask(self, port: serial.Serial, request: ReadRequest) -> list[Item]:
         sent = self._write(port, self._packet(request))
         if sent is None:
-            self._hold_ns = time.monotonic_ns() + WRITE_NS
+            self._block(time.monotonic_ns())
             return []
-        return self._note_sent(request, sent)
+        return self._note_sent(sent)
+
+    def _note_sent(self, sent: RawFrame) -> list[Item]:
+        """A request went out; the items of what was under way before."""
+        self._follow(LineEvent.SENT)
+        items = self._take(sent)
+        self._answers.begin(self._exchange)
+        return items
+
+    def _look_ahead(self, now_ns: int) -> None:
+        """While answers are under way: what to ask as soon as the last of them is here."""
+        if self._next is not None or not self._exchange.is_cycle:
+            return
+        if self._plan.within_cycle or self._acquaintance.idle:
+            self._next = self._plan.look_ahead(now_ns)
+            if self._next is not None:
+                self._ahead = self._packet(self._next)
 
     def _packet(self, request: ReadRequest) -> bytes:
         packet = self._packets.get(request)
@@ -236,19 +200,10 @@ class ServoDriver(SerialShell[ServoDecoder]):
             self._packets[request] = packet
         return packet
 
-    def _note_sent(self, request: ReadRequest, sent: RawFrame) -> list[Item]:
-        """*request* went out; the items of what was under way before."""
-        decoder = self._decoder
-        items = self._take(sent)
-        answers = len(request.ids) * decoder.family.answer_bytes(request)
-        gaps_ns = sum(decoder.pauses.before_ns(request, decoder.roster.version))
-        self._needs_ns = (len(sent.data) + answers) * decoder.byte_ns + gaps_ns
-        self._heard_ns = 0
-        return items
-
     # --- the port --------------------------------------------------------------------------
 
-    def _wait_for_port(self, now_ns: int, deadline_ns: int) -> list[Item]:
+    def _wait_for_port(self, deadline_ns: int) -> list[Item]:
+        now_ns = time.monotonic_ns()
         due_ns = min(self._line.open_due_ns, deadline_ns)
         if due_ns > now_ns:
             time.sleep((due_ns - now_ns) / 1e9)
@@ -258,71 +213,67 @@ class ServoDriver(SerialShell[ServoDecoder]):
         missing = self._open_port(self._baud, now_ns)
         if self._port is None:
             return missing
+        self._follow(LineEvent.OPENED)
         self._pause_s = CARRIED_S if is_pseudo(self._port.fileno()) else 0.0
         self._line.opened(now_ns)
         self._plan.restart(now_ns)
-        self._side = self._next = None
-        self._due_ns = self._hold_ns = now_ns
+        self._next = None
+        self._blocked_until_ns = now_ns
         items = self._feed("link", encode_note(note="up"))
         self._acquaintance.restart()
         return items
 
-    # --- bytes -----------------------------------------------------------------------------
-
-    def _received(self, port: serial.Serial, data: bytes) -> list[Item]:
-        clock = self._time.now()
-        exchange, request = self._decoder.exchange, self._next
-        self._brought += data
-        sent: RawFrame | None = None
-        if (
-            request is not None
-            and exchange is not None
-            and self._decoder.family.completes(self._brought, exchange.request, exchange.missing)
-        ):  # the line waits for this: all else can be done while the next answers come
-            sent = self._write(port, self._ahead)
-            if self._pause_s:
-                time.sleep(self._pause_s)
-        frame = RawFrame(*clock, "rx", data, CHANNEL)
-        self._heard_ns = now_ns = frame.monotonic_ns
-        self._strange_bytes += len(data)
-        if exchange is None:
-            self._brought = b""
-            return self._take(frame)
-        self._undecoded.append(frame)
-        if sent is None and len(self._brought) < self._expected_bytes(exchange):
-            return []
-        self._decode()
-        if sent is None and not exchange.complete:
-            return []
-        sent_ns, needs_ns = exchange.sent.monotonic_ns, self._needs_ns
-        items: list[Item] = []
-        if request is not None:
-            self._next = None
-            items += self._note_sent(request, sent) if sent else self._ask(port, request)
-        self._pace.took(now_ns - sent_ns - needs_ns)
-        self._ended(exchange.complete, now_ns)
-        if request is not None:
-            self._plan.note_sent(request, now_ns)
-        elif self._is_cycle:
-            items += self._ask_if_due(port, now_ns)
-        if self._decoder.exchange is exchange:  # else the next request has ended it
-            items += self._feed("link", OVER)
-        return self._heard(items)
-
-    def _expected_bytes(self, exchange: Exchange) -> float:
-        """Bytes of the answers that are still expected."""
-        given_up = self._decoder.roster.given_up
-        expected = sum(not given_up(servo) for servo in exchange.missing)
-        return expected * self._decoder.family.answer_bytes(exchange.request)
-
-    def _decode(self) -> None:
-        """What has been received: all at once, as each look takes time while answers come in.
-        What they tell is said at the exchange's end."""
-        for frame in self._undecoded:
-            self._take(frame)
-        self._undecoded.clear()
-        self._brought = b""
+    def close(self) -> None:
+        self._follow(LineEvent.LOST)
+        super().close()
 
     def _hang_up(self) -> None:
         self._decode()
         super()._hang_up()
+
+    # --- bytes -----------------------------------------------------------------------------
+
+    def _received(self, port: serial.Serial, data: bytes) -> list[Item]:
+        clock, sent = self._time.now(), None
+        if self._next is not None and self._answers.are_completed_by(data, self._exchange):
+            # The line waits for this: all else can be done while the next answers come.
+            sent = self._write(port, self._ahead)
+            if self._pause_s:
+                time.sleep(self._pause_s)
+        self._follow(LineEvent.BYTES)
+        self._strange_bytes += len(data)
+        frame = RawFrame(*clock, "rx", data, CHANNEL)
+        if self._state is not LineState.ANSWERING:
+            return self._take(frame)
+        exchange = self._exchange
+        self._answers.add(frame)
+        if sent is None and not self._answers.may_be_all(exchange):
+            return []
+        self._decode()
+        if sent is None and not exchange.complete:
+            return []
+        self._follow(LineEvent.COMPLETE)
+        self._answers.note_complete(exchange)
+        items = self._ask_next(port, exchange, sent, clock[0])
+        if self._decoder.exchange is exchange:  # else the next request has closed it
+            items += self._close_exchange()
+        return self._heard(items)
+
+    def _ask_next(
+        self, port: serial.Serial, exchange: Exchange, sent: RawFrame | None, now_ns: int
+    ) -> list[Item]:
+        """After *exchange*: the request that was chosen ahead, which may be *sent*, or what is due
+        after a cycle."""
+        request, self._next = self._next, None
+        if request is None:
+            self._plan.ended(exchange, exchange.complete, now_ns)
+            return self._send_due(port, now_ns) if exchange.is_cycle else []
+        items = self._note_sent(sent) if sent else self._ask(port, request)
+        self._plan.ended(exchange, exchange.complete, now_ns)
+        self._plan.note_sent(request, now_ns)
+        return items
+
+    def _decode(self) -> None:
+        """What has been received; what it tells is said at the exchange's end."""
+        for frame in self._answers.take():
+            self._take(frame)

@@ -64,6 +64,11 @@ class Exchange:
             self._last_answers[servo, length] = answer.status
 
     @property
+    def is_cycle(self) -> bool:
+        """Whether it reads the angles of all joints, or of the next one."""
+        return self.request.address == self._family.position
+
+    @property
     def complete(self) -> bool:
         return len(self.answers) == len(self.request.ids)
 

@@ -1,53 +1,34 @@
-"""What to ask next on a servo line, and how long to wait for the answers. No port, no clock."""
+"""Which request a servo line is asked next. No port, no clock.
+
+Three kinds of exchange take turns. The acquaintance asks who the servos are, before the first cycle
+and after each write. A side question asks some servos what they complain of, or whether they are
+still the same. A cycle reads all angles, and the temperatures where these are due. Each waits for
+those before it, but a cycle that is read one by one is finished first.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from armd.drivers.poll.decoder import ServoDecoder
+from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.protocol.packet import ReadRequest
 
 WARM_EVERY_NS = 500_000_000
 RECHECK_EVERY_NS = 500_000_000  # one servo after the other says again who it is
 EXPLAIN_EVERY_NS = 1_000_000_000
 STRANGER_EVERY_NS = 50_000_000
-#: Nothing has come at all: a busy host, or a line that is silent.
-FIRST_BYTE_NS = 50_000_000
-#: Answers have begun to come, then no more: three times what they were ever late, within these.
-PAUSE_LEAST_NS, PAUSE_MOST_NS = 5_000_000, 30_000_000
-#: All but those that have not answered for some cycles have.
-ACCUSTOMED_NS = 1_000_000
-EXCESS_KEPT = 0.998  # of what answers were late, from cycle to cycle
 FAST_AGAIN_NS = 10_000_000_000
 CALM_CYCLES = 4  # complete ones, after which an answer can only be late by one
-
-
-class Pace:
-    """How long answers take on this line, beyond what its arithmetic says."""
-
-    def __init__(self) -> None:
-        self._excess_ns = PAUSE_MOST_NS / 3
-
-    def took(self, excess_ns: float) -> None:
-        """A complete exchange took so much longer than the line needs."""
-        self._excess_ns = max(excess_ns, self._excess_ns * EXCESS_KEPT)
-
-    @property
-    def pause_ns(self) -> float:
-        """No answer comes so long after the one before."""
-        return min(max(3 * self._excess_ns, PAUSE_LEAST_NS), PAUSE_MOST_NS)
-
-    @property
-    def accustomed_ns(self) -> float:
-        """The same where nobody expects an answer."""
-        return self._excess_ns + ACCUSTOMED_NS
 
 
 class RequestPlan:
     """Chooses the requests of one connection."""
 
-    def __init__(self, decoder: ServoDecoder) -> None:
+    def __init__(self, decoder: ServoDecoder, period_ns: int) -> None:
+        """*period_ns* of the cycles; 0: as fast as the line allows."""
         self._decoder = decoder
+        self._period_ns = period_ns
         self._extra = 0  # bytes asked for beyond those wanted: no two cycles ask for as many
         self._calm = CALM_CYCLES
         self._turn = 0  # of those that can only be asked one by one
@@ -55,6 +36,8 @@ class RequestPlan:
 
     def restart(self, now_ns: int) -> None:
         """Another connection."""
+        self.due_ns = now_ns  # the next cycle
+        self._side: ReadRequest | None = None  # a side question that is due
         self._warm_due_ns = now_ns
         self._recheck_due_ns = now_ns + RECHECK_EVERY_NS
         self._rechecked = 0
@@ -71,6 +54,37 @@ class RequestPlan:
     def within_cycle(self) -> bool:
         """Whether other servos of the same cycle are to be asked next."""
         return bool(self._remaining)
+
+    def take_due(self, now_ns: int, question: ReadRequest | None) -> ReadRequest | None:
+        """The request that is due, which counts as sent; *question*: the acquaintance's."""
+        if not self._remaining:
+            question = question or self._side or self._side_question(now_ns)
+            self._side = None
+            if question is not None:
+                return question
+            if now_ns < self.due_ns:
+                return None
+            if not self._decoder.chain_broken:
+                self._set_next_due(now_ns)
+        request = self.cycle(now_ns)
+        self.note_sent(request, now_ns)
+        return request
+
+    def look_ahead(self, now_ns: int) -> ReadRequest | None:
+        """While a cycle's answers come, and the acquaintance is idle: the cycle to ask as soon as
+        the last of them is here; None where something else is due before it."""
+        if not self._remaining:
+            if self._period_ns or self._side is not None:
+                return None
+            self._side = self._side_question(now_ns)
+            if self._side is not None:
+                return None
+        return self.cycle(now_ns)
+
+    def _set_next_due(self, now_ns: int) -> None:
+        if self._period_ns:
+            late = max(0, now_ns - self.due_ns) // self._period_ns
+            self.due_ns = max(self.due_ns, now_ns - late) + self._period_ns
 
     def select(self, servos: Sequence[int]) -> tuple[int, ...]:
         """Those of *servos* that the next request can ask: all, or one after the other."""
@@ -90,7 +104,7 @@ class RequestPlan:
         late answer to a sync read does not pass for an answer to this."""
         return ReadRequest((servo,), 0, self._decoder.family.identity_bytes + 1, is_single=True)
 
-    def side_question(self, now_ns: int) -> ReadRequest | None:
+    def _side_question(self, now_ns: int) -> ReadRequest | None:
         """What is due besides the cycles."""
         roster, family = self._decoder.roster, self._decoder.family
         if suspects := roster.suspects & roster.servos.keys():
@@ -104,10 +118,11 @@ class RequestPlan:
                 selected = self.select(due_strangers)
                 due_ns.update(dict.fromkeys(selected, now_ns + STRANGER_EVERY_NS))
                 return self.identity(selected)
-        if family.alarm is not None and now_ns >= self._explain_due_ns and roster.alerting:
+        alerting = roster.alerts.servos
+        if alerting and family.alarm is not None and now_ns >= self._explain_due_ns:
             self._explain_due_ns = now_ns + EXPLAIN_EVERY_NS
             one_by_one = self._decoder.one_by_one.active
-            return ReadRequest(self.select(roster.alerting), family.alarm, 1, is_single=one_by_one)
+            return ReadRequest(self.select(alerting), family.alarm, 1, is_single=one_by_one)
         if now_ns >= self._recheck_due_ns and roster.servos:
             self._recheck_due_ns = now_ns + RECHECK_EVERY_NS
             self._rechecked += 1
@@ -116,8 +131,8 @@ class RequestPlan:
         return None
 
     def cycle(self, now_ns: int) -> ReadRequest:
-        """All positions, and the temperatures where these are due; nothing is changed by asking
-        for it, `asked` tells that it was sent. One by one: the part that is next."""
+        """All positions, and the temperatures where these are due; `note_sent` reports that it went
+        out. One by one: the part that is next."""
         if self._remaining:
             return self._remaining[0]
         decoder, family = self._decoder, self._decoder.family
@@ -143,7 +158,7 @@ class RequestPlan:
         return family.position_bytes + self._decoder.one_by_one.active
 
     def note_sent(self, request: ReadRequest, now_ns: int) -> None:
-        """A `cycle` went out."""
+        """A cycle went out."""
         if self._remaining:
             del self._remaining[0]
             return
@@ -158,8 +173,11 @@ class RequestPlan:
             self._warm_due_ns = now_ns + WARM_EVERY_NS
             decoder.roster.wants_warmth = False
 
-    def ended(self, complete: bool, now_ns: int) -> None:
-        """The answers to the last `cycle` have come, or will not."""
+    def ended(self, exchange: Exchange, complete: bool, now_ns: int) -> None:
+        """The answers of *exchange* have come, or will not; what it was besides a cycle counts for
+        nothing here."""
+        if not exchange.is_cycle:
+            return
         self._is_complete = complete = self._is_complete and complete
         if self._remaining:
             return

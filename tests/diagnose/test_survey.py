@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.rests import collect_rests
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.survey import Survey
 from armd.compensation.effects import catalogue, location
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
+from armd.compensation.effects.encoder.encoder_eccentricity import make_harmonic_columns
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
@@ -19,7 +19,9 @@ from support import synthetic
 
 ARM = synthetic.arm()
 DISCS = [
-    Candidate("encoder_eccentricity", location.joint(k), harmonic_columns(k, 1, 1e-4), (f"q{k}",))
+    Candidate(
+        "encoder_eccentricity", location.joint(k), make_harmonic_columns(k, 1, 1e-4), (f"q{k}",)
+    )
     for k in range(1, 7)
 ]
 RIGHT, WRONG = DISCS[2], DISCS[4]
@@ -28,7 +30,7 @@ RIGHT, WRONG = DISCS[2], DISCS[4]
 @pytest.fixture
 def search(monkeypatch: pytest.MonkeyPatch) -> Search:
     """Of a session with the disc of joint 3 off centre; the disc of joint 6 is not looked for."""
-    monkeypatch.setattr(catalogue, "candidates", lambda _facts: iter(DISCS))
+    monkeypatch.setattr(catalogue, "list_all_candidates", lambda _facts: iter(DISCS))
     wave = Harmonic(kind="sin", joint=3, order=1)
     term = Term(parameter="theta_3", basis=[wave], coefficient=2e-4)
     session = synthetic.session(
@@ -40,7 +42,7 @@ def search(monkeypatch: pytest.MonkeyPatch) -> Search:
     )  # fmt: skip
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
     baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
-    rests = gather_rests([session], ARM)
+    rests = collect_rests([session], ARM)
     return Search(rests, ARM, baseline, barred=DISCS[5].__eq__)
 
 

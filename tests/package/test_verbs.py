@@ -45,7 +45,7 @@ EXEMPT = {
     "unlocked": "decorator",
 }
 #: Package → how many of its public methods begin with no verb of the list; properties are nouns.
-METHODS_LEFT = {"armd": 46, "drivers": 210, "compensation": 243, "daemon": 143, "simulator": 181}
+METHODS_LEFT = {"armd": 46, "drivers": 214, "compensation": 245, "daemon": 143, "simulator": 181}
 
 
 @cache

@@ -109,8 +109,8 @@ def drop_growth(baseline: Baseline, parameters: Collection[str] | None = None) -
     # Directions of the root in which they do not grow.
     _, sizes, directions = np.linalg.svd(baseline.root[rows])
     remaining_root = baseline.root[remaining_rows] @ directions[int((sizes > 0.0).sum()) :].T
-    own = range(len(baseline.calibration.terms))  # they stay, with the coefficient that they have
-    remaining_terms = [i for i in range(len(terms)) if i not in still or i in own]
+    calibrated = range(len(baseline.calibration.terms))  # they stay, with their coefficients
+    remaining_terms = [i for i in range(len(terms)) if i not in still or i in calibrated]
     return replace(
         baseline,
         model=replace(baseline.model, terms=tuple(terms[i] for i in remaining_terms)),
@@ -142,8 +142,8 @@ def report_growth(baseline: Baseline) -> list[str]:
 
 def explain_missing_growth(baseline: Baseline) -> str:
     """Why a calibration could not know the growth that is open, in a sentence."""
-    within, own = _widest_k(baseline), range(len(baseline.calibration.terms))
-    guessed = [baseline.model.terms[i] for i in baseline.growth if i in own]
+    within, calibrated = _widest_k(baseline), range(len(baseline.calibration.terms))
+    guessed = [baseline.model.terms[i] for i in baseline.growth if i in calibrated]
     if guessed:
         spans = [high - low for term in guessed for _, (low, high) in _weighted(baseline, term)]
         return (

@@ -1,4 +1,4 @@
-"""Who the servos are, what they complain of, and what of it keeps a person from measuring."""
+"""Who the servos are, whether they answer, and what of it keeps a person from measuring."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from armd.drivers.joint_watch import GOOD_FOR_NS
 from armd.drivers.poll.protocol.family import Family, Servo, find_model_name
+from armd.drivers.poll.servos.alerts import Alerts
 from armd.drivers.poll.servos.doubles import Doubles
 from armd.drivers.sample import Event
 
@@ -45,7 +45,8 @@ class Roster:
         self.wants_warmth = False  # a servo is back, and its temperature is not known
         self.doubles = Doubles(often)
         self._misses: Counter[int] = Counter()  # cycles in a row
-        self._alerts: dict[int, tuple[int, int, str]] = {}  # bits, last seen, words
+        has_register = family.alarm is not None
+        self.alerts = Alerts(self.name, family.complaints, has_register)
         self._announced: dict[int, Servo] = {}
         self._torque: set[int] = set()
 
@@ -78,7 +79,7 @@ class Roster:
         self._misses.clear()
         self.doubles.forget_all()
         self.suspects.clear()
-        self._alerts.clear()
+        self.alerts.forget_all()
         self.changed.clear()
         self.refused.clear()
         self.foreign = ""
@@ -212,7 +213,7 @@ class Roster:
             self.version += 1
         if absent:
             self.heard_ns.pop(servo, None)
-            self._alerts.pop(servo, None)
+            self.alerts.forget(servo)
             self.doubles.forget(servo)
 
     def suspect(self, servo: int, now_ns: int) -> None:
@@ -258,43 +259,6 @@ class Roster:
             if servo not in self.servos and servo not in self.doubles and not self._misses[servo]
         ]
 
-    def alert(self, servo: int, bits: int, now_ns: int) -> list[Event]:
-        """The error byte of an answer: an event as trouble begins, and as it has gone for 0.5 s."""
-        alert_before = self._alerts.get(servo)
-        if bits:
-            before = alert_before[0] if alert_before else 0
-            words = self._family.complaints(bits) if self._family.alarm is None else "an alert"
-            if alert_before and (before | bits) == before:
-                self._alerts[servo] = before, now_ns, alert_before[2]
-                return []
-            self._alerts[servo] = before | bits, now_ns, words
-            return [self._complaint(servo, words, now_ns)]
-        if alert_before is None or now_ns - alert_before[1] < GOOD_FOR_NS:
-            return []
-        del self._alerts[servo]
-        text = f"{self.name(servo)} complains no more ({alert_before[2]})"
-        return [Event("servo_warning", text, now_ns, "info", {"servo": servo})]
-
-    def explain(self, servo: int, bits: int, now_ns: int) -> list[Event]:
-        """Register `alarm` of a servo that raised an alert."""
-        alert = self._alerts.get(servo)
-        if alert is None or not bits:
-            return []
-        words = self._family.complaints(bits)
-        if words == alert[2]:
-            return []
-        self._alerts[servo] = alert[0], alert[1], words
-        return [self._complaint(servo, words, now_ns)]
-
-    def _complaint(self, servo: int, words: str, now_ns: int) -> Event:
-        text = f"{self.name(servo)} complains: {words}; its position still holds"
-        detail: dict[str, Any] = {"servo": servo, "trouble": words}
-        return Event("servo_warning", text, now_ns, "warning", detail)
-
-    @property
-    def alerting(self) -> list[int]:
-        return list(self._alerts)
-
     def hindrance(self, now_ns: int) -> str:
         """What keeps a person from measuring, in words; "" if nothing does."""
         if self.foreign:
@@ -309,6 +273,5 @@ class Roster:
                 reasons.append(f"{self.name(servo)} does not answer")
         torque = sorted(self._torque & self.servos.keys())
         reasons += [f"{self.name(servo)}: its torque is on" for servo in torque]
-        complaints = self._alerts.items()
-        reasons += [f"{self.name(servo)} complains: {words}" for servo, (_, _, words) in complaints]
+        reasons += self.alerts.reasons
         return "; ".join(reasons)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from armd.drivers.poll import plan
+from armd.drivers.poll import answers
 
 
 @pytest.fixture(autouse=True)
@@ -12,5 +12,5 @@ def patient(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
     """But for tests that measure seconds."""
     if request.node.get_closest_marker("serial"):
         return
-    monkeypatch.setattr(plan, "PAUSE_LEAST_NS", 100_000_000)
-    monkeypatch.setattr(plan, "PAUSE_MOST_NS", 150_000_000)
+    monkeypatch.setattr(answers, "PAUSE_LEAST_NS", 100_000_000)
+    monkeypatch.setattr(answers, "PAUSE_MOST_NS", 150_000_000)

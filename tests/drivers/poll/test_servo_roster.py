@@ -35,7 +35,7 @@ def test_everything_that_is_in_the_way_is_named_not_the_first_alone(kind):
 @BOTH
 def test_of_a_servo_that_is_back_the_temperature_is_asked_at_once(kind):
     decoder = decoder_of(kind)
-    plan, warm_bytes = RequestPlan(decoder), FAMILIES[kind].warm_bytes
+    plan, warm_bytes = RequestPlan(decoder, 0), FAMILIES[kind].warm_bytes
     plan.restart(0)
     for each in (1, 2, 3):
         decoder.roster.identify(each, servo(), 0)
