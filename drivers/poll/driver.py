@@ -96,7 +96,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
     # --- one turn of the loop ----------------------------------------------------------------
 
     def _turn(self, port: serial.Serial, deadline_ns: int) -> list[Item]:
-        """Until some bytes have come, or it is time to act."""
+        """Wait until bytes come or an action is due, and do it."""
         now_ns = time.monotonic_ns()
         if self._state is LineState.BLOCKED and now_ns >= self._blocked_until_ns:
             self._follow(LineEvent.RELEASED)
@@ -163,7 +163,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         return items if request is None else items + self._ask(port, request)
 
     def _block(self, now_ns: int) -> None:
-        self._follow(LineEvent.BLOCKED)
+        self._follow(LineEvent.PAUSED)
         self._blocked_until_ns = now_ns + WRITE_NS
 
     def _ask(self, port: serial.Serial, request: ReadRequest) -> list[Item]:
@@ -174,7 +174,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         return self._note_sent(sent)
 
     def _note_sent(self, sent: RawFrame) -> list[Item]:
-        """A request went out; the items of what was under way before."""
+        """A request went out; the items of the exchange that it closes."""
         self._follow(LineEvent.SENT)
         items = self._take(sent)
         self._answers.begin(self._exchange)

@@ -26,10 +26,10 @@ class LineEvent(Enum):
     OPENED = "the port is open"
     LOST = "the port broke, was silent for too long, or is no longer wanted"
     SENT = "a request went out"
-    BLOCKED = "a write went out, or the line did not take a request or a write whole"
-    RELEASED = "the time after that is over"
+    PAUSED = "a write went out, or the line did not take a request or a write whole"
+    RELEASED = "the pause is over"
     BYTES = "bytes came"
-    COMPLETE = "these were the last answers that the request wants"
+    COMPLETE = "the last missing answers came"
     OVER = "the exchange is closed: answered, or nothing came for too long"
 
 
@@ -38,7 +38,7 @@ _S, _E = LineState, LineEvent
 TRANSITIONS = {
     (_S.CLOSED, _E.OPENED): _S.IDLE,
     (_S.IDLE, _E.SENT): _S.ASKED,
-    (_S.IDLE, _E.BLOCKED): _S.BLOCKED,
+    (_S.IDLE, _E.PAUSED): _S.BLOCKED,
     (_S.IDLE, _E.BYTES): _S.IDLE,  # nobody asked for them
     (_S.BLOCKED, _E.RELEASED): _S.IDLE,
     (_S.BLOCKED, _E.BYTES): _S.BLOCKED,  # the answer to a write, which says nothing
@@ -49,7 +49,7 @@ TRANSITIONS = {
     (_S.ANSWERING, _E.COMPLETE): _S.ANSWERED,
     (_S.ANSWERING, _E.OVER): _S.IDLE,
     (_S.ANSWERED, _E.SENT): _S.ASKED,  # the exchange is closed by its successor
-    (_S.ANSWERED, _E.BLOCKED): _S.BLOCKED,
+    (_S.ANSWERED, _E.PAUSED): _S.BLOCKED,
     (_S.ANSWERED, _E.OVER): _S.IDLE,
     **{(state, _E.LOST): _S.CLOSED for state in _S},
 }

@@ -2,11 +2,11 @@
 
 Each link does grow. A calibration made at one temperature has no term of that, nor has one whose
 own errors hid it. So each length without a thermal term grows by 0 ± 20·10⁻⁶ per kelvin about the
-middle of the temperatures that the calibration was made at. Where one sensor left the others'
-temperature a calibration may have a coefficient for every length: of those whose own sensors stayed
-at one temperature it is known no better than its covariance says. This is one more way in which the
-calibration may be wrong, and counts against every cause alike; what the readings show of it is
-named once all else is found.
+middle of the temperatures that the calibration was made at. If only some sensors changed their
+temperature, a calibration may still have a coefficient for every length. For a length whose own
+sensors did not change, that coefficient is known only as well as its covariance says. This is one
+more way in which the calibration may be wrong, and counts against every cause alike; what the
+readings show of it is named once all else is found.
 """
 
 from __future__ import annotations
@@ -97,8 +97,8 @@ def _is_plain(term: Term, ranges: Mapping[str, tuple[float, float]]) -> bool:
 
 
 def drop_growth(baseline: Baseline, parameters: Collection[str] | None = None) -> Baseline:
-    """The same with no growth of these *parameters* beyond the calibration's terms, or of any: all
-    else as uncertain as it is if that is known to be nothing."""
+    """The same with no growth of these *parameters* beyond the calibration's terms, or of any: the
+    others' covariance, given that this growth is zero."""
     terms = baseline.model.terms
     still = {i for i in baseline.growth if parameters is None or terms[i].parameter in parameters}
     if not still:

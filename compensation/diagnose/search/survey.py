@@ -58,15 +58,16 @@ class Survey:
         self.parted: PartedSurvey | None = None
 
     def fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
-        """A fit that starts where *before* ended."""
+        """A fit that starts where *before* ended, of the same model under test."""
         findings = select_with_causes(findings)
         amplitudes_of = {}
         if before is not None:
             amplitudes_of = dict(zip(map(id, before.findings), before.amplitudes, strict=True))
         start = [amplitudes_of.get(id(c), np.zeros(len(c.columns))) for c in findings]
-        model = self.baseline.model if before is None else before.model
+        baseline = self.baseline if before is None else before.baseline
+        model = baseline.model if before is None else before.model
         noise = None if before is None else before.noise
-        about = self.facts, self.rests, self.arm, self.baseline, model
+        about = self.facts, self.rests, self.arm, baseline, model
         return fit_by_turns(*about, findings, start, noise_extra=self._steady, noise=noise)
 
     def prune(self, current: Fit) -> Fit:
@@ -81,15 +82,14 @@ class Survey:
 
     def fit_steps(self, first: Fit, last: Fit) -> list[Fit]:
         """With none, the first, the first two … of the *last* fit's findings: with none the
-        *first*, with all the *last*."""
+        *first*, with all the *last*; the *last* alone if it has none."""
         if not last.findings:
             return [last]
-        self.baseline = last.baseline
         between = range(1, len(last.findings))
         return [first, *(self.fit(last.findings[:i], last) for i in between), last]
 
     def score(self, current: Fit) -> ScoredCandidates:
-        """The whole catalogue against what is left; where it is another one it is counted."""
+        """The whole catalogue against what is left. Sets `tests` where the candidates changed."""
         candidates, refused = self.refusals.candidates, self.refusals.places
         counted = self._sought is not None and self._sought[0] is candidates
         if self._sought is None or not counted:

@@ -102,17 +102,17 @@ WAYS = {
     "a write": (
         hold_a_joint,
         {"torque_off": True},
-        "IDLE BLOCKED BLOCKED BYTES BLOCKED RELEASED IDLE SENT ASKED",
+        "IDLE PAUSED BLOCKED BYTES BLOCKED RELEASED IDLE SENT ASKED",
     ),
     "an identity that the line does not take": (
         from_the_start(refusals=1),
         {},
-        "CLOSED OPENED IDLE BLOCKED BLOCKED RELEASED IDLE SENT ASKED",
+        "CLOSED OPENED IDLE PAUSED BLOCKED RELEASED IDLE SENT ASKED",
     ),
     "a cycle that the line does not take": (
         when(3, refusals=2),
         {},
-        f"{CYCLE} BLOCKED BLOCKED OVER BLOCKED RELEASED IDLE SENT ASKED",
+        f"{CYCLE} PAUSED BLOCKED OVER BLOCKED RELEASED IDLE SENT ASKED",
     ),
     "bytes that nobody asked for": (
         when(3, say=(b"?", 5)),
@@ -127,7 +127,7 @@ WAYS = {
     "the port breaks after a write": (
         hold_a_joint_and_break,
         {"torque_off": True},
-        "IDLE BLOCKED BLOCKED BYTES BLOCKED LOST CLOSED OPENED IDLE SENT ASKED",
+        "IDLE PAUSED BLOCKED BYTES BLOCKED LOST CLOSED OPENED IDLE SENT ASKED",
     ),
     "the port breaks before an answer": (
         when(3, break_off=(0.5,)),

@@ -1,8 +1,8 @@
 """Noise units of an error of the angles planted into a real robot's readings.
 
 Nobody knows such a robot's noise: it is taken for what a fit of constants and poses alone leaves of
-the readings before anything was planted, whatever else the robot does with it. So a cause that is
-due is due all the more for a model that knows more. The chain is the outsider's.
+the readings before anything was planted, with whatever else is wrong with the robot. So units are
+underestimated, never over. The chain is the outsider's.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MEASURED = ("x_mm", "y_mm", "z_mm")  # of a tracker; seats are held, and nobody 
 
 
 def compute_noise_units(arm: Path, before: Rows, diagnosed: Rows, joint: int, error: F64) -> float:
-    """Of *error* (rad), by which the encoder of *joint* shows too much in each diagnosed reading;
+    """Noise units of *error* (rad), which the encoder of *joint* adds in each diagnosed reading;
     *before* and *diagnosed* are the readings without it."""
     table, rows = _read_table(arm), [*before, *diagnosed]
     q = np.array([[float(r[f"q{k + 1}"]) for k in range(len(table.d))] for r in rows])

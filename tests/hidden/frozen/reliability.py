@@ -3,8 +3,8 @@
 Over the answers to frozen cases, which are taken from the cache or run: the probability of a cause
 and of a set against the share that is right, the interval of a size against what was planted, and
 the held-out error and gain that were promised against what sessions show that took no part. A
-finding is right if it is a planted cause's name at its place, or true of how it was measured; a
-set if all its findings are right and no due cause is missing, with the product of its findings'
+finding is right if it names a planted cause at its place, or is true of how it was measured; a set
+is right if all its findings are and no due cause is missing, and has the product of its findings'
 probabilities. Planted into real robots, whose other errors nobody knows, is left out.
 """
 
@@ -65,7 +65,8 @@ def main() -> int:
 
 def make_tables(answers: Sequence[Answer]) -> Iterator[str]:
     """Yield the lines of all tables."""
-    yield f"{len(answers)} cases\n"
+    refused = sum(bool(ran.refused) for _, ran in answers)
+    yield f"{len(answers)} cases, of which {refused} were refused\n"
     causes = [claim for answer in answers for claim in list_causes(*answer)]
     sets = [claim for answer in answers for claim in list_sets(*answer)]
     for title, claims in (("causes", causes), ("sets", sets)):
@@ -105,7 +106,7 @@ def list_sizes(truth: Truth, ran: Ran) -> Iterator[bool]:
         return
     for words, cause in zip(truth.words.split(": ")[-1].split(" + "), truth.causes, strict=False):
         planted = words.rpartition(" ")[2]
-        findings = [f for f in ran.findings if is_name(cause, f)]
+        findings = [f for f in ran.findings if is_name(cause, f) and not _is_curve(f)]
         if cause.cause in SIZES and findings and _is_number(planted):
             size, uncertainty = _amplitude(findings[0])
             missed = size - abs(float(planted)) * SIZES[cause.cause]
@@ -129,12 +130,18 @@ def list_gains(truth: Truth, ran: Ran) -> Iterator[bool]:
 
 
 def _amplitude(finding: Mapping[str, Any]) -> tuple[float, float]:
-    """Of a size with one or two components, and its standard uncertainty."""
-    fitted = [one for one in finding["parameters"] if one["standard_uncertainty"] is not None]
+    """Of a size with one or two components, and its standard uncertainty; what is scanned, as an
+    order, has none."""
+    fitted = [one for one in finding["parameters"] if one["standard_uncertainty"]]
     values = np.array([one["value"] for one in fitted])
     uncertainties = np.array([one["standard_uncertainty"] for one in fitted])
     size = float(np.linalg.norm(values))
     return size, float(np.linalg.norm(values * uncertainties) / size)
+
+
+def _is_curve(finding: Mapping[str, Any]) -> bool:
+    """Whether its size is the RMS of a curve, no amplitude."""
+    return any(one["name"] == "rms" for one in finding["parameters"])
 
 
 def _is_number(text: str) -> bool:

@@ -28,8 +28,8 @@ def finding(cause: Cause, probability: float, *sizes: tuple[float, float]) -> di
     return {
         "cause": cause.cause, "location": cause.location, "probability": probability,
         "depends_on": list(cause.variables), "in_extended_calibration": True,
-        "parameters": [{"value": v, "standard_uncertainty": u} for v, u in sizes]
-        + [{"value": 4, "standard_uncertainty": None}],
+        "parameters": [{"name": "sin", "value": v, "standard_uncertainty": u} for v, u in sizes]
+        + [{"name": "order", "value": 4, "standard_uncertainty": 0.0}],
         "gain": {"interval_um": [1.0, 2.0]},
     }  # fmt: skip
 
