@@ -106,7 +106,7 @@ def list_sizes(truth: Truth, ran: Ran) -> Iterator[bool]:
         return
     for words, cause in zip(truth.words.split(": ")[-1].split(" + "), truth.causes, strict=False):
         planted = words.rpartition(" ")[2]
-        findings = [f for f in ran.findings if is_name(cause, f) and not _is_curve(f)]
+        findings = [f for f in ran.findings if is_name(cause, f) and _has_amplitude(f)]
         if cause.cause in SIZES and findings and _is_number(planted):
             size, uncertainty = _amplitude(findings[0])
             missed = size - abs(float(planted)) * SIZES[cause.cause]
@@ -121,7 +121,7 @@ def list_promises(truth: Truth, ran: Ran) -> Iterator[float]:
 
 def list_gains(truth: Truth, ran: Ran) -> Iterator[bool]:
     """Yield whether one finding's interval of its gain holds what later sessions gain."""
-    written = [f for f in ran.findings if f["in_extended_calibration"]]
+    written = [f for f in ran.findings if f.get("in_extended_calibration")]
     known = ran.before_um is not None and ran.after_um is not None
     if len(written) == 1 and len(ran.findings) == 1 and known and not truth.holdout_given:
         assert ran.before_um is not None and ran.after_um is not None
@@ -130,18 +130,24 @@ def list_gains(truth: Truth, ran: Ran) -> Iterator[bool]:
 
 
 def _amplitude(finding: Mapping[str, Any]) -> tuple[float, float]:
-    """Of a size with one or two components, and its standard uncertainty; what is scanned, as an
-    order, has none."""
-    fitted = [one for one in finding["parameters"] if one["standard_uncertainty"]]
+    """Of a size with one or two components, and its standard uncertainty."""
+    fitted = _list_fitted(finding)
     values = np.array([one["value"] for one in fitted])
     uncertainties = np.array([one["standard_uncertainty"] for one in fitted])
     size = float(np.linalg.norm(values))
     return size, float(np.linalg.norm(values * uncertainties) / size)
 
 
-def _is_curve(finding: Mapping[str, Any]) -> bool:
-    """Whether its size is the RMS of a curve, no amplitude."""
-    return any(one["name"] == "rms" for one in finding["parameters"])
+def _list_fitted(finding: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Its fitted parameters; one that was scanned, as an order, has no uncertainty."""
+    return [one for one in finding["parameters"] if one["standard_uncertainty"]]
+
+
+def _has_amplitude(finding: Mapping[str, Any]) -> bool:
+    """Whether its size is one amplitude: no RMS of a curve, no polynomial."""
+    fitted = _list_fitted(finding)
+    one_unit = len({one["unit"] for one in fitted}) == 1
+    return one_unit and all(one["name"] != "rms" for one in fitted)
 
 
 def _is_number(text: str) -> bool:

@@ -25,12 +25,14 @@ TRUTH = Truth(
 
 
 def finding(cause: Cause, probability: float, *sizes: tuple[float, float]) -> dict[str, object]:
+    fitted = [
+        {"name": "sin", "unit": "rad", "value": v, "standard_uncertainty": u} for v, u in sizes
+    ]
+    scanned = {"name": "order", "value": 4, "standard_uncertainty": 0.0}
     return {
         "cause": cause.cause, "location": cause.location, "probability": probability,
         "depends_on": list(cause.variables), "in_extended_calibration": True,
-        "parameters": [{"name": "sin", "value": v, "standard_uncertainty": u} for v, u in sizes]
-        + [{"name": "order", "value": 4, "standard_uncertainty": 0.0}],
-        "gain": {"interval_um": [1.0, 2.0]},
+        "parameters": [*fitted, scanned], "gain": {"interval_um": [1.0, 2.0]},
     }  # fmt: skip
 
 
