@@ -57,8 +57,10 @@ def test_a_case_is_drawn_alike_each_time(kind: str, tmp_path: Path) -> None:
 
 
 def test_what_is_recorded_is_of_cases_that_there_are() -> None:
-    for cases in read_recorded().values():
-        assert set(cases) == {case.name for case in wanted_cases()}
+    every = {case.name for case in wanted_cases()}
+    recorded = [set(cases) for cases in read_recorded().values()]
+    assert all(names <= every for names in recorded)  # of a seed drawn to confirm, some of each kind
+    assert every in recorded
 
 
 def test_a_case_that_is_not_recorded_is_no_other_case(tmp_path: Path) -> None:
