@@ -59,7 +59,7 @@ def test_a_case_is_drawn_alike_each_time(kind: str, tmp_path: Path) -> None:
 def test_what_is_recorded_is_of_cases_that_there_are() -> None:
     every = {case.name for case in wanted_cases()}
     recorded = [set(cases) for cases in read_recorded().values()]
-    assert all(names <= every for names in recorded)  # of a seed drawn to confirm, some of each kind
+    assert all(names <= every for names in recorded)  # some of each kind where a seed confirms
     assert every in recorded
 
 
