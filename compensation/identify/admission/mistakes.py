@@ -78,22 +78,18 @@ class Guess:
     observations: Observations
 
 
-def compute_misses_mm(
-    observations: Observations, model: AssumedModel, roughly: bool = False
-) -> F64:
+def compute_misses_mm(observations: Observations, model: AssumedModel) -> F64:
     """(P,) how far readings miss, at the target of each placement where they miss most.
 
     At a target the median counts: one reading gone wrong says nothing of the session. NaN for a
-    placement of fewer than `LEAST_READINGS`. *roughly*: as in `fit_robust_poses`.
+    placement of fewer than `LEAST_READINGS`.
     """
-    return _find_largest_misses(observations, model.tip_mm(observations), roughly)
+    return _find_largest_misses(observations, model.tip_mm(observations))
 
 
-def compute_largest_miss_mm(
-    observations: Observations, model: AssumedModel, roughly: bool = False
-) -> float:
+def compute_largest_miss_mm(observations: Observations, model: AssumedModel) -> float:
     """The same in the placement where it is largest; 0 where no placement has enough readings."""
-    return float(np.nanmax(compute_misses_mm(observations, model, roughly), initial=0.0))
+    return float(np.nanmax(compute_misses_mm(observations, model), initial=0.0))
 
 
 def find_best_guess(observations: Observations, model: AssumedModel) -> tuple[Guess, float] | None:
@@ -106,7 +102,7 @@ def find_best_guess(observations: Observations, model: AssumedModel) -> tuple[Gu
     moves = measure_joint_motion(observations.states.q)
     explaining = []
     for guess in _make_guesses(observations, model):
-        after = compute_largest_miss_mm(guess.observations, model, roughly=True)
+        after = compute_largest_miss_mm(guess.observations, model)
         moves_then = measure_joint_motion(guess.observations.states.q)
         if after < EXPLAINED * before and after * moves < EXPLAINED * before * moves_then:
             explaining.append((guess, after))
@@ -142,15 +138,13 @@ def find_wrong_length_unit(observations: Observations, model: AssumedModel) -> s
     return ""
 
 
-def _find_largest_misses(
-    observations: Observations, position_mm: F64, roughly: bool = False
-) -> F64:
+def _find_largest_misses(observations: Observations, position_mm: F64) -> F64:
     is_finite = np.isfinite(position_mm[:, 0])
     largest = np.full(len(observations.placement_names), np.nan)
     if not is_finite.any():
         return largest
     observations, position_mm = observations.rows(is_finite), position_mm[is_finite]
-    _, distance = fit_robust_poses(observations, position_mm, roughly)
+    _, distance = fit_robust_poses(observations, position_mm)
     for placement in np.unique(observations.placement):
         in_placement = observations.placement == placement
         if in_placement.sum() < LEAST_READINGS:
