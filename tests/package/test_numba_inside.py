@@ -176,7 +176,7 @@ PLAIN = """
 import sys
 import numpy as np
 from armd.compiled.jit import jit, inlined, unlocked
-from armd.daemon import ahead
+from armd.compiled import ahead
 
 @inlined
 def half(x):
