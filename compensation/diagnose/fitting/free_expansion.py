@@ -12,6 +12,7 @@ readings show of it is named once all else is found.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
@@ -20,7 +21,10 @@ from scipy.linalg import block_diag
 
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import EVENLY, STANDS_OUT
-from armd.compensation.diagnose.fitting.expansions import compute_growth_mm_per_k
+from armd.compensation.diagnose.fitting.expansions import (
+    compute_growth_mm_per_k,
+    has_thermal_model,
+)
 from armd.compensation.diagnose.problem.baseline import compute_root
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.identify.thermal.temperatures import MOST_SPAN_K
@@ -65,22 +69,16 @@ def open_growth(baseline: Baseline, arm: Arm) -> Baseline:
 def _list_guessed(baseline: Baseline, arm: Arm) -> tuple[int, ...]:
     """Of the calibration's own terms, the growth of lengths whose sensors stayed at one temperature
     while it was made."""
-    ranges = baseline.calibration.temperature_range_c
+    terms, ranges = baseline.model.terms, baseline.calibration.temperature_range_c
     growing = {term.parameter for term in make_length_terms(arm, [1])}
-    orders: dict[str, list[int]] = {}
-    linear: dict[str, int] = {}
-    for i, term in enumerate(baseline.model.terms):
-        for factor in term.basis:
-            if isinstance(factor, Temperature):
-                orders.setdefault(term.parameter, []).append(factor.order)
-        if i in baseline.terms and term.parameter in growing and _is_plain(term, ranges):
-            linear[term.parameter] = i
+    thermal = Counter(term.parameter for term in terms if has_thermal_model([term]))
     return tuple(
         i
-        for parameter, i in linear.items()
-        if orders[parameter] == [1]
-        and max(high - low for _, (low, high) in _weighted(baseline, baseline.model.terms[i]))
-        <= MOST_SPAN_K
+        for i in baseline.terms
+        if terms[i].parameter in growing
+        and thermal[terms[i].parameter] == 1
+        and _is_plain(terms[i], ranges)
+        and max(high - low for _, (low, high) in _weighted(baseline, terms[i])) <= MOST_SPAN_K
     )
 
 
@@ -109,8 +107,9 @@ def drop_growth(baseline: Baseline, parameters: Collection[str] | None = None) -
     # Directions of the root in which they do not grow.
     _, sizes, directions = np.linalg.svd(baseline.root[rows])
     remaining_root = baseline.root[remaining_rows] @ directions[int((sizes > 0.0).sum()) :].T
-    calibrated = range(len(baseline.calibration.terms))  # they stay, with their coefficients
-    remaining_terms = [i for i in range(len(terms)) if i not in still or i in calibrated]
+    # The calibration's own stay, with their coefficients.
+    n_own = len(baseline.calibration.terms)
+    remaining_terms = [i for i in range(len(terms)) if i not in still or i < n_own]
     return replace(
         baseline,
         model=replace(baseline.model, terms=tuple(terms[i] for i in remaining_terms)),
@@ -142,8 +141,8 @@ def report_growth(baseline: Baseline) -> list[str]:
 
 def explain_missing_growth(baseline: Baseline) -> str:
     """Why a calibration could not know the growth that is open, in a sentence."""
-    within, calibrated = _widest_k(baseline), range(len(baseline.calibration.terms))
-    guessed = [baseline.model.terms[i] for i in baseline.growth if i in calibrated]
+    within, n_own = _widest_k(baseline), len(baseline.calibration.terms)
+    guessed = [baseline.model.terms[i] for i in baseline.growth if i < n_own]
     if guessed:
         spans = [high - low for term in guessed for _, (low, high) in _weighted(baseline, term)]
         return (
@@ -160,11 +159,7 @@ def explain_missing_growth(baseline: Baseline) -> str:
 
 def _without_a_term(baseline: Baseline, arm: Arm) -> list[Term]:
     """Of the terms by which lengths may grow, those that the calibration has none for."""
-    modelled = {
-        term.parameter
-        for term in baseline.model.terms
-        if any(isinstance(factor, Temperature) for factor in term.basis)
-    }
+    modelled = {t.parameter for t in baseline.model.terms if has_thermal_model([t])}
     ranges = baseline.calibration.temperature_range_c
     if not arm.used_sensors or not set(arm.used_sensors) <= set(ranges):
         return []
