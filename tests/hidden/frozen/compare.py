@@ -57,13 +57,7 @@ def main() -> int:
     cases, folder = wanted_cases(args.kinds, args.cases), CACHE / str(args.seed)
     if not cases:
         sys.exit(f"armd: --kinds: found {args.kinds!r}, expected patterns of kinds: see --list")
-    drawn = draw_missing(cases, args.seed, folder, args.workers)
-    differing = differing_from_record(args.seed, drawn)
-    if differing:
-        sys.exit(f"armd: {folder}: {differing[0]} is not as {CHECKSUMS.name} has it; "
-                 f"make hidden-freeze SEED={args.seed} ANEW=1")  # fmt: skip
-    read = {case.name: digest(folder / case.name, truth=False) for case in cases}
-    answers = [find_answers(one, cases, folder, read, args.workers) for one in revisions]
+    answers = find_answers(revisions, cases, args.seed, args.workers)
     scores = [
         {case: score(read_truth(folder / case.name), each[case.name]) for case in cases}
         for each in answers
@@ -73,6 +67,20 @@ def main() -> int:
 
 
 def find_answers(
+    revisions: list[Revision], cases: list[Wanted], seed: int, workers: int
+) -> list[dict[str, Ran]]:
+    """What each revision answers to the cases of a seed, by the case's name; the cases are drawn
+    where they are missing. Raises `SystemExit` for one that is not as recorded."""
+    folder = CACHE / str(seed)
+    differing = differing_from_record(seed, draw_missing(cases, seed, folder, workers))
+    if differing:
+        sys.exit(f"armd: {folder}: {differing[0]} is not as {CHECKSUMS.name} has it; "
+                 f"make hidden-freeze SEED={seed} ANEW=1")  # fmt: skip
+    digests = {case.name: digest(folder / case.name, truth=False) for case in cases}
+    return [_find_answers(one, cases, folder, digests, workers) for one in revisions]
+
+
+def _find_answers(
     revision: Revision,
     cases: list[Wanted],
     folder: Path,

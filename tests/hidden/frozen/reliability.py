@@ -18,9 +18,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from hidden.frozen.case import Truth, digest, read_truth
+from hidden.frozen.case import Truth, read_truth
 from hidden.frozen.compare import find_answers
-from hidden.frozen.freeze import CACHE, ROOT, draw_missing, wanted_cases
+from hidden.frozen.freeze import CACHE, ROOT, wanted_cases
 from hidden.frozen.revision import check_out, commit_of
 from hidden.frozen.run import Ran
 from hidden.frozen.score import find_relation, is_name, score
@@ -54,11 +54,9 @@ def main() -> int:
     revision = check_out(ROOT, commit_of(ROOT, args.head), CACHE / "revisions")
     answers: list[Answer] = []
     for seed in (int(one) for one in args.seeds.split(",")):
-        cases, folder = wanted_cases(most=args.cases), CACHE / str(seed)
-        draw_missing(cases, seed, folder, args.workers)
-        digests = {case.name: digest(folder / case.name, truth=False) for case in cases}
-        ran = find_answers(revision, cases, folder, digests, args.workers)
-        answers += [(read_truth(folder / case.name), ran[case.name]) for case in cases]
+        cases = wanted_cases(most=args.cases)
+        (ran,) = find_answers([revision], cases, seed, args.workers)
+        answers += [(read_truth(CACHE / str(seed) / c.name), ran[c.name]) for c in cases]
     print("\n".join(make_tables([one for one in answers if one[0].count_foreign])))
     return 0
 
