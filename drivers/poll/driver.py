@@ -225,6 +225,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
 
     def close(self) -> None:
         self._follow(LineEvent.LOST)
+        self._answers.take()  # no bytes of this connection among the next one's
         super().close()
 
     def _hang_up(self) -> None:
@@ -234,10 +235,11 @@ class ServoDriver(SerialShell[ServoDecoder]):
     # --- bytes -----------------------------------------------------------------------------
 
     def _received(self, port: serial.Serial, data: bytes) -> list[Item]:
-        clock, sent = self._time.now(), None
+        clock, sent, is_full = self._time.now(), None, False
         if self._next is not None and self._answers.are_completed_by(data, self._exchange):
             # The line waits for this: all else can be done while the next answers come.
             sent = self._write(port, self._ahead)
+            is_full = sent is None
             if self._pause_s:
                 time.sleep(self._pause_s)
         self._follow(LineEvent.BYTES)
@@ -254,6 +256,9 @@ class ServoDriver(SerialShell[ServoDecoder]):
             return []
         self._follow(LineEvent.COMPLETE)
         self._answers.note_complete(exchange)
+        if is_full:  # a part of a packet is on it: another one must not follow at once
+            self._block(clock[0])
+            self._next = None
         items = self._ask_next(port, exchange, sent, clock[0])
         if self._decoder.exchange is exchange:  # else the next request has closed it
             items += self._close_exchange()
@@ -267,7 +272,8 @@ class ServoDriver(SerialShell[ServoDecoder]):
         request, self._next = self._next, None
         if request is None:
             self._plan.ended(exchange, exchange.complete, now_ns)
-            return self._send_due(port, now_ns) if exchange.is_cycle else []
+            may_send = exchange.is_cycle and self._state is LineState.ANSWERED
+            return self._send_due(port, now_ns) if may_send else []
         items = self._note_sent(sent) if sent else self._ask(port, request)
         self._plan.ended(exchange, exchange.complete, now_ns)
         self._plan.note_sent(request, now_ns)

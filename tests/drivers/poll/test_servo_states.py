@@ -110,7 +110,7 @@ WAYS = {
         "CLOSED OPENED IDLE PAUSED BLOCKED RELEASED IDLE SENT ASKED",
     ),
     "a cycle that the line does not take": (
-        when(3, refusals=2),
+        when(3, refusals=1),
         {},
         f"{CYCLE} PAUSED BLOCKED OVER BLOCKED RELEASED IDLE SENT ASKED",
     ),
@@ -159,21 +159,35 @@ def test_the_driver_takes_this_way(line, followed, name):
 
 
 def test_a_request_chosen_ahead_goes_out_before_the_answers_are_decoded(line, followed):
-    """Unless the line takes it only at the second try; the way through the table is the same."""
+    """Unless the line takes a part of it only: then nothing follows that part at once."""
     driver = line.driver()
-    noted_last = []
+    noted_last, sent_ns = [], []
 
     def note_last_frame(number):
         noted_last.extend(frame.direction for frame in driver.take_raw()[-1:])
+        sent_ns.append(line.now_ns)
         line.refusals = number == 5
 
     line.on_request = note_last_frame
     while line.n_requests < 10:
         driver.read(0.02)
-    assert noted_last == ["link", "link", "tx", "tx", "tx", "tx", "rx", "tx", "tx", "tx"]
+    assert noted_last == ["link", "link", "tx", "tx", "tx", "tx", "link", "tx", "tx", "tx"]
+    assert sent_ns[6] - sent_ns[5] > poll_driver.WRITE_NS > 3 * (sent_ns[5] - sent_ns[4])
     assert driver.counters["unsent"] == 1 and driver.counters["lost"] == 0
     row = LineState.ANSWERED, LineEvent.SENT
-    assert followed.path.count(row) == 8
+    assert followed.path.count(row) == 7
+
+
+def test_bytes_of_a_closed_connection_are_not_among_the_next_one_s(line, followed):
+    when(3, answer_bytes=9)(line)
+    driver = line.driver()
+    for _ in range(1000):
+        if line.n_requests == 4 and driver._answers._bytes:
+            break
+        driver.read(0.0005)
+    assert driver._answers._bytes
+    driver.close()
+    assert driver._answers.take() == []
 
 
 def test_closed_before_it_was_opened(line, followed):
