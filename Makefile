@@ -10,7 +10,7 @@ SCRIPT := PYTHONPATH=tests $(BIN)/python
 # Hundreds of tests start a process each; without these files each would compile all of armd
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-reliability hidden-sweep hidden-predictive outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-reliability hidden-ablation hidden-sweep hidden-predictive outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
 .PHONY: develop notebooks docs
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # A command, and after it what it did and the seconds it took: $(call timed,WHAT,COMMAND)
@@ -164,6 +164,12 @@ hidden-compare: develop
 hidden-reliability: develop
 	$(FROZEN)reliability --seeds "$(or $(SEEDS),421)" --head "$(or $(HEAD),HEAD)" \
 	    $(if $(CASES_ASKED),--cases $(CASES_ASKED))
+
+# What each rule of the diagnosis is good for: the frozen cases in which it changes something, without
+# it. make hidden-ablation SEEDS=421,301126 [CASES=2] [ABLATION_ARGS="--most 8"]
+hidden-ablation: develop
+	$(FROZEN)ablation --seeds "$(or $(SEEDS),421)" \
+	    $(if $(CASES_ASKED),--cases $(CASES_ASKED)) $(ABLATION_ARGS)
 
 # Cases of a generator that shares nothing with armd, n of each kind, through the commands:
 # make outsider CASES=2 SEED=7

@@ -1,0 +1,264 @@
+"""`make hidden-ablation SEEDS=421,… [CASES=n]`: what each rule of the diagnosis is good for.
+
+The frozen cases are diagnosed once with all rules watched, and those in which a rule changed
+something once more without it. An answer is better if more of what is due is named, or less that is
+foreign; where names are equal, if the model that is written errs by over 2 % less on further
+readings. `--most` bounds how many cases are run without a rule, drawn by a seed of its own. Answers
+are kept under .cache/hidden/ablation by commit, so that a run which was stopped goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import multiprocessing
+import os
+import resource
+import shutil
+import sys
+import tempfile
+import time
+import zlib
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from hidden.frozen.case import read_truth, sessions
+from hidden.frozen.freeze import CACHE, ROOT, wanted_cases
+from hidden.frozen.revision import commit_of
+from hidden.frozen.rules import RULES
+from hidden.frozen.run import Ran, read_answer
+from hidden.frozen.score import WORSE, score
+from hidden.frozen.switches import Rule, switch_off, watch
+
+MOST_S = 900
+DRAWN_BY = 44
+
+
+@dataclass(frozen=True)
+class Task:
+    case: Path
+    rule: str  # "": none is off, and all are watched
+    kept: Path  # the folder of this rule's answers
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a diagnosis answered, and how often each rule changed something."""
+
+    ran: Ran
+    changed: Mapping[str, int]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", default="421", help="of frozen cases, separated by commas")
+    parser.add_argument("--kinds", default="*", help="patterns, separated by commas")
+    parser.add_argument("--cases", type=int, help="of each kind at most")
+    parser.add_argument("--most", type=int, default=20, help="cases without a rule at most")
+    parser.add_argument("--rules", nargs="*", help="their names; without, all")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    args = parser.parse_args()
+    kept = CACHE / "ablation" / commit_of(ROOT, "HEAD")[:12]
+    cases = [
+        CACHE / seed / wanted.name
+        for seed in args.seeds.split(",")
+        for wanted in wanted_cases(args.kinds, args.cases)
+        if (CACHE / seed / wanted.name).exists()
+    ]
+    whole = find_answers([Task(case, "", kept) for case in cases], args.workers)
+    with_all = {task.case: answer for task, answer in whole.items()}
+    rules = [rule for rule in RULES if not args.rules or rule.name in args.rules]
+    tasks = [
+        Task(case, rule.name, kept)
+        for rule in rules
+        for case in draw_cases(rule, with_all, args.most)
+    ]
+    without = find_answers(tasks, args.workers)
+    for line in make_table(rules, with_all, without):
+        print(line)
+    return 0
+
+
+def draw_cases(rule: Rule, with_all: Mapping[Path, Answer], most: int) -> list[Path]:
+    """Of the cases in which a rule changed something, at most so many."""
+    changed = [case for case, one in with_all.items() if rule.always or one.changed.get(rule.name)]
+    rng = np.random.default_rng([DRAWN_BY, zlib.crc32(rule.name.encode())])
+    return [changed[i] for i in sorted(rng.permutation(len(changed))[:most])]
+
+
+def find_answers(tasks: Sequence[Task], workers: int) -> dict[Task, Answer]:
+    """Each task's answer, taken from the cache or run."""
+    missing = [task for task in tasks if not _file(task).exists()]
+    if missing:
+        _import_all()
+        began = time.monotonic()
+        with multiprocessing.get_context("fork").Pool(workers, maxtasksperchild=1) as pool:
+            for i, task in enumerate(pool.imap_unordered(_run, missing), 1):
+                left = (time.monotonic() - began) / i * (len(missing) - i) / 60
+                print(f"\r{i} of {len(missing)}, {left:.0f} min left, {task.case.name:14s} "
+                      f"{task.rule[:40]:40s}", end="", file=sys.stderr, flush=True)  # fmt: skip
+        print(file=sys.stderr)
+    return {task: _read(_file(task)) for task in tasks}
+
+
+def _file(task: Task) -> Path:
+    return task.kept / f"{task.case.parent.name}-{task.case.name}" / f"{_key(task.rule)}.json"
+
+
+def _key(rule: str) -> str:
+    return "".join(c if c.isalnum() else "-" for c in rule) or "all"
+
+
+def _read(path: Path) -> Answer:
+    data = json.loads(path.read_text(encoding="utf-8"))
+    return Answer(Ran(**data["ran"]), data["changed"])
+
+
+def _import_all() -> None:
+    """Import what a diagnosis imports, so that a forked process need not."""
+    import armd.compensation.diagnose.diagnose
+    import armd.daemon.commands.offline.calibrate
+    import armd.daemon.commands.offline.diagnose
+    import armd.daemon.commands.offline.evaluate  # noqa: F401
+
+
+def _run(task: Task) -> Task:
+    """In a process of its own: what is switched off stays off."""
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S + 5))
+    _import_all()
+    given = _calibrated(task)
+    counts: Counter[str] = Counter()
+    if task.rule:
+        switch_off(next(rule for rule in RULES if rule.name == task.rule))
+    else:
+        watch(RULES, counts)
+    ran = _diagnosed(task.case, given)
+    path = _file(task)
+    part = path.with_suffix(f".{os.getpid()}")
+    part.write_text(json.dumps({"ran": asdict(ran), "changed": dict(counts)}), encoding="utf-8")
+    part.replace(path)
+    return task
+
+
+def _calibrated(task: Task) -> Path:
+    """The case's calibration, made once, with all rules; where none can be made, what was said."""
+    folder = _file(task).parent
+    folder.mkdir(parents=True, exist_ok=True)
+    given, truth = folder / "given.json", read_truth(task.case)
+    if not given.exists():
+        with _inside(task.case):
+            here = Path()
+            before, diagnosed = sessions(here, "before"), sessions(here, "session")
+            made = here / "given.json"
+            if truth.given == "diagnose":
+                _armd("diagnose", *before, "--arm", "arm.toml", "--json", "first.json",
+                      "--extended", str(made))  # fmt: skip
+            else:
+                _armd("calibrate", *(before or diagnosed), "--arm", "arm.toml", "-o", str(made))
+            part = given.with_suffix(f".{os.getpid()}")
+            shutil.copy(made if made.exists() else "output.txt", part)
+            part.replace(given)
+    return given
+
+
+def _diagnosed(case: Path, given: Path) -> Ran:
+    truth = read_truth(case)
+    if not (said := given.read_text(encoding="utf-8")).startswith("{"):
+        return Ran(refused=said)
+    with _inside(case):
+        here = Path()
+        shutil.copy(given, "given.json")
+        further = sessions(here, "further")
+        words = ["diagnose", *sessions(here, "session"), "--arm", "arm.toml"]
+        words += ["--calibration", "given.json"] if truth.given else []
+        words += ["--holdout", *further] if truth.holdout_given else []
+        words += ["--json", "diagnosis.json", "--extended", "extended.json"]
+        began = time.process_time()
+        if code := _armd(*words):
+            said = Path("output.txt").read_text(errors="replace")[-1500:]
+            return Ran(refused=said, failed=code != 2)
+        spent = time.process_time() - began
+        for name in ("given", "extended"):
+            if Path(f"{name}.json").exists():
+                _armd("evaluate", *further, "--arm", "arm.toml", "--calibration", f"{name}.json",
+                      "--json", f"{name}-error.json")  # fmt: skip
+        return read_answer(here, spent)
+
+
+@contextlib.contextmanager
+def _inside(case: Path) -> Iterable[None]:
+    """In a copy of a case, without its truth."""
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory(prefix="armd-ablation-") as made:
+        shutil.copytree(case, made, dirs_exist_ok=True,
+                        ignore=shutil.ignore_patterns("truth.json"))  # fmt: skip
+        os.chdir(made)
+        try:
+            yield
+        finally:
+            os.chdir(before)
+
+
+def _armd(*words: str) -> int:
+    """Run a command of armd in this process, what it says in output.txt; its exit code."""
+    from armd.daemon.cli import main as armd
+
+    with (
+        Path("output.txt").open("w") as out,
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(out),
+    ):
+        return int(armd(list(words)))
+
+
+def make_table(
+    rules: Sequence[Rule], with_all: Mapping[Path, Answer], without: Mapping[Task, Answer]
+) -> list[str]:
+    """A row of each rule: in how many cases it changed something, in how many of those that were
+    run without it the answer is another, and in how many it is better and worse with it."""
+    lines = [f"{'rule':50s} {'changed':>7s} {'run':>4s} {'other':>5s} {'better':>6s} {'worse':>5s}"]
+    cases = {}
+    for rule in rules:
+        runs = {task.case: one for task, one in without.items() if task.rule == rule.name}
+        marks = {case: judge(case, with_all[case].ran, one.ran) for case, one in runs.items()}
+        changed = sum(rule.always or bool(one.changed.get(rule.name)) for one in with_all.values())
+        counted = Counter(marks.values())
+        lines.append(
+            f"{rule.name:50s} {changed:7d} {len(runs):4d} "
+            f"{counted['+'] + counted['-'] + counted['~']:5d} {counted['+']:6d} {counted['-']:5d}"
+        )
+        cases[rule.name] = {case: mark for case, mark in marks.items() if mark in "+-"}
+    for name, of_rule in cases.items():
+        for case, mark in of_rule.items():
+            truth = read_truth(case)
+            task = next(t for t in without if t.rule == name and t.case == case)
+            lines.append(f"{mark} {name}: {case.parent.name} {case.name}")
+            lines.append(f"     with: {score(truth, with_all[case].ran).answer}")
+            lines.append(f"  without: {score(truth, without[task].ran).answer}")
+    return lines
+
+
+def judge(case: Path, with_it: Ran, without: Ran) -> str:
+    """+ where the answer is better with the rule than without, - where worse, ~ where another,
+    and = where it is the same."""
+    truth = read_truth(case)
+    a, b = score(truth, with_it), score(truth, without)
+    by_names = (a.named - a.foreign - a.sure_and_wrong - a.failed) - (
+        b.named - b.foreign - b.sure_and_wrong - b.failed
+    )
+    if by_names:
+        return "+" if by_names > 0 else "-"
+    if with_it.after_um is not None and without.after_um is not None:
+        if without.after_um > WORSE * with_it.after_um:
+            return "+"
+        if with_it.after_um > WORSE * without.after_um:
+            return "-"
+    return "=" if a.answer == b.answer else "~"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,98 @@
+"""Rules of the diagnosis can be watched and switched off, and answers with and without compared."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hidden.frozen import switches
+from hidden.frozen.ablation import Answer, Task, draw_cases, judge, make_table
+from hidden.frozen.case import Cause, Truth, write_truth
+from hidden.frozen.rules import RULES
+from hidden.frozen.run import Ran
+from hidden.frozen.switches import Rule, is_other
+
+SCALE = {
+    "cause": "encoder_scale", "location": "joint 3", "probability": 0.99, "depends_on": ["q3"],
+}  # fmt: skip
+WITH = Ran((SCALE,), 10.0, 6.0)
+
+
+@pytest.fixture
+def case(tmp_path: Path) -> Path:
+    folder = tmp_path / "421" / "single-00"
+    folder.mkdir(parents=True)
+    cause = Cause("encoder_scale", "joint 3", 12.0, variables=("q3",))
+    write_truth(folder, Truth("single", 1, "encoder_scale joint 3 -6.5", (cause,)))
+    return folder
+
+
+def test_every_rule_can_be_watched_and_switched_off() -> None:
+    """In another process: what is switched off stays off."""
+    code = (
+        "from collections import Counter\n"
+        "from hidden.frozen import ablation, switches\n"
+        "from hidden.frozen.rules import RULES\n"
+        "ablation._import_all()\n"
+        "switches.watch(RULES, Counter())\n"
+        "for rule in RULES: switches.switch_off(rule)\n"
+        "from armd.compensation.diagnose.search import search, selection\n"
+        "assert search.fit_with_growth('any') is None  # of the module that imports it\n"
+        "assert selection.choose_shape('any') is None\n"
+        "assert search.Search._revisited('search', 'current') == 'current'\n"
+        "assert selection.MOST_RICHER == 0\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=Path(__file__).parents[2], capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert len({rule.name for rule in RULES}) == len(RULES)
+
+
+def test_a_watched_function_gives_what_it_gave_and_is_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from armd.compensation.effects import twist
+
+    original = twist.compute_outgoing
+    monkeypatch.setattr(twist, "compute_outgoing", original)  # and back after the test
+    counts: Counter[str] = Counter()
+    at = "effects.twist:compute_outgoing"
+    rule = Rule("turned", at, lambda _original, _alpha, _beta: None, here_only=True)
+    switches.watch([rule], counts)
+    assert twist.compute_outgoing(0.0, 0.0).tolist() == original(0.0, 0.0).tolist()
+    assert counts == {"turned": 1}
+
+
+def test_results_differ_by_value_where_they_have_one() -> None:
+    kept = object()
+    assert not is_other((kept, [1.0, "a"]), (kept, [1.0, "a"]))
+    assert is_other((kept,), (object(),))
+    assert is_other([kept], []) and is_other(True, False) and not is_other({}, {})
+
+
+def test_an_answer_is_better_by_names_then_by_the_written_model(case: Path) -> None:
+    nothing = replace(WITH, findings=(), after_um=10.0)
+    wrong = replace(WITH, findings=(SCALE, SCALE | {"location": "joint 5"}))
+    assert judge(case, WITH, nothing) == judge(case, WITH, wrong) == "+"
+    assert judge(case, nothing, WITH) == "-"
+    assert judge(case, WITH, replace(WITH, after_um=6.2)) == "+"
+    assert judge(case, WITH, replace(WITH, after_um=6.1)) == "~"
+    assert judge(case, WITH, WITH) == "="
+
+
+def test_the_table_counts_what_was_run_without_a_rule(case: Path) -> None:
+    rule = Rule("shapes")
+    with_all = {case: Answer(WITH, {"shapes": 3})}
+    assert draw_cases(rule, with_all, 5) == [case]
+    assert draw_cases(Rule("others"), with_all, 5) == []
+    without = {Task(case, "shapes", case): Answer(replace(WITH, after_um=7.0), {})}
+    head, row, *told = make_table([rule], with_all, without)
+    assert head.split()[1:] == ["changed", "run", "other", "better", "worse"]
+    assert row.split() == ["shapes", "1", "1", "1", "1", "0"]
+    assert told[0] == "+ shapes: 421 single-00"
