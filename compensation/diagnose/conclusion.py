@@ -23,12 +23,17 @@ from armd.compensation.diagnose.fitting.follow import follow_solution
 from armd.compensation.diagnose.fitting.free_expansion import report_growth
 from armd.compensation.diagnose.fitting.under_test import has_reflectors
 from armd.compensation.diagnose.heldout.gain import compute_gain, compute_gains, group_readings
+from armd.compensation.diagnose.heldout.later_gain import predict_later_gain
 from armd.compensation.diagnose.heldout.open_constants import keep_open_constants
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.search.work import WorkBudget
 from armd.compensation.diagnose.search_outcome import SearchOutcome
-from armd.compensation.estimate.observations import TURN_MM, collect_observations
+from armd.compensation.estimate.observations import (
+    TURN_MM,
+    Observations,
+    collect_observations,
+)
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import report_misnamed
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
@@ -42,6 +47,7 @@ class HeldoutJudgement:
 
     squares: Sequence[F64]  # (n,) mm² of each held-out reading, without findings and after each
     groups: I64
+    readings: Observations  # these
     gains: Sequence[Gain]
     written: ValidatedFindings
     outlying: I64  # numbers of rests
@@ -128,6 +134,9 @@ def make_diagnosis(
         written=written.numbers,
         written_rms_um=_compute_rms_um_pair(written, np.ones_like(is_used)),
         written_clear_um=None if is_used.all() else _compute_rms_um_pair(written, is_used),
+        later_gain_um=predict_later_gain(written.before, written.after, heldout.readings)
+        if written.numbers
+        else None,
         contradicted_later=written.contradicted_later,
         written_by=written.by,
         extended=extension,

@@ -114,6 +114,8 @@ SIGN_P = 0.01  # 1; most groups improve, beyond chance
 LEAST_GAIN_SHARE = 1e-6  # 1; less of the error is rounding, no gain
 MOST_SQUARES = 15.0  # usual squared residuals; what a gross error counts at most: six noise units
 MOST_WORSE = 0.02  # 1; gross errors move the error over all by less: beyond it a finding harms
+#: sessions; fewer do not tell how sessions scatter, and placements are asked
+LEAST_SCATTERED = 3
 CHANGED_PRIOR = 0.05  # 1; that an arm was no longer the same when the others were taken
 INTERVAL_TAIL = 0.025  # 1; below and above an interval of 95 %
 

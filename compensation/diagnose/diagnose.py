@@ -165,6 +165,7 @@ def _conclude_search(
         ]
         measured = compute_gains(squares, groups, np.ones(len(groups), dtype=bool))
     else:
+        readings = result.last.linear.rests.points
         checked = validate_in_turn(result, searched.parted, arm, progress, work)
         searched.parted = None
         squares, groups = checked.squares, checked.groups
@@ -172,7 +173,7 @@ def _conclude_search(
         drop_freed()
         progress("held out", HELD_OUT_BEGINS)
         written = validate_by_placement(result, arm, measured)
-    heldout = HeldoutJudgement(squares, groups, measured, written, outlying, outlier_p)
+    heldout = HeldoutJudgement(squares, groups, readings, measured, written, outlying, outlier_p)
     return make_diagnosis(searched, heldout, arm, holdout, remarks, work, command)
 
 

@@ -184,6 +184,7 @@ class Diagnosis:
     written: tuple[int, ...]  # findings in the extended calibration, by number
     written_rms_um: tuple[float, float]  # held out, without any and with these
     written_clear_um: tuple[float, float] | None  # the same without the outliers, if any are named
+    later_gain_um: tuple[float, float] | None  # 95 % of what these gain in another session
     contradicted_later: tuple[
         int, ...
     ]  # go with time and are not written: what came later contradicts

@@ -43,6 +43,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "noise_floor_um": diagnosis.noise_floor_um,
             "calibration_given": diagnosis.baseline.is_given,
             "heldout_rms_um_extended": diagnosis.written_rms_um[1],
+            "later_gain_um": diagnosis.later_gain_um and list(diagnosis.later_gain_um),
             "heldout_by": "session" if diagnosis.holdout else "placement, in turn",
         },
         "findings": findings,

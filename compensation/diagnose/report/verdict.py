@@ -63,6 +63,7 @@ def write_verdict(diagnosis: Diagnosis) -> str:
                 f"{count}; with the extended model{which} held-out readings err by "
                 f"{format_um(after)} µm instead of {format_um(before)} µm (3-D RMS{how})."
             )
+            sentences += _of_another_session(diagnosis)
             sentences += _of_growth(diagnosis)
         if doubtful:
             sentences.append(f"Held-out readings do not confirm {doubtful}: leads, not facts.")
@@ -125,6 +126,14 @@ def write_verdict(diagnosis: Diagnosis) -> str:
         ]
         if text
     )
+
+
+def _of_another_session(diagnosis: Diagnosis) -> list[str]:
+    """What the extended model gains where nobody has measured yet."""
+    if diagnosis.later_gain_um is None:
+        return []
+    low, high = map(format_um, diagnosis.later_gain_um)
+    return [f"In another session like these it gains {low} to {high} µm (95 %)."]
 
 
 def _of_growth(diagnosis: Diagnosis) -> list[str]:

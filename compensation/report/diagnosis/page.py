@@ -145,7 +145,11 @@ def _write_key_sentence(diagnosis: Diagnosis, result: dict[str, Any], unit: Unit
     before = f"Held-out readings are missed by {unit.to_text(before_um / 1e3)} (3-D RMS)"
     if after_um is None:
         return f"{before}."
-    return f"{before}, with the extended model by {unit.to_text(after_um / 1e3)}."
+    gained = ""
+    if diagnosis.later_gain_um is not None:
+        low, high = (unit.to_text(gain_um / 1e3) for gain_um in diagnosis.later_gain_um)
+        gained = f" In another session like these it gains {low} to {high} (95 %)."
+    return f"{before}, with the extended model by {unit.to_text(after_um / 1e3)}.{gained}"
 
 
 def _name_finding_briefly(finding: dict[str, Any]) -> str:

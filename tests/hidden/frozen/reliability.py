@@ -78,8 +78,12 @@ def make_tables(answers: Sequence[Answer]) -> Iterator[str]:
         f"held-out RMS of later sessions, of the promised one ({len(promises)}): "
         f"{middle:.2f}; 90 % lie from {low:.2f} to {high:.2f}"
     )
-    gains = [inside for answer in answers for inside in list_gains(*answer)]
-    yield f"95 % intervals of a gain that hold it later: {_share(sum(gains), len(gains))}"
+    gains = [one for answer in answers for one in list_gains(*answer)]
+    inside, width = sum(holds for holds, _ in gains), np.median([w for _, w in gains] or [np.nan])
+    yield (
+        f"95 % intervals of the gain in another session that hold it: {_share(inside, len(gains))}"
+        f"; as wide as {width:.1f} gains (median)"
+    )
 
 
 def list_causes(truth: Truth, ran: Ran) -> Iterator[Claim]:
@@ -117,14 +121,14 @@ def list_promises(truth: Truth, ran: Ran) -> Iterator[float]:
         yield ran.after_um / ran.promised_um[1]
 
 
-def list_gains(truth: Truth, ran: Ran) -> Iterator[bool]:
-    """Yield whether one finding's interval of its gain holds what later sessions gain."""
-    written = [f for f in ran.findings if f.get("in_extended_calibration")]
-    if truth.holdout_given or ran.before_um is None or ran.after_um is None:
+def list_gains(truth: Truth, ran: Ran) -> Iterator[tuple[bool, float]]:
+    """Yield whether the interval of the extended model's gain in another session holds what later
+    sessions gain, and its width over that gain."""
+    if ran.later_gain_um is None or ran.before_um is None or ran.after_um is None:
         return
-    if len(written) == len(ran.findings) == 1:
-        low, high = written[0]["gain"]["interval_um"]
-        yield bool(low <= ran.before_um - ran.after_um <= high)
+    low, high = ran.later_gain_um
+    gained = ran.before_um - ran.after_um
+    yield bool(low <= gained <= high), (high - low) / abs(gained)
 
 
 def _amplitude(finding: Mapping[str, Any]) -> tuple[float, float]:

@@ -10,7 +10,7 @@ import subprocess
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ class Ran:
     before_um: float | None = None
     after_um: float | None = None
     promised_um: tuple[float, float] | None = None  # held-out RMS without and with the findings
+    later_gain_um: tuple[float, float] | None = None  # 95 % of the gain in another session
     seconds: float = 0.0  # of processor time, all commands
     diagnose_s: float = 0.0  # of the diagnosis alone
     refused: str = ""  # a command's message, where it ended with an error
@@ -95,16 +96,26 @@ def _run(commands: Commands, truth: Truth) -> Ran:
         "diagnose", *diagnosed, *arm, *given, *(holdout if truth.holdout_given else ()),
         "--json", "diagnosis.json", "--extended", "extended.json",
     )  # fmt: skip
+    for name in ("given", "extended"):
+        if (folder / f"{name}.json").exists():
+            commands.run("evaluate", *further, *arm, "--calibration", f"{name}.json",
+                         "--json", f"{name}-error.json")  # fmt: skip
+    return replace(read_answer(folder, spent), seconds=commands.seconds)
+
+
+def read_answer(folder: Path, diagnose_s: float) -> Ran:
+    """What of the files of a diagnosis and of two evaluations is judged."""
     errors = []
-    for model in ("given.json", "extended.json"):
-        if (folder / model).exists():
-            commands.run("evaluate", *further, *arm, "--calibration", model, "--json", "error.json")
-            errors.append(float(json.loads((folder / "error.json").read_text())["rms_um"]))
-        else:
-            errors.append(errors[0])
+    for name in ("given", "extended"):
+        path = folder / f"{name}-error.json"
+        errors.append(float(json.loads(path.read_text())["rms_um"]) if path.exists() else errors[0])
     report = json.loads((folder / "diagnosis.json").read_text())
     findings = tuple(_brief(finding) for finding in report["findings"])
-    return Ran(findings, *errors, _promised(report["baseline"]), commands.seconds, spent)
+    baseline = report["baseline"]
+    return Ran(
+        findings, *errors, _promised(baseline), baseline.get("later_gain_um"),
+        seconds=diagnose_s, diagnose_s=diagnose_s,
+    )  # fmt: skip
 
 
 def _promised(baseline: Mapping[str, Any]) -> tuple[float, float] | None:

@@ -64,9 +64,9 @@ def test_a_size_is_compared_in_the_units_it_was_planted_in() -> None:
 def test_promises_are_compared_with_later_sessions() -> None:
     assert list(list_promises(TRUTH, RAN)) == [pytest.approx(1.1)]
     assert not list(list_promises(replace(TRUTH, holdout_given=True), RAN))
-    alone = replace(RAN, findings=RAN.findings[:1])
-    assert list(list_gains(TRUTH, alone)) == [False]  # 2.4 is not from 1 to 2
-    assert list(list_gains(TRUTH, replace(alone, after_um=7.5))) == [True]
+    promised = replace(RAN, later_gain_um=(1.0, 2.2))
+    assert list(list_gains(TRUTH, promised)) == [(False, pytest.approx(0.5))]  # 2.4 is outside
+    assert [holds for holds, _ in list_gains(TRUTH, replace(promised, after_um=7.5))] == [True]
     assert not list(list_gains(TRUTH, RAN))
 
 
