@@ -40,10 +40,7 @@ MOST_GAINED = 2.0  # 1; own tails hardly gain more than so many times what was c
 STRONG = -40.0
 MOST_FINDINGS = 10  # causes; more wrongs are no diagnosis
 MOST_IN_PLACE = 3  # causes; one stands for two or three
-#: σ; other names must predict readings held out better by so much. True sets did by 4.9 to 12,
-#: false ones on a real arm by 2.3.
-REPLACING_SIGMAS = 3.0
-CONTRADICTED = 1.0  # σ; what names more joins unless readings held out contradict it by so much
+CONTRADICTED = 1.0  # σ; a likelier set counts unless readings held out contradict it by so much
 BEYOND_CHANCE = 1.0  # σ; a walk in time, or causes that say why: held out decides from here on
 
 # What a cause's shape and size may be
@@ -143,7 +140,6 @@ LEAST_P = 1e-300  # 1; the least p value told: less is what the arithmetic canno
 
 # The search
 MOST_SEARCH_STEPS = 16  # steps; ten findings, and some renamed or refused
-MOST_RENAMINGS = 3  # times; a name that changes thrice is a circle
 MOST_FIRST = 6  # causes tried first in the place of what follows anything in time
 MOST_RIVALS = 8  # alternatives told, and weighed with their own shapes
 MOST_COMPARED = 20  # alternatives compared

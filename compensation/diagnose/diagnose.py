@@ -56,7 +56,6 @@ from armd.compensation.diagnose.search.moved_artefact import (
 from armd.compensation.diagnose.search.repeated_search import (
     has_clearly_lower_noise,
     is_likely_beside,
-    limit_to_repeated,
     may_replace,
 )
 from armd.compensation.diagnose.search.search import Search
@@ -276,8 +275,6 @@ def _search(
                 repeated = another.run()
                 if may_replace(repeated, result, arm):
                     baseline, search, result = older, another, repeated
-                else:
-                    result = replace(result, findings=limit_to_repeated(result.findings, repeated))
             stepped = score_without_base_steps(result.searched, result.signatures, arm)
             if stepped is not None and len(touched) < MOST_TOUCHED:
                 moved = find_moved_artefact(stepped)

@@ -20,7 +20,6 @@ from armd.compensation.diagnose.search.repeated_search import (
     has_clearly_lower_noise,
     has_fewer_findings,
     is_likely_beside,
-    limit_to_repeated,
 )
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.identify.calibrate import calibrate
@@ -56,14 +55,6 @@ def test_less_is_told_only_where_no_more_is_left() -> None:
     )  # what it lacks is in its noise
     assert not has_fewer_findings(result(6.0, *two), result(6.0, *two))
     assert not has_fewer_findings(result(6.0), result(6.0, *two))  # something is there
-
-
-def test_what_both_found_is_no_surer_than_either() -> None:
-    found = (finding(DISC, 0.99), finding(SCALE, 0.4))
-    again = result(6.0, finding(SCALE, 0.7), finding(DISC, 0.6))
-    assert [f.probability for f in limit_to_repeated(found, again)] == [0.6, 0.4]
-    other = result(6.0, finding(DISC, 0.6))
-    assert limit_to_repeated(found, other) == found  # they are not the same
 
 
 def searched(rests: Rests, baseline: Baseline, *found: Candidate) -> Any:

@@ -54,21 +54,11 @@ def test_a_likelier_rival_takes_the_name_and_the_probability_is_of_either() -> N
     assert told.is_of_several_names and not found.is_of_several_names
 
 
-def test_an_unknown_structure_clearly_likelier_takes_it_too_a_little_likelier_not() -> None:
+def test_an_unknown_structure_that_is_likelier_takes_it_too() -> None:
     strange = unknown(2, "q2", "q3")
     (told,) = withdraw_names([finding(NAMED, 0.05, rivals=[(strange, 0.9)])])
     assert told.candidate.cause == "unknown" and not told.is_of_several_names
     assert set(told.candidate.depends_on) == {"q2", "q3"}
-
-
-def test_no_name_for_a_part_of_a_stronger_unknown_at_the_same_joint() -> None:
-    """The joint that the unknown moves counts among its variables."""
-    structure = finding(unknown(3, "t1"), statistic=500.0)
-    part, elsewhere = finding(NAMED), finding(candidate("encoder_scale", 5))
-    _, told, kept = withdraw_names([structure, part, elsewhere])
-    assert told.candidate.cause == "unknown" and kept == elsewhere
-    weaker = finding(unknown(3, "t1"), statistic=5.0)
-    assert withdraw_names([weaker, part])[1] == part
 
 
 def test_a_finding_takes_the_place_of_those_it_contains() -> None:

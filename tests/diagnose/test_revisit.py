@@ -59,16 +59,3 @@ def test_where_a_curve_is_taken_out_its_orders_may_stand_beside_others() -> None
     assert able == {("order", float(k), "1/turn") for k in encoder_periodic.ORDERS}
     (only,) = revisit._barred(next(c for c in of_place if c.setting[0][0] == "order"))
     assert all(map(only, of_place))
-
-
-def test_what_is_told_twice_of_a_place_is_also_taken_out_together() -> None:
-    """One gradient by two other sensors may do what two do by wrong ones."""
-    once, again, other = candidate("gradient", 2, 1), candidate("gradient", 2, 2), candidate("a", 3)
-    third = candidate("gradient", 2, 3)
-    asked: Any = SimpleNamespace(_fit=SimpleNamespace(findings=(once, other, again)))
-    alone, both = revisit.Revisit._taken_out(asked, 0)
-    assert alone[0] == [0] and all(map(alone[1], (once, again, third)))
-    assert both[0] == [0, 2]
-    assert [both[1](c) for c in (once, again, third, other)] == [True, True, False, False]
-    assert len(revisit.Revisit._taken_out(asked, 1)) == 1
-    assert len(revisit.Revisit._taken_out(asked, 2)) == 1, "once is enough"

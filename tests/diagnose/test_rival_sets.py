@@ -72,14 +72,8 @@ def test_standard_errors_are_those_of_the_t_test_over_groups() -> None:
     assert count_standard_errors(before, before, groups) == 0.0
 
 
-def test_what_was_refused_is_asked_again_once_beside_other_findings() -> None:
+def test_what_was_refused_is_not_looked_for_at_its_place() -> None:
     refusals = Refusals([WOBBLE, GEARS])
-    assert refusals.add(GEARS, "it would move d_2 by 12 mm", "alone")
-    assert refusals.candidates == [WOBBLE]
-    assert not refusals.ask_again("alone")
-    assert refusals.ask_again("beside a wobble")
-    assert refusals.candidates == [WOBBLE, GEARS]
-    assert not refusals.refused
-    assert refusals.add(GEARS, "it would move d_2 by 12 mm", "beside a wobble")
-    assert not refusals.ask_again("alone")
+    refusals.add(GEARS, "it would move d_2 by 12 mm")
+    assert refusals.candidates == [WOBBLE] and refusals.places == {GEARS.place}
     assert [r.candidate for r in refusals.refused] == [GEARS]

@@ -142,6 +142,7 @@ def told_of(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> str:
         "written_rms_um": (12.0, 6.0),
         "written_clear_um": None,
         "written_by": "",
+        "later_gain_um": None,
         "heldout_rms_um": 12.0,
         "significant_rest": False,
         "outliers": (),
@@ -175,3 +176,9 @@ def test_the_verdict_tells_what_remains_beyond_the_noise(monkeypatch: pytest.Mon
     text = told_of(monkeypatch, remaining_rms_um=30.0)
     assert "Yet 30.0 µm remain under the extended calibration" in text
     assert "the noise alone would leave 6.00 µm" in text
+
+
+def test_the_verdict_tells_what_another_session_may_gain(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "another session" not in told_of(monkeypatch)
+    text = told_of(monkeypatch, later_gain_um=(-0.5, 12.0))
+    assert "In another session like these it gains -0.500 to 12.0 µm (95 %)." in text

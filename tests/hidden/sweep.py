@@ -78,9 +78,6 @@ CONSTANTS = (
     Constant("diagnose.constants", "MOST_TOUCHED", "more is not now and then"),
     Constant("diagnose.constants", "RANGE_PARTS", "parts of a range with rests enough in each"),
     Constant("diagnose.constants", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
-    Constant(
-        "diagnose.constants", "REPLACING_SIGMAS", "chosen by what is held out: no chance of 2.5"
-    ),
     Constant("diagnose.constants", "CONTRADICTED", "names say the same with a cause"),
     Constant("diagnose.constants", "BEYOND_CHANCE", "evidence knows no size of a walk"),
     Constant("diagnose.constants", "MOST_IN_PLACE", "one cause stands for two or three"),
@@ -88,7 +85,6 @@ CONSTANTS = (
     Constant(
         "diagnose.constants", "MOST_SEARCH_STEPS", "ten findings, and some renamed or refused"
     ),
-    Constant("diagnose.constants", "MOST_RENAMINGS", "a name that changes thrice is a circle"),
     Constant("diagnose.constants", "SURE_P", "one that a search without the rows would find too"),
     Constant("diagnose.constants", "IN_ONE", "what one placement shows, others cannot teach"),
     Constant("diagnose.constants", "SIGN_P", "most groups improve, beyond chance"),

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armd.compensation.diagnose.constants import (
-    CLEARLY,
     INDISTINGUISHABLE_P,
     LEAST_P,
     LEAST_PROBABILITY,
@@ -26,7 +25,7 @@ from armd.compensation.diagnose.scoring.confusion import compare
 from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.shape import is_shape, locate_shape
 from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
-from armd.compensation.diagnose.search.explains import explain, list_variables
+from armd.compensation.diagnose.search.explains import explain
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.unknown import remove_name
 
@@ -210,39 +209,19 @@ def find_likelier_rival(finding: Finding) -> Candidate | None:
 
 
 def _withdraw_names(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """Return no name for a part of what is unknown, nor one that is less likely than another.
+    """Return no name that is less likely than another.
 
     What has no name, and is less likely than causes that the search has refused for their size or
     for readings held out, is as sure as all of these together: that something is there is certain.
-
-    Where an unknown structure is clearly likelier, or one that was found is stronger in the same
-    variables or at the same joint, the name only was the nearest one.
     """
-    unknown = [f for f in findings if f.candidate.cause == "unknown" and not is_shape(f.candidate)]
 
     def rename(finding: Finding) -> Finding:
-        candidate = finding.candidate
-        likelier_rivals = [r for r in finding.rivals if r.probability > finding.probability]
-        if candidate.cause == "unknown":
-            replaceable = find_likelier_rival(finding) is not None
-            return (
-                _withdraw_name(finding, likelier_rivals, candidate.depends_on)
-                if replaceable
-                else finding
-            )
-        likelier = [r for r in finding.rivals if r.candidate.cause == "unknown"]
-        if sum(r.probability for r in likelier) > CLEARLY * finding.probability:
-            return _withdraw_name(finding, likelier[:1], likelier[0].candidate.depends_on)
-        if find_likelier_rival(finding) is not None:
-            return _withdraw_name(finding, likelier_rivals, candidate.depends_on)
-        part = any(
-            u.statistic > finding.statistic
-            and list_variables(u.candidate) & set(candidate.depends_on)
-            for u in unknown
-        )
-        return _withdraw_name(finding, (), candidate.depends_on) if part else finding
+        if find_likelier_rival(finding) is None:
+            return finding
+        likelier = [r for r in finding.rivals if r.probability > finding.probability]
+        return _withdraw_name(finding, likelier, finding.candidate.depends_on)
 
-    return tuple(rename(f) for f in findings)
+    return tuple(map(rename, findings))
 
 
 def _withdraw_name(

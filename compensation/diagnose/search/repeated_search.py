@@ -3,13 +3,10 @@ what both found."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
 import numpy as np
 
 from armd.compensation.diagnose.constants import AS_QUIET_AGAIN, AS_WELL
-from armd.compensation.diagnose.diagnosis import Finding, SearchResult
+from armd.compensation.diagnose.diagnosis import SearchResult
 from armd.compensation.diagnose.fitting.absorbed_error import allow_only_absorbed_error
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -80,17 +77,3 @@ def is_likely_beside(repeated: SearchResult, before: SearchResult, arm: Arm) -> 
 def has_clearly_lower_noise(fitted: Fit, reference: Fit) -> bool:
     """Whether *fitted* leaves clearly less to the noise than the *reference*."""
     return AS_QUIET_AGAIN * fitted.noise.own_mm <= reference.noise.own_mm
-
-
-def limit_to_repeated(findings: Sequence[Finding], repeated: SearchResult) -> tuple[Finding, ...]:
-    """The findings no surer than *repeated*, where that found the same by name."""
-    probabilities = {
-        repeated_finding.candidate.place: repeated_finding.probability
-        for repeated_finding in repeated.findings
-    }
-    if sorted(f.candidate.place for f in findings) != sorted(
-        repeated_finding.candidate.place for repeated_finding in repeated.findings
-    ):
-        return tuple(findings)
-    lower = [min(f.probability, probabilities[f.candidate.place]) for f in findings]
-    return tuple(replace(f, probability=p) for f, p in zip(findings, lower, strict=True))

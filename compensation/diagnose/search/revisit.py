@@ -100,12 +100,9 @@ class Revisit:
         for i, finding in enumerate(findings):
             if is_shape(finding):
                 continue
-            for out, barred in self._taken_out(i):
-                away = {j for k in out for j in (k, *find_acting_through(findings, k))}
-                shapes = {locate_shape(findings[k]) for k in out}
-                remaining = [
-                    c for j, c in enumerate(findings) if j not in away and c.location not in shapes
-                ]
+            away, shape = {i, *find_acting_through(findings, i)}, locate_shape(finding)
+            remaining = [c for j, c in enumerate(findings) if j not in away and c.location != shape]
+            for barred in _barred(finding):
                 for first in self._firsts(i, barred):
                     if not self._work.may_try_sets:
                         self._work.skip("the rest of the sets of causes to try instead")
@@ -117,16 +114,6 @@ class Revisit:
                     set_key = frozenset((c.place, c.depends_on, c.setting) for c in tried)
                     rival_sets[set_key] = RivalSet(tuple(tried), self._log_weight(tried) - weight)
         return sorted(rival_sets.values(), key=lambda rival_set: -rival_set.likelier)
-
-    def _taken_out(self, index: int) -> list[tuple[list[int], Which]]:
-        """Which findings are taken out for one's sake, and what may not come again then: itself;
-        and where its place is told twice, both, for one that goes by something else may do."""
-        findings, finding = self._fit.findings, self._fit.findings[index]
-        removals = [([index], barred) for barred in _barred(finding)]
-        alike = [j for j, c in enumerate(findings) if c.place == finding.place]
-        if len(alike) > 1 and alike[0] == index:
-            removals.append((alike, lambda c: any(c.is_like(findings[j]) for j in alike)))
-        return removals
 
     def _firsts(self, index: int, barred: Which) -> list[list[Candidate]]:
         """What to begin with in the place of a finding: whatever the search would add; of what

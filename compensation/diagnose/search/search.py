@@ -12,23 +12,18 @@ from functools import cached_property, partial
 
 from armd.compensation.diagnose.constants import (
     AS_WELL,
-    CLEARLY,
     CONTRADICTED,
     MOST_FINDINGS,
-    MOST_RENAMINGS,
     MOST_SEARCH_STEPS,
 )
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import find_refusal
-from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.acting_causes import list_acting_through
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
-from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.shape import select_with_causes
 from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
-from armd.compensation.diagnose.search.chance import limit_by_lasting_noise
 from armd.compensation.diagnose.search.findings import (
     as_reported,
     find_likelier_rival,
@@ -36,7 +31,7 @@ from armd.compensation.diagnose.search.findings import (
     weigh_findings,
 )
 from armd.compensation.diagnose.search.growth import fit_with_growth
-from armd.compensation.diagnose.search.replacing import make_required
+from armd.compensation.diagnose.search.replacing import require_heldout
 from armd.compensation.diagnose.search.revisit import (
     Revisit,
     RivalSet,
@@ -109,9 +104,6 @@ class Search:
                 None if best is None else choose_next_set(best, scored, tried_keys, survey.tests)
             )
             if best is None or findings is None:  # nothing is wanted, or a circle
-                if survey.refusals.ask_again(make_key(current.findings)):
-                    scored = survey.score(current)
-                    continue
                 another = self._revisited(current, scored, tried_keys)
                 if another is current:
                     break
@@ -120,22 +112,15 @@ class Search:
             tried_keys.add(make_key(findings))
             fitted = survey.fit(findings, current)
             if reason := find_refusal(fitted, current, survey.arm):
-                survey.refusals.add(best, reason, make_key(current.findings))
+                survey.refusals.add(best, reason)
                 scored = survey.score(current)
                 continue
             current = survey.prune(fitted)
             scored = survey.score(current)
-            for _ in range(MOST_RENAMINGS):
-                before = current
-                current, scored = self._rename_one(current, scored)
-                if current is before:
-                    break
         current, scored, findings_weighed = self._rename_less_likely(current, scored, tried_keys)
         strongest, log_p = find_strongest_left(scored, survey.tests)
-        limited = limit_by_lasting_noise(
-            judge(scored, findings_weighed, survey.tests), scored, survey.tests
-        )
-        reported = self._limit_by_rival_sets(limited, current, scored)
+        judged = judge(scored, findings_weighed, survey.tests)
+        reported = self._limit_by_rival_sets(judged, current, scored)
         searched = as_reported(current, reported)
         last = searched
         if grown := fit_with_growth(searched, survey.refusals.candidates, survey.arm, survey.tests):
@@ -175,7 +160,7 @@ class Search:
                 break
             fitted = survey.fit(join_finding(current.findings, best), current)
             if reason := find_refusal(fitted, current, survey.arm):
-                survey.refusals.add(best, reason, make_key(current.findings))
+                survey.refusals.add(best, reason)
             else:
                 current = fitted
             if step + 1 < most_findings:
@@ -186,31 +171,7 @@ class Search:
         """What is told of a fit's findings, growth among them, each beside all the others."""
         survey = self.survey
         scored = survey.score(grown)
-        judged = judge(scored, weigh_findings(scored, survey.tests), survey.tests)
-        return limit_by_lasting_noise(judged, scored, survey.tests)
-
-    def _rename_one(self, current: Fit, scored: ScoredCandidates) -> tuple[Fit, ScoredCandidates]:
-        """With a finding renamed where, all others given, another name is clearly likelier."""
-        survey = self.survey
-        for i, candidate in enumerate(current.findings):
-            scores = scored.without(i)
-            places = scores.log_places()
-            best = max(places, key=lambda key: places[key])
-            if best == candidate.place:
-                continue
-            if places[best] > math.log(CLEARLY) + scored.log_posterior_of(i, scores):
-                findings = select_with_causes([c for c in current.findings if c is not candidate])
-                without = solve_again(current, findings, survey.arm)
-                rival = choose(make_projection(without, survey.arm), scores, survey.tests)
-                if rival is None or rival.place == candidate.place:
-                    continue
-                fitted = survey.fit(join_finding(findings, rival), without)
-                if reason := find_refusal(fitted, without, survey.arm):
-                    survey.refusals.add(rival, reason, make_key(without.findings))
-                    return current, survey.score(current)
-                current = survey.prune(fitted)
-                return current, survey.score(current)
-        return current, scored
+        return judge(scored, weigh_findings(scored, survey.tests), survey.tests)
 
     def _rename_less_likely(
         self, current: Fit, scored: ScoredCandidates, tried_keys: set[str]
@@ -252,8 +213,7 @@ class Search:
         survey = self.survey
         for rival_set in self._rival_sets(current, scored):
             key = make_key(rival_set.findings)
-            required = make_required(rival_set.findings, current.findings)
-            enough = required.held_out(rival_set.likelier)
+            enough = require_heldout(rival_set.findings, current.findings, rival_set.likelier)
             if key in tried_keys or enough is None:
                 continue
             if self._held_out(current, current.findings, rival_set.findings) < enough:
@@ -267,7 +227,8 @@ class Search:
                 compute_log_weight(another, fitted.findings, survey.arm, scored.scores)
                 for fitted in (current, another)
             ]
-            if required.held_out(weights[1] - weights[0]) is not None:
+            likelier = weights[1] - weights[0]
+            if require_heldout(rival_set.findings, current.findings, likelier) is not None:
                 return another
         return current
 

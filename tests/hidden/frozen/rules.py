@@ -5,8 +5,6 @@ Each with what stands in its place while it is switched off (`ablation.py`).
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib import import_module
 from typing import Any
@@ -73,56 +71,23 @@ def _one_look(original: Any, *args: Any) -> Any:
     return confirmed if confirmed is None or confirmed[0] == 0 else None
 
 
-def _far(original: Any, *args: Any) -> Any:
-    required = original(*args)
-    return replace(required, clearly_likelier=3.0)
-
-
 def _no_reason(original: Any, *args: Any) -> Any:
-    return replace(original(*args), as_likely=None)
-
-
-def _withdrawn(why: str) -> Any:
-    """Whether a name was withdrawn for that reason."""
-
-    def changed(result: Any, findings: Any) -> bool:
-        return any(_why(before) == why for before, after in _pairs(result, findings))
-
-    return changed
-
-
-def _pairs(result: Any, findings: Any) -> Iterator[tuple[Any, Any]]:
-    for before, after in zip(findings, result, strict=True):
-        if before is not after:
-            yield before, after
-
-
-def _why(finding: Any) -> str:
-    unnamed = [r.probability for r in finding.rivals if r.candidate.cause == "unknown"]
-    if finding.candidate.cause != "unknown" and sum(unnamed) > 10.0 * finding.probability:
-        return "unnamed"
-    if any(rival.probability > finding.probability for rival in finding.rivals):
-        return "rival"
-    return "part"
+    required = original(*args)
+    return None if required == 1.0 else required
 
 
 RULES = (
     # The next cause
     Rule("the likeliest with a shape of its own", SEARCH + "selection:_if_bent", give(0)),
-    Rule("the likelier one that few rests bear", SEARCH + "selection:_likelier", give(0)),
     Rule(
         "strong ones compared with their own tails", SEARCH + "selection:_with_own_tails", give(0),
         lambda result, weight, *_: int(np.argmax(result)) != int(np.argmax(weight)),
     ),
-    Rule("clipped about the chosen one", SCORING + "robust_refit:clip_about",
-         lambda _original, _candidate, projection: projection),
     Rule(
         "significant by its rests' own scatter", SCORING + "scatter:compute_log_p_by_scatter",
         always(-1e9), lambda result, *_: result > ABOUT_SIGNIFICANT,
     ),
     Rule("noise that lasts", SCORING + "memory:Lasting.memory", always(None)),
-    Rule("no surer than lasting noise allows", SEARCH + "chance:limit_by_lasting_noise",
-         lambda _original, findings, *_: tuple(findings)),
     Rule("a shape as a finding", SEARCH + "selection:choose_shape", always(None)),
     Rule(
         "many columns by their Bayes factor", values={"MOST_COUNTED": 10**9}, always=True,
@@ -140,13 +105,8 @@ RULES = (
     ),
     # Looking back
     Rule("without what is not significant any more", SEARCH + "survey:Survey.prune", give(1)),
-    Rule("renamed where clearly likelier", SEARCH + "search:Search._rename_one",
-         lambda _original, _search, current, scored: (current, scored),
-         lambda result, _search, current, _scored: result[0] is not current),
     Rule("renamed at the end where less likely", SEARCH + "search:Search._rename_less_likely",
          _not_renamed, lambda result, _search, current, *_: result[0] is not current),
-    Rule("asked again for what was refused", SEARCH + "refusals:Refusals.ask_again",
-         always(False)),
     Rule("refused: no cause is that large", FITTING + "neighbourhood:is_possible", always(True)),
     Rule("refused: it would move a parameter too far", FITTING + "neighbourhood:_too_far",
          always("")),
@@ -165,11 +125,6 @@ RULES = (
         lambda _original, findings: bool(findings),
     ),
     Rule(
-        "sets: both of a place that was found twice", SEARCH + "revisit:Revisit._taken_out",
-        lambda original, *args: original(*args)[:1],
-        lambda result, *_: len(result) > 1 and len(result[-1][0]) > 1,
-    ),
-    Rule(
         "sets: six to begin with", SEARCH + "revisit:Revisit._firsts",
         lambda original, *args: original(*args)[:1], lambda result, *_: len(result) > 1,
     ),
@@ -182,20 +137,8 @@ RULES = (
         > sum(len(c.columns) for c in revisit._fit.findings),
     ),
     Rule(
-        "sets: other names by three standard errors", values={"REPLACING_SIGMAS": -1.0},
-        watched_at=SEARCH + "replacing:Required.held_out",
-        changed=lambda result, *_: result == 3.0,
-    ),
-    Rule(
-        "sets: what says more need not be better", SEARCH + "replacing:make_required", _far,
-        watched_at=SEARCH + "replacing:Required.held_out",
-        changed=lambda result, *_: result == -1.0,
-    ),
-    Rule(
-        "sets: what tells why may be less likely", SEARCH + "replacing:make_required", _no_reason,
-        watched_at=SEARCH + "replacing:Required.held_out",
-        changed=lambda result, required, _likelier: result is not None
-        and result == required.as_likely,
+        "sets: what tells why may be less likely", SEARCH + "replacing:require_heldout",
+        _no_reason, lambda result, *_: result == 1.0,
     ),
     # Shapes
     Rule("shapes absorb", SCORING + "shape:make_shape", always(None), always=True),
@@ -219,14 +162,8 @@ RULES = (
          always({})),
     Rule("what acts through it goes with it", SCORING + "candidates:find_acting_through",
          always([])),
-    Rule("no name: unnamed ones are clearly likelier", SEARCH + "findings:_withdraw_names",
-         values={"CLEARLY": math.inf}, changed=_withdrawn("unnamed")),
-    Rule("no name: a rival is likelier", SEARCH + "findings:find_likelier_rival", always(None),
-         here_only=True, watched_at=SEARCH + "findings:_withdraw_names",
-         changed=_withdrawn("rival")),
-    Rule("no name: a part of something stronger", SEARCH + "findings:list_variables",
-         always(set()), here_only=True, watched_at=SEARCH + "findings:_withdraw_names",
-         changed=_withdrawn("part")),
+    Rule("no name: a rival is likelier", SEARCH + "findings:_withdraw_names",
+         lambda _original, findings: tuple(findings)),
     Rule("a guess is no surer than its share", SEARCH + "findings:_limit_probability",
          lambda _original, finding, _explained: finding.probability),
     Rule("its own shape counts against it", SEARCH + "explains:_is_of_the_rest", always(False)),
@@ -239,14 +176,6 @@ RULES = (
          here_only=True),
     Rule("unless it lost a named cause", SEARCH + "repeated_search:has_lost_cause",
          always(False)),
-    Rule(
-        "no surer than the second search", DIAGNOSE + "limit_to_repeated",
-        lambda _original, findings, _repeated: findings,
-        lambda result, findings, _repeated: any(
-            a.probability != b.probability for a, b in zip(result, findings, strict=True)
-        ),
-        here_only=True,
-    ),
     Rule("constants left open by what is not written",
          HELDOUT + "open_constants:keep_open_constants", give(0)),
     Rule("growth open that was not known", FITTING + "free_expansion:open_growth", give(0)),
@@ -301,7 +230,7 @@ RULES = (
          lambda _original, before, after: (before, after)),
     Rule("not written: worse over all", HELDOUT + "judge:_harms", always(False)),
     Rule("without what harms among what helps together", HELDOUT + "validation:_remove_harmful",
-         give(2)),
+         give(2), lambda *_: True),
     Rule("held-out readings lower the odds", HELDOUT + "judge:Judge.compute_odds_factor",
          always(1.0)),
     Rule("held to its own scale", FITTING + "neighbourhood:compute_scale_factor", always(1.0),
