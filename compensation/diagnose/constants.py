@@ -18,7 +18,6 @@ AS_WELL = 10.0  # nat; what is less likely by up to so much still explains as we
 UNKNOWN_PRIOR = 0.05  # 1; prior share of what the catalogue does not know
 EXPECTED_PRIOR = 0.5  # 1; what no calibration could know, and every arm may have: as likely as not
 SHAPE_PRIOR = 0.5  # 1; that a strong finding's shape is off: as likely as not
-EVEN_CHANCE = 0.5  # 1; of two outcomes of which nothing is known
 #: 1; a cause that accounts for less of what goes with its variables is a guess. A disc whose shape
 #: is off by 30 % accounts for 0.92, by half for 0.8.
 ENOUGH = 0.8
@@ -103,11 +102,7 @@ MOST_TOUCHED = 6  # touches; more is not somebody touching the artefact now and 
 AS_FAR_OFF = 3.0  # 1; the middle reading of a session explained is no further off, of the others'
 
 # What readings held out decide
-#: 1; a finding so sure is hardly flattered where placements it was chosen with are left out; a
-#: weaker one must not have done harm when the search was repeated without them.
-SURE_P = 1e-6
 IN_ONE = 0.75  # 1; what shows so much in placements left out together, others cannot teach
-SIGN_P = 0.01  # 1; most groups improve, beyond chance
 LEAST_GAIN_SHARE = 1e-6  # 1; less of the error is rounding, no gain
 MOST_SQUARES = 15.0  # usual squared residuals; what a gross error counts at most: six noise units
 MOST_WORSE = 0.02  # 1; gross errors move the error over all by less: beyond it a finding harms
@@ -164,9 +159,7 @@ ROWS_A_COLUMN = 60.0  # rows that count as one shared column in the work of scor
 MOST_INSTANTS = 40  # moments at which something may have stepped: the first, coarse grid
 MOST_SPELLS = 8  # spells between pauses
 TOUCHED_GRID = 12  # instants in a placement on the first, coarse grid
-TOUCHED_COMPARED = 12  # causes compared as strictly
 TOUCHED_FINER = 100  # parts of a placement tried at once
-LIKELY_TIMES = 4  # 1; so many times those are looked through, as steps are none of them
 REWEIGHTINGS = 8  # rounds of reweighting, of a pose and of a candidate
 LEAST_GAINED = 0.01  # nat; a round that gains less was the last
 

@@ -49,10 +49,7 @@ from armd.compensation.diagnose.heldout.validation import (
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import collect_rests, require_spare
-from armd.compensation.diagnose.search.moved_artefact import (
-    find_moved_artefact,
-    score_without_base_steps,
-)
+from armd.compensation.diagnose.search.moved_artefact import find_moved_artefact
 from armd.compensation.diagnose.search.repeated_search import (
     has_clearly_lower_noise,
     is_likely_beside,
@@ -275,10 +272,6 @@ def _search(
                 repeated = another.run()
                 if may_replace(repeated, result, arm):
                     baseline, search, result = older, another, repeated
-            stepped = score_without_base_steps(result.searched, result.signatures, arm)
-            if stepped is not None and len(touched) < MOST_TOUCHED:
-                moved = find_moved_artefact(stepped)
-        if moved is None:
             return SearchOutcome(
                 tuple(original_sessions),
                 sessions,

@@ -85,9 +85,7 @@ CONSTANTS = (
     Constant(
         "diagnose.constants", "MOST_SEARCH_STEPS", "ten findings, and some renamed or refused"
     ),
-    Constant("diagnose.constants", "SURE_P", "one that a search without the rows would find too"),
     Constant("diagnose.constants", "IN_ONE", "what one placement shows, others cannot teach"),
-    Constant("diagnose.constants", "SIGN_P", "most groups improve, beyond chance"),
     Constant("diagnose.constants", "MOST_SQUARES", "a gross error must not decide by itself"),
     Constant("diagnose.constants", "MOST_WORSE", "gross errors move the error over all by less"),
     Constant("diagnose.constants", "CHANGED_PRIOR", "an arm may change between two measurements"),

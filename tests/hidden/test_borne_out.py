@@ -11,14 +11,12 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.refit import Refits, solve_again
 from armd.compensation.diagnose.heldout.gain import compute_gain
 from armd.compensation.diagnose.heldout.judge import Look
 from armd.compensation.diagnose.heldout.validation import (
     choose,
     may_go_on_otherwise,
-    may_stand_alone,
 )
 from armd.compensation.diagnose.report.result import as_json
 from armd.compensation.diagnose.report.verdict import format_um, write_verdict
@@ -156,20 +154,6 @@ def test_readings_held_out_make_doubtful_what_they_contradict() -> None:
         chosen = choose(causes(2), [look(worth)], [True] * 2)
         assert chosen.numbers == (0,)
         assert chosen.doubts == {1: pytest.approx(1.0 if expected is None else expected)}
-
-
-def test_a_sure_finding_is_asked_by_placements_left_out_alone() -> None:
-    """A repeated search may take another cause where the placements left out alone tell the two
-    apart; a weak finding, which may be chance, must not predict worse there, by however little."""
-    worse, equal = (Gain(26.8, after, (-1.0, 1.0), False) for after in (26.9, 26.8))
-    for p_value, cause_of, asked in (
-        (1e-300, "encoder_scale", False),
-        (1e-4, "encoder_scale", True),
-        (1e-300, "unknown", True),
-    ):
-        found: Any = SimpleNamespace(candidate=SimpleNamespace(cause=cause_of), p_value=p_value)
-        assert may_stand_alone(found, worse) != asked
-        assert may_stand_alone(found, equal)
 
 
 def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_the_gain() -> None:

@@ -9,17 +9,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import bdtrc, ndtr, stdtrit
+from scipy.special import ndtr, stdtrit
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.constants import (
-    EVEN_CHANCE,
     INTERVAL_TAIL,
     LEAST_GAIN_SHARE,
     MOST_SQUARES,
     RANK_SHARE,
     RESAMPLES,
-    SIGN_P,
     TRUTH_BLOCKS,
 )
 from armd.compensation.diagnose.diagnosis import Gain
@@ -60,8 +58,7 @@ def compute_gain(
     low, high = np.quantile(1e3 * change, _compute_tails(len(names)))
     rms = _compute_rms_um(before), _compute_rms_um(after[use])
     better = rms[1] < (1.0 - LEAST_GAIN_SHARE) * rms[0]
-    is_confirmed = better and (low > 0 or _do_most_improve(index, before, after))
-    return Gain(*rms, (float(low), float(high)), bool(is_confirmed))
+    return Gain(*rms, (float(low), float(high)), bool(better and low > 0))
 
 
 def limit_squares(before: F64, after: F64) -> tuple[F64, F64]:
@@ -69,14 +66,6 @@ def limit_squares(before: F64, after: F64) -> tuple[F64, F64]:
     a decision that gross errors cannot outvote."""
     cap = MOST_SQUARES * min(float(np.median(before)), float(np.median(after)))
     return np.minimum(before, cap), np.minimum(after, cap)
-
-
-def _do_most_improve(index: I64, before: F64, after: F64) -> bool:
-    """Whether most groups improve, by the sign test: a few readings that the model was never
-    shown anything like may spoil a mean that is right for all the others."""
-    change = np.bincount(index, before) - np.bincount(index, after)
-    better, worse = int((change > 0).sum()), int((change < 0).sum())
-    return bool(bdtrc(better - 1, better + worse, EVEN_CHANCE) < SIGN_P) if better else False
 
 
 def _compute_tails(n: int) -> tuple[float, float]:

@@ -19,9 +19,8 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.diagnose.constants import IN_ONE, LEAST_POSITIVE, SURE_P, TARGET_FOLDS
+from armd.compensation.diagnose.constants import IN_ONE, LEAST_POSITIVE, TARGET_FOLDS
 from armd.compensation.diagnose.diagnosis import (
-    Finding,
     Gain,
     JudgedBy,
     SearchResult,
@@ -159,10 +158,7 @@ def validate_by_placement(
         Look(make_squares_in_turn(last, arm, folds), groups, float(points.freedom.mean()))
         for folds in (assign_folds(rests), _assign_folds_by_target(points)[rests.point_of])
     ]
-    able = [
-        not finding.candidate.is_report_only and may_stand_alone(finding, step)
-        for finding, step in zip(result.findings, stepwise, strict=True)
-    ]
+    able = [not finding.candidate.is_report_only for finding in result.findings]
     later = make_later_squares(last, arm) if any(map(may_go_on_otherwise, last.findings)) else None
     growth = has_known_growth(last, arm)
     cannot_see_growth = growth and _is_in_one_fold(last, last.net_growth())
@@ -184,13 +180,6 @@ def may_go_on_otherwise(candidate: Candidate) -> bool:
     value of its own of, what goes with time or temperature and has no name."""
     nameless = candidate.cause == "unknown" and is_slow(candidate)
     return nameless or is_drift(candidate) or is_by_session(candidate)
-
-
-def may_stand_alone(finding: Finding, step: Gain) -> bool:
-    """Whether placements left out may bear a finding out: one so sure that it was not chosen for
-    them, or one whose own *step* of the repeated search predicts no worse than the step before."""
-    is_sure = finding.p_value < SURE_P and finding.candidate.cause != "unknown"
-    return is_sure or step.after_um <= step.before_um
 
 
 def _make_uninformative_by_placement(last: Fit) -> IsUninformative:

@@ -1,9 +1,9 @@
 """An artefact that was moved while it was measured: found before anything else, and mended.
 
 A placement is one rigid pose only if nobody touches the artefact. Where a step of one placement
-explains the readings better than any cause, and better than a slip or a step of the base at that
-instant, the placement is parted in two there: no reading is lost, and nothing is left for the
-search to take for the arm's.
+stands out of the scatter of its readings, and explains them better than a slip or a step of the
+base at that instant, the placement is parted in two there: no reading is lost, and nothing is left
+for the search to take for the arm's.
 """
 
 from __future__ import annotations
@@ -21,54 +21,36 @@ from armd.compensation.diagnose.constants import (
     LEAST_PROBABILITY,
     LEAST_RESTS_BESIDE,
     LEAST_TARGETS,
-    LIKELY_TIMES,
     MOST_MOUNT_STEP,
     RANK_SHARE,
     REWEIGHTINGS,
-    TOUCHED_COMPARED,
     TOUCHED_FINER,
     TOUCHED_GRID,
 )
 from armd.compensation.diagnose.diagnosis import MovedArtefact
 from armd.compensation.diagnose.fitting.refit import solve_again
-from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.signatures import (
-    Signatures,
     identify_kind,
     make_finding_columns,
 )
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
 from armd.compensation.diagnose.scoring.evidence import estimate_amplitudes
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
-from armd.compensation.diagnose.scoring.robust_refit import clip_about, compute_unclipped_gain
+from armd.compensation.diagnose.scoring.robust_refit import clip_about
 from armd.compensation.diagnose.scoring.scatter import compute_log_p_by_scatter
 from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p, is_significant
 from armd.compensation.diagnose.search.findings import find_nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import make_candidate
 from armd.compensation.estimate.noise.robust import (
-    DOWNWEIGHT_CHI2,
     compute_huber_loss,
     compute_huber_weights,
 )
-from armd.compensation.model.arm import Arm
-
-
-def score_without_base_steps(
-    last: Fit, signatures: Signatures, arm: Arm
-) -> ScoredCandidates | None:
-    """The catalogue against a fit without the steps of the base that it found, beside a stronger
-    cause perhaps; None where it found none."""
-    remaining = [c for c in last.findings if c.cause != "mount_drift" or not _steps(c)]
-    if len(remaining) == len(last.findings):
-        return None
-    projection = make_projection(solve_again(last, remaining, arm), arm)
-    return score_candidates(projection, signatures)
 
 
 def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
-    """The clearest step of one placement, if no cause of the catalogue explains more."""
+    """The clearest step of one placement, if no step of something else explains more."""
     projection = scored.projection
     rests = projection.fit.linear.rests
     placements = rests.in_order.items()
@@ -81,11 +63,6 @@ def find_moved_artefact(scored: ScoredCandidates) -> MovedArtefact | None:
     if not is_significant(coarse_scores.log_p[best], tests):
         return None
     candidate = _refined(coarse[best], projection)
-    _, pose, residual = _as_measured(candidate, projection)
-    if not has_enough_support(pose, residual, _change(candidate).after):
-        return None
-    if not _best_of_all(candidate, scored):
-        return None
     about = _clipped_about(candidate, projection)
     # Where one session scatters more than the others (a floor that shakes), so do its steps.
     if not is_significant(compute_log_p_by_scatter(candidate, about), tests):
@@ -198,18 +175,6 @@ def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64
     return in_time, pose, (whitener @ raw.reshape(-1, 3, 1)).ravel()
 
 
-def has_enough_support(pose: F64, residual: F64, after: int) -> bool:
-    """Whether as many rests as tell where an artefact stood are where the poses before and after
-    put them: one gross error among four buys a pose of its own.
-
-    *pose* (3 k, 6) and *residual* (3 k,) whitened, of the placement's rests in order."""
-    parts = (slice(None, 3 * after), slice(3 * after, None))
-    sound = [
-        int((_distance(pose[part], residual[part]) ** 2 <= DOWNWEIGHT_CHI2).sum()) for part in parts
-    ]
-    return min(sound) >= LEAST_RESTS_BESIDE
-
-
 def _distance(columns: F64, residual: F64) -> F64:
     """(k,) how far whitened rests (3 k,) are from the pose that fits them, gross errors aside."""
     weight = np.ones(len(residual))
@@ -226,24 +191,6 @@ def _change(candidate: Candidate) -> ArtefactChange:
     change = candidate.columns[0].artefact
     assert change is not None
     return change
-
-
-def _best_of_all(candidate: Candidate, scored: ScoredCandidates) -> bool:
-    """Whether the step explains more than any cause, the tails clipped about each one's own fit.
-
-    What moves the base at an instant is the same signal: that is asked by itself.
-    """
-    catalogue = scored.scores
-    likely = [
-        int(i)
-        for i in np.argsort(-catalogue.log_evidence)[: LIKELY_TIMES * TOUCHED_COMPARED]
-        if not _steps(catalogue.signatures.candidates[i])
-    ][:TOUCHED_COMPARED]
-    causes = [catalogue.signatures.candidates[i] for i in likely]
-    step_evidence = score_candidates(scored.projection, [candidate]).scores.log_evidence
-    weight = np.append(step_evidence, catalogue.log_evidence[likely])
-    weight += compute_unclipped_gain([candidate, *causes], weight, scored.projection)
-    return bool(weight[0] >= weight[1:].max(initial=-np.inf))
 
 
 def _steps(candidate: Candidate) -> bool:
