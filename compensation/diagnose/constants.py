@@ -21,11 +21,8 @@ SHAPE_PRIOR = 0.5  # 1; that a strong finding's shape is off: as likely as not
 #: 1; a cause that accounts for less of what goes with its variables is a guess. A disc whose shape
 #: is off by 30 % accounts for 0.92, by half for 0.8.
 ENOUGH = 0.8
-SURE = 0.95  # 1; a finding less probable is worth an experiment of its own
 LEAST_PROBABILITY = 0.01  # 1; an alternative, or a set of causes, less probable is not told
 MOST_RIVAL_SET = 0.5  # 1; a set that has not replaced the one there is is at most as probable
-LEAST_WORTH_EXCLUDING = 1e-4  # 1; many less probable ones together can keep a finding in doubt
-INDISTINGUISHABLE_P = 0.01  # 1; an alternative that would leave nothing significant to add
 ABSORBED = 1e-6  # 1; a candidate that keeps less of its squared norm in projection is absorbed
 LEAST_EXPLAINED_SHARE = 0.25  # 1; who explains so much of what another does may be meant by it
 #: columns; χ² of more counts mostly noise: a walk's many small steps go one way or none. There the
@@ -47,17 +44,7 @@ SHAPE_OFF = 0.15  # 1; standard deviation of each harmonic's share, RMS over the
 SHAPE_ORDERS = (1, 2)  # 1/turn; the harmonics of a shape that is off
 CURVE_SCALE = 3.0  # 1; a curve's likely size, of the catalogue's, before the data have it
 CURVE_SCALES = (0.3, 100.0)  # 1; how far the data may take it (empirical Bayes)
-OF_A_WALK = 1.0  # 1; how far a walk may stray over the time seen, of how far it went
-OF_A_COURSE = 0.3  # 1; the same of a creep, which is never quite an exponential
-OF_A_LENGTH = 0.3  # 1; a link's length may be late by so much more or less than the others
-#: 1; a lag whose sessions began on a ramp looks shorter than it is, 10 and 25 min as 1 to 10: so
-#: many times longer ones are tried.
-SLOWER_LAGS = (4.0, 16.0)
-LONGER_LAGS = (1.0, 5.0)  # 1; what fades does so within the time constant, or several of them
 LEAST_UNEVEN = 0.5  # noise units over all readings; what shows less is left out
-#: 1/K; a priori standard deviation of a length's growth: carbon fibre 0 to 2e-6, steel 12e-6,
-#: aluminium 23e-6
-EXPANSION_PER_K = 20e-6
 #: 1; growth that makes less, of what is left, does not stand out: of a disc far off its axis 22 µm
 #: were left, growth would have made 22, and what there was of it, 13, was not worth a term.
 STANDS_OUT = 2.0
@@ -78,13 +65,10 @@ CORRELATION_SIGMAS = 5.0  # σ; a correlation is beyond doubt: one in a million 
 MOST_CORRELATION = 0.9  # 1; more is no noise but something that drifts
 LEAST_CORRELATION = 0.01  # 1; less has no weight
 LONGEST_GAPS = 3.0  # usual gaps; rests further apart tell nothing of a correlation
-STEP_P = 1e-3  # 1; chance that noise makes any step of a target
-LEAST_PART = 3  # rests; whose mean says where a target stood
 #: 1; a search leaves no more to the noise than another up to so many times its noise. False causes
 #: made it smaller by 8 %, lost ones larger by a factor of 5.8.
 AS_QUIET_AGAIN = 1.25
 AS_QUIET_GROWN = 1.02  # 1; noise larger by no more is the same, of links' growth
-BEYOND_NOISE = 1.5  # 1; residuals so many times the noise's RMS are more than noise
 
 # What belongs together, and what was touched
 REST_RAD = 1e-4  # rad; readings closer in every joint, in sequence at one target, are one rest
@@ -92,26 +76,30 @@ PAUSE = 10.0  # usual gaps; between readings so far apart nobody measured
 LEAST_SPAN_K = 0.05  # K; a temperature that varies by less did not vary
 MOST_TELL = 0.5  # 1; a column that more of the readings have is there
 POSE_TARGETS = 3  # targets; so many fix a pose and tell nothing of each other
-LEAST_LENGTH_MM = 1.0  # mm; a length that a temperature would change
 LEAST_RESTS_BESIDE = 4  # rests; before and after tell where an artefact stood
 LEAST_TARGETS = 2  # targets among them: of one nobody can tell whether it or the arm moved
-#: 1; a mount that steps further, of its typical 5 µm and 4″, and in one placement only, is an
-#: artefact that was moved: they are one signal, and only sizes tell.
-MOST_MOUNT_STEP = 2.0
 MOST_TOUCHED = 6  # touches; more is not somebody touching the artefact now and then
 AS_FAR_OFF = 3.0  # 1; the middle reading of a session explained is no further off, of the others'
 
 # What readings held out decide
 IN_ONE = 0.75  # 1; what shows so much in placements left out together, others cannot teach
-LEAST_GAIN_SHARE = 1e-6  # 1; less of the error is rounding, no gain
 MOST_SQUARES = 15.0  # usual squared residuals; what a gross error counts at most: six noise units
 MOST_WORSE = 0.02  # 1; gross errors move the error over all by less: beyond it a finding harms
 #: sessions; fewer do not tell how sessions scatter, and placements are asked
 LEAST_SCATTERED = 3
 CHANGED_PRIOR = 0.05  # 1; that an arm was no longer the same when the others were taken
-INTERVAL_TAIL = 0.025  # 1; below and above an interval of 95 %
 
 # What depends on a variable
+LEAST_PART_SHOWN = 0.005  # 1; a part in which less of the cause shows says nothing of its size
+
+# --- What is drawn and worded: changes no finding, no probability, nothing written --------------
+
+SURE = 0.95  # 1; a finding less probable is worth an experiment of its own
+LEAST_WORTH_EXCLUDING = 1e-4  # 1; many less probable ones together can keep a finding in doubt
+INDISTINGUISHABLE_P = 0.01  # 1; an alternative that would leave nothing significant to add
+STEP_P = 1e-3  # 1; chance that noise makes any step of a target
+LEAST_PART = 3  # rests; whose mean says where a target stood
+BEYOND_NOISE = 1.5  # 1; residuals so many times the noise's RMS are more than noise
 HALF_WIDTH = 1.96  # standard deviations; the pointwise band that holds 95 % of the drawn sets
 BEYOND = 0.05  # 1; the share outside it
 BEYOND_FLAT = 10.0  # 2 Δ ln L; what varies must explain so much more than what is flat
@@ -119,9 +107,6 @@ SHARE_BEYOND = 0.1  # 1; and this share of it
 BEYOND_VALUES = 10.0  # 2 Δ ln L; a name must explain so much more than a value
 SHARE_OF_NAMES = 0.05  # 1; and this share
 LEAST_VARIANCE_SHARE = 1e-5  # 1; a direction of which absorbing leaves less is absorbed
-LEAST_PART_SHOWN = 0.005  # 1; a part in which less of the cause shows says nothing of its size
-
-# What is told
 SIZE_SIGMAS = 2.0  # σ; a size is known
 UNTOLD = 1e3  # 1; an uncertainty so many times the value: the readings do not tell it
 WOULD_SHOW = 5.0  # noise units; from which on a cause is found mostly
@@ -129,7 +114,6 @@ LEAST_SPARE = 30  # numbers; fewer to spare tell no noise
 FAR_TIMES = 100.0  # 1; readings so many times farther off than the middle one are no tail
 MOST_TOLD = 3  # rows; of those are listed
 MOST_PARTS = 40  # sessions, placements, targets; a longer list is no help
-LEAST_P = 1e-300  # 1; the least p value told: less is what the arithmetic cannot hold
 
 # --- What bounds the work: grids, rounds, draws, groups -------------------------------------------
 
@@ -267,3 +251,6 @@ ORDER_DIGITS = 3  # decimals by which comparisons are sorted
 MOVE_DIGITS = 12  # decimals of moves that are compared
 UM_DIGITS = 3  # digits of micrometres as a person reads them
 GAIN_BEGINS, GAIN_TAKES, HELD_OUT_BEGINS = 0.9, 0.1, 0.95  # 1; of the progress shown
+LEAST_GAIN_SHARE = 1e-6  # 1; less of the error is rounding, no gain
+INTERVAL_TAIL = 0.025  # 1; below and above an interval of 95 %
+LEAST_P = 1e-300  # 1; the least p value told: less is what the arithmetic cannot hold

@@ -29,6 +29,9 @@ from armd.compensation.model.slow_factors import (
 from armd.compensation.model.terms import Factor, Term
 from armd.compensation.wording import format_plain
 
+OF_A_WALK = 1.0  # 1; how far a walk may stray over the time seen, of how far it went
+OF_A_COURSE = 0.3  # 1; the same of a creep, which is never quite an exponential
+
 #: Time constants, as shares of the time seen: with a shorter one all is over before much was
 #: measured, with a longer one it is a straight line, or nearly. Twice apart, refined in between.
 SHARES = (1 / 96, 1 / 48, 1 / 24, 1 / 12, 1 / 6, 1 / 3, 2 / 3)

@@ -108,3 +108,16 @@ def _names(line: str) -> list[str]:
     if line.startswith("#") or "=" not in line:
         return []
     return [name.strip() for name in line.split("=")[0].split(":")[0].split(",")]
+
+
+def test_no_more_than_sixty_decide() -> None:
+    """Which cause is found, how probable it is, and whether it is written."""
+    deciding = TABLE.read_text(encoding="utf-8").split("# --- What ")[1]
+    assert deciding.startswith("decides")
+    names = [
+        target.id
+        for node in ast.parse(deciding.partition("\n")[2]).body
+        for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
+        if isinstance(target, ast.Name)
+    ]
+    assert 50 < len(names) <= 60, len(names)

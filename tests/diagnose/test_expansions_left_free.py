@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.expansions import make_expansion_columns
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import collect_rests
+from armd.compensation.effects.thermal.link_expansion import EXPANSION_PER_K
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term

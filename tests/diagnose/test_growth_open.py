@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from test_expansions_left_free import ARM, ECCENTRIC, MATERIALS, ONE_C, measured
 
-from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis, Finding
 from armd.compensation.diagnose.fitting.free_expansion import (
@@ -16,6 +15,7 @@ from armd.compensation.diagnose.fitting.free_expansion import (
 )
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.report.verdict import write_verdict
+from armd.compensation.effects.thermal.link_expansion import EXPANSION_PER_K
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.thermal.terms import make_length_terms

@@ -13,12 +13,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.diagnose.constants import (
-    LEAST_RESTS_BESIDE,
-    LEAST_TARGETS,
-    MOST_MOUNT_STEP,
-    TOUCHED_GRID,
-)
+from armd.compensation.diagnose.constants import LEAST_RESTS_BESIDE, LEAST_TARGETS, TOUCHED_GRID
 from armd.compensation.diagnose.fitting.under_test import make_model_under_test
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.rests import collect_rests
@@ -34,6 +29,7 @@ from armd.compensation.diagnose.search.moved_artefact import (
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import make_candidate
+from armd.compensation.effects.setup.mount_drift import MOST_MOUNT_STEP
 from armd.compensation.estimate.noise.robust import WINSOR_AT, compute_huber_loss
 from support import synthetic
 from support.selection import parametrize_default

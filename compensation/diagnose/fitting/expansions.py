@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.diagnose.constants import EXPANSION_PER_K
 from armd.compensation.diagnose.problem.linear import Baseline, Linear
+from armd.compensation.effects.thermal.link_expansion import EXPANSION_PER_K
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import compute_basis_values

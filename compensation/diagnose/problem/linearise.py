@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.diagnose.constants import LEAST_LENGTH_MM
 from armd.compensation.diagnose.problem.linear import Linear, ModelState, Rests
 from armd.compensation.estimate.linear.blocks import Blocks, Piece, to_blocks
 from armd.compensation.estimate.linearise import Linearisation, linearise_as_read
@@ -16,7 +15,7 @@ from armd.compensation.estimate.surface_kinds import FREEDOM, PLANE
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.calibration import ArtefactCorrection
-from armd.compensation.model.parameters import ParameterLayout
+from armd.compensation.model.parameters import LEAST_LENGTH_MM, ParameterLayout
 from armd.errors import BadInput
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.diagnose.constants import ROWS_A_COLUMN, SHAPE_PRIOR, SLOWER_LAGS
+from armd.compensation.diagnose.constants import ROWS_A_COLUMN, SHAPE_PRIOR
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import assign_folds
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
@@ -29,6 +29,7 @@ from armd.compensation.diagnose.scoring.time_discrepancy import (
 )
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.thermal.thermal_lag import SLOWER_LAGS
 from armd.compensation.model.arm import Arm
 
 

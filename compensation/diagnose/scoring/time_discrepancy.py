@@ -20,20 +20,23 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.diagnose.constants import (
     LEAST_UNEVEN,
-    LONGER_LAGS,
     MOST_FUNCTIONS,
-    OF_A_COURSE,
-    OF_A_LENGTH,
-    OF_A_WALK,
     ROUNDING,
     WALK_MOMENTS,
     WALK_RANGE,
 )
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
-from armd.compensation.effects.courses import compute_swing, is_drift, is_walk
+from armd.compensation.effects.courses import (
+    OF_A_COURSE,
+    OF_A_WALK,
+    compute_swing,
+    is_drift,
+    is_walk,
+)
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.effects.location import make_shape_location
+from armd.compensation.effects.thermal.thermal_lag import LONGER_LAGS, OF_A_LENGTH
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import compute_basis_values
 from armd.compensation.model.slow_factors import After, Period, Relaxation, Temperature

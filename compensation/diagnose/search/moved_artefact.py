@@ -21,7 +21,6 @@ from armd.compensation.diagnose.constants import (
     LEAST_PROBABILITY,
     LEAST_RESTS_BESIDE,
     LEAST_TARGETS,
-    MOST_MOUNT_STEP,
     RANK_SHARE,
     REWEIGHTINGS,
     TOUCHED_FINER,
@@ -43,6 +42,7 @@ from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p, 
 from armd.compensation.diagnose.search.findings import find_nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import make_candidate
+from armd.compensation.effects.setup.mount_drift import MOST_MOUNT_STEP
 from armd.compensation.estimate.noise.robust import (
     compute_huber_loss,
     compute_huber_weights,

@@ -25,6 +25,10 @@ from armd.compensation.effects.effect import (
 from armd.compensation.model.slow_factors import After, Time
 from armd.compensation.wording import ARC_SECOND, format_plain, seconds_of_arc
 
+#: 1; a mount that steps further, of its typical 5 µm and 4″, and in one placement only, is an
+#: artefact that was moved: they are one signal, and only sizes tell.
+MOST_MOUNT_STEP = 2.0
+
 SHIFTS = ("base_x", "base_y", "base_z")
 #: A base may move so much in the time seen.
 TYPICAL_MM, TYPICAL_RAD = 20e-3, 15 * ARC_SECOND

@@ -17,6 +17,10 @@ from armd.compensation.effects.effect import (
 )
 from armd.compensation.wording import format_plain
 
+#: 1/K; a priori standard deviation of a length's growth: carbon fibre 0 to 2e-6, steel 12e-6,
+#: aluminium 23e-6
+EXPANSION_PER_K = 20e-6
+
 TYPICAL_PER_K = 10e-6
 TOGETHER = "of all links per kelvin"
 

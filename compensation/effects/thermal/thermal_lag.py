@@ -22,6 +22,12 @@ from armd.compensation.effects.effect import (
 from armd.compensation.model.terms import Term
 from armd.compensation.wording import format_plain
 
+OF_A_LENGTH = 0.3  # 1; a link's length may be late by so much more or less than the others
+#: 1; a lag whose sessions began on a ramp looks shorter than it is, 10 and 25 min as 1 to 10: so
+#: many times longer ones are tried.
+SLOWER_LAGS = (4.0, 16.0)
+LONGER_LAGS = (1.0, 5.0)  # 1; what fades does so within the time constant, or several of them
+
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 5400.0)
 TYPICAL_PER_K = 15e-6
 #: A link comes late by all of its growth at most, and is warmed through within about an hour. On a
