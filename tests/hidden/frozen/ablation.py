@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import csv
 import json
 import multiprocessing
 import os
@@ -36,6 +37,7 @@ from hidden.frozen.switches import Rule, switch_off, watch
 
 MOST_S = 900
 DRAWN_BY = 44
+COLUMNS = ("changed", "run", "other", "better", "worse")
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,7 @@ def main() -> int:
     parser.add_argument("--cases", type=int, help="of each kind at most")
     parser.add_argument("--most", type=int, default=20, help="cases without a rule at most")
     parser.add_argument("--rules", nargs="*", help="their names; without, all")
+    parser.add_argument("--csv", type=Path, help="a table whose rows of these rules are replaced")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args()
     kept = CACHE / "ablation" / commit_of(ROOT, "HEAD")[:12]
@@ -78,8 +81,10 @@ def main() -> int:
         for case in draw_cases(rule, with_all, args.most)
     ]
     without = find_answers(tasks, args.workers)
-    for line in make_table(rules, with_all, without):
-        print(line)
+    rows = count_rows(rules, with_all, without)
+    print("\n".join([*make_table(rows), *list_changes(with_all, without)]))
+    if args.csv:
+        write_rows(args.csv, rows)
     return 0
 
 
@@ -215,31 +220,60 @@ def _armd(*words: str) -> int:
         return int(armd(list(words)))
 
 
-def make_table(
+def count_rows(
     rules: Sequence[Rule], with_all: Mapping[Path, Answer], without: Mapping[Task, Answer]
-) -> list[str]:
-    """A row of each rule: in how many cases it changed something, in how many of those that were
-    run without it the answer is another, and in how many it is better and worse with it."""
-    lines = [f"{'rule':50s} {'changed':>7s} {'run':>4s} {'other':>5s} {'better':>6s} {'worse':>5s}"]
-    cases = {}
+) -> dict[str, dict[str, int]]:
+    """Of each rule that was switched off: in how many cases it changes something, how many of them
+    were run without it, how many of those answers are others, and better or worse with it."""
+    rows = {}
     for rule in rules:
         runs = {task.case: one for task, one in without.items() if task.rule == rule.name}
-        marks = {case: judge(case, with_all[case].ran, one.ran) for case, one in runs.items()}
+        marks = Counter(judge(case, with_all[case].ran, one.ran) for case, one in runs.items())
         changed = sum(rule.always or bool(one.changed.get(rule.name)) for one in with_all.values())
-        counted = Counter(marks.values())
-        lines.append(
-            f"{rule.name:50s} {changed:7d} {len(runs):4d} "
-            f"{counted['+'] + counted['-'] + counted['~']:5d} {counted['+']:6d} {counted['-']:5d}"
-        )
-        cases[rule.name] = {case: mark for case, mark in marks.items() if mark in "+-"}
-    for name, of_rule in cases.items():
-        for case, mark in of_rule.items():
-            truth = read_truth(case)
-            task = next(t for t in without if t.rule == name and t.case == case)
-            lines.append(f"{mark} {name}: {case.parent.name} {case.name}")
-            lines.append(f"     with: {score(truth, with_all[case].ran).answer}")
-            lines.append(f"  without: {score(truth, without[task].ran).answer}")
+        if runs or not changed:
+            rows[rule.name] = {
+                "changed": changed, "run": len(runs), "other": len(runs) - marks["="],
+                "better": marks["+"], "worse": marks["-"],
+            }  # fmt: skip
+    return rows
+
+
+def make_table(rows: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """The rows as text."""
+    lines = [f"{'rule':50s}" + "".join(f"{column:>8s}" for column in COLUMNS)]
+    for name, row in rows.items():
+        lines.append(f"{name:50s}" + "".join(f"{row[column]:8d}" for column in COLUMNS))
     return lines
+
+
+def list_changes(with_all: Mapping[Path, Answer], without: Mapping[Task, Answer]) -> list[str]:
+    """The answers that are better or worse with a rule, and what they are without."""
+    lines = []
+    for task, one in without.items():
+        mark = judge(task.case, with_all[task.case].ran, one.ran)
+        if mark in "+-":
+            truth = read_truth(task.case)
+            lines += [
+                f"{mark} {task.rule}: {task.case.parent.name} {task.case.name}",
+                f"     with: {score(truth, with_all[task.case].ran).answer}",
+                f"  without: {score(truth, one.ran).answer}",
+            ]
+    return lines
+
+
+def write_rows(path: Path, rows: Mapping[str, Mapping[str, int]]) -> None:
+    """Replace these rules' rows of a table, and leave those of others, which may be gone."""
+    known: dict[str, Mapping[str, object]] = {}
+    if path.exists():
+        with path.open(encoding="utf-8", newline="") as file:
+            known = {row["rule"]: row for row in csv.DictReader(file)}
+    present = {rule.name for rule in RULES}
+    known |= {name: {"rule": name, **row} for name, row in rows.items()}
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, ["rule", *COLUMNS, "kept"], lineterminator="\n")
+        writer.writeheader()
+        for name, row in known.items():
+            writer.writerow({**row, "kept": "yes" if name in present else "no"})
 
 
 def judge(case: Path, with_it: Ran, without: Ran) -> str:

@@ -10,7 +10,16 @@ from pathlib import Path
 
 import pytest
 from hidden.frozen import switches
-from hidden.frozen.ablation import Answer, Task, draw_cases, judge, make_table
+from hidden.frozen.ablation import (
+    Answer,
+    Task,
+    count_rows,
+    draw_cases,
+    judge,
+    list_changes,
+    make_table,
+    write_rows,
+)
 from hidden.frozen.case import Cause, Truth, write_truth
 from hidden.frozen.rules import RULES
 from hidden.frozen.run import Ran
@@ -92,7 +101,17 @@ def test_the_table_counts_what_was_run_without_a_rule(case: Path) -> None:
     assert draw_cases(rule, with_all, 5) == [case]
     assert draw_cases(Rule("others"), with_all, 5) == []
     without = {Task(case, "shapes", case): Answer(replace(WITH, after_um=7.0), {})}
-    head, row, *told = make_table([rule], with_all, without)
+    rows = count_rows([rule], with_all, without)
+    head, row = make_table(rows)
     assert head.split()[1:] == ["changed", "run", "other", "better", "worse"]
     assert row.split() == ["shapes", "1", "1", "1", "1", "0"]
-    assert told[0] == "+ shapes: 421 single-00"
+    assert list_changes(with_all, without)[0] == "+ shapes: 421 single-00"
+
+
+def test_a_rule_that_is_gone_keeps_its_row(tmp_path: Path) -> None:
+    table, row = tmp_path / "rules.csv", dict.fromkeys(("changed", "run", "other", "better"), 3)
+    write_rows(table, {"gone": row | {"worse": 1}, RULES[0].name: row | {"worse": 0}})
+    write_rows(table, {RULES[0].name: row | {"worse": 2}})
+    head, *lines = table.read_text(encoding="utf-8").splitlines()
+    assert head == "rule,changed,run,other,better,worse,kept"
+    assert lines == ["gone,3,3,3,3,1,no", f"{RULES[0].name},3,3,3,3,2,yes"]
