@@ -16,7 +16,16 @@ from armd.drivers.poll.sampler import ServoSampler
 from armd.drivers.poll.servos.memory import Memory
 from armd.drivers.ports import is_pseudo
 from armd.drivers.table import open_driver
-from support.driven_servos import BOTH, Taken, assert_replayed, config, driven, expected, state
+from support.driven_servos import (
+    BOTH,
+    StandingStill,
+    Taken,
+    assert_replayed,
+    config,
+    driven,
+    expected,
+    state,
+)
 from support.fake_servos import Dynamixel, FakeServos, Feetech
 
 S = 1_000_000_000
@@ -187,20 +196,6 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
             for servo, count in enumerate(counts, 1):
                 servos.move(servo, round(2048 + count) % 4096)
 
-        class StandingStill:
-            """`os`, for a host that stops between the request's instant and its write."""
-
-            writes = 0
-
-            def __getattr__(self, name):
-                return getattr(os, name)
-
-            def write(self, *arguments):
-                self.writes += 1
-                if self.writes % 25 == 12:
-                    time.sleep(stall_s)
-                return os.write(*arguments)
-
         def late(cycle, statuses):
             if cycle % 25 == 12:
                 time.sleep(stall_s)
@@ -208,7 +203,7 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
 
         servos.before_reading = turn
         if where == "before the request is out":
-            monkeypatch.setattr(shell, "os", StandingStill())
+            monkeypatch.setattr(shell, "os", StandingStill(25, stall_s))
         else:
             servos.before_answers = late
         rows = taken.rows(200)[20:]  # it starts with a jerk

@@ -1,7 +1,6 @@
 """Servos that answer plain reads and no sync read, on the wire: they are read one by one, and no
 answer is taken for another cycle's."""
 
-import os
 import re
 import time
 from contextlib import closing
@@ -14,7 +13,16 @@ from armd.drivers import shell
 from armd.drivers.config import Trigger
 from armd.drivers.poll.decoder import encode_note
 from armd.drivers.table import open_driver
-from support.driven_servos import BOTH, Taken, assert_replayed, config, driven, expected, state
+from support.driven_servos import (
+    BOTH,
+    StandingStill,
+    Taken,
+    assert_replayed,
+    config,
+    driven,
+    expected,
+    state,
+)
 from support.fake_servos import Dynamixel, FakeServos, Feetech
 from support.selection import parametrize_default
 
@@ -169,32 +177,6 @@ def test_two_servos_of_one_id_are_told(tmp_path, family):
     assert len(taken.told("duplicate_id")) == 1
 
 
-@pytest.mark.slow
-@BOTH
-def test_an_echo_and_noise_are_no_answers(tmp_path, family):
-    with driven(family, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
-        servos.echo = True
-        taken.rows(20)
-
-        def dirty(servo, status):
-            cycle = len(servos.cycles)
-            if servo == 2 and cycle % 10 == 1:
-                return [b"\xff\xff\xff", b"\xff\xff\xfd\x00\x01\xff", status]
-            if servo == 2 and cycle % 10 == 6:
-                spoilt = bytearray(status)
-                spoilt[-3] ^= 0x10
-                return [bytes(spoilt)]
-            return [status]
-
-        servos.before_answer = dirty
-        rows = taken.rows(200)
-        counters = taken.driver.counters
-        servos.before_answer = None
-    good = rows["joint_invalid"] == 0
-    assert (rows["count"][good] == 0).all() and 50 < good.sum() < 195
-    assert counters["echoes"] > 400 and counters["bad_sum"] >= 10
-
-
 class Turning(dict):
     """Registers of servos whose positions are those of the moment at which they are read."""
 
@@ -207,22 +189,6 @@ class Turning(dict):
         (counts,) = self.true_count(np.array([time.monotonic_ns()]))
         Feetech.put_position(table, round(2048 + counts[servo - 1]) % 4096)
         return table
-
-
-class StandingStill:
-    """`os`, for a host that stops before every *every*-th write."""
-
-    def __init__(self, every, seconds):
-        self.every, self.seconds, self.writes = every, seconds, 0
-
-    def __getattr__(self, name):
-        return getattr(os, name)
-
-    def write(self, *arguments):
-        self.writes += 1
-        if self.writes % self.every == 12:
-            time.sleep(self.seconds)
-        return os.write(*arguments)
 
 
 @pytest.mark.slow
@@ -321,18 +287,6 @@ def test_the_trigger_and_other_thermometers_are_asked_too(tmp_path, family):
             servos.silent.add(6)  # a button is no joint
             taken.take(10.0, lambda: "servo 6 does not answer" in driver.hindrance)
             take_valid(taken, 20)
-
-
-@pytest.mark.slow
-@BOTH
-def test_another_offset_is_noticed(tmp_path, family):
-    with driven(family, tmp_path, no_sync=(1, 2, 3)) as (servos, taken):
-        taken.rows(50)
-        family.put_homing(servos.registers[2], 33)
-        taken.take(20.0, lambda: taken.told("offsets_changed"))
-        rows = take_valid(taken, 20, 0b010)
-    assert "servo 2 (joint 2): homing offset" in taken.told("offsets_changed")[0].text
-    assert (rows["joint_invalid"] & 0b010 != 0).all()
 
 
 @pytest.mark.slow
