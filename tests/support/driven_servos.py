@@ -4,7 +4,6 @@ with driven(Feetech, tmp_path) as (servos, taken):
     rows = taken.rows(20)
 """
 
-import os
 import time
 from contextlib import closing, contextmanager
 
@@ -84,22 +83,6 @@ class Taken:
 
     def told(self, kind):
         return [event for event in self.events if event.kind == kind]
-
-
-class StandingStill:
-    """`os`, for a host that stops before the twelfth of each *every* writes."""
-
-    def __init__(self, every, seconds):
-        self.every, self.seconds, self.writes = every, seconds, 0
-
-    def __getattr__(self, name):
-        return getattr(os, name)
-
-    def write(self, *arguments):
-        self.writes += 1
-        if self.writes % self.every == 12:
-            time.sleep(self.seconds)
-        return os.write(*arguments)
 
 
 def assert_replayed(servos, frames, live, unheard=0):

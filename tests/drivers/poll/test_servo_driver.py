@@ -16,16 +16,7 @@ from armd.drivers.poll.sampler import ServoSampler
 from armd.drivers.poll.servos.memory import Memory
 from armd.drivers.ports import is_pseudo
 from armd.drivers.table import open_driver
-from support.driven_servos import (
-    BOTH,
-    StandingStill,
-    Taken,
-    assert_replayed,
-    config,
-    driven,
-    expected,
-    state,
-)
+from support.driven_servos import BOTH, Taken, assert_replayed, config, driven, expected, state
 from support.fake_servos import Dynamixel, FakeServos, Feetech
 
 S = 1_000_000_000
@@ -148,30 +139,22 @@ def test_stale_bytes_echo_and_noise_are_no_answers(tmp_path, family):
     assert counters["echoes"] > 200 and counters["bad_sum"] > 20 and counters["junk"] > 0
 
 
-@pytest.mark.slow
-@BOTH
-def test_the_seam_and_many_turns(tmp_path, punctuality, family):
-    with punctuality.watch() as machine, driven(family, tmp_path) as (servos, taken):
-        position = {"now": 4000}
+class StandingStill:
+    """`os`, for a host that stops before the twelfth of each *every* writes."""
 
-        def turn(cycle):
-            position["now"] += 2
-            servos.move(1, position["now"] % 4096)  # folds: one turn
-            servos.move(2, position["now"] - 4096)  # runs on, from below nothing
-            servos.move(3, -position["now"] % 4096)  # backwards over the seam
+    writes = 0
 
-        servos.before_reading = turn
-        rows = taken.rows(300)
-        servos.before_reading = None
-    invalid = rows["joint_invalid"] != 0
-    machine.judge_lost(int(invalid.sum()), "rows of a servo that turns")
-    rows = rows[~invalid]
-    cycles = np.diff(rows["seq"].astype(int))[:, None]  # some are lost where the host stands still
-    steps = np.diff(rows["count"], axis=0) / cycles
-    assert (steps[5:, :2] > 0).all() and (steps[5:, 2] < 0).all()  # moved by nobody backwards
-    assert np.abs(steps).max() < 5
-    assert rows["count"][-1, 0] > 2047  # ran on across the seam
-    assert rows["count"][0].min() >= -2048 and rows["count"][0].max() < 2048
+    def __init__(self, every, seconds):
+        self.every, self.seconds = every, seconds
+
+    def __getattr__(self, name):
+        return getattr(os, name)
+
+    def write(self, *arguments):
+        self.writes += 1
+        if self.writes % self.every == 12:
+            time.sleep(self.seconds)
+        return os.write(*arguments)
 
 
 @pytest.mark.parametrize("where", ["before the request is out", "before the answers are read"])
