@@ -22,20 +22,6 @@ def text(name: str) -> str:
     return page_path(name).read_text(encoding="utf-8")
 
 
-def test_the_files_named_exist() -> None:
-    named = re.findall(r"`((?:\w[\w-]*/)*[\w.-]+\.(?:py|md|toml)|\w[\w/]*/)`", text("extend"))
-    assert len(named) > 16
-    for name in named:
-        if name == TOY_CAUSE:
-            continue
-        path = ROOT / name
-        if "NAME" in name:  # what is to be made: where it goes is there
-            path = ROOT / name.split("NAME")[0].rpartition("/")[0]
-        elif "/" not in name.strip("/") and not path.exists():
-            path = ROOT / "compensation" / "effects" / name  # a room of the causes
-        assert path.exists(), name
-
-
 def cause() -> str:
     (source,) = re.findall(r"```python\n(.*?)```", text("extend"), re.DOTALL)
     return str(source)
