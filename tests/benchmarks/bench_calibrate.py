@@ -8,7 +8,6 @@ of as many rows and unknowns, and Arrow reading the tables alone; of both, numpy
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 import tempfile
@@ -112,7 +111,3 @@ def _dense_step_s(rows: int, placements: int) -> float:
     began = time.process_time()
     cho_solve(cho_factor(matrix.T @ matrix), matrix.T @ right)
     return time.process_time() - began
-
-
-if __name__ == "__main__":
-    print(json.dumps(run(), indent=1))

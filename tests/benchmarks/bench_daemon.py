@@ -33,7 +33,7 @@ from floors import F64, I64, Arrivals, Latencies, line_alone, zenoh_alone
 from measured import processor_s, resident_mb
 from stolen import Stolen
 
-from armd import POINT, Flag
+from armd import Flag
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
 from armd.daemon.host.awake import DEVICE, Awake
@@ -177,8 +177,7 @@ def daemon(
             goes_first = os.sched_getscheduler(armd.process.pid) != os.SCHED_OTHER
             time.sleep(seconds)
             last, cpu_s = len(arrivals.payloads), processor_s(armd.process.pid) - cpu_s
-            points = np.frombuffer(b"".join(arrivals.payloads[first:last]), POINT)
-            arrived_ns = np.array(arrivals.arrived_ns[first:last])
+            points, arrived_ns = arrivals.points(first, last)
             latency_us = (arrived_ns - arm.latch_ns(points["seq"])) / 1000
             rss_mb = resident_mb(armd.process.pid)
             armd.stop()

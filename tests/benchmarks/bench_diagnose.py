@@ -15,15 +15,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from bench_calibrate import SIZES
-from measured import measured
+from measured import measured, on_cores
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.data.sessions.session import Session, load_session
@@ -45,7 +44,7 @@ ARMD = [sys.executable, "-m", "armd"]
 
 def run(repeats: int = 3) -> dict[str, Any]:
     """Of 2000 readings the best of *repeats*, of 20 000 one run."""
-    with tempfile.TemporaryDirectory() as name, _on_cores(CORES):
+    with tempfile.TemporaryDirectory() as name, on_cores(CORES):
         folder = Path(name)
         few, many = (
             _case(folder / size, *SIZES[size]) for size in ("2000_readings", "20000_readings")
@@ -161,16 +160,5 @@ def _measure(of: str) -> dict[str, float]:
     return {**took, "peak_mb": 1.024e-3 * peak_kb}
 
 
-@contextmanager
-def _on_cores(count: int) -> Iterator[None]:
-    """This process and those it starts on so many cores at most."""
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, sorted(before)[:count])
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)
-
-
 if __name__ == "__main__":
-    print(json.dumps(_measure(sys.argv[1]) if len(sys.argv) > 1 else run(), indent=1))
+    print(json.dumps(_measure(sys.argv[1])))

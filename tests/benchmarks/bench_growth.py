@@ -170,7 +170,3 @@ def _write_readings(path: Path, rows: int) -> None:
             texts = [pa.array([text] * len(q)) for text in ("P1", "reflector")]
             columns = [*texts, *(pa.array(c) for c in (time_s, *q.T, *celsius.T))]
             file.write_table(pa.Table.from_arrays(columns, schema=schema))
-
-
-if __name__ == "__main__":
-    print(json.dumps(run(), indent=1))

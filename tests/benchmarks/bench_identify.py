@@ -8,7 +8,6 @@ it differentiates by the 57 unknowns only. All begin at the drawing and end at t
 
 from __future__ import annotations
 
-import json
 import time
 from typing import Any
 
@@ -113,7 +112,3 @@ def _run(repeats: int) -> dict[str, Any]:
         result["scipy_closed_form_placements_seconds"] / result["seconds"]
     )
     return result
-
-
-if __name__ == "__main__":
-    print(json.dumps(run(), indent=1))

@@ -8,35 +8,28 @@ adapter adds falls on each request and each reply, and on a stream once.
 
 from __future__ import annotations
 
-import os
 import tempfile
 import time
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_servo import SERVO_PRIORITY
+from bench_servo import at_the_daemons_priority, quick_arm
 
-from armd.daemon.host.priority import raise_priority
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.microscribe.decoder import MicroScribeDecoder
 from armd.drivers.table import open_driver
 from support.microscribe import EXPECTED, held_against_truth
-from support.simulated_arm import simulated_arm
 
 ROUNDS, SECONDS, HOMED_S = 3, 15.0, 15.0
 
 
 def run() -> dict[str, Any]:
-    before = os.sched_getscheduler(0), os.sched_getparam(0)
     MicroScribeDecoder(EXPECTED).warm_up()
-    raise_priority()
-    try:
+    with at_the_daemons_priority():
         rounds = [{way: _measure(way == "streamed") for way in ("asked", "streamed")}
                   for _ in range(ROUNDS)]  # fmt: skip
-    finally:
-        os.sched_setscheduler(0, *before)
     return {
         way: {name: float(np.median([each[way][name] for each in rounds])) for name in figures}
         for way, figures in rounds[0].items()
@@ -46,11 +39,7 @@ def run() -> dict[str, Any]:
 def _measure(stream: bool) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as name:
         seconds = HOMED_S + SECONDS + 5.0
-        with simulated_arm(Path(name), wire=("--microscribe",), seconds=seconds) as arm:
-            with suppress(PermissionError):
-                os.sched_setscheduler(
-                    arm.process.pid, os.SCHED_FIFO, os.sched_param(SERVO_PRIORITY)
-                )
+        with quick_arm("--microscribe", folder=Path(name), seconds=seconds) as arm:
             config = MicroScribeConfig(
                 kind="microscribe", port=arm.port, baud=115_200, stream=stream
             )

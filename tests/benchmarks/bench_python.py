@@ -7,21 +7,19 @@ turn, so that a busy machine slows all alike.
 from __future__ import annotations
 
 import importlib.util
-import os
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from measured import measured
+from measured import measured, on_cores
 
 import armd
 from support.published import make_lake
@@ -102,7 +100,7 @@ def _table(arm_file: Path, calibration: Path) -> dict[str, Any]:
             "corrector": correct,
             "corrector_with_uncertainty": correct_with_uncertainty,
         }
-        with _one_core():
+        with on_cores(1):
             figures[kind] = _beside(ways)
     return figures
 
@@ -127,17 +125,6 @@ def _beside(ways: dict[str, Callable[[], object]]) -> dict[str, float]:
     }
 
 
-@contextmanager
-def _one_core() -> Iterator[None]:
-    """Within this `with`, the process has one core."""
-    cores = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {max(cores)})
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, cores)
-
-
 def _lake(folder: Path, arm: Path, calibration: Path) -> dict[str, float]:
     """A day of a lake, read, corrected and written by docs/examples/lake.py on one core."""
     spec = importlib.util.spec_from_file_location("lake", LAKE_PY)
@@ -147,7 +134,7 @@ def _lake(folder: Path, arm: Path, calibration: Path) -> dict[str, float]:
     make_lake(folder / "lake", "SIM-0001", ["2026-03-01"], LAKE_ROWS, files=20)
     size = sum(path.stat().st_size for path in (folder / "lake" / DAY).iterdir())
     figures = {"bytes_a_row": size / LAKE_ROWS}
-    with _one_core():
+    with on_cores(1):
         for name, uncertainty in (("with_uncertainty", True), ("without", False)):
             corrector = armd.Corrector(arm, calibration, uncertainty=uncertainty)
             best_s = float("inf")

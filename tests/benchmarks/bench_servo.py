@@ -46,18 +46,24 @@ UNTIMED_S = 2 * IN_DOUBT_NS * 1e-9
 def run() -> dict[str, Any]:
     """Of each family: six servos at 1 Mbaud for a minute, with the processors kept awake as
     `armd run` keeps them."""
+    with at_the_daemons_priority(), processors_awake():
+        return {family: _measure(family) for family in ("feetech", "dynamixel")}
+
+
+@contextmanager
+def at_the_daemons_priority() -> Iterator[None]:
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     raise_priority()
     try:
-        with processors_awake():
-            return {family: _measure(family) for family in ("feetech", "dynamixel")}
+        yield
     finally:
         os.sched_setscheduler(0, *before)
 
 
 @contextmanager
-def _servos(family: str, folder: Path, seconds: float) -> Iterator[SimulatedArm]:
-    with simulated_arm(folder, wire=("--servo", family), seconds=seconds) as arm:
+def quick_arm(wire: str, *kind: str, folder: Path, seconds: float) -> Iterator[SimulatedArm]:
+    """A simulated arm that waits for no scheduler, where the system grants that."""
+    with simulated_arm(folder, wire=(wire, *kind), seconds=seconds) as arm:
         with suppress(PermissionError):
             param = os.sched_param(SERVO_PRIORITY)
             os.sched_setscheduler(arm.process.pid, os.SCHED_FIFO, param)
@@ -83,7 +89,7 @@ def _bare_client(family: str) -> np.ndarray | None:
         client = folder / "bare_servo"
         source = Path(__file__).with_name("bare_servo.c")
         subprocess.run(["gcc", "-O2", str(source), "-o", str(client)], check=True)
-        with _servos(family, folder, BARE_SECONDS + 30.0) as arm:
+        with quick_arm("--servo", family, folder=folder, seconds=BARE_SECONDS + 30.0) as arm:
             command = [client, arm.port, str(BARE_SECONDS), *turns]
             told = subprocess.run(
                 command, check=True, capture_output=True, preexec_fn=raise_priority
@@ -109,7 +115,7 @@ def _measure(family: str) -> dict[str, float]:
         folder = Path(name)
         os.environ["STATE_DIRECTORY"] = str(folder)
         seconds = SETTLING_S + SECONDS + 30.0
-        with _servos(family, folder, seconds) as arm:
+        with quick_arm("--servo", family, folder=folder, seconds=seconds) as arm:
             config = ServoConfig.model_validate(
                 {
                     "kind": family, "port": arm.port, "baud": BAUD, "ids": [1, 2, 3, 4, 5],

@@ -25,7 +25,6 @@ import numpy as np
 from floors import Arrivals
 from measured import processor_s, resident_mb
 
-from armd import POINT
 from support.running_bridge import RunningBridge, running_bridge
 from support.running_daemon import running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm
@@ -137,13 +136,11 @@ def _latency_us(arm: SimulatedArm, arrivals: Arrivals) -> np.ndarray:
     first = len(arrivals.payloads)
     time.sleep(SECONDS)
     last = len(arrivals.payloads)
-    points = np.frombuffer(b"".join(arrivals.payloads[first:last]), POINT)
-    latency_us: np.ndarray = (
-        np.array(arrivals.arrived_ns[first:last]) - arm.latch_ns(points["seq"])
-    ) / 1000
+    points, arrived_ns = arrivals.points(first, last)
+    latency_us: np.ndarray = (arrived_ns - arm.latch_ns(points["seq"])) / 1000
     return latency_us
 
 
 def _lost(arrivals: Arrivals) -> int:
-    seq = np.frombuffer(b"".join(arrivals.payloads), POINT)["seq"].astype(np.int64)
+    seq = arrivals.points()[0]["seq"].astype(np.int64)
     return int((np.diff(seq) - 1).sum())

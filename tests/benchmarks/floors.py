@@ -17,6 +17,7 @@ import numpy as np
 import serial
 import zenoh
 
+from armd import POINT
 from armd.arrays import F64, I64
 from support.running_daemon import free_endpoint, session_with
 
@@ -40,6 +41,11 @@ class Arrivals:
     def take(self, sample: zenoh.Sample) -> None:
         self.arrived_ns.append(time.monotonic_ns())
         self.payloads.append(sample.payload.to_bytes())
+
+    def points(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, I64]:
+        """Points (n,) and when each arrived."""
+        points = np.frombuffer(b"".join(self.payloads[first:last]), POINT)
+        return points, np.array(self.arrived_ns[first:last])
 
 
 def zenoh_alone(rate_hz: int, seconds: float, through: Sequence[str] = ()) -> Latencies:

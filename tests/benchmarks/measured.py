@@ -6,8 +6,8 @@ import os
 import resource
 import subprocess
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -30,6 +30,17 @@ def measured(command: Sequence[str]) -> dict[str, float]:
         "processor_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
         "peak_mb": 1.024e-3 * peak_kb,
     }
+
+
+@contextmanager
+def on_cores(count: int) -> Iterator[None]:
+    """This process, and those it starts, on so many cores at most."""
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(before)[-count:])
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
 
 
 def processor_s(pid: int) -> float:

@@ -24,8 +24,8 @@ from armd.files.writing import write_whole
 #: Modules bench_NAME beside this file, each with run() → (nested) figures; some with shown(figures)
 #: → lines of a table of their own.
 NAMES = [
-    "kernel", "wire", "stages", "daemon", "controller", "rate", "installed", "identify",
-    "calibrate", "diagnose", "growth", "timing", "servo", "microscribe", "view", "python",
+    "kernel", "stages", "daemon", "controller", "rate", "installed", "identify",
+    "calibrate", "diagnose", "growth", "servo", "microscribe", "view", "python",
 ]  # fmt: skip
 
 

@@ -8,7 +8,6 @@ the truth.
 import socket
 from contextlib import closing
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -82,10 +81,6 @@ class EveryWire:
     last_s = LAST_S
 
     @classmethod
-    def options(cls, folder: Path) -> list[str]:
-        return []
-
-    @classmethod
     def config(cls, port: str):
         raise NotImplementedError
 
@@ -113,7 +108,7 @@ class EveryWire:
             for name, (at, lasts, joint) in cls.faults.items()
         )
         scenario.write_text(f"fault = [{faults}]\n")
-        options = ["--scenario", str(scenario), *cls.options(folder)]
+        options = ["--scenario", str(scenario)]
         seconds = FIRST_S + cls.last_s
         items = []
         with (
@@ -295,21 +290,6 @@ class TestSocketcand(EveryCan):
             kind="can", interface="socketcand", channel="can0", rate_hz=cls.rate_hz,
             host=host, port=int(number),
         )  # fmt: skip
-
-
-@pytest.mark.slow  # the same driver as on socketcand; its adapter has tests of its own
-@pytest.mark.serial  # windows of tenths of a second
-class TestSlcan(EveryCan):
-    wire = ("--can", "slcan")
-    rate_hz = 100
-
-    @classmethod
-    def options(cls, folder):
-        return ["--link", str(folder / "port")]
-
-    @classmethod
-    def config(cls, port):
-        return CanConfig(kind="can", interface="slcan", channel=port, rate_hz=cls.rate_hz)
 
 
 @pytest.mark.skipif(

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import pty
 import select
 import threading
-import tty
 from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
@@ -38,6 +36,7 @@ from support.microscribe import (
     nominal,
     read_until_end,
 )
+from support.pty_link import open_line
 from support.punctuality import Punctuality
 from support.sampled import events_of, rows_of
 from support.simulated_arm import simulated_arm
@@ -379,8 +378,6 @@ def test_an_arm_that_closes_no_text_and_has_no_extended_parameters(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A device of our own on a pty: it answers what the manual says, and nothing else."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
     answers = {
         b"IMMC": b"IMMC",
         b"BEGIN": b"MSCR\0",
@@ -402,15 +399,14 @@ def test_an_arm_that_closes_no_text_and_has_no_extended_parameters(
                     if heard.endswith(question):
                         os.write(master, answer)
 
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        assert cli.main(["arm", "microscribe", "--port", os.ttyname(slave)]) == 0
-    finally:
-        stop.set()
-        thread.join()
-        os.close(master)
-        os.close(slave)
+    with open_line() as (master, _, port):
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            assert cli.main(["arm", "microscribe", "--port", port]) == 0
+        finally:
+            stop.set()
+            thread.join()
     said = capsys.readouterr().out
     assert 'serial_number = "123"' in said and "beta_deg = 0.016" not in said
 
@@ -419,11 +415,7 @@ def test_an_arm_that_closes_no_text_and_has_no_extended_parameters(
 def test_a_port_without_a_microscribe_is_told(
     capsys: pytest.CaptureFixture[str], punctuality: Punctuality
 ) -> None:
-    master, slave = pty.openpty()
-    command = ["arm", "microscribe", "--port", os.ttyname(slave), "--baud", "115200"]
-    with punctuality.limit(10.0, "armd arm microscribe gives up"):
-        assert cli.main(command) == 2
+    with open_line() as (_, _, port), punctuality.limit(10.0, "armd arm microscribe gives up"):
+        assert cli.main(["arm", "microscribe", "--port", port, "--baud", "115200"]) == 2
     assert 'found no answer, expected a MicroScribe that echoes "IMMC"' in capsys.readouterr().err
-    os.close(master)
-    os.close(slave)
     assert cli.main(["arm", "microscribe", "--port", "/dev/nothing"]) == 2

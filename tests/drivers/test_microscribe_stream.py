@@ -370,14 +370,6 @@ def test_it_streams_again_after_it_was_stuck_and_is_to_be_homed_after_the_plug(s
 
 
 @pytest.mark.slow
-def test_its_replay_is_the_same_bit_by_bit(spoilt) -> None:
-    _, items, raw, _ = spoilt
-    decoder = MicroScribeDecoder(EXPECTED)
-    again = [item for frame in raw for item in decoder.feed(frame)]
-    assert np.array_equal(rows_of(again), rows_of(items))
-
-
-@pytest.mark.slow
 def test_before_any_other_command_streaming_is_ended(spoilt) -> None:
     """From each CF that was acknowledged on, what goes out next is 00."""
     _, _, raw, _ = spoilt

@@ -4,23 +4,29 @@ import contextlib
 import os
 import resource
 import time
-import tty
 from contextlib import closing, contextmanager
 
 import can
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from armd.drivers.can.bus import open_bus
 from armd.drivers.can.descriptors import wait
-from armd.drivers.config import CanConfig, MicroScribeConfig, SerialConfig, ServoConfig
+from armd.drivers.config import CanConfig, DriverConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event
 from armd.drivers.table import open_driver
 from armd.drivers.waiting import has_bytes
 from support.fake_servos import Dynamixel, FakeServos, Feetech
+from support.pty_link import open_line
 
 EXPECTED = Expectation("SERVO-1", 3, 3, (4096,) * 3)
+
+
+def open_kind(kind, port, **more):
+    config = TypeAdapter(DriverConfig).validate_python({"kind": kind, "port": port, **more})
+    return open_driver(config, EXPECTED)
 
 
 @pytest.fixture(autouse=True)
@@ -48,27 +54,26 @@ def many_open_files():
 
 @pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 def test_servos_are_read_on_a_descriptor_over_1023(tmp_path, family):
-    with FakeServos(family, tmp_path) as servos, many_open_files():
-        config = ServoConfig(kind=family.kind, port=str(servos.link), ids=[1, 2, 3])
-        with closing(open_driver(config, EXPECTED)) as driver:
-            items, end_s = [], time.monotonic() + 60.0
-            while time.monotonic() < end_s and not any(isinstance(i, np.ndarray) for i in items):
-                items += driver.read(0.05)
+    with (
+        FakeServos(family, tmp_path) as servos,
+        many_open_files(),
+        closing(open_kind(family.kind, str(servos.link), ids=[1, 2, 3])) as driver,
+    ):
+        items, end_s = [], time.monotonic() + 60.0
+        while time.monotonic() < end_s and not any(isinstance(i, np.ndarray) for i in items):
+            items += driver.read(0.05)
     assert any(isinstance(item, np.ndarray) for item in items)
     assert "unplugged" not in [item.kind for item in items if isinstance(item, Event)]
 
 
 def test_a_microscribe_is_waited_for_on_a_descriptor_over_1023():
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    with many_open_files():
-        config = MicroScribeConfig(kind="microscribe", port=os.ttyname(slave), baud=115200)
-        with closing(open_driver(config, EXPECTED)) as driver:
-            driver.read(0.2)
-            asked = os.read(master, 100)
-    os.close(master)
-    os.close(slave)
-    assert asked
+    with (
+        open_line() as (master, _, port),
+        many_open_files(),
+        closing(open_kind("microscribe", port, baud=115200)) as driver,
+    ):
+        driver.read(0.2)
+        assert os.read(master, 100)
 
 
 def test_waiting_ends_when_bytes_come_or_the_time_is_over():
@@ -104,15 +109,8 @@ def fill(slave: int) -> None:
 @pytest.mark.parametrize("kind", ["serial", "feetech", "dynamixel", "microscribe"])
 def test_what_the_line_does_not_take_is_not_recorded_as_sent(kind):
     """Nobody reads the other end until it is full; then somebody does."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    port = os.ttyname(slave)
-    configs = {
-        "serial": lambda: SerialConfig(kind="serial", port=port),
-        "microscribe": lambda: MicroScribeConfig(kind="microscribe", port=port, baud=115200),
-    }
-    config = configs.get(kind, lambda: ServoConfig(kind=kind, port=port, ids=[1, 2, 3]))()
-    with closing(open_driver(config, EXPECTED)) as driver:
+    more = {"serial": {}, "microscribe": {"baud": 115200}}.get(kind, {"ids": [1, 2, 3]})
+    with open_line() as (master, slave, port), closing(open_kind(kind, port, **more)) as driver:
         driver.read(0.05)
         os.set_blocking(slave, False)
         fill(slave)
@@ -130,8 +128,6 @@ def test_what_the_line_does_not_take_is_not_recorded_as_sent(kind):
             while has_bytes(master, 0.0):
                 heard += os.read(master, 1 << 16)
         assert sent and b"".join(frame.data for frame in sent) in heard
-    os.close(master)
-    os.close(slave)
 
 
 def test_a_can_bus_is_read_on_a_descriptor_over_1023():

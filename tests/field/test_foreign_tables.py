@@ -332,15 +332,6 @@ def test_positions_of_lerobot_are_asked_about(importer: Importer) -> None:
     assert first == pytest.approx([-82.87, -52.638, 60.255, 16.432, -81.174])
 
 
-def test_positions_of_lerobot_are_shares_of_its_sweeps(importer: Importer) -> None:
-    """-100…100 of 2642 counts (760…3402) are ±116.10°, of 2209 ±97.08°."""
-    code, said = importer.field("lerobot-normalised", "--lerobot", str(WHOLE))
-    assert code == 0, said
-    first = np.degrees(importer.session(LEROBOT / "arm.toml").states.q[0])
-    assert first[0] == pytest.approx(-0.8287 * 2642 / 2 * 360 / 4096)
-    assert first[2] == pytest.approx(0.60255 * 2209 / 2 * 360 / 4096)
-
-
 def test_positions_of_lerobot_are_the_servos_counts(
     importer: Importer, capsys: pytest.CaptureFixture[str]
 ) -> None:

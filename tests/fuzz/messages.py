@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -48,6 +48,19 @@ def ros2() -> Bridge:
     return bridge
 
 
+def received(
+    name: str, key: str, seeds: list[dict[str, Any]], take: Callable[[dict[str, Any]], object]
+) -> Door:
+    """Messages on a *key*, those that are sound in the hands of *take*."""
+
+    def enter(data: bytes) -> None:
+        content = parse_object(key, data)
+        if content is not None:
+            take(content)
+
+    return Door(name, [json.dumps(seed).encode() for seed in seeds], enter)
+
+
 def message_doors(folder: Path) -> Iterator[Door]:
     tips = Tips(INFO)
     machine = Bench(folder / "messages")
@@ -57,10 +70,7 @@ def message_doors(folder: Path) -> Iterator[Door]:
         "{x:.3f};{sd_x_um};{u_x_um};{tip};{calibration};{count};{flag_names}"
     )
 
-    def measurement(data: bytes) -> None:
-        content = parse_object(keys.MEASUREMENT, data)
-        if content is None:
-            return
+    def measurement(content: dict[str, Any]) -> None:
         page_messages.format_measurement(content)
         fields = lines.convert_measurement(content, tips, "S")
         for form in (*lines.PRESETS.values(), table):
@@ -69,17 +79,11 @@ def message_doors(folder: Path) -> Iterator[Door]:
         machine.session.take_measurement(content)
         ros2()._tell_measurement(content)
 
-    def health(data: bytes) -> None:
-        content = parse_object(keys.HEALTH, data)
-        if content is None:
-            return
+    def health(content: dict[str, Any]) -> None:
         json.dumps(fleet_of(content).rows(), allow_nan=False)
         ros2()._tell_health(content)
 
-    def event(data: bytes) -> None:
-        content = parse_object(keys.EVENT, data)
-        if content is None:
-            return
+    def event(content: dict[str, Any]) -> None:
         Fleet().note_event("S", content)
         page_messages.format_event(content)
 
@@ -87,19 +91,11 @@ def message_doors(folder: Path) -> Iterator[Door]:
         if is_sound(keys.JOINTS, data):
             ros2()._tell_joints(data)
 
-    def info(data: bytes) -> None:
-        content = parse_object(keys.INFO, data)
-        if content is not None:
-            Tips(content)
-
-    def seed(content: Any) -> bytes:
-        return json.dumps(content).encode()
-
     whole = INFO | {"tip": None}
     whole["arm"] = whole["arm"] | {"serial_number": "S", "joint": [{"a_mm": 1.0, "d_mm": 2.0}]}
     angles = np.zeros(3).tobytes() + np.zeros(3, "<f4").tobytes()
-    yield Door("measurement", [seed(WHOLE), seed(MEASUREMENT)], measurement)
-    yield Door("health", [seed(HEALTH)], health)
-    yield Door("event", [seed(EVENT), seed(TIP)], event)
+    yield received("measurement", keys.MEASUREMENT, [WHOLE, MEASUREMENT], measurement)
+    yield received("health", keys.HEALTH, [HEALTH], health)
+    yield received("event", keys.EVENT, [EVENT, TIP], event)
     yield Door("joints", [bytes(16) + (3).to_bytes(4, "little") + bytes(4) + angles], joints)
-    yield Door("info", [seed(whole)], info)
+    yield received("info", keys.INFO, [whole], Tips)

@@ -19,7 +19,7 @@ import numpy as np
 import zenoh
 from fuzz.doors import Door, Fault, check_message, check_printed
 from fuzz.files import DAEMON
-from fuzz.messages import fleet_of, ros2
+from fuzz.messages import fleet_of, received, ros2
 from fuzz.offline import SEALED, asked
 from rich.console import Console
 
@@ -48,7 +48,7 @@ from armd.daemon.unexpected import Unexpected
 from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame
 from armd.files.toml_text import format_toml
-from armd.received import is_sound, parse_object
+from armd.received import is_sound
 from support.careless_network import EVENT, HEALTH
 from support.small_arm_toml import ARM
 
@@ -136,39 +136,37 @@ def answers(folder: Path, info: bytes) -> Iterator[Door]:
     yield asked("refusal", [b"refused: too many changes"], refusal)
 
 
+def shown(what: object) -> None:
+    """As a terminal has it."""
+    console = Console(file=io.StringIO(), width=200, force_terminal=False)
+    console.print(what)
+    assert isinstance(console.file, io.StringIO)
+    check_printed(console.file.getvalue())
+
+
+def show_health(content: dict[str, Any]) -> None:
+    """In `armd fleet`, for Prometheus and in `armd watch`."""
+    fleet = fleet_of(content)
+    shown(make_table(fleet))
+    render(fleet.healths()).encode()
+    screen = Screen(arm_answering(b""), Console(file=io.StringIO()))
+    screen._health = content
+    shown(screen._panel(1.0))
+
+
+def show_event(content: dict[str, Any]) -> None:
+    fleet = Fleet()
+    fleet.note_event("S", content)
+    shown(make_table(fleet))
+    screen = Screen(arm_answering(b""), Console(file=io.StringIO()))
+    screen._events = [content["text"]]
+    shown(screen._panel(1.0))
+
+
 def screens() -> Iterator[Door]:
     """What terminals and Prometheus show of health and events."""
-
-    def shown(what: object) -> None:
-        console = Console(file=io.StringIO(), width=200, force_terminal=False)
-        console.print(what)
-        assert isinstance(console.file, io.StringIO)
-        check_printed(console.file.getvalue())
-
-    def health(data: bytes) -> None:
-        content = parse_object(keys.HEALTH, data)
-        if content is None:
-            return
-        fleet = fleet_of(content)
-        shown(make_table(fleet))
-        render(fleet.healths()).encode()
-        screen = Screen(arm_answering(b""), Console(file=io.StringIO()))
-        screen._health = content
-        shown(screen._panel(1.0))
-
-    def event(data: bytes) -> None:
-        content = parse_object(keys.EVENT, data)
-        if content is None:
-            return
-        fleet = Fleet()
-        fleet.note_event("S", content)
-        shown(make_table(fleet))
-        screen = Screen(arm_answering(b""), Console(file=io.StringIO()))
-        screen._events = [content["text"]]
-        shown(screen._panel(1.0))
-
-    yield Door("screen of health", [json.dumps(WHOLE_HEALTH).encode()], health)
-    yield Door("screen of events", [json.dumps(EVENT | {"severity": "error"}).encode()], event)
+    yield received("screen of health", keys.HEALTH, [WHOLE_HEALTH], show_health)
+    yield received("screen of events", keys.EVENT, [EVENT | {"severity": "error"}], show_event)
 
 
 def binary() -> Iterator[Door]:

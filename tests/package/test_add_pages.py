@@ -22,35 +22,6 @@ def text(name: str) -> str:
     return page_path(name).read_text(encoding="utf-8")
 
 
-def test_the_files_named_exist() -> None:
-    named = re.findall(r"`((?:\w[\w-]*/)*[\w.-]+\.(?:py|md|toml)|\w[\w/]*/)`", text("extend"))
-    assert len(named) > 16
-    for name in named:
-        if name == TOY_CAUSE:
-            continue
-        path = ROOT / name
-        if "NAME" in name:  # what is to be made: where it goes is there
-            path = ROOT / name.split("NAME")[0].rpartition("/")[0]
-        elif "/" not in name.strip("/") and not path.exists():
-            path = ROOT / "compensation" / "effects" / name  # a room of the causes
-        assert path.exists(), name
-
-
-def test_every_file_of_the_tour_is_there() -> None:
-    """By its name, or as much of its path as the tour says."""
-    named = set(re.findall(r"`((?:\w+/)*\w+\.py|(?:\w+/)+)`", text("tour")))
-    assert len(named) > 60
-    paths = [path for room in ("armd", *ROOMS, "tests") for path in (ROOT / room).rglob("*")]
-    there = {f"/{path.relative_to(ROOT)}{'/' * path.is_dir()}" for path in paths}
-    there |= {f"/{room}/" for room in ("armd", *ROOMS, "tests")}
-    missing = {name for name in named if not any(p.endswith(f"/{name}") for p in there)}
-    assert not missing
-
-
-def test_the_tour_leads_to_it() -> None:
-    assert "extend.md" in text("tour")
-
-
 def cause() -> str:
     (source,) = re.findall(r"```python\n(.*?)```", text("extend"), re.DOTALL)
     return str(source)

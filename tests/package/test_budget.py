@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -66,35 +68,30 @@ def test_the_end_of_a_run_reports_what_was_heavy_left_out_and_not_judged(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("took_s", "waited_s", "fails"), [(0.9, 0.0, False), (1.1, 0.05, True), (1.1, 0.2, False)]
-)
-def test_a_late_test_fails_unless_the_machine_was_late(
-    took_s: float, waited_s: float, fails: bool
-) -> None:
-    machine = Machine()
-    machine.waited_s = waited_s
-    if fails:
-        with pytest.raises(AssertionError, match=r"it: took 1\.10 s, limit 1 s, waited 0\.05 s"):
-            machine.judge(took_s, 1.0, "it")
-    else:
-        machine.judge(took_s, 1.0, "it")
-    assert bool(take_unjudged()) == (took_s > 1.0 and not fails)
-
-
-@pytest.mark.parametrize(
-    ("lost", "waited_s", "fails"), [(0, 0.0, False), (3, 2.0, True), (3, 4.0, False)]
-)
-def test_a_loss_fails_unless_the_machine_starved_the_test(
-    lost: int, waited_s: float, fails: bool
+    ("judge", "over", "waited_s", "words"),
+    [
+        (lambda machine: machine.judge(0.9, 1.0, "it"), False, 0.0, ""),
+        (lambda machine: machine.judge(1.1, 1.0, "it"), True, 0.2, ""),
+        (
+            lambda machine: machine.judge(1.1, 1.0, "it"), True, 0.05,
+            r"it: took 1\.10 s, limit 1 s, waited 0\.05 s",
+        ),
+        (lambda machine: machine.judge_lost(0, "points"), False, 0.0, ""),
+        (lambda machine: machine.judge_lost(3, "points"), True, 4.0, ""),
+        (
+            lambda machine: machine.judge_lost(3, "points"), True, 2.0,
+            r"points: lost 3, waited 2\.00 of 10\.00 s",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_late_or_lost_fails_unless_the_machine_starved_the_test(
+    judge: Callable[[Machine], None], over: bool, waited_s: float, words: str
 ) -> None:
     machine = Machine()
     machine.waited_s, machine.watched_s = waited_s, 10.0
-    if fails:
-        with pytest.raises(AssertionError, match=r"points: lost 3, waited 2\.00 of 10\.00 s"):
-            machine.judge_lost(lost, "points")
-    else:
-        machine.judge_lost(lost, "points")
-    assert bool(take_unjudged()) == (lost > 0 and not fails)
+    with pytest.raises(AssertionError, match=words) if words else nullcontext():
+        judge(machine)
+    assert bool(take_unjudged()) == (over and not words)
 
 
 def test_waiting_is_read_from_the_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,6 @@ a function or a class, or it says here by which tests of the whole it is held.""
 from __future__ import annotations
 
 import ast
-from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -76,9 +75,3 @@ def test_each_module_that_decides_is_asked_alone() -> None:
     assert sorted(alone & set(HELD_BY)) == []  # an exception that is none any more goes
     assert set(HELD_BY) <= set(modules)
     assert all((TESTS / name).is_file() for name in HELD_BY.values())
-
-
-def test_no_two_test_files_have_one_name() -> None:
-    """pytest imports them by their names alone, and refuses the second."""
-    names = Counter(path.name for path in TESTS.rglob("test_*.py"))
-    assert not [name for name, count in names.items() if count > 1]

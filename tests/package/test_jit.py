@@ -26,23 +26,6 @@ assert double(2.0) == 4.0
 print(double.stats.cache_path is not None, sum(double.stats.cache_hits.values()))
 """
 
-ARMS = """
-import sys
-import numpy as np
-from armd.compiled.jit import jit
-
-@jit
-def second(samples):
-    return samples[1].count[0]
-
-for n_joints in map(int, sys.argv[1:]):
-    samples = np.zeros(3, [("count", "i8", (n_joints,))])
-    samples["count"] = np.arange(3 * n_joints).reshape(3, n_joints)
-    assert second(samples) == n_joints, (n_joints, second(samples))
-for overload in second.overloads.values():
-    print(overload.fndesc.mangled_name)
-"""
-
 
 def _run(folder: Path, cache: str, before: Callable[[], None] | None = None) -> tuple[str, str]:
     """Whether a function has a cache, and how often it was found in it."""
@@ -69,24 +52,6 @@ def test_what_was_compiled_is_found_again(tmp_path: Path) -> None:
     for damaged in (*cache.rglob("*.nbi"), *cache.rglob("*.nbc")):
         damaged.write_bytes(damaged.read_bytes()[: damaged.stat().st_size // 2])
     assert _run(tmp_path, str(cache)) == ("True", "0")
-
-
-@pytest.mark.slow
-def test_arms_of_other_joint_counts_share_a_cache(tmp_path: Path) -> None:
-    """What one process compiled for three joints is not taken for another's of six."""
-    program = tmp_path / "arms.py"
-    program.write_text(ARMS)
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "ARMD_PLAIN_NUMBA": ""}
-    environment = os.environ | cache
-    three, six, both = (
-        subprocess.run(
-            [sys.executable, str(program), *joints],
-            env=environment, cwd=tmp_path, capture_output=True, text=True, check=True,
-        ).stdout.split()
-        for joints in (["3"], ["6"], ["3", "6"])
-    )  # fmt: skip
-    assert three != six, "one name of two machine functions: either may be called for the other"
-    assert both == three + six
 
 
 @parametrize_default("cache", ["/proc/none", "program.py"])

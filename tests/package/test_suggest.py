@@ -71,14 +71,6 @@ def test_a_missing_key_with_its_misspelling_beside_it() -> None:
     assert "found nothing, expected this key" in str(fault.value)
 
 
-def test_a_key_of_arm_toml() -> None:
-    text = 'schema = "armd.arm/1"\nserial_number = "A"\n[[joint]]\nalfa_deg = 90.0\n'
-    with pytest.raises(
-        BadInput, match=r"joint\[1\].alfa_deg: found an unknown key, .* alpha_deg\?"
-    ):
-        parse_toml("arm.toml", text.encode(), Arm)
-
-
 @pytest.mark.parametrize(
     ("start", "name"),
     [(b"\xef\xbb\xbf", "UTF-8"), (b"\xff\xfe", "UTF-16"), (b"\xfe\xff", "UTF-16")],

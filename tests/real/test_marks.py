@@ -7,7 +7,7 @@ from pathlib import Path
 import marks
 import numpy as np
 import pytest
-from convert import ROBOTS, VENDORED, convert
+from convert import ROBOTS, VENDORED
 
 from armd.compensation.data.sessions.session import load_session
 from armd.compensation.identify.calibrate import Options, calibrate
@@ -15,22 +15,6 @@ from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from support.selection import parametrize_default
-
-
-@pytest.fixture(scope="module")
-def converted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("real")
-    convert(folder)
-    return folder
-
-
-@pytest.mark.slow
-@parametrize_default("series", list(marks.UR10_MM))
-def test_ur10_reaches_its_mark(converted: Path, series: str) -> None:
-    drawn, found, _, granted = marks.ur10(converted, series)
-    assert granted
-    assert drawn > 10
-    assert round(found, 2) <= marks.UR10_MM[series]
 
 
 @parametrize_default("series", list(marks.UR10_MM))

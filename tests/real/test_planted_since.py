@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from convert import ball_in_socket, ur10
 
 from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -14,17 +13,13 @@ from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
 from support.planting import ARC_SECOND, Effect, planted, rms_um, slip, wave
 
-VENDORED = Path(__file__).parent / "data"
-
 
 @pytest.fixture(scope="module")
-def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibration, Session]:
+def diagnosed(converted: Path) -> tuple[Arm, Calibration, Session]:
     """Series B: diagnosed on one half of its poses; the other half is what is measured since."""
-    folder = tmp_path_factory.mktemp("ur10")
-    ur10(VENDORED / "ur10_laser_tracker", folder)
-    arm = load_arm(folder / "arm.toml")
-    first = diagnose([load_session(folder / "B-train", arm)], arm)
-    return arm, first.extended, load_session(folder / "B-heldout", arm)
+    arm = load_arm(converted / "ur10" / "arm.toml")
+    first = diagnose([load_session(converted / "ur10" / "B-train", arm)], arm)
+    return arm, first.extended, load_session(converted / "ur10" / "B-heldout", arm)
 
 
 def parts(since: Session, *effects: Effect) -> tuple[list[Session], list[Session], Session]:
@@ -34,11 +29,18 @@ def parts(since: Session, *effects: Effect) -> tuple[list[Session], list[Session
     return measured, fresh, since.rows(~shown)
 
 
-def test_an_effect_is_in_what_is_diagnosed_and_in_what_is_held_out(tmp_path: Path) -> None:
+def assert_mended(
+    arm: Arm, fresh: list[Session], under: Calibration, extended: Calibration, healthy_um: float
+) -> None:
+    """Of the squares that an effect adds to the errors of readings, nine tenths go."""
+    sick, mended = rms_um(fresh, arm, under), rms_um(fresh, arm, extended)
+    assert sick**2 - mended**2 > 0.9 * (sick**2 - healthy_um**2)
+
+
+def test_an_effect_is_in_what_is_diagnosed_and_in_what_is_held_out(converted: Path) -> None:
     """No reading in both, none lost, and nothing but the effect between planted and untouched."""
-    ur10(VENDORED / "ur10_laser_tracker", tmp_path)
-    arm = load_arm(tmp_path / "arm.toml")
-    since = load_session(tmp_path / "B-heldout", arm)
+    arm = load_arm(converted / "ur10" / "arm.toml")
+    since = load_session(converted / "ur10" / "B-heldout", arm)
     (measured,), (fresh,), untouched = parts(since, wave(1, 48.0, 4))
     instants = np.concatenate([measured.states.time_s, fresh.states.time_s])
     assert sorted(instants) == sorted(since.states.time_s) and len(set(instants)) == since.n
@@ -61,9 +63,7 @@ def test_a_strong_wave_is_not_an_oval_disc_off_its_shape(
     assert strongest.candidate.place == ("encoder_periodic", "joint 1")
     assert ("order", 4.0, "1/turn") in strongest.candidate.setting
     assert strongest.probability > 0.95
-    healthy = rms_um([untouched], arm, extended)
-    sick, mended = rms_um(fresh, arm, extended), rms_um(fresh, arm, found.extended)
-    assert sick**2 - mended**2 > 0.9 * (sick**2 - healthy**2)
+    assert_mended(arm, fresh, extended, found.extended, rms_um([untouched], arm, extended))
 
 
 @pytest.mark.slow
@@ -95,18 +95,15 @@ def test_a_real_arm_has_something_new(
     healthy = rms_um([untouched], arm, extended)
     found = diagnose(measured, arm, under)
     assert (cause, location) in [f.candidate.place for f in found.findings]
-    sick, mended = rms_um(fresh, arm, under), rms_um(fresh, arm, found.extended)
-    assert sick**2 - mended**2 > 0.9 * (sick**2 - healthy**2)
+    assert_mended(arm, fresh, under, found.extended, healthy)
     assert max(gain.before_um - gain.after_um for gain in found.gains) > 1.0
 
 
 @pytest.fixture(scope="module")
-def seated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibration, Session]:
+def seated(converted: Path) -> tuple[Arm, Calibration, Session]:
     """The Kinova, whose model misses its seats by 3 mm: one half of its readings, the other."""
-    folder = tmp_path_factory.mktemp("kinova")
-    ball_in_socket(VENDORED / "ball_in_socket", "dinova_1", folder)
-    arm = load_arm(folder / "arm.toml")
-    whole = load_session(folder / "seats", arm)
+    arm = load_arm(converted / "dinova_1" / "arm.toml")
+    whole = load_session(converted / "dinova_1" / "seats", arm)
     one = np.random.default_rng(3).permutation(whole.n) < whole.n // 2
     first = diagnose([whole.rows(one)], arm)
     return arm, first.extended, whole.rows(~one)
@@ -125,6 +122,4 @@ def test_a_degree_is_no_wonder_on_an_arm_of_degrees(
     measured, fresh, untouched = parts(since, wave(joint, size, order))
     found = diagnose(measured, arm, extended)
     assert [f.candidate.place for f in found.findings] == [(cause, f"joint {joint}")]
-    healthy = rms_um([untouched], arm, extended)
-    sick, mended = rms_um(fresh, arm, extended), rms_um(fresh, arm, found.extended)
-    assert sick**2 - mended**2 > 0.9 * (sick**2 - healthy**2)
+    assert_mended(arm, fresh, extended, found.extended, rms_um([untouched], arm, extended))

@@ -10,7 +10,6 @@ from pathlib import Path
 import diagnosis_marks
 import numpy as np
 import pytest
-from convert import convert
 from rich.console import Console
 
 from armd.compensation.data.sessions.session import Session, load_session
@@ -37,15 +36,14 @@ from armd.errors import BadInput
 from support.selection import parametrize_default
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = tmp_path_factory.mktemp("real")
-    convert(made)
-    return made / "dinova_1"
+@pytest.fixture
+def folder(converted: Path) -> Path:
+    return converted / "dinova_1"
 
 
 @pytest.fixture(scope="module")
-def seats(folder: Path) -> tuple[Arm, Session, Rests]:
+def seats(converted: Path) -> tuple[Arm, Session, Rests]:
+    folder = converted / "dinova_1"
     arm = load_arm(folder / "arm.toml")
     session = load_session(folder / "seats", arm)
     return arm, session, collect_rests([session], arm)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from convert import ROBOTS, convert
+from convert import ROBOTS
 
 from armd.compensation.data.sessions.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -26,13 +26,6 @@ from support.long_case import long_case
 from support.planting import rms_um
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = tmp_path_factory.mktemp("seats")
-    convert(made)
-    return made
-
-
 def scatter_um(session: Session, arm: Arm, calibration: Calibration) -> float:
     """3-D RMS about the seats, stated with the arm as large as drawn."""
     lengths = np.array([parameters.find_unit(n) == "mm" for n in arm.layout.names])
@@ -40,9 +33,9 @@ def scatter_um(session: Session, arm: Arm, calibration: Calibration) -> float:
     return rms_um([session], arm, calibration) * float(drawn @ drawn) / float(now @ drawn)
 
 
-def judge(folder: Path, robot: str, seed: int) -> None:
-    arm = load_arm(folder / robot / "arm.toml")
-    whole = load_session(folder / robot / "seats", arm)
+def judge(converted: Path, robot: str, seed: int) -> None:
+    arm = load_arm(converted / robot / "arm.toml")
+    whole = load_session(converted / robot / "seats", arm)
     one = np.random.default_rng(seed).permutation(whole.n) < whole.n // 2
     diagnosis = diagnose([whole.rows(one)], arm)
     before, after = diagnosis.baseline.calibration, diagnosis.extended
@@ -58,16 +51,16 @@ def judge(folder: Path, robot: str, seed: int) -> None:
         assert refused.reason in write_verdict(diagnosis)
 
 
-def test_an_arm_is_not_folded_away(folder: Path) -> None:
+def test_an_arm_is_not_folded_away(converted: Path) -> None:
     """A link of 262 mm became nothing, the certified 50 mm −38, and that was called a gain."""
-    judge(folder, "dinova_1", 2)
+    judge(converted, "dinova_1", 2)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", sorted(ROBOTS))
 @pytest.mark.parametrize("seed", [0, *map(long_case, range(1, 5))])
-def test_halves_agree(folder: Path, robot: str, seed: int) -> None:
-    judge(folder, robot, seed)
+def test_halves_agree(converted: Path, robot: str, seed: int) -> None:
+    judge(converted, robot, seed)
 
 
 def test_a_cause_has_sizes_that_it_can_have() -> None:
@@ -81,10 +74,10 @@ def test_a_cause_has_sizes_that_it_can_have() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("robot", "seed"), [("panda_1", 0), ("panda_1", 2), ("kuka_14", 0)])
 def test_no_cause_is_told_that_is_less_likely_than_another(
-    folder: Path, robot: str, seed: int
+    converted: Path, robot: str, seed: int
 ) -> None:
-    arm = load_arm(folder / robot / "arm.toml")
-    whole = load_session(folder / robot / "seats", arm)
+    arm = load_arm(converted / robot / "arm.toml")
+    whole = load_session(converted / robot / "seats", arm)
     one = np.random.default_rng(seed).permutation(whole.n) < whole.n // 2
     findings = as_json(diagnose([whole.rows(one)], arm), None)["findings"]
     assert findings

@@ -6,7 +6,6 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import can
@@ -22,7 +21,6 @@ from support.simulated_arm import SimulatedArm, simulated_arm
 
 SYNC_HZ = 50
 SYNCS = 60
-LATE_S = 0.08  # how late a frame may reach this test on a busy machine
 
 
 @contextmanager
@@ -66,14 +64,7 @@ def write(bus: can.BusABC, node: int, index: int, sub_index: int, data: bytes) -
     pytest.fail(f"node {node} does not answer")
 
 
-@dataclass
-class Message:
-    heard_s: float  # CLOCK_MONOTONIC
-    can_id: int
-    data: bytes
-
-
-def exchange(bus: can.BusABC, n: int) -> list[Message]:
+def exchange(bus: can.BusABC, n: int) -> list[can.Message]:
     """n SYNCs at a steady rate, and everything heard until shortly after the last."""
     heard = []
     start = time.monotonic()
@@ -81,9 +72,8 @@ def exchange(bus: can.BusABC, n: int) -> list[Message]:
         if k < n:
             send(bus, objects.SYNC_ID)
         while (wait := start + (k + 1) / SYNC_HZ - time.monotonic()) > 0:
-            message = bus.recv(wait)
-            if message is not None:
-                heard.append(Message(time.monotonic(), message.arbitration_id, bytes(message.data)))
+            if (message := bus.recv(wait)) is not None:
+                heard.append(message)
     return heard
 
 
@@ -98,18 +88,18 @@ def test_every_sync_latches_the_true_arm(interface: str, tmp_path: Path) -> None
         with host(arm, interface) as bus:
             heard = exchange(bus, SYNCS)
             end = time.monotonic() + 20.0  # a starved machine sends late
-            while [m.can_id for m in heard].count(0x186) < SYNCS and time.monotonic() < end:
+            while [m.arbitration_id for m in heard].count(0x186) < SYNCS and time.monotonic() < end:
                 heard += exchange(bus, 0)
         assert arm.stop() == 0
     assert not arm.events("preset_written")
     # Every node answers every SYNC once, in order.
-    answers = [[m.data for m in heard if m.can_id == 0x180 + k] for k in range(1, 7)]
+    answers = [[bytes(m.data) for m in heard if m.arbitration_id == 0x180 + k] for k in range(1, 7)]
     assert {len(frames) for frames in answers} == {SYNCS}
     counts = np.array(
         [[objects.ENCODER_PDO.unpack(frame)[0] for frame in frames] for frames in answers],
         dtype=float,
     ).T
-    assert [m.can_id for m in heard if m.can_id > 0x400].count(0x4A0) == SYNCS // 20
+    assert [m.arbitration_id for m in heard if m.arbitration_id > 0x400].count(0x4A0) == SYNCS // 20
     truth = arm.truth()
     assert len(truth) == SYNCS
     conditions = Conditions.at_rest(len(counts), 6, 20.0)
@@ -141,59 +131,3 @@ def test_the_arm_may_produce_sync(tmp_path: Path) -> None:
         answers = np.cumsum(np.equal(ids, joint))
         assert answers[-1] >= wanted
         assert np.all(answers <= syncs)
-
-
-@pytest.mark.slow
-@pytest.mark.serial
-def test_faults_on_the_bus(tmp_path: Path) -> None:
-    scenario = """
-    fault = [
-        { name = "emcy", at_s = 2.0, joint = 1, duration_s = 0.3 },
-        { name = "joint_invalid", at_s = 2.3, joint = 2, duration_s = 0.3 },
-        { name = "missing_tpdo", at_s = 2.6, joint = 3 },
-        { name = "heartbeat_loss", at_s = 2.7, joint = 4, duration_s = 0.6 },
-        { name = "node_reboot", at_s = 2.9, joint = 5, duration_s = 0.3 },
-        { name = "node_silent", at_s = 3.3, joint = 6, duration_s = 0.3 },
-        { name = "sensor_open", at_s = 2.5, channel = 3, duration_s = 0.5 },
-        { name = "silence", at_s = 3.65, duration_s = 0.3 },
-        { name = "bus_down", at_s = 4.5, duration_s = 0.3 },
-    ]
-    """
-    (tmp_path / "scenario.toml").write_text(scenario)
-    options = ("--scenario", str(tmp_path / "scenario.toml"))
-    wire = ("--can", "socketcand")
-    with simulated_arm(tmp_path, *options, wire=wire, seconds=6) as arm:
-        with host(arm, "socketcand") as bus:
-            start = arm.events("start")[0]["monotonic_ns"] * 1e-9
-            heard = exchange(bus, round((start + 3.6 - time.monotonic()) * SYNC_HZ))
-        time.sleep(max(0.0, start + 5.0 - time.monotonic()))
-        with host(arm, "socketcand") as bus:  # the bus is back, at the same port
-            after = exchange(bus, 5)
-    assert [m.can_id for m in after].count(0x181) == 5
-
-    begin = {line["fault"]: line["monotonic_ns"] * 1e-9 for line in arm.events("begin")}
-    end = {line["fault"]: line["monotonic_ns"] * 1e-9 for line in arm.events("end")}
-
-    def all_of(can_id: int) -> list[bytes]:
-        return [m.data for m in heard if m.can_id == can_id]
-
-    def during(fault: str, can_id: int) -> list[bytes]:
-        first_s, last_s = begin[fault] + LATE_S, end[fault]
-        return [m.data for m in heard if m.can_id == can_id and first_s < m.heard_s < last_s]
-
-    assert all_of(0x81) == [bytes.fromhex("0050010000000000"), bytes(8)]  # emergency and its end
-    assert during("joint_invalid", 0x182)
-    assert {objects.ENCODER_PDO.unpack(d)[1] for d in during("joint_invalid", 0x182)} == {1}
-    assert {objects.ENCODER_PDO.unpack(d)[1] for d in all_of(0x181)} == {0}
-    assert len(all_of(0x183)) == len(all_of(0x182)) - 1
-    assert during("heartbeat_loss", 0x184)
-    assert not during("heartbeat_loss", 0x704)
-    assert not during("node_reboot", 0x185)
-    assert all_of(0x705).count(b"\0") == 1  # its boot-up message
-    assert during("node_silent", 0x184)
-    assert not during("node_silent", 0x186)
-    assert not during("silence", 0x181)
-    assert not during("silence", 0x701)
-    statuses = [objects.STATUS_PDO.unpack(data) for data in all_of(0x4A0)]
-    assert (0, 0, 1, 0, 0, 0) in statuses
-    assert statuses[0] == (0,) * 6

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +20,12 @@ from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
 from support.next_session import measure_next
 from support.selection import parametrize_default
+from support.simulated_sessions import numbers, read_plainly
 from support.warmed_climate import warmed
 
 SMALL = Design(sessions=3, articulations=2, holdout=1)
 QUIET = Noise().scaled(0.0)
+ANGLES = [f"q{k}" for k in range(1, 7)]
 PLACES = {
     "joint": "joint 3",
     "link": "link 2",
@@ -201,12 +201,10 @@ def test_proposed_poses_can_be_measured_next(tmp_path: Path) -> None:
     q = rng.uniform(-1.0, 0.0, (30, 6))
     climate = Climate(24.0)
     folder = measure_next(case, tmp_path / "next", q, climate, payload_kg=1.0)
-    with (folder / "readings.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    shown = np.array([[float(row[f"q{k}"]) for k in range(1, 7)] for row in rows])
+    session, rows = read_plainly(folder)
+    shown = numbers(rows, ANGLES)
     # Balls are set up with the arm unloaded and at the air's temperature.
     assert np.abs(shown - q).max() < 5e-3
-    session = tomllib.loads((folder / "session.toml").read_text())
     certified = {t["name"]: t["position_mm"] for t in session["artefact"]["target"]}
     assert [row["target"] for row in rows] == list(certified)
     last = max(case.measured[path.name].plan.started for path in case.sessions)
@@ -226,21 +224,16 @@ def test_what_is_proposed_is_done(tmp_path: Path) -> None:
     case = generate_case(tmp_path / "case", 4, [plant], SMALL)
     rng = np.random.default_rng(0)
     q, sides = rng.uniform(-1.0, 0.0, (12, 6)), rng.choice([-1.0, 1.0], (12, 6))
-    told = {}
-    for name, climate in (("usual", Climate(30.0)), ("warm", warmed(Climate(30.0), 3, 4.0))):
-        folder = measure_next(case, tmp_path / name, q, climate, sides=sides)
-        with (folder / "readings.csv").open(newline="") as file:
-            told[name] = list(csv.DictReader(file))
-    rate = np.array([[float(row[f"w{k}"]) for k in range(1, 7)] for row in told["usual"]])
-    np.testing.assert_array_equal(np.sign(rate), sides)
-    mean = {name: np.mean([float(row["t4"]) for row in rows]) for name, rows in told.items()}
-    assert mean["warm"] - mean["usual"] == pytest.approx(4.0, abs=0.05)
-    # 100 ppm/K more than certified, 10 K over the reference, the arm's own growth besides.
-    tip = TrueArm.default(4).tip(
-        np.array([[float(row[f"q{k}"]) for k in range(1, 7)] for row in told["usual"]]),
-        Conditions.at_rest(12, 6, 31.5),
+    (session, usual), (_, warm) = (
+        read_plainly(measure_next(case, tmp_path / name, q, climate, sides=sides))
+        for name, climate in (("usual", Climate(30.0)), ("warm", warmed(Climate(30.0), 3, 4.0)))
     )
-    session = tomllib.loads((tmp_path / "usual" / "session.toml").read_text())
+    rate = numbers(usual, [f"w{k}" for k in range(1, 7)])
+    np.testing.assert_array_equal(np.sign(rate), sides)
+    warmer_c = numbers(warm, ["t4"]).mean() - numbers(usual, ["t4"]).mean()
+    assert warmer_c == pytest.approx(4.0, abs=0.05)
+    # 100 ppm/K more than certified, 10 K over the reference, the arm's own growth besides.
+    tip = TrueArm.default(4).tip(numbers(usual, ANGLES), Conditions.at_rest(12, 6, 31.5))
     there = np.array([t["position_mm"] for t in session["artefact"]["target"]])
     apart = [np.linalg.norm(x[:, None] - x[None], axis=2).sum() for x in (tip, there)]
     assert 0.9e-3 < apart[0] / apart[1] - 1 < 1.2e-3

@@ -15,8 +15,6 @@ from cobs import cobs
 from armd.drivers.serial import wire
 from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.live.faults import FAULTS
-from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.effects.effect import Conditions
 from support.program import run_armd
 from support.simulated_arm import SimulatedArm, simulated_arm
 
@@ -218,21 +216,6 @@ def test_reboot_starts_counter_and_clock_anew(run: tuple[SimulatedArm, Heard]) -
     assert heard.hellos[-1].bits == (23,) * 6
 
 
-def test_counts_and_truth_are_of_one_arm(run: tuple[SimulatedArm, Heard]) -> None:
-    """The tip of the true arm at the angles that the counts tell is the truth, but for noise."""
-    arm, heard = run
-    truth = {int(row["seq"]): row["position_mm"] for row in arm.truth()}
-    seq = heard.seq
-    chosen = np.flatnonzero((seq < 600) | ((seq > 2200) & (seq < 5000)))
-    counts = np.array([heard.samples[i]["count"] for i in chosen], dtype=float)
-    true_mm = np.array([truth[int(seq[i])] for i in chosen])
-    conditions = Conditions.at_rest(len(chosen), 6, 20.0)
-    tips = TrueArm.default(3).tip(counts / COUNTS_PER_TURN * 2 * np.pi, conditions)
-    error_um = 1e3 * np.linalg.norm(tips - true_mm, axis=1)
-    assert np.sqrt(np.mean(error_um**2)) < 6.0
-    assert error_um.max() < 25.0
-
-
 @pytest.mark.slow
 def test_answers_with_its_clock(tmp_path: Path) -> None:
     ask = wire.encode_ping(77) + wire.encode_identify() + b"junk\0"
@@ -278,16 +261,6 @@ def test_counter_wraps(tmp_path: Path) -> None:
     sent = sorted(set(truth.tolist()) - arm.withheld())
     assert heard.seq.tolist() == sent[: len(heard.seq)]  # its last are lost as the port goes
     assert len(heard.seq) > 100  # on both sides of the wrap
-
-
-@pytest.mark.slow
-def test_warms_up_in_fast_motion(tmp_path: Path) -> None:
-    options = ("--warm-up-k", "10", "--ambient-c", "18")
-    with simulated_arm(tmp_path, *options, rate_hz=100, seconds=4) as arm:
-        heard = listen(arm)
-    rise = {t.t_us // 1_000_000: np.mean(t.celsius) - 18.0 for t in heard.temperatures}
-    assert 7.0 < max(rise.values()) < 10.5
-    assert min(rise.values()) < 6.0
 
 
 @pytest.mark.parametrize(

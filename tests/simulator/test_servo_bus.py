@@ -2,16 +2,13 @@
 joint. And the simulator keeps to the line's pace."""
 
 import time
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from functools import partial
 
 import numpy as np
 import pytest
 
-from armd.drivers.config import ServoConfig
-from armd.drivers.identity import Expectation
 from armd.drivers.poll.protocol import dynamixel, feetech
-from armd.drivers.table import open_driver
 from armd.simulator.servobus.arm import COUNTS_PER_TURN, list_servo_ids
 from support.selection import parametrize_default
 from support.servo_truth import JOINTS, Truth
@@ -23,23 +20,6 @@ IDS = list_servo_ids(5)
 @pytest.fixture(autouse=True)
 def state(tmp_path, monkeypatch):
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
-
-
-def armd_counts(kind, port):
-    """(instants ns, counts (n, 5)) of armd's own reading at 57600 baud, after the first rows."""
-    config = ServoConfig(
-        kind=kind, port=port, baud=57_600, ids=JOINTS, temperature_ids=[2, 3, 4, 5, 6],
-        trigger={"id": 6, "pressed_below": 1900},
-    )  # fmt: skip
-    rows = []
-    with closing(open_driver(config, Expectation("SERVO", 5, 5, (4096,) * 5))) as driver:
-        end = time.monotonic() + 60.0
-        while time.monotonic() < end and len(rows) < 300:
-            rows += [item for item in driver.read(0.05) if isinstance(item, np.ndarray)]
-    rows = np.concatenate(rows)
-    assert (rows["joint_invalid"] == 0).mean() > 0.95
-    good = rows[5:][rows["joint_invalid"][5:] == 0]
-    return good["monotonic_ns"], good["count"]
 
 
 def timed(call):
@@ -119,28 +99,6 @@ def test_rustypot_reads_what_is_true(tmp_path, kind):
             told = np.array(angles) / (2 * np.pi) * COUNTS_PER_TURN + 2048
             assert truth.agrees(told, before, after)
             time.sleep(0.1)
-
-
-@pytest.mark.slow
-@parametrize_default("kind", ["feetech", "dynamixel"])
-def test_armd_brings_all_joints_to_the_instant_of_the_row(tmp_path, kind):
-    """On a slow line, where the last joint is read some 8 ms after the first, in motion."""
-    with simulated_arm(tmp_path, wire=("--servo", kind)) as arm:
-        truth = Truth(arm)
-        time.sleep(1.0)
-        instants, counts = armd_counts(kind, arm.port)
-    true = np.array([truth.raw(instant) for instant in instants])
-    soon = np.array([truth.raw(instant + 4_000_000) for instant in instants])
-    speed = (soon - true) / 4.0  # counts/ms
-    moving = np.abs(speed).max(axis=1) > 0.3
-    assert moving.sum() > 20
-    error, speed = (counts - (true - 2048))[moving], speed[moving]
-    # A stall of this machine shifts all joints by the same time: that is taken out, and small.
-    late_ms = (error * speed).sum(axis=1) / (speed**2).sum(axis=1)
-    apart = error - late_ms[:, None] * speed
-    assert np.quantile(np.abs(late_ms), 0.25) < 2.0  # of the rest a busy machine may be the cause
-    # Two roundings, one of them stretched by the interpolation, and a disc's ripple.
-    assert np.sqrt((apart**2).mean()) < 1.0
 
 
 @contextmanager

@@ -4,7 +4,6 @@ about the truth."""
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import tomllib
 from pathlib import Path
@@ -21,6 +20,7 @@ from armd.simulator.measured.poses import MARGIN_RAD
 from armd.simulator.sessions import KINDS, add_arguments, run
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import Materials, TrueArm
+from support.simulated_sessions import numbers, read_plainly
 
 QUIET = Noise().scaled(0.0)
 
@@ -29,17 +29,6 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     return run(parser.parse_args(arguments))
-
-
-def read(folder: Path) -> tuple[dict, list[dict[str, str]]]:
-    """A session as any program would read it."""
-    with (folder / "readings.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    return tomllib.loads((folder / "session.toml").read_text()), rows
-
-
-def numbers(rows: list[dict[str, str]], names: list[str]) -> np.ndarray:
-    return np.array([[float(row[name]) for name in names] for row in rows])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -54,7 +43,7 @@ def test_sessions_keep_the_contract(kind: str, tmp_path: Path) -> None:
     assert folders
     for folder in folders:
         assert sorted(path.name for path in folder.iterdir()) == ["readings.csv", "session.toml"]
-        session, rows = read(folder)
+        session, rows = read_plainly(folder)
         assert session["schema"] == "armd.session/1"
         assert session["arm"] == arm["serial_number"]
         assert session["started"].tzinfo is not None
@@ -80,21 +69,6 @@ def test_sessions_keep_the_contract(kind: str, tmp_path: Path) -> None:
 
 def first(campaign: Campaign, seed: int = 1) -> Measured:
     return next(measure_campaign(campaign, np.random.default_rng(seed)))
-
-
-def test_without_noise_the_true_arm_finds_every_target() -> None:
-    """What stands in the file leads, by the true geometry, back to the certified positions."""
-    measured = first(calibration.plan_calibration(2, QUIET))
-    arm = TrueArm.default(2)
-    tip = arm.tip(measured.encoder, measured.conditions)
-    artefact = measured.artefact
-    growth = 1 + artefact.expansion_per_k * (measured.artefact_c[:, None] - 20)
-    certified = artefact.certified_mm[measured.target] * growth
-    there = measured.to_base(certified)
-    origins = np.array([where.origin_mm for where in measured.placements])
-    off = np.linalg.norm(tip - there - origins[measured.placement], axis=1)
-    assert off.max() < 5e-4  # the certificate's own 0.1 µm on each axis, and nothing else
-    assert off.max() > 1e-5
 
 
 def test_each_target_is_reached_in_different_ways() -> None:

@@ -26,6 +26,7 @@ from armd.simulator.twin.model import TwinModel
 from armd.simulator.twin.noise import FoundNoise, read_noise
 from armd.simulator.twin.session import copy_session
 from armd.simulator.twin.session_files import read_session
+from support import synthetic
 from support.drawn import drawn
 from support.synthetic import STARTED
 
@@ -45,31 +46,15 @@ TERMS: list[dict[str, Any]] = [
 
 
 def an_arm() -> Arm:
+    """The synthetic one with encoders, stops and a ball; every other joint counts backwards."""
+    arm = synthetic.arm()
+    encoder = {"counts_per_turn": COUNTS, "min_deg": -175.0, "max_deg": 175.0}
     joints = [
-        {
-            "d_mm": d,
-            "a_mm": a,
-            "alpha_deg": alpha,
-            "counts_per_turn": COUNTS,
-            "direction": direction,
-            "temperature": f"t{k}",
-            "min_deg": -175.0,
-            "max_deg": 175.0,
-        }
-        for k, (d, a, alpha, direction) in enumerate(
-            [(300.0, 0.0, 90.0, 1), (0.0, 40.0, -90.0, -1), (400.0, 0.0, 90.0, 1),
-             (0.0, 35.0, -90.0, -1), (350.0, 0.0, 90.0, 1), (0.0, 20.0, -90.0, 1)], 1
-        )
-    ]  # fmt: skip
-    return Arm.model_validate(
-        {
-            "schema": "armd.arm/1",
-            "serial_number": "TWIN-2",
-            "temperature_sensor": [{"name": f"t{k}"} for k in range(1, 7)],
-            "joint": joints,
-            "tip": {"offset_mm": [10.0, 20.0, 120.0], "radius_mm": 3.0},
-        }
-    )
+        joint.model_copy(update=encoder | {"direction": 1 if k % 2 else -1})
+        for k, joint in enumerate(arm.joint, 1)
+    ]
+    tip = arm.tip.model_copy(update={"radius_mm": 3.0})
+    return arm.model_copy(update={"serial_number": "TWIN-2", "joint": joints, "tip": tip})
 
 
 def a_calibration(arm: Arm, rng: np.random.Generator) -> Calibration:

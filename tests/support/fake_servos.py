@@ -53,11 +53,14 @@ class Feetech:
         found = []
         while True:
             at = data.find(b"\xff\xff")
-            if at < 0 or len(data) < at + 4 or len(data) < at + 4 + data[at + 3]:
+            if at < 0 or len(data) < at + 4 or len(data) < at + 4 + min(data[at + 3], 60):
                 return found, data
             end = at + 4 + data[at + 3]
-            body, data = data[at + 2 : end], data[end:]
-            assert sum(body) & 0xFF == 0xFF
+            body = data[at + 2 : end]
+            if not 4 <= len(body) <= 62 or sum(body) & 0xFF != 0xFF:  # not for this family
+                data = data[at + 1 :]
+                continue
+            data = data[end:]
             found.append((body[2], body[0], body[3:-1]))
 
     @staticmethod
@@ -67,6 +70,10 @@ class Feetech:
     @staticmethod
     def write(params):
         return params[0], params[1:]
+
+    @staticmethod
+    def pinged(registers):
+        return b""
 
     @staticmethod
     def status(servo, error, data):
@@ -121,6 +128,10 @@ class Dynamixel:
     @staticmethod
     def write(params):
         return int.from_bytes(params[:2], "little"), params[2:]
+
+    @staticmethod
+    def pinged(registers):
+        return registers[0:2] + registers[6:7]
 
     @staticmethod
     def status(servo, error, data):
@@ -210,6 +221,8 @@ class FakeServos(PtyLink):
             if address not in self.refuses:
                 self.registers[servo][address : address + len(values)] = values
             self.say(family.status(servo, self.errors[servo], b""))
+        elif instruction == 0x01 and servo in self.registers.keys() - self.silent:
+            self.say(family.status(servo, self.errors[servo], family.pinged(self.registers[servo])))
         elif instruction == 0x02 and servo in self.registers.keys() - self.silent:
             address, length, _ = family.span(params)
             is_cycle = address == family.position

@@ -5,7 +5,21 @@ from __future__ import annotations
 import os
 import pty
 import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+
+@contextmanager
+def open_line() -> Iterator[tuple[int, int, str]]:
+    """Both ends of a pseudo-terminal that changes no byte, and the path of the second."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    try:
+        yield master, slave, os.ttyname(slave)
+    finally:
+        os.close(master)
+        os.close(slave)
 
 
 class PtyLink:

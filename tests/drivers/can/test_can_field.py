@@ -17,6 +17,7 @@ from armd.drivers.can.setup.sdo import NodeRefused
 from armd.drivers.config import CanConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event
+from support.selection import parametrize_default
 
 QUIRKS = Path(__file__).parents[2] / "field" / "can-encoders" / "quirk_can.py"
 N, TURN = 6, 1 << 23
@@ -68,36 +69,30 @@ def has(kind):
     return lambda samples, events: any(event.kind == kind for event in events)
 
 
-LACKS = {
-    "no_rtr": [],
-    "no_serial": ["1018:4"],
-    "no_alarm_map": ["6503"],
-    "fixed_map": ["6503"],
-}
-
-
-def test_an_encoder_of_class_c1_is_read(tmp_path):
-    """CiA 406's simpler class: no scaling, no alarms, no warnings; its position alone is mapped."""
-    with quirky_arm(tmp_path, "class_c1") as port:
-        samples, events = drive(port, 10.0, measures)
+@parametrize_default(
+    ("quirk", "counts_per_turn", "limited"),
+    [
+        # CiA 406's simpler class: no scaling, no alarms, no warnings; its position alone is mapped.
+        ("class_c1", None, ["(6503) in TPDO1: they are not to be had by SDO either"]),
+        ("bare_c1", TURN, [f"(6501): the {TURN} of arm.toml are taken unchecked"]),
+        ("no_rtr", None, []),
+        ("no_serial", None, ["1018:4"]),
+        ("no_alarm_map", None, ["6503"]),
+        ("fixed_map", None, ["6503"]),
+    ],
+)
+def test_an_encoder_of_another_maker_is_read_and_what_it_lacks_is_named(
+    tmp_path, quirk, counts_per_turn, limited
+):
+    with quirky_arm(tmp_path, quirk) as port:
+        samples, events = drive(port, 10.0, measures, counts_per_turn)
     assert "arm SIM-0001: all 6 encoders identified" in [event.text for event in events]
-    limited = [event.text for event in events if event.kind == "encoder_limited"]
-    assert len(limited) == N
-    assert all("(6503) in TPDO1: they are not to be had by SDO either" in text for text in limited)
+    named = [event.text for event in events if event.kind == "encoder_limited"]
+    assert len(named) == N * len(limited)
+    assert all(words in text for text in named for words in limited)
     assert not [event for event in events if event.severity == "error"]
     counts = np.concatenate([each["count"][each["joint_invalid"] == 0] for each in samples])
     assert np.abs(np.diff(counts, axis=0)).max() < TURN / 20  # a hand moves it, nothing jumps
-
-
-@pytest.mark.slow
-def test_an_encoder_that_tells_no_counts_per_turn_is_read_by_arm_tomls(tmp_path):
-    with quirky_arm(tmp_path, "bare_c1") as port:
-        samples, events = drive(port, 10.0, measures, counts_per_turn=TURN)
-    limited = [event.text for event in events if event.kind == "encoder_limited"]
-    assert len(limited) == N
-    assert all(f"(6501): the {TURN} of arm.toml are taken unchecked" in text for text in limited)
-    counts = np.concatenate([each["count"][each["joint_invalid"] == 0] for each in samples])
-    assert np.abs(np.diff(counts, axis=0)).max() < TURN / 20
 
 
 @pytest.mark.slow
@@ -114,18 +109,6 @@ def test_what_is_demanded_and_missing_makes_a_foreign_arm(tmp_path, quirk, keys,
         samples, events = drive(port, 10.0, has("foreign_arm"), **keys)
     assert said in next(event.text for event in events if event.kind == "foreign_arm")
     assert valid(samples) == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("quirk", LACKS)
-def test_an_encoder_of_another_maker_is_read_and_what_it_lacks_is_named(quirk, tmp_path):
-    with quirky_arm(tmp_path, quirk) as port:
-        _, events = drive(port, 10.0, measures)
-    assert "arm SIM-0001: all 6 encoders identified" in [event.text for event in events]
-    limited = [event for event in events if event.kind == "encoder_limited"]
-    assert len(limited) == N * len(LACKS[quirk])
-    assert all(name in event.text for event in limited for name in LACKS[quirk])
-    assert not [event for event in events if event.severity == "error"]
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 waited for without end, and good frames go on being read."""
 
 import os
-import pty
 import select
 import socket
 import threading
@@ -26,6 +25,7 @@ from armd.drivers.config import CanConfig
 from armd.drivers.host_time import HostTime
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, RawFrame
+from support.pty_link import open_line
 from support.simulated_arm import simulated_arm
 
 TURN = 1 << 20
@@ -42,25 +42,12 @@ LAST_LINE, LAST = b"t1826010000000000\r", CanFrame(0x182, bytes([1, 0, 0, 0, 0, 
 PATIENCE_S = 60.0
 
 
-def line_pty():
-    """Master's descriptor and the slave's path, kept open."""
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    return master, slave, os.ttyname(slave)
-
-
 @contextmanager
 def slcan_network():
-    master, slave, path = line_pty()
-    network = OwnNetwork(
-        open_bus(CanConfig(kind="can", interface="slcan", channel=path)), HostTime()
-    )
-    try:
-        yield master, network
-    finally:
-        network.close()
-        os.close(master)
-        os.close(slave)
+    with open_line() as (master, _, path):
+        config = CanConfig(kind="can", interface="slcan", channel=path)
+        with closing(OwnNetwork(open_bus(config), HostTime())) as network:
+            yield master, network
 
 
 def received(network, seconds=0.2):
@@ -383,8 +370,10 @@ def test_a_visit_that_outlives_its_bus_leaves_no_node_to_the_next(monkeypatch):
 @pytest.mark.slow
 def test_the_stream_goes_on_through_cut_lines(tmp_path):
     """A whole arm behind an adapter that cuts a line now and then."""
-    with simulated_arm(tmp_path, wire=("--can", "slcan"), rate_hz=100) as arm:
-        master, slave, path = line_pty()
+    with (
+        simulated_arm(tmp_path, wire=("--can", "slcan"), rate_hz=100) as arm,
+        open_line() as (master, _, path),
+    ):
         adapter = os.open(arm.port, os.O_RDWR | os.O_NOCTTY)
         tty.setraw(adapter)
         over = threading.Event()
@@ -411,8 +400,7 @@ def test_the_stream_goes_on_through_cut_lines(tmp_path):
                 items += driver.read(0.05)
         over.set()
         thread.join()
-        for descriptor in (master, slave, adapter):
-            os.close(descriptor)
+        os.close(adapter)
     assert driver.counters["samples"] >= 200 and driver.counters["garbled"] > 5
     # A line that a busy machine leaves silent for half a second is opened anew, and rightly so.
     assert [item for item in items if isinstance(item, Event) and item.kind == "bus_fault"] == []

@@ -49,6 +49,12 @@ class Second:
         return [*late, *statuses, second]
 
 
+def assert_told_once(taken, hindrance, words, machine):
+    told = [event.text.startswith(words) for event in taken.told("duplicate_id")]
+    assert told and all(told) and hindrance.startswith(words)
+    machine.judge_lost(len(told) - 1, "one event of a double")
+
+
 @pytest.mark.slow
 @BOTH
 @WHEN
@@ -71,10 +77,7 @@ def test_two_servos_of_one_id_are_told_and_none_of_them_is_believed(
     machine.judge_lost(int((rows["joint_invalid"] != doubled).sum()), "rows of the other joints")
     register = {"feetech": 5, "dynamixel": 7}[family.kind]
     words = f"servo {servo} (joint {servo}): id (register {register}): found two answers that"
-    told = [event.text.startswith(words) for event in taken.told("duplicate_id")]
-    assert told and all(told)
-    machine.judge_lost(len(told) - 1, "one event of a double")
-    assert hindrance.startswith(words)
+    assert_told_once(taken, hindrance, words, machine)
     assert all(np.isnan(each.celsius[servo - 1]) for each in warm)
     machine.judge_lost(int((rows_after["joint_invalid"] != 0).sum()), "rows after the double")
     assert np.isfinite(taken.temperatures[-1].celsius).all()
@@ -109,10 +112,7 @@ def test_a_thermometer_of_which_there_are_two_has_no_temperature(
     machine.judge_lost(int((taken.samples["joint_invalid"] != 0).sum()), "rows of all joints")
     register = {"feetech": 5, "dynamixel": 7}[family.kind]
     words = f"servo 6: id (register {register}): found two answers that differ, expected one"
-    told = [event.text.startswith(words) for event in taken.told("duplicate_id")]
-    assert told and all(told)
-    machine.judge_lost(len(told) - 1, "one event of a double")
-    assert hindrance.startswith(words)
+    assert_told_once(taken, hindrance, words, machine)
     assert taken.temperatures[-1].celsius.tolist() == [25, 25, 35]
 
 

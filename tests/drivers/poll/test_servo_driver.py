@@ -139,30 +139,22 @@ def test_stale_bytes_echo_and_noise_are_no_answers(tmp_path, family):
     assert counters["echoes"] > 200 and counters["bad_sum"] > 20 and counters["junk"] > 0
 
 
-@pytest.mark.slow
-@BOTH
-def test_the_seam_and_many_turns(tmp_path, punctuality, family):
-    with punctuality.watch() as machine, driven(family, tmp_path) as (servos, taken):
-        position = {"now": 4000}
+class StandingStill:
+    """`os`, for a host that stops before the twelfth of each *every* writes."""
 
-        def turn(cycle):
-            position["now"] += 2
-            servos.move(1, position["now"] % 4096)  # folds: one turn
-            servos.move(2, position["now"] - 4096)  # runs on, from below nothing
-            servos.move(3, -position["now"] % 4096)  # backwards over the seam
+    writes = 0
 
-        servos.before_reading = turn
-        rows = taken.rows(300)
-        servos.before_reading = None
-    invalid = rows["joint_invalid"] != 0
-    machine.judge_lost(int(invalid.sum()), "rows of a servo that turns")
-    rows = rows[~invalid]
-    cycles = np.diff(rows["seq"].astype(int))[:, None]  # some are lost where the host stands still
-    steps = np.diff(rows["count"], axis=0) / cycles
-    assert (steps[5:, :2] > 0).all() and (steps[5:, 2] < 0).all()  # moved by nobody backwards
-    assert np.abs(steps).max() < 5
-    assert rows["count"][-1, 0] > 2047  # ran on across the seam
-    assert rows["count"][0].min() >= -2048 and rows["count"][0].max() < 2048
+    def __init__(self, every, seconds):
+        self.every, self.seconds = every, seconds
+
+    def __getattr__(self, name):
+        return getattr(os, name)
+
+    def write(self, *arguments):
+        self.writes += 1
+        if self.writes % self.every == 12:
+            time.sleep(self.seconds)
+        return os.write(*arguments)
 
 
 @pytest.mark.parametrize("where", ["before the request is out", "before the answers are read"])
@@ -187,20 +179,6 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
             for servo, count in enumerate(counts, 1):
                 servos.move(servo, round(2048 + count) % 4096)
 
-        class StandingStill:
-            """`os`, for a host that stops between the request's instant and its write."""
-
-            writes = 0
-
-            def __getattr__(self, name):
-                return getattr(os, name)
-
-            def write(self, *arguments):
-                self.writes += 1
-                if self.writes % 25 == 12:
-                    time.sleep(stall_s)
-                return os.write(*arguments)
-
         def late(cycle, statuses):
             if cycle % 25 == 12:
                 time.sleep(stall_s)
@@ -208,7 +186,7 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
 
         servos.before_reading = turn
         if where == "before the request is out":
-            monkeypatch.setattr(shell, "os", StandingStill())
+            monkeypatch.setattr(shell, "os", StandingStill(25, stall_s))
         else:
             servos.before_answers = late
         rows = taken.rows(200)[20:]  # it starts with a jerk

@@ -194,15 +194,6 @@ def test_a_step_that_only_a_gap_makes_possible_is_asked_about(family):
 
 
 @BOTH
-def test_a_gap_in_a_motion_costs_no_row(family):
-    line = PacedLine(family, 2000.0)  # 176 degrees a second
-    line.cycles(10)
-    line.now_ns += 60 * MS
-    line.cycles(10)
-    assert (line.rows()["joint_invalid"] == 0).all() and len(line.rows()) == 20
-
-
-@BOTH
 @pytest.mark.parametrize("stalls_ms", [(60, 120), (150,), (60, 150)], ids=str)
 def test_a_step_in_a_second_stall_or_a_pause_is_asked_about(family, stalls_ms):
     """The cycle before was a stall too, or nobody was asked for so long that nothing before says

@@ -8,7 +8,7 @@ asking who is who, and what one answer costs, to the row, is in test_servo_drive
 | a servo's answer is missing | lerobot #1252 | `missing_answer` |
 | an answer comes a cycle late; echo; stale bytes; a flipped bit | DynamixelSDK | test_every_wire |
 | positions beyond a turn, below 0 (phase bit 4) | lerobot #3373 | test_every_wire |
-| 4095 → 0 within the travel; the sign in bit 15 | lerobot #2223 | test_servo_driver |
+| 4095 → 0 within the travel; the sign in bit 15 | lerobot #2223 | test_unwrap; test_servo_codecs |
 | another tool has changed the homing offset | lerobot #3348 | `homing_changed` |
 | mixed firmware | lerobot | `mixed_firmware` |
 | EEPROM locked: what is written is gone after a restart (Feetech) | lerobot | `servo_silent` |

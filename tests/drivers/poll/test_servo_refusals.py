@@ -1,14 +1,17 @@
-"""Whatever is refused of a servo names servo, register, what was found and what was expected."""
+"""Whatever is refused of a servo names servo, register, what was found and what was expected; of
+several servos everything is named, and one that is back is asked at once."""
 
 import pytest
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.decoder import ServoDecoder, encode_note
+from armd.drivers.poll.plan import RequestPlan
 from armd.drivers.poll.protocol.families import FAMILIES
 from armd.drivers.poll.protocol.family import Servo, list_differences
 from armd.drivers.sample import RawFrame
 
+S = 1_000_000_000
 BOTH = pytest.mark.parametrize("kind", ["feetech", "dynamixel"])
 GOOD = {
     "feetech": Servo(777, "3.10", 0, False, 0, False, 100),
@@ -26,7 +29,7 @@ def feed(decoder, **fields):
 
 def decoder_of(kind, *servos):
     config = ServoConfig(kind=kind, port="/dev/null", ids=[1, 2, 3])
-    decoder = ServoDecoder(config, Expectation("ARM", 3, 0, (4096,) * 3))
+    decoder = ServoDecoder(config, Expectation("ARM", 3, 3, (4096,) * 3))
     feed(decoder, note="up")
     events = []
     for servo, found in enumerate(servos, 1):
@@ -102,3 +105,34 @@ def test_servos_of_the_scs_series_are_refused(model):
 @pytest.mark.parametrize("model", [777, 2825, 11272])
 def test_no_servo_of_the_other_series_is_refused(model):
     assert FAMILIES["feetech"].refusal(as_found("feetech", model=model)) == ""
+
+
+@BOTH
+def test_everything_that_is_in_the_way_is_named_not_the_first_alone(kind):
+    roster = decoder_of(kind)[0].roster
+    for each, torque in ((1, False), (2, True)):
+        roster.identify(each, as_found(kind, torque=torque), 10 * S)
+    assert roster.hindrance(10 * S + 1) == (
+        "servo 3 (joint 3) does not answer; servo 2 (joint 2): its torque is on"
+    )
+
+
+@BOTH
+def test_of_a_servo_that_is_back_the_temperature_is_asked_at_once(kind):
+    decoder, _ = decoder_of(kind)
+    plan, warm_bytes = RequestPlan(decoder, 0), FAMILIES[kind].warm_bytes
+    plan.restart(0)
+    for each in (1, 2, 3):
+        decoder.roster.identify(each, GOOD[kind], 0)
+
+    def asks_warmth(now_ns):
+        request = plan.cycle(now_ns)
+        plan.note_sent(request, now_ns)
+        return request.length >= warm_bytes
+
+    assert asks_warmth(0)
+    assert not asks_warmth(S // 100)
+    decoder.roster.ask_anew(2)
+    assert not asks_warmth(S // 50)
+    decoder.roster.identify(2, GOOD[kind], S // 40)
+    assert asks_warmth(S // 30) and not asks_warmth(S // 20)

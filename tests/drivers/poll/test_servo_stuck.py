@@ -5,30 +5,22 @@ import pytest
 from armd.drivers.joint_watch import GOOD_FOR_NS
 from armd.drivers.poll.servos.stuck import StuckWatch
 
+HERE, BESIDE_ZERO = [2048, 1800, 900], [4095, 3, 8]
 
-def looked(*cycles):
+
+@pytest.mark.parametrize(
+    ("cycles", "stuck"),
+    [
+        ([HERE, [0, 1, 0], [1, 1, 0], HERE], [False, True, True, False]),
+        ([[0, 1, 0]], [True]),  # from the beginning
+        ([BESIDE_ZERO, [0, 1, 0], [0, 0, 0]], [False] * 3),  # moved there
+        ([BESIDE_ZERO, [None] * 3, [0, 1, 0]], [False, False, True]),  # unless nobody saw it
+        ([HERE, [0, 1, None]], [False, False]),  # a servo without an answer is no 0
+    ],
+)
+def test_from_one_cycle_to_the_next_they_are_stuck_until_they_say_something_else(cycles, stuck):
     watch = StuckWatch()
-    return [watch.look(cycle) for cycle in cycles]
-
-
-def test_from_one_cycle_to_the_next_they_are_stuck_until_they_say_something_else():
-    here = [2048, 1800, 900]
-    assert looked(here, [0, 1, 0], [1, 1, 0], here) == [False, True, True, False]
-
-
-def test_they_may_be_stuck_from_the_beginning():
-    assert looked([0, 1, 0]) == [True]
-
-
-@pytest.mark.parametrize("gap", [[], [[None, None, None]]])
-def test_an_arm_that_is_moved_there_is_not(gap):
-    before = [4095, 3, 8]
-    assert looked(before, [0, 1, 0], [0, 0, 0])[1:] == [False, False]
-    assert looked(before, *gap, [0, 1, 0])[-1] is bool(gap)
-
-
-def test_who_does_not_answer_says_nothing_of_the_others():
-    assert looked([2048, 1800, 900], [0, 1, None]) == [False, False]
+    assert [watch.look(cycle) for cycle in cycles] == stuck
 
 
 def test_it_is_told_once():
