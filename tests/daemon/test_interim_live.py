@@ -57,22 +57,15 @@ def read(folder: Path, text: str) -> InterimChecks:
     return checks
 
 
-def test_in_control_and_in_time_there_is_no_complaint(tmp_path: Path) -> None:
+def test_an_old_check_is_due_and_one_dated_after_now_has_no_age(tmp_path: Path) -> None:
+    """The latter would never become old: a clock is wrong, and that is told."""
     last = read(tmp_path, json.dumps(result())).last
     assert explain_complaints(last, {}, NOON, 26.0) == ("", "")
-
-
-def test_an_old_check_is_due(tmp_path: Path) -> None:
-    last = read(tmp_path, json.dumps(result())).last
     changed, due = explain_complaints(last, {}, NOON + 8 * 3600, 26.0)
     assert not changed and "day-04, is 32 h old (26)" in due
     assert explain_complaints(last, {}, NOON + 1e6, None) == ("", "")
-
-
-def test_a_check_dated_after_now_has_no_age(tmp_path: Path) -> None:
-    """It would never become old: a clock is wrong, and that is told."""
-    last = read(tmp_path, json.dumps(result())).last
     _, due = explain_complaints(last, {}, NOON - 48 * 3600, 26.0)
+
     assert "day-04 is dated 24 h after now" in due
     assert explain_complaints(last, {}, NOON - 48 * 3600, None) == ("", "")
     assert explain_complaints(last, {}, NOON - 24.5 * 3600, 26.0) == ("", "")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 import sys
 import threading
@@ -25,6 +24,8 @@ from armd.daemon.unexpected import Unexpected
 from armd.drivers.sample import RawFrame
 from armd.simulator.truth.nominal import make_arm_toml
 from support.careless_network import EVENT, HEALTH
+from support.certificates import write_certificate
+from support.running_daemon import free_endpoint
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "deploy/zenoh"
 SERIAL = "SIM-0001"
@@ -43,25 +44,12 @@ config = "shop-floor.json5"
 """
 
 
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
-
-
-def write_certificate(authority: trustme.CA, folder: Path, name: str, host: str) -> None:
-    """*name*.pem and *name*.key, as docs/how-to/secure.md makes them with openssl."""
-    certificate = authority.issue_cert(host, common_name=name)
-    certificate.private_key_pem.write_to_path(folder / f"{name}.key")
-    chain = b"".join(part.bytes() for part in certificate.cert_chain_pems)
-    (folder / f"{name}.pem").write_bytes(chain)
-
-
 class Floor:
     """A daemon's session as the example configures it, on ports and with certificates of ours."""
 
     def __init__(self, folder: Path, cleanup: ExitStack) -> None:
         self.folder = folder
-        self.tls, self.tcp = free_port(), free_port()
+        self.tls, self.tcp = (free_endpoint().rpartition(":")[2] for _ in range(2))
         authority = trustme.CA()
         authority.cert_pem.write_to_path(folder / "ca.pem")
         write_certificate(authority, folder, "controller", "localhost")

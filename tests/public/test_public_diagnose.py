@@ -17,16 +17,6 @@ from support.simulated_sessions import list_sessions, simulate_sessions
 PLANTED = "encoder_eccentricity@joint 3=1.5"
 
 
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> MeasuredArm:
-    return measured_arm(tmp_path_factory.mktemp("diagnosed"))
-
-
-@pytest.fixture(scope="module")
-def session(measured: MeasuredArm) -> armd.Session:
-    return armd.make_session(measured.columns, measured.arm_file, artefact=measured.artefact)
-
-
 def simulated(folder: Path, kind: str, *more: str) -> list[str]:
     return list_sessions(simulate_sessions(folder, kind, *more))
 

@@ -192,29 +192,6 @@ def test_a_missing_id_is_named_and_its_rows_are_invalid(tmp_path):
             heard.wait_for(lambda: heard.points()["flags"][-1] & INVALID == 0)
 
 
-@pytest.mark.parametrize(
-    ("change", "where", "found"),
-    [
-        ("ids = [1, 2]", "driver.ids", "2 entries"),
-        ("ids = [1, 2, 3, 4]", "driver.ids", "4 servos"),
-        ("ids = [1, 2, 2]", "driver.ids", "[1, 2, 2]"),
-        ("ids = [1, 2, 3]\nid = 3", "driver.id", "an unknown key"),
-        ("ids = [1, 2, 3]\ntemperature_ids = [1]", "driver.temperature_ids", "1 servos"),
-        ("ids = [1, 2, 3]\nreturn_delay_us = 3", "driver.return_delay_us", "3"),
-    ],
-)
-def test_bad_keys_are_named(tmp_path, change, where, found):
-    (tmp_path / "arm.toml").write_text(arm_toml(3))
-    path = tmp_path / "armd.toml"
-    path.write_text(
-        'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "feetech"\n'
-        f'port = "/dev/null"\n{change}\n'
-    )
-    done = run_armd("check", path)
-    told = done.stdout + done.stderr
-    assert done.returncode != 0 and where in told and found in told
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "ids"),
