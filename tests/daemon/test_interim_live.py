@@ -177,8 +177,7 @@ def test_status_names_the_last_check() -> None:
 
 @pytest.mark.slow
 def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
-    """Over the wire: the last check and its age, a change, an overdue check, an event of each, and
-    a history that is cut short."""
+    """Over the wire: the last check and its age, a change, an overdue check, an event of each."""
     history = tmp_path / "checks"
     history.mkdir()
     write_history(history, ["day-03", "day-04"])
@@ -212,13 +211,6 @@ def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
         heard.wait_for(lambda: "cannot be read" in heard.json("health")[-1]["reason"])
         (history / "report.json").write_text(json.dumps(result(checks=recent, arm="SIM-0001")))
         heard.wait_for(lambda: "interim" not in heard.json("health")[-1]["reason"])
-        heard.wait_for(lambda: heard.json("health")[-1]["interim"]["check"])
-        write_history(history, ["day-03"])
-        heard.wait_for(lambda: not heard.json("health")[-1]["interim"]["check"])
-        cut = "history.jsonl has 1 checks, and had 2"
-        assert cut in heard.json("health")[-1]["interim"]["reason"]
-        heard.wait_for(lambda: cut in heard.json("health")[-1]["reason"])
-        assert heard.json("health")[-1]["state"] == "INACCURATE"
         assert daemon.stop()[0] == 0
 
 

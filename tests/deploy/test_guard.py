@@ -112,11 +112,6 @@ def test_a_viewer_sees_and_may_not_command(floor: Floor) -> None:
             arm.command("reload")
 
 
-def test_an_operator_may_command(floor: Floor) -> None:
-    with armd.connect(endpoint=floor.client("operator")) as arm:
-        assert arm.command("reload") == "reloaded"
-
-
 def test_an_unknown_name_sees_nothing(floor: Floor) -> None:
     """A certificate of our own authority, but of nobody the configuration names."""
     with pytest.raises(armd.ArmdError):
@@ -138,9 +133,12 @@ def test_without_our_certificate_nobody_connects(floor: Floor, fault: str) -> No
         armd.connect(endpoint=str(file), timeout_s=2.0)
 
 
-def test_the_controller_itself_needs_no_certificate(floor: Floor) -> None:
-    with armd.connect(endpoint=f"tcp/127.0.0.1:{floor.tcp}") as arm:
-        assert arm.command("reload") == "reloaded"
+def test_an_operator_may_command_and_the_controller_itself_without_a_certificate(
+    floor: Floor,
+) -> None:
+    for endpoint in (floor.client("operator"), f"tcp/127.0.0.1:{floor.tcp}"):
+        with armd.connect(endpoint=endpoint) as arm:
+            assert arm.command("reload") == "reloaded"
 
 
 def test_only_the_controller_itself_may_record(floor: Floor) -> None:

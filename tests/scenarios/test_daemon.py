@@ -194,13 +194,3 @@ def test_a_foreign_arm_is_waited_out_or_ends_the_daemon(tmp_path: Path) -> None:
         )
         assert done.returncode == 2
         assert "found OTHER-7, expected SIM-0001" in done.stderr.splitlines()[-1]
-
-
-@pytest.mark.slow
-def test_ready_does_not_wait_for_an_arm_that_is_not_there(tmp_path: Path) -> None:
-    with simulated_arm(tmp_path, rate_hz=100, seconds=0.1) as arm:
-        arm.wait()
-    with running_daemon(tmp_path, str(tmp_path / "nothing")) as daemon, daemon.listen() as heard:
-        heard.wait_for(lambda: heard.json("health"))
-        assert heard.json("health")[-1]["state"] == "NOT_READY"
-        assert daemon.stop()[0] == 0

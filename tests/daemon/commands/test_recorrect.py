@@ -119,7 +119,7 @@ def vectors(rows: list[dict[str, str]], name: str) -> np.ndarray:
     return np.array([[float(row[name.format(axis)]) for axis in "xyz"] for row in rows])
 
 
-def test_new_positions_are_those_of_the_new_constants(bench: Bench) -> None:
+def test_new_positions_and_flags_are_those_of_the_new_constants(bench: Bench) -> None:
     rows = bench.run("--tolerance", "0.45")
     assert [int(row["seq"]) for row in rows] == list(range(20))
     truth = np.array([tip_mm(q, 400.5) for q in ANGLES])
@@ -133,10 +133,6 @@ def test_new_positions_are_those_of_the_new_constants(bench: Bench) -> None:
     # A link known to 0.01 mm: the tip moves along it, so the three coordinates share that.
     u = np.linalg.norm(vectors(rows, "u_{}_new_mm"), axis=1)
     np.testing.assert_allclose(u, 0.01, atol=2e-6)
-
-
-def test_flags_say_what_holds_of_the_new_position(bench: Bench) -> None:
-    rows = bench.run()
     # Calibrated now, at rest as before; from the eleventh day on warmer than was identified.
     assert [int(row["flags_new"]) for row in rows] == [512] * 11 + [512 + 2] * 9
     assert {row["calibration_old"] for row in rows} == {"0011223344556677"}
