@@ -1,6 +1,6 @@
 """The circle: an arm goes wrong, and is measured, diagnosed, mended and verified over the wire.
 
-    python tests/scenarios/circle.py [--seed N] [--folder FOLDER]
+    PYTHONPATH=tests python tests/scenarios/circle.py [--seed N] [--folder FOLDER]
 
 A calibrated arm; then a fault that nobody is told of. A simulated operator touches seats and balls
 as `armd measure` asks for them: the verification fails, the artefact's diagnosis names the cause,
