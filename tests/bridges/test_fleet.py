@@ -19,6 +19,7 @@ import armd
 from armd import POINT, Lost
 from armd.daemon.bridges.fleet import Fleet
 from support.careless_network import session
+from support.certificates import write_certificate
 from support.long_case import long_case
 from support.program import ARMD
 from support.running_bridge import running_bridge
@@ -162,10 +163,7 @@ def test_an_arm_speaks_for_itself_alone(tmp_path: Path) -> None:
     authority = trustme.CA()
     authority.cert_pem.write_to_path(tmp_path / "ca.pem")
     for name in ("router", "SIM-0001", "SIM-0002", "inspection"):
-        certificate = authority.issue_cert("localhost", common_name=name)
-        certificate.private_key_pem.write_to_path(tmp_path / f"{name}.key")
-        chain = b"".join(part.bytes() for part in certificate.cert_chain_pems)
-        (tmp_path / f"{name}.pem").write_bytes(chain)
+        write_certificate(authority, tmp_path, name, "localhost")
     port = free_endpoint().rpartition(":")[2]
     router_file = configuration("plant-router", tmp_path, **{"0.0.0.0:7447": f"127.0.0.1:{port}"})
     place = {"router.example:7447": f"localhost:{port}", "127.0.0.1:7447": "127.0.0.1:0"}
@@ -217,9 +215,7 @@ def test_an_arm_in_a_plant_relays_no_key_between_its_guests(tmp_path: Path) -> N
     """Nor those that no wildcard matches."""
     authority = trustme.CA()
     authority.cert_pem.write_to_path(tmp_path / "ca.pem")
-    certificate = authority.issue_cert("localhost", common_name="SIM-0001")
-    certificate.private_key_pem.write_to_path(tmp_path / "arm.key")
-    (tmp_path / "arm.pem").write_bytes(certificate.cert_chain_pems[0].bytes())
+    write_certificate(authority, tmp_path, "SIM-0001", "localhost", "arm")
     own, nobody = free_endpoint(), free_endpoint().rpartition(":")[2]
     place = {"router.example:7447": f"localhost:{nobody}", "tcp/127.0.0.1:7447": own}
     keys = ["armd/SIM-0001/@x", "armd/SIM-0001/@x/y", "@armd/x", "armd/TWIN/point", "other/program"]

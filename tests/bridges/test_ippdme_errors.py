@@ -89,8 +89,12 @@ def typed(line: str) -> Callable[[Bench], list[str]]:
 
 
 def full_buffer(bench: Bench) -> list[str]:
-    bench.type("00002 PtMeas(X(1))", *["00003 IsHomed()"] * (MOST_WAITING - 1))
-    return bench.type("00004 IsHomed()")
+    waiting = bench.type("00002 PtMeas(X(1))", *["00003 IsHomed()"] * (MOST_WAITING - 1))
+    assert waiting == ["00002 &", *["00003 &"] * (MOST_WAITING - 1)]
+    said = bench.type("00004 IsHomed()")
+    assert (said[0], said[-1]) == ("00004 &", "00004 %")
+    assert len(bench.press()) == 2 + 2 * (MOST_WAITING - 1)
+    return said
 
 
 def aborted(bench: Bench) -> list[str]:

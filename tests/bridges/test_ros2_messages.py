@@ -10,13 +10,13 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
-from scipy.spatial.transform import Rotation
 
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.bridges.ros2 import messages, urdf
 from armd.daemon.bridges.ros2.node import escape, make_legal_name
+from support.plain_urdf import tip_poses
 from support.small_arm_toml import ARM, CALIBRATION
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -120,25 +120,6 @@ def test_names() -> None:
 # --- the drawn arm -----------------------------------------------------------------------------
 
 
-def drawn_tip(robot: Xml.Element, angles: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Position in metres and rotation of the last link, by URDF's own rules."""
-    position, rotation = np.zeros(3), np.eye(3)
-    for joint in robot.iter("joint"):
-        origin = joint.find("origin")
-        assert origin is not None
-        xyz = np.array([float(word) for word in origin.attrib["xyz"].split()])
-        rpy = [float(word) for word in origin.attrib["rpy"].split()]
-        position = position + rotation @ xyz
-        rotation = rotation @ Rotation.from_euler("xyz", rpy).as_matrix()
-        if joint.attrib["type"] != "fixed":
-            axis = joint.find("axis")
-            assert axis is not None
-            assert axis.attrib["xyz"] == "0 0 1"
-            turn = Rotation.from_euler("z", angles[joint.attrib["name"]])
-            rotation = rotation @ turn.as_matrix()
-    return position, rotation
-
-
 @pytest.mark.parametrize("calibrated", [False, True])
 def test_the_drawn_arm_ends_where_the_arm_does(calibrated: bool) -> None:
     file = json.dumps(CALIBRATION) if calibrated else None
@@ -150,12 +131,13 @@ def test_the_drawn_arm_ends_where_the_arm_does(calibrated: bool) -> None:
         parameters = calibration.vector(arm.n_joints)
         assert not np.allclose(parameters, arm.nominal())
     rng = np.random.default_rng(3)
-    for q in rng.uniform(-2, 2, (20, arm.n_joints)):
-        expected, last = compute_pose(q[None], parameters)
-        angles = {f"joint_{k}": float(angle) for k, angle in enumerate(q, 1)}
-        position, rotation = drawn_tip(robot, angles)
-        assert position * 1e3 == pytest.approx(expected[0], abs=1e-6)
-        assert rotation == pytest.approx(last[0], abs=1e-9)
+    q = rng.uniform(-2, 2, (20, arm.n_joints))
+    turning = [joint for joint in robot.iter("joint") if joint.get("type") != "fixed"]
+    assert [joint.get("name") for joint in turning] == ["joint_1", "joint_2", "joint_3"]
+    expected, last = compute_pose(q, parameters)
+    drawn = tip_poses(robot, q, "SMALL_1_ball")
+    assert drawn[:, :3, 3] == pytest.approx(expected, abs=1e-6)
+    assert drawn[:, :3, :3] == pytest.approx(last, abs=1e-9)
 
 
 def test_terms_that_a_urdf_drops_are_reported() -> None:

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from measurement import MEASUREMENT
 from scipy.spatial.transform import Rotation
 
 from armd import POINT, Flag
@@ -36,13 +37,6 @@ INFO = {
     "tip": None,
 }
 TIPS = Tips(INFO)
-MEASUREMENT: dict[str, Any] = {
-    "trigger": "button", "seq": 7, "stamp_ns": 1_700_000_000_123_456_789, "monotonic_ns": 5,
-    "position_mm": [1.5, -2.25, 3.0], "standard_deviation_mm": [0.001, 0.002, 0.003],
-    "covariance_mm2": [1e-4, 0, 0, 4e-4, 0, 9e-4], "orientation": [0.0, 0.0, 0.0, 1.0],
-    "angles_rad": [0.0], "count": 12, "duration_s": 0.5, "flags": 512, "flag_names": ["AT_REST"],
-    "buttons": 1, "calibration": "0123456789abcdef", "approach": [0.0, 0.6, -0.8], "tip": None,
-}  # fmt: skip
 PAGE = page_path("record-export")
 
 

@@ -9,8 +9,9 @@ import re
 import socket
 import ssl
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager, suppress
+from functools import wraps
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -322,6 +323,16 @@ def test_nothing_in_the_page_is_written_as_markup() -> None:
 # --- the server, without a daemon ------------------------------------------------------------
 
 
+def in_a_loop(scenario: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
+    """A test of asyncio as pytest runs it."""
+
+    @wraps(scenario)
+    def run(*arguments: Any, **named: Any) -> None:
+        asyncio.run(scenario(*arguments, **named))
+
+    return run
+
+
 @asynccontextmanager
 async def serving(
     access: Access | None = None, sessions: Path | None = None, tls: ssl.SSLContext | None = None
@@ -346,44 +357,40 @@ async def ask(
     return int(line.split()[1]), dict(field.split(": ", 1) for field in fields), rest
 
 
-def test_what_is_asked_is_answered_under_guard() -> None:
-    async def scenario() -> None:
-        async with serving() as (_, port):
-            host = f"Host: localhost:{port}"
-            status, headers, body = await ask(port, f"GET / HTTP/1.1\n{host}")
-            assert (status, b"<title>armd" in body) == (200, True)
-            policy = headers["Content-Security-Policy"]
-            assert "default-src 'none'" in policy
-            assert "script-src 'self';" in policy
-            assert "frame-ancestors 'none'" in policy
-            assert not re.search("unsafe|http|\\*", policy)
-            assert headers["X-Content-Type-Options"] == "nosniff"
-            tag = f"If-None-Match: {headers['ETag']}"
-            assert (await ask(port, f"GET / HTTP/1.1\n{host}\n{tag}"))[0] == 304
-            status, headers, body = await ask(
-                port, f"GET /vendor/three.js HTTP/1.1\n{host}\nAccept-Encoding: gzip, br"
-            )
-            assert (status, headers["Content-Encoding"]) == (200, "gzip")
-            assert len(body) < 250_000
-            for path, status in {
-                "/../server.py": 404, "/%2e%2e/server.py": 404, "/vendor/": 404, "/nothing": 404,
-                "/measurements.csv": 503, "/measurements.exe": 404, "/temperatures": 200,
-                "/feature?of=plane:1,2,3": 409, "/feature": 409,
-            }.items():  # fmt: skip
-                assert (await ask(port, f"GET {path} HTTP/1.1\n{host}"))[0] == status, path
-            for foreign in ("Host: evil.example", "X: no host at all"):
-                for path in ("/", "/events", "/measurements.csv", "/style.css"):
-                    status, headers, _ = await ask(port, f"GET {path} HTTP/1.1\n{foreign}")
-                    assert (status, "Content-Security-Policy" in headers) == (403, True), path
-            assert (await ask(port, f"DELETE / HTTP/1.1\n{host}"))[0] == 405
-            for digits in (12, 13, 5000):
-                head = f"POST /login HTTP/1.1\n{host}\nContent-Length: {'9' * digits}"
-                assert (await ask(port, head))[0] == 413
-            assert (await ask(port, f"GET / HTTP/1.1\n{host}\nA: {'x' * MOST_HEAD_BYTES}"))[
-                0
-            ] == 431
-
-    asyncio.run(scenario())
+@in_a_loop
+async def test_what_is_asked_is_answered_under_guard() -> None:
+    async with serving() as (_, port):
+        host = f"Host: localhost:{port}"
+        status, headers, body = await ask(port, f"GET / HTTP/1.1\n{host}")
+        assert (status, b"<title>armd" in body) == (200, True)
+        policy = headers["Content-Security-Policy"]
+        assert "default-src 'none'" in policy
+        assert "script-src 'self';" in policy
+        assert "frame-ancestors 'none'" in policy
+        assert not re.search("unsafe|http|\\*", policy)
+        assert headers["X-Content-Type-Options"] == "nosniff"
+        tag = f"If-None-Match: {headers['ETag']}"
+        assert (await ask(port, f"GET / HTTP/1.1\n{host}\n{tag}"))[0] == 304
+        status, headers, body = await ask(
+            port, f"GET /vendor/three.js HTTP/1.1\n{host}\nAccept-Encoding: gzip, br"
+        )
+        assert (status, headers["Content-Encoding"]) == (200, "gzip")
+        assert len(body) < 250_000
+        for path, status in {
+            "/../server.py": 404, "/%2e%2e/server.py": 404, "/vendor/": 404, "/nothing": 404,
+            "/measurements.csv": 503, "/measurements.exe": 404, "/temperatures": 200,
+            "/feature?of=plane:1,2,3": 409, "/feature": 409,
+        }.items():  # fmt: skip
+            assert (await ask(port, f"GET {path} HTTP/1.1\n{host}"))[0] == status, path
+        for foreign in ("Host: evil.example", "X: no host at all"):
+            for path in ("/", "/events", "/measurements.csv", "/style.css"):
+                status, headers, _ = await ask(port, f"GET {path} HTTP/1.1\n{foreign}")
+                assert (status, "Content-Security-Policy" in headers) == (403, True), path
+        assert (await ask(port, f"DELETE / HTTP/1.1\n{host}"))[0] == 405
+        for digits in (12, 13, 5000):
+            head = f"POST /login HTTP/1.1\n{host}\nContent-Length: {'9' * digits}"
+            assert (await ask(port, head))[0] == 413
+        assert (await ask(port, f"GET / HTTP/1.1\n{host}\nA: {'x' * MOST_HEAD_BYTES}"))[0] == 431
 
 
 def test_results_of_a_session_are_read_and_nothing_beside_them(tmp_path: Path) -> None:
@@ -426,22 +433,19 @@ def test_results_of_a_session_are_read_and_nothing_beside_them(tmp_path: Path) -
     assert found == ["calibrate.html", "session.toml"]
 
 
-def test_the_history_of_tips_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@in_a_loop
+async def test_the_history_of_tips_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
-
-    async def scenario() -> None:
-        server = PageServer(Access(), "SIM-0001", NOWHERE, None)
-        listening, where = await open_listener(("127.0.0.1", 0), server._connection)
-        port = int(where.rpartition(":")[2])
-        async with listening:
-            asked = f"GET /tips HTTP/1.1\nHost: localhost:{port}"
-            assert (await ask(port, asked))[2] == b"[]"
-            keep("SIM-0001", {"name": "ruby", "verdict": "good"})
-            keep("SIM-0002", {"name": "another arm's"})
-            told_ = json.loads((await ask(port, asked))[2])
-            assert [tip["name"] for tip in told_] == ["ruby"]
-
-    asyncio.run(scenario())
+    server = PageServer(Access(), "SIM-0001", NOWHERE, None)
+    listening, where = await open_listener(("127.0.0.1", 0), server._connection)
+    port = int(where.rpartition(":")[2])
+    async with listening:
+        asked = f"GET /tips HTTP/1.1\nHost: localhost:{port}"
+        assert (await ask(port, asked))[2] == b"[]"
+        keep("SIM-0001", {"name": "ruby", "verdict": "good"})
+        keep("SIM-0002", {"name": "another arm's"})
+        told_ = json.loads((await ask(port, asked))[2])
+        assert [tip["name"] for tip in told_] == ["ruby"]
 
 
 def test_the_server_says_what_flags_mean_and_ends_in_silence(
@@ -471,142 +475,128 @@ def test_the_server_says_what_flags_mean_and_ends_in_silence(
     assert caplog.text == ""
 
 
-def test_nothing_writes_unless_it_is_allowed() -> None:
-    async def scenario() -> None:
-        json_ = "Content-Type: application/json"
-        async with serving() as (_, port):
-            head = f"POST /command/tip HTTP/1.1\nHost: localhost:{port}\n{json_}"
-            assert (await ask(port, head, b'{"name": ""}'))[0] == 403
-        async with serving(sessions=Path("nowhere")) as (_, port):
-            host = f"Host: localhost:{port}"
-            head = f"POST /command/tip HTTP/1.1\n{host}\n{json_}"
-            status, _, body = await ask(port, head, b'{"name": ""}')
-            assert (status, json.loads(body)) == (409, {"error": "the daemon is not there"})
-            for malformed in (b"{", b"[1]", b"3", b"[" * 30_000, b'{"a":' * 10_000):
-                assert (await ask(port, head, malformed))[0] == 400
-                assert (await ask(port, head.replace("command/tip", "guided/begin"), malformed))[
-                    0
-                ] == 400
-            assert (await ask(port, head, b"{}"))[0] == 400
-            form = f"POST /command/tip HTTP/1.1\n{host}\nContent-Type: text/plain"
-            assert (await ask(port, form, b'{"name": ""}'))[0] == 415
-            foreign = f"{head}\nOrigin: http://evil.example"
-            assert (await ask(port, foreign, b'{"name": ""}'))[0] == 403
-            other = f"POST /command/accept HTTP/1.1\n{host}\n{json_}"
-            assert (await ask(port, other, b"{}"))[0] == 404
-
-    asyncio.run(scenario())
+@in_a_loop
+async def test_nothing_writes_unless_it_is_allowed() -> None:
+    json_ = "Content-Type: application/json"
+    async with serving() as (_, port):
+        head = f"POST /command/tip HTTP/1.1\nHost: localhost:{port}\n{json_}"
+        assert (await ask(port, head, b'{"name": ""}'))[0] == 403
+    async with serving(sessions=Path("nowhere")) as (_, port):
+        host = f"Host: localhost:{port}"
+        head = f"POST /command/tip HTTP/1.1\n{host}\n{json_}"
+        status, _, body = await ask(port, head, b'{"name": ""}')
+        assert (status, json.loads(body)) == (409, {"error": "the daemon is not there"})
+        for malformed in (b"{", b"[1]", b"3", b"[" * 30_000, b'{"a":' * 10_000):
+            assert (await ask(port, head, malformed))[0] == 400
+            assert (await ask(port, head.replace("command/tip", "guided/begin"), malformed))[
+                0
+            ] == 400
+        assert (await ask(port, head, b"{}"))[0] == 400
+        form = f"POST /command/tip HTTP/1.1\n{host}\nContent-Type: text/plain"
+        assert (await ask(port, form, b'{"name": ""}'))[0] == 415
+        foreign = f"{head}\nOrigin: http://evil.example"
+        assert (await ask(port, foreign, b'{"name": ""}'))[0] == 403
+        other = f"POST /command/accept HTTP/1.1\n{host}\n{json_}"
+        assert (await ask(port, other, b"{}"))[0] == 404
 
 
-def test_on_the_network_a_token_and_a_certificate() -> None:
+@in_a_loop
+async def test_on_the_network_a_token_and_a_certificate() -> None:
     authority = trustme.CA()
     theirs = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     authority.issue_cert("localhost").configure_cert(theirs)
     ours = ssl.create_default_context()
     authority.configure_trust(ours)
-
-    async def scenario() -> None:
-        access = Access(["localhost"], TOKEN, secure=True)
-        async with serving(access, sessions=Path("nowhere"), tls=theirs) as (_, port):
-            host = f"Host: localhost:{port}"
-            status, _, body = await ask(port, f"GET / HTTP/1.1\n{host}", tls=ours)
-            assert (status, b"Token of this arm" in body) == (200, True)
-            for path in ("/events", "/temperatures", "/measurements.csv", "/feature", "/guided"):
-                assert (await ask(port, f"GET {path} HTTP/1.1\n{host}", tls=ours))[0] == 401, path
-            post = f"POST /command/reload HTTP/1.1\n{host}\nContent-Type: application/json"
-            assert (await ask(port, post, b"{}", ours))[0] == 401
-            login = f"POST /login HTTP/1.1\n{host}\nOrigin: https://localhost:{port}"
-            status, headers, _ = await ask(port, login, b"token=wrong", ours)
-            assert (status, "Set-Cookie" in headers) == (303, False)
-            status, headers, _ = await ask(port, login, f"token={TOKEN}".encode(), ours)
-            assert (status, headers["Location"]) == (303, "/")
-            flags = headers["Set-Cookie"]
-            assert all(word in flags for word in ("HttpOnly", "Secure", "SameSite=Strict"))
-            cookie = f"Cookie: {flags.split(';')[0]}"
-            head = f"GET /temperatures HTTP/1.1\n{host}\n{cookie}"
-            assert (await ask(port, head, tls=ours))[0] == 200
-            _, _, body = await ask(port, f"GET / HTTP/1.1\n{host}\n{cookie}", tls=ours)
-            assert b"To the read-out" in body
-            with pytest.raises((OSError, IndexError)):  # without TLS nobody answers
-                await ask(port, f"GET / HTTP/1.1\n{host}")
-
-    asyncio.run(scenario())
+    access = Access(["localhost"], TOKEN, secure=True)
+    async with serving(access, sessions=Path("nowhere"), tls=theirs) as (_, port):
+        host = f"Host: localhost:{port}"
+        status, _, body = await ask(port, f"GET / HTTP/1.1\n{host}", tls=ours)
+        assert (status, b"Token of this arm" in body) == (200, True)
+        for path in ("/events", "/temperatures", "/measurements.csv", "/feature", "/guided"):
+            assert (await ask(port, f"GET {path} HTTP/1.1\n{host}", tls=ours))[0] == 401, path
+        post = f"POST /command/reload HTTP/1.1\n{host}\nContent-Type: application/json"
+        assert (await ask(port, post, b"{}", ours))[0] == 401
+        login = f"POST /login HTTP/1.1\n{host}\nOrigin: https://localhost:{port}"
+        status, headers, _ = await ask(port, login, b"token=wrong", ours)
+        assert (status, "Set-Cookie" in headers) == (303, False)
+        status, headers, _ = await ask(port, login, f"token={TOKEN}".encode(), ours)
+        assert (status, headers["Location"]) == (303, "/")
+        flags = headers["Set-Cookie"]
+        assert all(word in flags for word in ("HttpOnly", "Secure", "SameSite=Strict"))
+        cookie = f"Cookie: {flags.split(';')[0]}"
+        head = f"GET /temperatures HTTP/1.1\n{host}\n{cookie}"
+        assert (await ask(port, head, tls=ours))[0] == 200
+        _, _, body = await ask(port, f"GET / HTTP/1.1\n{host}\n{cookie}", tls=ours)
+        assert b"To the read-out" in body
+        with pytest.raises((OSError, IndexError)):  # without TLS nobody answers
+            await ask(port, f"GET / HTTP/1.1\n{host}")
 
 
-def test_pages_that_stand_still_hold_up_nobody_and_hold_little() -> None:
+@in_a_loop
+async def test_pages_that_stand_still_hold_up_nobody_and_hold_little() -> None:
     """Forty of them beside one that reads: it hears every tick, and memory stays where it was."""
-
-    async def scenario() -> None:
-        async with serving() as (server, port):
-            stalled = []
-            for _ in range(40):
-                connection = socket.socket()
-                connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
-                connection.setblocking(False)
-                await asyncio.get_running_loop().sock_connect(connection, ("127.0.0.1", port))
-                connection.sendall(
-                    f"GET /events HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode()
-                )
-                stalled.append(connection)
-            reader, writer = await asyncio.open_connection("127.0.0.1", port)
-            writer.write(f"GET /events HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
-            await reader.readuntil(b"event: hello")
-            while len(server.transports) < 41:
-                await asyncio.sleep(0.01)
-            waited_s = []
-            for k in range(60):
-                server._board.put("live", json.dumps([k, "." * 20_000]))  # a second of many, each
-                began = time.monotonic()
-                async with asyncio.timeout(10):
-                    await reader.readuntil(f"[{k}, ".encode())
-                    await reader.readuntil(b"\n\n")
-                waited_s.append(time.monotonic() - began)
-            held = [t.get_write_buffer_size() for t in server.transports]
-            assert sum(size > 0 for size in held) >= 40  # they do stand still
-            assert max(held) <= SEND_BUFFER_BYTES + MOST_BYTES
-            assert np.median(waited_s) < 5.0
-            writer.close()
-            for connection in stalled:
-                connection.close()
-
-    asyncio.run(scenario())
+    async with serving() as (server, port):
+        stalled = []
+        for _ in range(40):
+            connection = socket.socket()
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+            connection.setblocking(False)
+            await asyncio.get_running_loop().sock_connect(connection, ("127.0.0.1", port))
+            connection.sendall(f"GET /events HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
+            stalled.append(connection)
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(f"GET /events HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
+        await reader.readuntil(b"event: hello")
+        while len(server.transports) < 41:
+            await asyncio.sleep(0.01)
+        waited_s = []
+        for k in range(60):
+            server._board.put("live", json.dumps([k, "." * 20_000]))  # a second of many, each
+            began = time.monotonic()
+            async with asyncio.timeout(10):
+                await reader.readuntil(f"[{k}, ".encode())
+                await reader.readuntil(b"\n\n")
+            waited_s.append(time.monotonic() - began)
+        held = [t.get_write_buffer_size() for t in server.transports]
+        assert sum(size > 0 for size in held) >= 40  # they do stand still
+        assert max(held) <= SEND_BUFFER_BYTES + MOST_BYTES
+        assert np.median(waited_s) < 5.0
+        writer.close()
+        for connection in stalled:
+            connection.close()
 
 
-def test_silent_connections_keep_no_browser_out() -> None:
+@in_a_loop
+async def test_silent_connections_keep_no_browser_out() -> None:
     """400 of them, more than are served at once; who is served stays."""
-
-    async def scenario() -> None:
-        async with serving() as (_, port):
-            head = f"GET / HTTP/1.1\nHost: localhost:{port}"
-            events = head.replace("GET /", "GET /events").replace("\n", "\r\n").encode()
-            reader, looking = await asyncio.open_connection("127.0.0.1", port)
-            looking.write(events + b"\r\n\r\n")
-            await reader.readuntil(b"hello")
-            silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(400)]
-            began = asyncio.get_running_loop().time()
-            for _ in range(3):
-                assert (await ask(port, head))[0] == 200
-            assert asyncio.get_running_loop().time() - began < 5.0
-            assert not reader.at_eof()
-            for _, writer in [*silent, (reader, looking)]:
-                writer.close()
-
-    asyncio.run(scenario())
-
-
-def test_more_browsers_than_there_is_room_for_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("armd.daemon.bridges.view.server.MOST_LOOKING", 1)
-
-    async def scenario() -> None:
-        async with serving() as (_, port):
-            head = f"GET /events HTTP/1.1\nHost: localhost:{port}"
-            reader, writer = await asyncio.open_connection("127.0.0.1", port)
-            writer.write(head.replace("\n", "\r\n").encode() + b"\r\n\r\n")
-            await reader.readuntil(b"hello")
-            assert (await ask(port, head))[0] == 503
+    async with serving() as (_, port):
+        head = f"GET / HTTP/1.1\nHost: localhost:{port}"
+        events = head.replace("GET /", "GET /events").replace("\n", "\r\n").encode()
+        reader, looking = await asyncio.open_connection("127.0.0.1", port)
+        looking.write(events + b"\r\n\r\n")
+        await reader.readuntil(b"hello")
+        silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(400)]
+        began = asyncio.get_running_loop().time()
+        for _ in range(3):
+            assert (await ask(port, head))[0] == 200
+        assert asyncio.get_running_loop().time() - began < 5.0
+        assert not reader.at_eof()
+        for _, writer in [*silent, (reader, looking)]:
             writer.close()
 
-    asyncio.run(scenario())
+
+@in_a_loop
+async def test_more_browsers_than_there_is_room_for_are_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("armd.daemon.bridges.view.server.MOST_LOOKING", 1)
+    async with serving() as (_, port):
+        head = f"GET /events HTTP/1.1\nHost: localhost:{port}"
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(head.replace("\n", "\r\n").encode() + b"\r\n\r\n")
+        await reader.readuntil(b"hello")
+        assert (await ask(port, head))[0] == 503
+        writer.close()
 
 
 def test_an_arm_that_nothing_can_trigger_is_told() -> None:

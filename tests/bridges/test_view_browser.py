@@ -31,6 +31,7 @@ from support.running_bridge import RunningBridge, running_bridge
 from support.running_daemon import Daemon, free_endpoint, running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm
 
+pytestmark = pytest.mark.timeout(600)
 AXE = Path(__file__).parent / "axe" / "axe.min.js"
 OUT = Path(__file__).parents[2] / "out"
 PATIENCE_MS = 60_000
@@ -147,7 +148,6 @@ def test_what_is_looked_for_is_on_the_page() -> None:
 
 @pytest.mark.serial
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_the_figures_are_the_streams_many_times_a_second(
     browser: Browser, daemon: Daemon, view: RunningBridge, punctuality: Punctuality
 ) -> None:
@@ -172,7 +172,6 @@ def test_the_figures_are_the_streams_many_times_a_second(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_the_arm_is_drawn_where_the_kernel_has_it(
     browser: Browser, arm: SimulatedArm, view: RunningBridge
 ) -> None:
@@ -203,7 +202,6 @@ def test_the_arm_is_drawn_where_the_kernel_has_it(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_keyboard_alone(browser: Browser, daemon: Daemon, view: RunningBridge) -> None:
     with opened(browser, view.where) as page:
         page.wait_for_selector("#rows tr")
@@ -263,7 +261,6 @@ def test_keyboard_alone(browser: Browser, daemon: Daemon, view: RunningBridge) -
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_press_is_heard_and_listed(browser: Browser, daemon: Daemon, view: RunningBridge) -> None:
     with daemon.listen() as heard, opened(browser, view.where) as page:
         page.evaluate(
@@ -284,7 +281,6 @@ def test_a_press_is_heard_and_listed(browser: Browser, daemon: Daemon, view: Run
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_interim_checks_are_shown_and_what_they_say_of_the_arm(
     browser: Browser, arm: SimulatedArm, view: RunningBridge
 ) -> None:
@@ -305,26 +301,22 @@ def test_interim_checks_are_shown_and_what_they_say_of_the_arm(
         page.get_by_text("day-04, 3.0 h ago: in control").wait_for()
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
-def test_a_tip_is_changed_and_told(browser: Browser, view: RunningBridge) -> None:
-    with opened(browser, view.where) as page:
-        page.select_option("#tips", "ruby")
-        page.click("#use-tip")
-        page.wait_for_function(
-            "() => document.getElementById('tip').textContent.startsWith('ruby, radius 1.500 mm')"
-        )
-        assert "offset 0.000, 0.000, 150.000 mm; since" in page.inner_text("#tip")
-        page.select_option("#tips", "")
-        page.click("#use-tip")
-        page.wait_for_function(
-            "() => document.getElementById('tip').textContent.startsWith('the cal')"
-        )
+def use_tip(page: Page, name: str, told: str) -> None:
+    page.select_option("#tips", name)
+    page.click("#use-tip")
+    wait_for_tip(page, told)
+
+
+def wait_for_tip(page: Page, told: str) -> None:
+    page.wait_for_function(
+        "(told) => document.getElementById('tip').textContent.startsWith(told)", arg=told
+    )
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
-def test_a_calibrated_tip_is_listed_and_put_in_force(browser: Browser, view: RunningBridge) -> None:
+def test_a_tip_is_changed_and_a_calibrated_one_listed_and_put_in_force(
+    browser: Browser, view: RunningBridge
+) -> None:
     found = {
         "measured": "2026-03-01T09:00:00+00:00",
         "standard_uncertainty_mm": [0.01, 0.01, 0.02],
@@ -339,6 +331,8 @@ def test_a_calibrated_tip_is_listed_and_put_in_force(browser: Browser, view: Run
     ):
         keep("SIM-0001", found | {"name": name, "offset_mm": offset_mm, "verdict": verdict})
     with opened(browser, view.where) as page:
+        use_tip(page, "ruby", "ruby, radius 1.500 mm")
+        assert "offset 0.000, 0.000, 150.000 mm; since" in page.inner_text("#tip")
         page.focus("#tip-history summary")
         page.keyboard.press("Enter")
         page.wait_for_function("() => document.querySelectorAll('#tip-rows tr').length === 3")
@@ -348,21 +342,14 @@ def test_a_calibrated_tip_is_listed_and_put_in_force(browser: Browser, view: Run
         # The last of a tip alone, and only if it is good.
         assert page.locator("#tip-rows button").count() == 1
         page.click("#tip-rows button")
-        page.wait_for_function(
-            "() => document.getElementById('tip').textContent.startsWith('sapphire, radius')"
-        )
+        wait_for_tip(page, "sapphire, radius")
         assert "offset 0.900, 0.000, 150.200 mm; since" in page.inner_text("#tip")
-        page.select_option("#tips", "")
-        page.click("#use-tip")
-        page.wait_for_function(
-            "() => document.getElementById('tip').textContent.startsWith('the cal')"
-        )
+        use_tip(page, "", "the cal")
 
 
 @pytest.mark.parametrize("scheme", ["dark", "light"])
 @pytest.mark.parametrize("width", [390, 1920])
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_nothing_stands_in_anybodys_way(
     browser: Browser, view: RunningBridge, scheme: Any, width: int
 ) -> None:
@@ -394,7 +381,6 @@ WHOLE = """(id) => {
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_laptop_shows_tip_calibration_and_six_measurements(
     browser: Browser, view: RunningBridge
 ) -> None:
@@ -429,7 +415,6 @@ def test_a_laptop_shows_tip_calibration_and_six_measurements(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_events_that_repeat_stand_once_and_digits_follow_the_uncertainty(
     browser: Browser, view: RunningBridge
 ) -> None:
@@ -500,7 +485,6 @@ def wait_for_outcome(page: Page, event: str) -> None:
 @pytest.mark.crowd
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1920, "light")])
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_guided_measurement_by_keyboard_alone(
     browser: Browser, view: RunningBridge, width: int, scheme: Any
 ) -> None:
@@ -550,7 +534,6 @@ def test_a_guided_measurement_by_keyboard_alone(
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_daemon_and_view_go_and_come_without_a_reload(browser: Browser, tmp_path: Path) -> None:
     endpoint = free_endpoint()
     with (
@@ -641,7 +624,6 @@ def measured_to_the_end(page: Page) -> None:
 
 @pytest.mark.crowd
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) -> None:
     """Begun, led, killed, gone on with, one deleted, finished: the disk has what the page said."""
     sessions = tmp_path / "sessions"

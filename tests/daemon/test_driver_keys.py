@@ -187,6 +187,9 @@ def test_every_key_of_every_kind_is_among_them():
             assert set(model.model_fields) - {"kind", "interface"} <= tried[kind], kind
 
 
+FEETECH = "[driver]\nkind = 'feetech'\nport = 'x'\n"
+
+
 @pytest.mark.parametrize(
     ("driver", "said"),
     [
@@ -198,6 +201,14 @@ def test_every_key_of_every_kind_is_among_them():
         ("[driver]\nkind = 'can'\ninterface = 'socketcan'", "driver.channel: found nothing, exp"),
         ("[driver]\nkind = 'serial'\nport = 'x'\nport = 'y'", "TOML: found Cannot overwrite"),
         ("[driver]\nkind = 'serial'\nport = 'x'\nids = [1]", "driver.ids: found an unknown key"),
+        (f"{FEETECH}ids = [1, 2]", "driver.ids: found 2 entries"),
+        (f"{FEETECH}ids = [1, 2, 3, 4]", "driver.ids: found 4 servos"),
+        (f"{FEETECH}ids = [1, 2, 2]", "driver.ids: found [1, 2, 2]"),
+        (f"{FEETECH}ids = [1, 2, 3]\nid = 3", "driver.id: found an unknown key"),
+        (
+            f"{FEETECH}ids = [1, 2, 3]\ntemperature_ids = [1, 2]\n",
+            "driver.temperature_ids: found 2 servos",
+        ),
     ],
 )
 def test_kinds_and_keys_that_are_none(tmp_path, capsys, driver, said):

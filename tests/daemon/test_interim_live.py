@@ -57,22 +57,15 @@ def read(folder: Path, text: str) -> InterimChecks:
     return checks
 
 
-def test_in_control_and_in_time_there_is_no_complaint(tmp_path: Path) -> None:
+def test_an_old_check_is_due_and_one_dated_after_now_has_no_age(tmp_path: Path) -> None:
+    """The latter would never become old: a clock is wrong, and that is told."""
     last = read(tmp_path, json.dumps(result())).last
     assert explain_complaints(last, {}, NOON, 26.0) == ("", "")
-
-
-def test_an_old_check_is_due(tmp_path: Path) -> None:
-    last = read(tmp_path, json.dumps(result())).last
     changed, due = explain_complaints(last, {}, NOON + 8 * 3600, 26.0)
     assert not changed and "day-04, is 32 h old (26)" in due
     assert explain_complaints(last, {}, NOON + 1e6, None) == ("", "")
-
-
-def test_a_check_dated_after_now_has_no_age(tmp_path: Path) -> None:
-    """It would never become old: a clock is wrong, and that is told."""
-    last = read(tmp_path, json.dumps(result())).last
     _, due = explain_complaints(last, {}, NOON - 48 * 3600, 26.0)
+
     assert "day-04 is dated 24 h after now" in due
     assert explain_complaints(last, {}, NOON - 48 * 3600, None) == ("", "")
     assert explain_complaints(last, {}, NOON - 24.5 * 3600, 26.0) == ("", "")
@@ -184,8 +177,7 @@ def test_status_names_the_last_check() -> None:
 
 @pytest.mark.slow
 def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
-    """Over the wire: the last check and its age, a change, an overdue check, an event of each, and
-    a history that is cut short."""
+    """Over the wire: the last check and its age, a change, an overdue check, an event of each."""
     history = tmp_path / "checks"
     history.mkdir()
     write_history(history, ["day-03", "day-04"])
@@ -219,13 +211,6 @@ def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
         heard.wait_for(lambda: "cannot be read" in heard.json("health")[-1]["reason"])
         (history / "report.json").write_text(json.dumps(result(checks=recent, arm="SIM-0001")))
         heard.wait_for(lambda: "interim" not in heard.json("health")[-1]["reason"])
-        heard.wait_for(lambda: heard.json("health")[-1]["interim"]["check"])
-        write_history(history, ["day-03"])
-        heard.wait_for(lambda: not heard.json("health")[-1]["interim"]["check"])
-        cut = "history.jsonl has 1 checks, and had 2"
-        assert cut in heard.json("health")[-1]["interim"]["reason"]
-        heard.wait_for(lambda: cut in heard.json("health")[-1]["reason"])
-        assert heard.json("health")[-1]["state"] == "INACCURATE"
         assert daemon.stop()[0] == 0
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from armd.compiled import library
-from support.running_daemon import running_daemon
+from support.running_daemon import free_endpoint, running_daemon, write_config
 from support.simulated_arm import simulated_arm
 
 FORBIDDING = (sys.executable, str(Path(__file__).parents[1] / "support/no_written_code.py"))
@@ -51,11 +51,8 @@ def test_without_its_library_it_says_what_forbids_it(tmp_path: Path) -> None:
     """Numba is here, and may not compile."""
     pytest.importorskip("numba")
     with simulated_arm(tmp_path) as arm:
-        (arm.folder / "armd.toml").write_text(
-            f'schema = "armd.daemon/1"\narm = "arm.toml"\n'
-            f'[driver]\nkind = "serial"\nport = "{arm.port}"\n'
-        )
-        command = [*FORBIDDING, sys.executable, "-m", "armd", "run", arm.folder / "armd.toml"]
+        config = write_config(arm.folder, arm.port, free_endpoint())
+        command = [*FORBIDDING, sys.executable, "-m", "armd", "run", config]
         without = os.environ | {"ARMD_WITHOUT_LIBRARY": "1"}
         run = subprocess.run(command, env=without, capture_output=True, text=True, timeout=60)
     assert run.returncode == 2

@@ -18,6 +18,7 @@ import pytest
 from deploy.arm64_python import Arm64Python, Unavailable
 
 PROJECT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.timeout(3000)
 PLATFORMS = ["manylinux_2_28_aarch64", "manylinux_2_17_aarch64", "manylinux2014_aarch64"]
 PYTHONS = ["3.11", "3.12", "3.13", "3.14"]
 #: Of drivers: bytes, counters, turns; of the kernel: sines, basis functions, the chain of joints.
@@ -59,7 +60,6 @@ def index(tmp_path_factory: pytest.TempPathFactory) -> None:
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.timeout(3000)
 @pytest.mark.parametrize("python", PYTHONS)
 @pytest.mark.usefixtures("index")
 def test_there_is_a_wheel_of_everything(python: str, tmp_path: Path) -> None:
@@ -74,7 +74,6 @@ def test_there_is_a_wheel_of_everything(python: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.timeout(3000)
 @pytest.mark.usefixtures("index")
 def test_it_would_be_noticed(tmp_path: Path) -> None:
     """The test above can fail: of this there is no wheel."""
@@ -104,7 +103,6 @@ def arm64(index: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arm
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.timeout(3000)
 def test_drivers_and_kernel_pass_their_tests_there(arm64: Arm64Python) -> None:
     told = arm64.run("-c", "import platform; print(platform.machine())")
     assert told.stdout == "aarch64\n", told.stderr

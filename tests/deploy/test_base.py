@@ -20,6 +20,7 @@ from support.simulated_arm import simulated_arm
 ROOT = Path(__file__).parents[2]
 MOST_INSTALLED_MB = 300
 MOST_RESIDENT_MB = 120
+pytestmark = pytest.mark.timeout(1800)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,6 @@ def test_the_list_of_a_controller_has_nothing_of_the_mathematics() -> None:
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.timeout(1800)
 def test_it_is_small_and_has_nothing_of_the_mathematics(environment: Path) -> None:
     kib = subprocess.run(["du", "-sk", environment], capture_output=True, text=True, check=True)
     assert int(kib.stdout.split()[0]) <= MOST_INSTALLED_MB * 1000
@@ -67,7 +67,6 @@ def test_it_is_small_and_has_nothing_of_the_mathematics(environment: Path) -> No
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("joints", [3, 9])
 def test_an_arm_with_that_many_joints_finds_all_compiled(
     environment: Path, tmp_path: Path, joints: int
@@ -83,7 +82,6 @@ def test_an_arm_with_that_many_joints_finds_all_compiled(
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.timeout(1800)
 def test_it_serves_points_from_an_empty_cache_in_little_memory(
     environment: Path, tmp_path: Path
 ) -> None:
@@ -117,7 +115,6 @@ def test_it_serves_points_from_an_empty_cache_in_little_memory(
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.timeout(1800)
 def test_every_command_of_a_controller_starts(environment: Path) -> None:
     ran = subprocess.run(
         [environment / "bin/python", "-I", "-m", "armd.daemon.start_check"],
@@ -128,7 +125,6 @@ def test_every_command_of_a_controller_starts(environment: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.timeout(1800)
 def test_a_command_that_needs_more_says_what_to_install(environment: Path) -> None:
     ran = subprocess.run(
         [environment / "bin/armd", "diagnose", "nothing"], capture_output=True, text=True

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.timeout(900)
 #: Fast, without an arm, a network or the pages in docs/; they reach every room. Folders are whole.
 TESTS = (
     "diagnose",
@@ -88,7 +89,6 @@ def packaged(wheel: Path) -> set[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_the_wheel_has_every_file_of_every_room(wheel: Path, tree: Path) -> None:
     """But for recipes, which say how a file that is there was made."""
     rooms = {"armd": "armd"} | {
@@ -104,7 +104,6 @@ def test_the_wheel_has_every_file_of_every_room(wheel: Path, tree: Path) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_the_sdist_builds_the_same_wheel(wheel: Path, tree: Path, tmp_path: Path) -> None:
     program = "import setuptools.build_meta as b, sys; print(b.build_sdist(sys.argv[1]))"
     environment = tmp_path / "build"
@@ -121,7 +120,6 @@ def test_the_sdist_builds_the_same_wheel(wheel: Path, tree: Path, tmp_path: Path
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 @pytest.mark.long
 def test_tests_pass_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
     """With what the wheel asks for, and nothing of this checkout in sight."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 import sys
 import threading
@@ -25,6 +24,8 @@ from armd.daemon.unexpected import Unexpected
 from armd.drivers.sample import RawFrame
 from armd.simulator.truth.nominal import make_arm_toml
 from support.careless_network import EVENT, HEALTH
+from support.certificates import write_certificate
+from support.running_daemon import free_endpoint
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "deploy/zenoh"
 SERIAL = "SIM-0001"
@@ -43,25 +44,12 @@ config = "shop-floor.json5"
 """
 
 
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
-
-
-def write_certificate(authority: trustme.CA, folder: Path, name: str, host: str) -> None:
-    """*name*.pem and *name*.key, as docs/how-to/secure.md makes them with openssl."""
-    certificate = authority.issue_cert(host, common_name=name)
-    certificate.private_key_pem.write_to_path(folder / f"{name}.key")
-    chain = b"".join(part.bytes() for part in certificate.cert_chain_pems)
-    (folder / f"{name}.pem").write_bytes(chain)
-
-
 class Floor:
     """A daemon's session as the example configures it, on ports and with certificates of ours."""
 
     def __init__(self, folder: Path, cleanup: ExitStack) -> None:
         self.folder = folder
-        self.tls, self.tcp = free_port(), free_port()
+        self.tls, self.tcp = (free_endpoint().rpartition(":")[2] for _ in range(2))
         authority = trustme.CA()
         authority.cert_pem.write_to_path(folder / "ca.pem")
         write_certificate(authority, folder, "controller", "localhost")
@@ -124,11 +112,6 @@ def test_a_viewer_sees_and_may_not_command(floor: Floor) -> None:
             arm.command("reload")
 
 
-def test_an_operator_may_command(floor: Floor) -> None:
-    with armd.connect(endpoint=floor.client("operator")) as arm:
-        assert arm.command("reload") == "reloaded"
-
-
 def test_an_unknown_name_sees_nothing(floor: Floor) -> None:
     """A certificate of our own authority, but of nobody the configuration names."""
     with pytest.raises(armd.ArmdError):
@@ -150,9 +133,12 @@ def test_without_our_certificate_nobody_connects(floor: Floor, fault: str) -> No
         armd.connect(endpoint=str(file), timeout_s=2.0)
 
 
-def test_the_controller_itself_needs_no_certificate(floor: Floor) -> None:
-    with armd.connect(endpoint=f"tcp/127.0.0.1:{floor.tcp}") as arm:
-        assert arm.command("reload") == "reloaded"
+def test_an_operator_may_command_and_the_controller_itself_without_a_certificate(
+    floor: Floor,
+) -> None:
+    for endpoint in (floor.client("operator"), f"tcp/127.0.0.1:{floor.tcp}"):
+        with armd.connect(endpoint=endpoint) as arm:
+            assert arm.command("reload") == "reloaded"
 
 
 def test_only_the_controller_itself_may_record(floor: Floor) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.timeout(600)
 #: Imports what the examples use, and tells what came with it and how long armd itself took.
 PROBE = """
 import json, sys, time
@@ -37,7 +38,6 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_it_needs_numpy_and_zenoh_alone(python: Path) -> None:
     command = [python, "-m", "pip", "list", "--format", "json", "--disable-pip-version-check"]
     told = subprocess.run(command, check=True, capture_output=True, text=True)
@@ -46,7 +46,6 @@ def test_it_needs_numpy_and_zenoh_alone(python: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_importing_it_costs_little_beside_its_dependencies(python: Path, tmp_path: Path) -> None:
     def probe() -> dict[str, object]:
         command = [python, "-c", PROBE]
@@ -62,7 +61,6 @@ def test_importing_it_costs_little_beside_its_dependencies(python: Path, tmp_pat
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_it_hears_a_daemon(python: Path, tmp_path: Path) -> None:
     """The README's subscriber, unchanged."""
     from support.running_daemon import running_daemon

@@ -18,22 +18,7 @@ import pytest
 
 import armd
 from armd.daemon.cli import main
-from support.measured_arm import MeasuredArm, measured_arm
-
-
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> MeasuredArm:
-    return measured_arm(tmp_path_factory.mktemp("measured"))
-
-
-@pytest.fixture(scope="module")
-def session(measured: MeasuredArm) -> armd.Session:
-    made = armd.make_session(
-        measured.columns, measured.arm_file, artefact=measured.artefact,
-        started="2026-03-01T09:00:00Z",
-    )  # fmt: skip
-    made.save(measured.arm_file.parent / "A")
-    return made
+from support.measured_arm import MeasuredArm
 
 
 @pytest.fixture(scope="module")
@@ -98,8 +83,11 @@ def test_parameters_are_a_table_of_nominal_and_identified(
         assert table["standard_uncertainty"][names.index(name)] == math.sqrt(variance)
 
 
-def test_tables_are_taken_by_arrow_and_duckdb(calibration: armd.Calibration) -> None:
+def test_tables_are_taken_by_arrow_duckdb_pandas_and_polars(calibration: armd.Calibration) -> None:
     parameters = calibration.parameters
+    pandas, polars = import_module("pandas"), import_module("polars")
+    assert pandas.DataFrame(parameters)["value"].tolist() == parameters["value"].tolist()
+    assert polars.DataFrame(parameters)["name"].to_list() == parameters["name"].tolist()
     arrow = pa.table(parameters)
     assert arrow.column("value").to_pylist() == parameters["value"].tolist()
     assert arrow.column("standard_uncertainty").null_count > 0  # β of axes that are not parallel
@@ -107,13 +95,6 @@ def test_tables_are_taken_by_arrow_and_duckdb(calibration: armd.Calibration) -> 
     assert found.fetchall() == [("mm", 18), ("rad", 21)]
     rows = list(parameters)
     assert rows[1]["name"] == "d_1" and len(rows) == len(parameters)
-
-
-def test_tables_are_taken_by_pandas_and_polars(calibration: armd.Calibration) -> None:
-    parameters = calibration.parameters
-    pandas, polars = import_module("pandas"), import_module("polars")
-    assert pandas.DataFrame(parameters)["value"].tolist() == parameters["value"].tolist()
-    assert polars.DataFrame(parameters)["name"].to_list() == parameters["name"].tolist()
 
 
 def test_evaluate_gives_the_numbers_of_the_command(

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import datetime
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -75,21 +72,15 @@ def readings(n: int = 60) -> pa.Table:
 STARTED = "2026-03-01T09:00:00Z"
 
 
-def by_command(
-    files: tuple[Path, Path], table: pa.Table, folder: Path, suffix: str = ".parquet"
-) -> Path:
-    source, target = folder / "readings.parquet", folder / f"points{suffix}"
-    pq.write_table(table, source)
-    command = ["correct", str(source), "--arm", str(files[0]), "--calibration", str(files[1])]
-    assert main([*command, "-o", str(target), "--started", STARTED, "--quiet"]) == 0
-    return target
-
-
 def test_it_is_bit_for_bit_what_the_command_writes(
     files: tuple[Path, Path], tmp_path: Path
 ) -> None:
     table = readings()
-    written = pq.read_table(by_command(files, table, tmp_path))
+    source, target = tmp_path / "readings.parquet", tmp_path / "points.parquet"
+    pq.write_table(table, source)
+    command = ["correct", str(source), "--arm", str(files[0]), "--calibration", str(files[1])]
+    assert main([*command, "-o", str(target), "--started", STARTED, "--quiet"]) == 0
+    written = pq.read_table(target)
     when = datetime.datetime.fromisoformat(STARTED)
     for started in (STARTED, when):
         corrected = armd.Corrector(*files, started=started)(table)
@@ -97,17 +88,6 @@ def test_it_is_bit_for_bit_what_the_command_writes(
     assert corrected.column_names == [*table.column_names, *POINTS]
     assert corrected["flags"].to_pylist()[5] & armd.Flag.TEMPERATURE_STALE
     assert corrected["x_mm"].to_pylist()[11] is None
-
-
-def test_it_is_what_the_command_writes_as_text(files: tuple[Path, Path], tmp_path: Path) -> None:
-    table = readings()
-    target = by_command(files, table, tmp_path, ".csv")
-    with target.open() as file:
-        rows = list(csv.DictReader(file))
-    corrected = armd.Corrector(*files, started=STARTED)(table)
-    for name in POINTS:
-        texts = [float(row[name]) if row[name] else None for row in rows]
-        assert corrected[name].to_pylist() == texts
 
 
 def test_a_batch_gives_a_batch_and_no_rows_give_none(files: tuple[Path, Path]) -> None:
@@ -178,21 +158,6 @@ def test_it_pickles_small_and_needs_no_file_any_more(
     short = armd.Corrector(*files, started=STARTED, uncertainty=False)
     assert len(pickle.dumps(short)) < 8 * 1024
     assert pickle.loads(pickle.dumps(short))(table).equals(short(table))
-
-
-@pytest.mark.slow
-def test_it_works_in_another_process(files: tuple[Path, Path], tmp_path: Path) -> None:
-    table = readings()
-    pq.write_table(table, tmp_path / "table.parquet")
-    corrector = armd.Corrector(*files, started=STARTED)
-    (tmp_path / "corrector").write_bytes(pickle.dumps(corrector))
-    script = (
-        "import pickle, pyarrow.parquet as pq;"
-        "corrector = pickle.loads(open('corrector', 'rb').read());"
-        "pq.write_table(corrector(pq.read_table('table.parquet')), 'points.parquet')"
-    )
-    subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
-    assert pq.read_table(tmp_path / "points.parquet").equals(corrector(table))
 
 
 def test_what_it_cannot_correct_is_refused(files: tuple[Path, Path]) -> None:

@@ -17,16 +17,6 @@ from support.simulated_sessions import list_sessions, simulate_sessions
 PLANTED = "encoder_eccentricity@joint 3=1.5"
 
 
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> MeasuredArm:
-    return measured_arm(tmp_path_factory.mktemp("diagnosed"))
-
-
-@pytest.fixture(scope="module")
-def session(measured: MeasuredArm) -> armd.Session:
-    return armd.make_session(measured.columns, measured.arm_file, artefact=measured.artefact)
-
-
 def simulated(folder: Path, kind: str, *more: str) -> list[str]:
     return list_sessions(simulate_sessions(folder, kind, *more))
 
@@ -100,7 +90,7 @@ def test_verify_gives_what_the_command_writes(tmp_path: Path) -> None:
     assert "as data" in (tmp_path / "page.html").read_text()
 
 
-def test_what_cannot_be_diagnosed_is_refused(
+def test_what_cannot_be_diagnosed_or_verified_is_refused(
     measured: MeasuredArm, session: armd.Session, tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
@@ -111,18 +101,10 @@ def test_what_cannot_be_diagnosed_is_refused(
     with pytest.raises(armd.BadInput) as refused:
         armd.diagnose(folder, measured.arm_file, holdout=folder)
     assert capsys.readouterr().err == f"armd: {refused.value}\n"
-
-
-def test_what_cannot_be_verified_is_refused(
-    measured: MeasuredArm, session: armd.Session, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    folder = tmp_path / "A"
-    session.save(folder)
     assert main(["verify", str(folder), "--arm", str(measured.arm_file)]) == 2
-    with pytest.raises(armd.ArmdError, match="no test is complete") as refused:
+    with pytest.raises(armd.ArmdError, match="no test is complete") as incomplete:
         armd.verify(folder, measured.arm_file, None)
-    assert capsys.readouterr().err == f"armd: {refused.value}\n"
+    assert capsys.readouterr().err == f"armd: {incomplete.value}\n"
     with pytest.raises(armd.BadInput, match=r"mpe: mpe\.e_uni_mm: found 40, expected mm, 5 at"):
         armd.verify(session, measured.arm_file, mpe={"mpe": {"e_uni_mm": 40}})
 

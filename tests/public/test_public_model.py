@@ -1,9 +1,8 @@
 """`armd.Model`: positions and their derivatives against chains of 4 × 4 matrices, the covariance
-against sums over plain arrays, positions against what `armd correct` writes."""
+against sums over plain arrays."""
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 import armd
 from armd.compensation.model.calibration import Calibration, save_calibration
-from armd.daemon.cli import main
 from support import synthetic
 from support.measured_arm import measured_arm
 from support.plain_kinematics import tip_pose
@@ -105,27 +103,6 @@ def test_covariance_is_the_sum_over_its_parts(files: tuple[Path, Path]) -> None:
     found = armd.Model(files[0], calibration).covariance(q, celsius)
     assert found == pytest.approx(expected, rel=1e-6, abs=1e-13)
     assert np.isnan(armd.Model(files[0]).covariance(q, celsius)).all()
-
-
-def test_position_is_what_correct_writes(files: tuple[Path, Path], tmp_path: Path) -> None:
-    q, celsius = some_rows(40)
-    celsius[:] = celsius[0]  # the command follows lags, the model takes them as past
-    readings, points = tmp_path / "readings.csv", tmp_path / "points.csv"
-    names = ["time_s", *(f"q{k}" for k in range(1, 7)), *(f"t{k}" for k in range(1, 7))]
-    rows = [[i, *a.tolist(), *c.tolist()] for i, (a, c) in enumerate(zip(q, celsius, strict=True))]
-    with readings.open("w", newline="") as file:
-        csv.writer(file).writerows([names, *rows])
-    arm, calibration = map(str, files)
-    command = ["correct", str(readings), "--arm", arm, "--calibration", calibration]
-    assert main([*command, "-o", str(points)]) == 0
-    with points.open() as file:
-        written = list(csv.DictReader(file))
-    model = armd.Model(arm, calibration)
-    position = [[float(row[f"{axis}_mm"]) for axis in "xyz"] for row in written]
-    assert np.round(model.position(q, celsius), 9).tolist() == position
-    deviation = [[float(row[f"u_{axis}_mm"]) for axis in "xyz"] for row in written]
-    variances = np.diagonal(model.covariance(q, celsius), axis1=1, axis2=2)
-    assert np.round(np.sqrt(variances), 9).tolist() == deviation
 
 
 def test_without_temperatures_it_is_at_the_reference(files: tuple[Path, Path]) -> None:

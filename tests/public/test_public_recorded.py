@@ -9,7 +9,6 @@ import pyarrow.parquet as pq
 import pytest
 
 import armd
-from armd.daemon.cli import main
 from support.measured_arm import measured_arm
 from support.published import make_lake, save_lagged
 
@@ -46,18 +45,8 @@ def test_it_is_as_a_table_of_readings_at_the_same_instants(files: Files) -> None
     assert corrected.column_names[: len(kept)] == kept
     identity = int.from_bytes(bytes.fromhex(armd.read_calibration(files[1]).sha256)[:8], "little")
     assert set(corrected["calibration"].to_pylist()) == {identity}
+    assert armd.Corrector(*files[:2])(corrected).equals(corrected)  # corrected again, it stays
     assert armd.Corrector(files[0])(table)["calibration"].to_pylist() == [0] * len(table)
-
-
-def test_it_is_bit_for_bit_what_the_command_writes(files: Files, tmp_path: Path) -> None:
-    source, target = tmp_path / "day.parquet", tmp_path / "points.parquet"
-    pq.write_table(day(files), source)
-    command = ["correct", str(source), "--arm", str(files[0]), "--calibration", str(files[1])]
-    assert main([*command, "-o", str(target), "--quiet"]) == 0
-    written = pq.read_table(target)
-    corrector = armd.Corrector(*files[:2])
-    assert corrector(day(files)).equals(written)
-    assert corrector(written).equals(written)  # corrected again, it stays
 
 
 def test_flags_that_describe_the_sample_are_kept(files: Files) -> None:

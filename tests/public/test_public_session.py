@@ -15,12 +15,7 @@ import pytest
 
 import armd
 from armd.files.toml_text import format_toml
-from support.measured_arm import MeasuredArm, measured_arm
-
-
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> MeasuredArm:
-    return measured_arm(tmp_path_factory.mktemp("made"), readings=40)
+from support.measured_arm import MeasuredArm
 
 
 def evaluated(measured: MeasuredArm, table: Any, **options: Any) -> dict[str, Any]:
@@ -34,7 +29,9 @@ def expected(measured: MeasuredArm) -> dict[str, Any]:
     return evaluated(measured, measured.columns)
 
 
-@pytest.mark.parametrize("kind", ["table", "batch", "dictionary", "lists", "stream"])
+@pytest.mark.parametrize(
+    "kind", ["table", "batch", "dictionary", "lists", "stream", "pandas", "polars"]
+)
 def test_any_table_is_the_same_session(
     measured: MeasuredArm, expected: dict[str, Any], kind: str
 ) -> None:
@@ -47,6 +44,8 @@ def test_any_table_is_the_same_session(
         table = {name: list(values) for name, values in measured.columns.items()}
     elif kind == "stream":
         table = Stream(table)
+    elif kind in ("pandas", "polars"):
+        table = import_module(kind).DataFrame(measured.columns)
     assert evaluated(measured, table) == expected
 
 
@@ -58,14 +57,6 @@ class Stream:
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         return self._table.__arrow_c_stream__(requested_schema)
-
-
-@pytest.mark.parametrize("library", ["pandas", "polars"])
-def test_data_frames_are_the_same_session(
-    measured: MeasuredArm, expected: dict[str, Any], library: str
-) -> None:
-    frames = import_module(library)
-    assert evaluated(measured, frames.DataFrame(measured.columns)) == expected
 
 
 def test_the_folder_written_is_the_same_session(
@@ -130,18 +121,18 @@ def test_an_artefact_is_a_dict_a_file_or_unknown_points(
     [
         ({"q2": None}, "session: column q2: found no such column"),
         ({"target": "B9"}, "session: row 1, column target: found 'B9', expected a target"),
-        ({"q1": [True] * 40}, "session: column q1: found bool, expected double"),
+        ({"q1": [True] * 72}, "session: column q1: found bool, expected double"),
         ({"q1": [1.0]}, "session: the table: found "),
-        ({"q1": [10**25] * 40}, "session: the table: found Python int too large"),
-        ({"q1": np.zeros((40, 2))}, r"session: the table: found an array of shape \(40, 2\)"),
-        ({"time_s": np.full(40, np.inf)}, "session: row 1, column time_s: found an infinite"),
+        ({"q1": [10**25] * 72}, "session: the table: found Python int too large"),
+        ({"q1": np.zeros((72, 2))}, r"session: the table: found an array of shape \(72, 2\)"),
+        ({"time_s": np.full(72, np.inf)}, "session: row 1, column time_s: found an infinite"),
     ],
 )
 def test_a_table_that_does_not_hold_is_refused(
     measured: MeasuredArm, change: dict[str, Any], said: str
 ) -> None:
     columns = measured.columns | {
-        name: [value] * 40 if isinstance(value, str) else value for name, value in change.items()
+        name: [value] * 72 if isinstance(value, str) else value for name, value in change.items()
     }
     columns = {name: values for name, values in columns.items() if values is not None}
     with pytest.raises(armd.BadInput, match=said):

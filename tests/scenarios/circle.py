@@ -1,6 +1,6 @@
 """The circle: an arm goes wrong, and is measured, diagnosed, mended and verified over the wire.
 
-    python tests/scenarios/circle.py [--seed N] [--folder FOLDER]
+    PYTHONPATH=tests python tests/scenarios/circle.py [--seed N] [--folder FOLDER]
 
 A calibrated arm; then a fault that nobody is told of. A simulated operator touches seats and balls
 as `armd measure` asks for them: the verification fails, the artefact's diagnosis names the cause,
@@ -17,7 +17,6 @@ import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -28,9 +27,11 @@ from pathlib import Path
 from typing import Any
 
 from programs import program
+from so101 import armd
 
-ARMD = [sys.executable, "-P", "-m", "armd.daemon.cli"]
-SIMULATOR = [sys.executable, "-P", "-m", "armd.simulator"]
+from support.program import ARMD
+from support.running_daemon import free_endpoint
+
 FAULT = "encoder_eccentricity@joint 3=3"
 CAUSE, LOCATION = "encoder_eccentricity", "joint 3"
 CONFIG = """\
@@ -118,9 +119,7 @@ class Circle:
     def __init__(self, folder: Path, seed: int) -> None:
         self._folder = folder
         self._seed = str(seed)
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self._endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        self._endpoint = free_endpoint()
         self._began_s = time.monotonic()
         self._boots = 0
         self._errs_by = ["--plant", FAULT]  # the arm; later its twin
@@ -144,7 +143,7 @@ class Circle:
             )
             figures["diagnosis"] = self._diagnosed()
             shutil.copyfile(folder / "beam" / "extended.json", folder / "calibration.json")
-            self._say(_armd("reload", "--endpoint", self._endpoint).strip())
+            self._say(armd("reload", "--endpoint", self._endpoint).strip())
             figures["after"] = self._verified("after", mpe)
             self._be_the_twin()
             figures["twin"] = self._verified("twin", mpe)
@@ -156,10 +155,10 @@ class Circle:
     def _calibrate(self) -> None:
         """While the arm was healthy."""
         measured = self._folder / "measured"
-        _simulated("--session", "demo", "--seed", self._seed, "-o", str(measured))
+        armd("simulate", "--session", "demo", "--seed", self._seed, "-o", str(measured))
         sessions = sorted(str(path.parent) for path in measured.glob("*/session.toml"))
         arm, out = str(measured / "arm.toml"), str(self._folder / "calibration.json")
-        _armd("calibrate", *sessions, "--arm", arm, "-o", out, "--thermal", "1")
+        armd("calibrate", *sessions, "--arm", arm, "-o", out, "--thermal", "1")
         shutil.copyfile(out, self._folder / "healthy.json")
         shutil.copyfile(arm, self._folder / "arm.toml")
         self._say(f"calibrated when it was healthy, from {len(sessions)} sessions; then: {FAULT}")
@@ -187,7 +186,7 @@ class Circle:
         scenario = self._folder / f"boot-{self._boots}.toml"
         scenario.write_text(f"first_seq = {1_000_000 * self._boots}\n")
         options += ["--scenario", str(scenario)]
-        with program([*SIMULATOR, *options], self._folder / "arm.log") as arm:
+        with program([*ARMD, "simulate", *options], self._folder / "arm.log") as arm:
             yield arm
 
     def _measure(self, kind: str, plan: str, name: str, *options: str) -> int:
@@ -231,19 +230,19 @@ class Circle:
         self._twin += ["--noise-from", str(folder / "beam" / "diagnose.json")]
         self._errs_by = self._twin
         shutil.copyfile(folder / "healthy.json", folder / "calibration.json")
-        self._say(_armd("reload", "--endpoint", self._endpoint).strip())
+        self._say(armd("reload", "--endpoint", self._endpoint).strip())
         self._say("the arm's twin in its place, under the old calibration")
 
     def _beam_errors(self) -> dict[str, float]:
         """3-D RMS in µm on the beam, under the old calibration: of the arm, and of its twin."""
         folder = self._folder
         like, twin = str(folder / "beam"), str(folder / "beam-twin")
-        _simulated(*self._twin, "--session-like", like, "-o", twin, "--seed", self._seed)
+        armd("simulate", *self._twin, "--session-like", like, "-o", twin, "--seed", self._seed)
         errors = {}
         for name, session in (("arm", like), ("twin", twin)):
             result = folder / f"evaluate-{name}.json"
             options = ["--calibration", str(folder / "healthy.json"), "--json", str(result)]
-            _armd("evaluate", session, "--arm", str(folder / "arm.toml"), *options)
+            armd("evaluate", session, "--arm", str(folder / "arm.toml"), *options)
             errors[name] = float(json.loads(result.read_text())["rms_um"])
         shown = ", ".join(f"{name} {error:.1f} µm" for name, error in errors.items())
         self._say(f"beam under the old calibration, 3-D RMS: {shown}")
@@ -273,21 +272,6 @@ def closed(figures: dict[str, Any]) -> bool:
     codes = [figures[name]["code"] for name in ("before", "after", "twin")]
     alike = abs(beam["twin"] / beam["arm"] - 1.0) < 0.05
     return named and codes == [1, 0, 1] and alike
-
-
-def _armd(*arguments: str) -> str:
-    return _do([*ARMD, *arguments])
-
-
-def _simulated(*arguments: str) -> str:
-    return _do([*SIMULATOR, *arguments])
-
-
-def _do(command: list[str]) -> str:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{' '.join(command[3:])}\n{done.stdout}{done.stderr}")
-    return done.stdout
 
 
 def main() -> int:

@@ -14,7 +14,6 @@ import json
 import os
 import queue
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -29,6 +28,7 @@ from programs import program
 from so101 import ARMD, MPE, armd, identified, main
 
 from armd.simulator.printed.bench import CALLIPER_MM, CONES_MM, SEATS_MM
+from support.running_daemon import free_endpoint
 
 #: The hand hurries; a person takes half an hour.
 HAND = """\
@@ -61,9 +61,7 @@ class Bench:
         self._folder, self._seed = folder, seed
         self._rng = np.random.default_rng([seed, 0x11FE])
         self._plate = {n: np.array(at) + self._rng.normal(0, 0.1, 3) for n, at in SEATS_MM.items()}
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self._endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        self._endpoint = free_endpoint()
         os.environ["STATE_DIRECTORY"] = str(folder / "state")
 
     def run(self) -> dict[str, float]:

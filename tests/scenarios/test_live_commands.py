@@ -39,6 +39,9 @@ def test_a_tip_and_a_reload_by_command(live: tuple[SimulatedArm, Daemon]) -> Non
         assert arm.command("tip", name="ruby") == "tip ruby"
         with pytest.raises(ArmdError, match="expected no semicolon"):
             arm.command("tip", name="a;b")
+        with pytest.raises(ArmdError, match="reload"):
+            arm.command("dance")
+
     assert run(daemon, "tip", "-", "SIM-0001").stdout == "SIM-0001: the calibration's tip\n"
     refused = run(daemon, "tip", "glass")
     assert refused.returncode == 2

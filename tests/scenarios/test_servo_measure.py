@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import socket
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from programs import program
 from so101 import ARMD
 
 from armd.daemon.cli import main
+from support.running_daemon import free_endpoint
 
 SEAT_MM = (220.0, -60.0, 90.0)
 HAND = """\
@@ -35,9 +35,7 @@ def measured(tmp_path: Path, family: str, n: int, seat: str, *measure: str) -> l
     """`armd measure` on a simulated arm of *n* servos that goes to one seat again and again."""
     plan = tmp_path / "plan.toml"
     plan.write_text(f'{HAND}\n[[target]]\nname = "{seat}"\nposition_mm = {list(SEAT_MM)}\n')
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = free_endpoint()
     port, config = tmp_path / "port", tmp_path / "armd.toml"
     config.write_text(
         f'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "{family}"\n'

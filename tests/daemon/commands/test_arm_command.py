@@ -19,6 +19,7 @@ from armd.daemon import cli
 from armd.daemon.catalogue.known_arms import KNOWN, load_known_arm, read_arm_text
 from armd.daemon.config import load_config
 from armd.drivers.ports import list_serial_ports
+from support.plain_kinematics import rotation, translation
 
 LEROBOT: dict[str, dict[str, int]] = {
     name: dict(
@@ -35,21 +36,6 @@ LEROBOT: dict[str, dict[str, int]] = {
 }
 
 
-def _turn(axis: int, angle: float) -> F64:
-    """Homogeneous turn about x, y or z (0, 1, 2)."""
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
-    matrix = np.eye(4)
-    matrix[i, i] = matrix[j, j] = math.cos(angle)
-    matrix[j, i], matrix[i, j] = math.sin(angle), -math.sin(angle)
-    return matrix
-
-
-def _shift(xyz_mm: F64) -> F64:
-    matrix = np.eye(4)
-    matrix[:3, 3] = xyz_mm
-    return matrix
-
-
 def _quarter(angle: float) -> float:
     """*angle*, or the quarter turns that it was printed for, to five decimals."""
     turns = round(angle / (math.pi / 2)) * math.pi / 2
@@ -62,9 +48,9 @@ def _chain(description: Description, q: F64, literal: bool) -> list[F64]:
     for joint, angle in zip(description.joints, q, strict=True):
         roll, pitch, yaw = joint.rpy if literal else map(_quarter, joint.rpy)
         (axis,) = np.flatnonzero(joint.axis)
-        frame = frame @ _shift(1000 * np.array(joint.xyz))
-        frame = frame @ _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
-        frame = frame @ _turn(int(axis), angle * joint.axis[axis])
+        frame = frame @ translation(1000 * np.array(joint.xyz))
+        frame = frame @ rotation(2, yaw) @ rotation(1, pitch) @ rotation(0, roll)
+        frame = frame @ rotation(int(axis), angle * joint.axis[axis])
         found.append(frame)
     return found
 
@@ -93,12 +79,12 @@ def test_the_geometry_is_the_descriptions(name: str, tmp_path: Path) -> None:
     kg = [joint.mass_kg for joint in arm.joint]
     for k, link in enumerate(description.links):
         assert kg[k] == pytest.approx(link.mass_kg, abs=1e-6)
-        for pose, origin, rotation in zip(q[:5], origins, rotations, strict=False):
+        for pose, origin, turned in zip(q[:5], origins, rotations, strict=False):
             frame = _chain(description, pose, False)[k]
             truth = (frame @ [*(1000 * np.array(link.centre)), 1])[:3] - description.base_mm
             centre = arm.joint[k].centre_of_mass_mm
             assert centre is not None
-            found = origin[k + 1] + rotation[k + 1] @ np.array(centre)
+            found = origin[k + 1] + turned[k + 1] @ np.array(centre)
             assert np.linalg.norm(truth - found) < 1e-3
     for joint, said in zip(arm.joint, description.joints, strict=True):
         found_deg = (joint.min_deg, joint.max_deg)
@@ -119,7 +105,7 @@ def test_the_so100_is_its_description_from_another_zero(tmp_path: Path) -> None:
     zero = np.array([0.0, 1.8, -quarter, 1 - quarter, 0.0])
     for pose, tip_mm in zip(q, origins[:, -1], strict=True):
         truth = _chain(SO100, pose + zero, False)[-1][:3, 3]
-        here = _turn(2, -quarter)[:3, :3] @ tip_mm + [0.0, -45.2, 0.0]
+        here = rotation(2, -quarter)[:3, :3] @ tip_mm + [0.0, -45.2, 0.0]
         assert np.linalg.norm(truth - here) < 2e-9
     for k, (joint, said) in enumerate(zip(arm.joint, SO100.joints, strict=True)):
         assert said.limits is not None

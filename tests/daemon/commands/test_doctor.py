@@ -26,6 +26,7 @@ from armd.daemon.doctor.machine import ThisMachine, list_can_buses
 from armd.drivers.config import ServoConfig
 from armd.simulator.servobus.arm import make_arm_toml
 from support.pty_link import PtyLink
+from support.running_daemon import free_endpoint, write_config
 from support.selection import parametrize_default
 from support.simulated_arm import simulated_arm
 from support.standing_servos import FakeServos, sts3215, xl330
@@ -94,13 +95,9 @@ def test_servos_are_held_against_armd_toml(
 ) -> None:
     """A missing id at the end of the row, which the line alone cannot tell, and one too many."""
     (tmp_path / "arm.toml").write_text(make_arm_toml("SO-101"))
-    config = tmp_path / "armd.toml"
+    keys = "baud = 500000\nids = [1, 2, 3, 4, 7]\ntemperature_ids = [2, 3, 4, 7, 9]"
     with FakeServos("feetech", {i: sts3215() for i in (1, 2, 3, 4, 6)}) as bus:
-        config.write_text(
-            'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "feetech"\n'
-            f'port = "{bus.port}"\nbaud = 500000\nids = [1, 2, 3, 4, 7]\n'
-            "temperature_ids = [2, 3, 4, 7, 9]\n"
-        )
+        config = write_config(tmp_path, bus.port, free_endpoint(), driver=keys, kind="feetech")
         capsys.readouterr()
         code = cli.main(["doctor", "--config", str(config), "--json"])
     (patient,) = json.loads(capsys.readouterr().out)["ports"]
@@ -189,11 +186,8 @@ def test_several_that_are_missing_are_one_finding(capsys: pytest.CaptureFixture[
 
 def test_another_kind_of_servo_than_the_files_is_told_with_the_key(tmp_path: Path) -> None:
     (tmp_path / "arm.toml").write_text(make_arm_toml("SO-101"))
-    config = tmp_path / "armd.toml"
-    config.write_text(
-        'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "dynamixel"\n'
-        'port = "/dev/ttyACM0"\nids = [1, 2, 3, 4, 5]\n'
-    )
+    own = {"driver": "ids = [1, 2, 3, 4, 5]", "kind": "dynamixel"}
+    config = write_config(tmp_path, "/dev/ttyACM0", free_endpoint(), **own)
     driver = load_config(config).file.driver
     assert isinstance(driver, ServoConfig)
     patient = Patient("/dev/ttyACM0", protocol="feetech", baud=1_000_000)

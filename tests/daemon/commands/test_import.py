@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import io
-import re
 import tomllib
 from pathlib import Path
+from xml.etree import ElementTree as Xml
 
 import numpy as np
 import openpyxl
@@ -20,6 +20,7 @@ from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import compute_pose
 from armd.daemon.cli import main
 from armd.daemon.config import load_config
+from support.plain_urdf import tip_poses
 
 ARM = (
     """
@@ -227,70 +228,21 @@ def test_any_dialect_gives_the_same_numbers(
     assert read == [[n / 1000 for n in row] for row in rows]
 
 
-@pytest.mark.parametrize(("name", "link"), [("panda", "panda_link8"), ("iiwa14", None)])
-def test_a_urdf_moves_as_its_own_chain_does(bench: Bench, name: str, link: str | None) -> None:
+@pytest.mark.parametrize(("name", "link"), [("panda", "panda_link8"), ("iiwa14", "ball_link")])
+def test_a_urdf_moves_as_its_own_chain_does(bench: Bench, name: str, link: str) -> None:
     """The tip by the URDF's own transformations, joint by joint, against arm.toml's rows."""
     path = URDF / f"{name}.urdf"
     out = bench.folder / "robot.toml"
-    options = ["--tip-link", link] if link else ["--tip-link", last_link(path)]
-    assert main(["import", str(path), "-o", str(out), *options]) == 0
+    assert main(["import", str(path), "-o", str(out), "--tip-link", link]) == 0
     arm = load_arm(out)
     q = np.random.default_rng(3).uniform(-2, 2, (40, arm.n_joints))
     ours = compute_pose(q, arm.nominal())[0]
-    theirs = np.array([urdf_tip(path, options[1], row) for row in q])
+    theirs = tip_poses(Xml.parse(path).getroot(), q, link)[:, :3, 3]
     turn, rest = Rotation.align_vectors(theirs - theirs.mean(0), ours - ours.mean(0))
     assert rest < 1e-2  # mm over 40 points: these files print quarter turns to a few digits
     down = turn.as_matrix() @ np.array(arm.gravity)
     assert down == pytest.approx([0.0, 0.0, -1.0], abs=1e-6)
     assert arm.joint[1].min_deg is not None and arm.joint[1].min_deg < arm.joint[1].max_deg
-
-
-def joints_of(path: Path) -> dict[str, dict[str, str]]:
-    """By child link, read with regular expressions."""
-    found = {}
-    for head, body in re.findall(r"<joint ([^>]*[^/])>(.*?)</joint>", path.read_text(), re.DOTALL):
-        said = dict(re.findall(r'(\w+)="([^"]*)"', head))
-        for tag in ("origin", "axis", "child", "parent"):
-            inner = re.search(rf"<{tag} ([^>]*)>", body)
-            said |= (
-                dict(re.findall(r'(\w+)="([^"]*)"', inner[1]))
-                if inner and tag in ("origin",)
-                else {}
-            )
-            if inner and tag == "axis":
-                said["axis"] = re.search(r'xyz="([^"]*)"', inner[1])[1]  # type: ignore[index]
-            if inner and tag in ("child", "parent"):
-                said[tag] = re.search(r'link="([^"]*)"', inner[1])[1]  # type: ignore[index]
-        if "child" in said:
-            found[said["child"]] = said
-    return found
-
-
-def last_link(path: Path) -> str:
-    return list(joints_of(path))[-1]
-
-
-def urdf_tip(path: Path, link: str, q: np.ndarray) -> np.ndarray:
-    joints = joints_of(path)
-    chain = []
-    while link in joints:
-        chain.insert(0, joints[link])
-        link = joints[link]["parent"]
-    pose, angles = np.eye(4), list(q)
-    for joint in chain:
-        step = np.eye(4)
-        step[:3, :3] = Rotation.from_euler(
-            "xyz", [float(x) for x in joint.get("rpy", "0 0 0").split()]
-        ).as_matrix()
-        step[:3, 3] = [1e3 * float(x) for x in joint.get("xyz", "0 0 0").split()]
-        pose = pose @ step
-        if joint["type"] in ("revolute", "continuous"):
-            axis = np.array([float(x) for x in joint["axis"].split()])
-            step = np.eye(4)
-            step[:3, :3] = Rotation.from_rotvec(angles.pop(0) * axis).as_matrix()
-            pose = pose @ step
-    assert not angles
-    return pose[:3, 3]
 
 
 @pytest.mark.parametrize(

@@ -119,7 +119,7 @@ def vectors(rows: list[dict[str, str]], name: str) -> np.ndarray:
     return np.array([[float(row[name.format(axis)]) for axis in "xyz"] for row in rows])
 
 
-def test_new_positions_are_those_of_the_new_constants(bench: Bench) -> None:
+def test_new_positions_and_flags_are_those_of_the_new_constants(bench: Bench) -> None:
     rows = bench.run("--tolerance", "0.45")
     assert [int(row["seq"]) for row in rows] == list(range(20))
     truth = np.array([tip_mm(q, 400.5) for q in ANGLES])
@@ -133,10 +133,6 @@ def test_new_positions_are_those_of_the_new_constants(bench: Bench) -> None:
     # A link known to 0.01 mm: the tip moves along it, so the three coordinates share that.
     u = np.linalg.norm(vectors(rows, "u_{}_new_mm"), axis=1)
     np.testing.assert_allclose(u, 0.01, atol=2e-6)
-
-
-def test_flags_say_what_holds_of_the_new_position(bench: Bench) -> None:
-    rows = bench.run()
     # Calibrated now, at rest as before; from the eleventh day on warmer than was identified.
     assert [int(row["flags_new"]) for row in rows] == [512] * 11 + [512 + 2] * 9
     assert {row["calibration_old"] for row in rows} == {"0011223344556677"}
@@ -248,32 +244,23 @@ def test_report(bench: Bench) -> None:
     assert "not stated" in page  # who corrected again
 
 
-def test_the_report_names_who_and_what_the_measurements_were_under(bench: Bench) -> None:
+def test_how_far_a_position_was_off_at_most(bench: Bench) -> None:
+    """The link is 0.5 mm longer, known to 0.01 mm: with 95 % it is 0.5196 mm longer at most."""
     told = measurements()
     told[3]["calibration"] = "00112233aabbccdd"
     bench.write(told)
     report = bench.folder / "r.html"
-    bench.run("--operator", "A. Body", "--report", str(report))
-    page = report.read_text()
-    assert "A. Body" in page and "00112233aabbccdd" in page
-
-
-def test_how_far_a_position_was_off_at_most(bench: Bench) -> None:
-    """The link is 0.5 mm longer, known to 0.01 mm: with 95 % it is 0.5196 mm longer at most."""
-    rows = bench.run("--tolerance", "0.51")
-    told = [float(row["at_most_mm"]) for row in rows]
+    options = ("--tolerance", "0.51", "--operator", "A. Body", "--report", str(report))
+    at_most_mm = [float(row["at_most_mm"]) for row in bench.run(*options)]
     worst = [np.linalg.norm(tip_mm(q, 400.5196) - tip_mm(q, 400.0)) for q in ANGLES]
-    np.testing.assert_allclose(told, worst, atol=1e-5)
-    bench.calibrate(covariance_of=[], covariance=[])
-    assert {row["at_most_mm"] for row in bench.run("--force")} == {""}  # no uncertainty stated
-
-
-def test_the_page_names_what_may_matter(bench: Bench) -> None:
-    report = bench.folder / "r.html"
-    bench.run("--tolerance", "0.51", "--report", str(report))
+    np.testing.assert_allclose(at_most_mm, worst, atol=1e-5)
     page = report.read_text()
     assert "0 by more than 0.51 mm, 20 more possibly" in page
     assert "off by at most 0.5196 mm (95 %)" in page
+    assert "A. Body" in page and "00112233aabbccdd" in page
+
+    bench.calibrate(covariance_of=[], covariance=[])
+    assert {row["at_most_mm"] for row in bench.run("--force")} == {""}  # no uncertainty stated
 
 
 @pytest.mark.slow

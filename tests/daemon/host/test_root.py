@@ -29,17 +29,12 @@ def test_a_service_as_root_is_refused(root, capsys) -> None:
     )
 
 
-def test_unless_allowed(root, capsys) -> None:
+def test_it_runs_if_allowed_or_as_somebody_or_from_a_shell_under_a_service(root, capsys) -> None:
+    """The last as on a runner of continuous integration: the variables are inherited."""
     assert "no/armd.toml" in first_error(capsys, "--allow-root")
-
-
-def test_a_shell_under_a_service_is_no_service(root, capsys) -> None:
-    """As on a runner of continuous integration: the variables are inherited."""
+    with root.context() as somebody:
+        somebody.setattr(os, "geteuid", lambda: 1000)
+        assert "no/armd.toml" in first_error(capsys)
     root.setenv("SYSTEMD_EXEC_PID", str(os.getppid()))
     root.setenv("INVOCATION_ID", "0123")
-    assert "no/armd.toml" in first_error(capsys)
-
-
-def test_a_service_as_somebody_is_welcome(root, capsys) -> None:
-    root.setattr(os, "geteuid", lambda: 1000)
     assert "no/armd.toml" in first_error(capsys)

@@ -25,7 +25,7 @@ def angles_of(points: np.ndarray) -> np.ndarray:
     return np.column_stack([points["seq"] * 1e-6, points["position_mm"][:, 0]])
 
 
-def test_the_average_of_a_rest_up_to_the_press():
+def test_the_average_of_a_rest_up_to_the_press_is_from_its_begin_at_most():
     averager, points = Averager(0.5, 2), points_of(1000)
     points["buttons"][900:] = 2
     (press,) = averager.remember(points, angles_of(points))
@@ -38,11 +38,6 @@ def test_the_average_of_a_rest_up_to_the_press():
     np.testing.assert_allclose(measured.standard_deviation_mm, taken.std(axis=0, ddof=1))
     np.testing.assert_allclose(measured.angles_rad, [650e-6, taken[:, 0].mean()])
     json.dumps(measured.as_json(), allow_nan=False)
-
-
-def test_a_short_rest_is_averaged_from_its_begin():
-    averager, points = Averager(0.5, 2), points_of(1000)
-    averager.remember(points, angles_of(points))
     assert averager.average("button", points[900], 800_000_000).count == 101
 
 

@@ -21,13 +21,14 @@ from armd.compensation.data.sessions.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main, name_module
-from armd.daemon.measure import hearing
+from armd.daemon.measure import hearing, waiting
 from armd.daemon.measure.ending import EndOptions, list_commands
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.log import NAME
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import make_plan
 from armd.daemon.measure.plan.stations import Wishes
+from armd.daemon.measure.waiting import Waiting
 from support.small_arm import thermal_calibration
 
 BEAM_TOML = '[artefact]\nname = "beam"\n' + "".join(
@@ -218,6 +219,33 @@ def test_each_kind_ends_with_a_command_that_there_is(tmp_path, kind, calibrated,
     if calibrated:
         in_force = load_calibration(tmp_path / kind / "calibration_in_use.json", ARM).content
         assert in_force.constants == calibration.constants
+
+
+@pytest.mark.parametrize(
+    ("trigger", "what"), [("button", "press the arm's button"), ("rest", "hold it still")]
+)
+def test_who_waits_for_a_press_or_a_rest_is_told_after_20_s_once_a_wait(trigger, what):
+    now = {"s": 0.0}
+    waits = Waiting(trigger, lambda: now["s"])
+    now["s"] = 19.9
+    assert waits.take_reminder() == ""
+    now["s"] = 20.0
+    assert what in waits.take_reminder() and waits.take_reminder() == ""
+    now["s"] = 30.0
+    waits.over()
+    now["s"] = 49.0
+    assert waits.take_reminder() == ""
+    now["s"] = 50.0
+    assert what in waits.take_reminder()
+
+
+def test_who_waits_is_told_in_the_terminal(command, monkeypatch):
+    monkeypatch.setattr(waiting, "PATIENCE_S", 0.2)
+    arguments = ["seats", "--json", "--then", "none", "--seconds", "1"]
+    _, lines, _ = command(*arguments)
+    said = [json.loads(line) for line in lines]
+    (told,) = [line for line in said if line["event"] == "waiting"]
+    assert 'trigger = "rest"' in told["text"]
 
 
 TAKER = """

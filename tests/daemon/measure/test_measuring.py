@@ -154,12 +154,13 @@ def test_an_arm_of_three_joints_comes_back_to_the_same_angles(tmp_path, since, e
         assert told["event"] == event and told.get("reason") in (None, "unmoved")
 
 
-def test_the_second_ball_must_be_as_far_from_the_first_as_certified(tmp_path):
+def test_a_second_ball_not_as_far_from_the_first_as_certified_is_recognised_and_refused(tmp_path):
     with Measuring(tmp_path / "beam", beam_plan(), IN_USE) as measuring:
         measuring.offer(at("B1", 1))
         told = measuring.offer(at("B3", 2))
         assert told["reason"] == "too_far"
         assert "90.0 mm from B1, where B2 is 120.0 mm" in told["text"]
+        assert told["text"].endswith("as far as B3 is")
 
 
 def test_which_of_two_readings_is_wrong_is_told_by_pressing_again(tmp_path):
@@ -190,12 +191,6 @@ def test_of_three_balls_the_one_that_contradicts_both_others_is_named(tmp_path):
         assert "mm from B1, where B3 is 90.0 mm from it" in told["text"]
         assert "the reading of B1, is not where" in told["text"]
         assert "reading of B1 is the wrong one" in measuring.offer(at("B3", 4))["text"]
-
-
-def test_a_ball_out_of_turn_is_recognised_by_its_distance(tmp_path):
-    with Measuring(tmp_path / "beam", beam_plan(placements=["P1"]), IN_USE) as measuring:
-        measuring.offer(at("B1", 1))
-        assert measuring.offer(at("B3", 2))["text"].endswith("as far as B3 is")
 
 
 def test_an_artefact_must_be_moved_to_its_next_placement(tmp_path):
