@@ -135,12 +135,17 @@ def _run(task: Task) -> Task:
     """In a process of its own: what is switched off stays off."""
     resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S + 5))
     _import_all()
-    given = _calibrated(task)
-    counts: Counter[str] = Counter()
+    given, counts = _file(task).with_name("given.json"), Counter[str]()
+    is_diagnosed = read_truth(task.case).given == "diagnose"
+    if not (is_diagnosed or given.exists()):
+        _make_given(task.case, given)
     if task.rule:
         switch_off(next(rule for rule in RULES if rule.name == task.rule))
     else:
         watch(RULES, counts)
+    if is_diagnosed:  # by the same rules as what follows
+        given = _file(task).with_suffix(".given")
+        _make_given(task.case, given)
     ran = _diagnosed(task.case, given)
     path = _file(task)
     part = path.with_suffix(f".{os.getpid()}")
@@ -149,25 +154,20 @@ def _run(task: Task) -> Task:
     return task
 
 
-def _calibrated(task: Task) -> Path:
-    """The case's calibration, made once, with all rules; where none can be made, what was said."""
-    folder = _file(task).parent
-    folder.mkdir(parents=True, exist_ok=True)
-    given, truth = folder / "given.json", read_truth(task.case)
-    if not given.exists():
-        with _inside(task.case):
-            here = Path()
-            before, diagnosed = sessions(here, "before"), sessions(here, "session")
-            made = here / "given.json"
-            if truth.given == "diagnose":
-                _armd("diagnose", *before, "--arm", "arm.toml", "--json", "first.json",
-                      "--extended", str(made))  # fmt: skip
-            else:
-                _armd("calibrate", *(before or diagnosed), "--arm", "arm.toml", "-o", str(made))
-            part = given.with_suffix(f".{os.getpid()}")
-            shutil.copy(made if made.exists() else "output.txt", part)
-            part.replace(given)
-    return given
+def _make_given(case: Path, given: Path) -> None:
+    """Write the case's calibration; where none can be made, what was said."""
+    given.parent.mkdir(parents=True, exist_ok=True)
+    with _inside(case):
+        here, made = Path(), Path("given.json")
+        before, diagnosed = sessions(here, "before"), sessions(here, "session")
+        if read_truth(case).given == "diagnose":
+            _armd("diagnose", *before, "--arm", "arm.toml", "--json", "first.json",
+                  "--extended", str(made))  # fmt: skip
+        else:
+            _armd("calibrate", *(before or diagnosed), "--arm", "arm.toml", "-o", str(made))
+        part = given.with_suffix(f".{os.getpid()}")
+        shutil.copy(made if made.exists() else "output.txt", part)
+        part.replace(given)
 
 
 def _diagnosed(case: Path, given: Path) -> Ran:
