@@ -119,6 +119,7 @@ MOST_PARTS = 40  # sessions, placements, targets; a longer list is no help
 
 # The search
 MOST_SEARCH_STEPS = 16  # steps; ten findings, and some renamed or refused
+MOST_RENAMINGS = 3  # times; a name that changes thrice is a circle
 MOST_FIRST = 6  # causes tried first in the place of what follows anything in time
 MOST_RIVALS = 8  # alternatives told, and weighed with their own shapes
 MOST_COMPARED = 20  # alternatives compared

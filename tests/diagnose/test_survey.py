@@ -72,6 +72,7 @@ def test_what_is_not_significant_is_pruned_and_steps_add_one_finding_each(survey
 def test_a_wrong_name_gives_way_to_the_right_one(search: Search) -> None:
     current = search.survey.fit([WRONG])
     scored = search.survey.score(current)
+    assert search._rename_one(current, scored)[0].findings == (RIGHT,)
     tried = set[str]()
     renamed, _, findings = search._rename_less_likely(current, scored, tried)
     assert renamed.findings == (RIGHT,) == tuple(f.candidate for f in findings) and tried

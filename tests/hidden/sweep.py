@@ -77,6 +77,7 @@ CONSTANTS = (
     Constant("effects.setup.mount_drift", "MOST_MOUNT_STEP", "mounts step by microns"),
     Constant("diagnose.constants", "MOST_TOUCHED", "more is not now and then"),
     Constant("diagnose.constants", "RANGE_PARTS", "parts of a range with rests enough in each"),
+    Constant("diagnose.constants", "MOST_RENAMINGS", "a name that changes thrice is a circle"),
     Constant("diagnose.constants", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
     Constant("diagnose.constants", "CONTRADICTED", "names say the same with a cause"),
     Constant("diagnose.constants", "BEYOND_CHANCE", "evidence knows no size of a walk"),

@@ -12,16 +12,20 @@ from functools import cached_property, partial
 
 from armd.compensation.diagnose.constants import (
     AS_WELL,
+    CLEARLY,
     CONTRADICTED,
     MOST_FINDINGS,
+    MOST_RENAMINGS,
     MOST_SEARCH_STEPS,
 )
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import find_refusal
+from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.acting_causes import list_acting_through
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
+from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.shape import select_with_causes
 from armd.compensation.diagnose.scoring.threshold import compute_family_wise_p
 from armd.compensation.diagnose.search.findings import (
@@ -117,6 +121,11 @@ class Search:
                 continue
             current = survey.prune(fitted)
             scored = survey.score(current)
+            for _ in range(MOST_RENAMINGS):
+                before = current
+                current, scored = self._rename_one(current, scored)
+                if current is before:
+                    break
         current, scored, findings_weighed = self._rename_less_likely(current, scored, tried_keys)
         strongest, log_p = find_strongest_left(scored, survey.tests)
         judged = judge(scored, findings_weighed, survey.tests)
@@ -172,6 +181,29 @@ class Search:
         survey = self.survey
         scored = survey.score(grown)
         return judge(scored, weigh_findings(scored, survey.tests), survey.tests)
+
+    def _rename_one(self, current: Fit, scored: ScoredCandidates) -> tuple[Fit, ScoredCandidates]:
+        """With a finding renamed where, all others given, another name is clearly likelier."""
+        survey = self.survey
+        for i, candidate in enumerate(current.findings):
+            scores = scored.without(i)
+            places = scores.log_places()
+            best = max(places, key=lambda key: places[key])
+            if best == candidate.place:
+                continue
+            if places[best] > math.log(CLEARLY) + scored.log_posterior_of(i, scores):
+                findings = select_with_causes([c for c in current.findings if c is not candidate])
+                without = solve_again(current, findings, survey.arm)
+                rival = choose(make_projection(without, survey.arm), scores, survey.tests)
+                if rival is None or rival.place == candidate.place:
+                    continue
+                fitted = survey.fit(join_finding(findings, rival), without)
+                if reason := find_refusal(fitted, without, survey.arm):
+                    survey.refusals.add(rival, reason)
+                    return current, survey.score(current)
+                current = survey.prune(fitted)
+                return current, survey.score(current)
+        return current, scored
 
     def _rename_less_likely(
         self, current: Fit, scored: ScoredCandidates, tried_keys: set[str]

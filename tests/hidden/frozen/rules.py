@@ -105,6 +105,9 @@ RULES = (
     ),
     # Looking back
     Rule("without what is not significant any more", SEARCH + "survey:Survey.prune", give(1)),
+    Rule("renamed where clearly likelier", SEARCH + "search:Search._rename_one",
+         lambda _original, _search, current, scored: (current, scored),
+         lambda result, _search, current, _scored: result[0] is not current),
     Rule("renamed at the end where less likely", SEARCH + "search:Search._rename_less_likely",
          _not_renamed, lambda result, _search, current, *_: result[0] is not current),
     Rule("refused: no cause is that large", FITTING + "neighbourhood:is_possible", always(True)),
