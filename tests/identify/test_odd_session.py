@@ -342,20 +342,6 @@ def test_a_joint_that_was_knocked_is_no_other_stylus() -> None:
 
 
 @pytest.mark.slow
-def test_one_bad_reading_is_no_bad_session(
-    measured: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Two readings of 160 under the wrong target's name are outliers, and told as such."""
-    lines = (measured / "T26/readings.csv").read_text().splitlines()
-    for i in (5, 40):
-        lines[i] = re.sub(r",B\d+,", ",B1,", lines[i])
-    (measured / "T26/readings.csv").write_text("\n".join(lines) + "\n")
-    assert run("calibrate", measured, "-o", str(measured / "cal.json")) == 0
-    told = " ".join(capsys.readouterr().out.split())
-    assert "outliers" in told and "does not fit" not in told
-
-
-@pytest.mark.slow
 def test_an_arm_that_hardly_moves_explains_nothing(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

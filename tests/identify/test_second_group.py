@@ -293,6 +293,7 @@ def test_a_tip_that_grows_as_it_may_is_none() -> None:
     ]
     result = calibrate(both, ARM)
     assert result.certificate.granted and result.second_group is None
+    assert result.as_json()["second_group"] is None
 
 
 @pytest.mark.slow
@@ -301,9 +302,3 @@ def test_of_two_sessions_one_is_calibrated_alone() -> None:
     assert "session U: measured with another tip than the 120 other readings" in certificate.reason
     (command,) = re.findall("`(.*)`", certificate.next_step)
     assert command.startswith("armd calibrate S --arm ")
-
-
-def test_in_good_order_nothing_is_said() -> None:
-    result = calibrate([touched(TRUTH, "S"), touched(TRUTH, "U", 6)], ARM)
-    assert result.certificate.granted and result.second_group is None
-    assert result.as_json()["second_group"] is None

@@ -87,6 +87,7 @@ def test_rows_under_another_name_are_outliers_and_told(
     assert calibrated(measured) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "T20: 3 readings of another target: " in said and told in said
+    assert "outliers" in said and "does not fit" not in said
     assert "refused: " in said and "delete them from the session or measure them again" in said
 
 
