@@ -119,13 +119,15 @@ def test_the_papers_own_way(
 
 
 def test_one_temperature_gives_geometry_and_says_so(measured: Path, tmp_path: Path) -> None:
-    result = tmp_path / "result.json"
-    assert calibrate(measured, tmp_path, "T20", more=("--json", str(result))) == 0
+    result, report = tmp_path / "result.json", tmp_path / "report.html"
+    more = ("--json", str(result), "--report", str(report))
+    assert calibrate(measured, tmp_path, "T20", more=more) == 0
     figures = json.loads(result.read_text())
     assert figures["thermal_order"] == 0
     low, high = figures["temperature_range_c"]
     assert 19 < low < high < 25
     assert any("one temperature only" in note for note in figures["notes"])
+    assert "one temperature only" in report.read_text()
 
 
 @pytest.mark.slow

@@ -171,14 +171,6 @@ def test_without_a_doubt_there_are_no_poses(tmp_path: Path) -> None:
     assert not (tmp_path / "poses.csv").exists()
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_marginal_is_a_density(seed: int) -> None:
-    of, _ = a_stack(np.random.default_rng(seed))
-    nothing = [np.zeros((len(z), 1)) for z in of.residual]
-    marginal = compute_log_marginal(of, of.sum_checks(range(of.n)))
-    assert marginal == pytest.approx(density(of, nothing, 0.0), abs=1e-8)
-
-
 @pytest.mark.slow
 def test_wear_is_one_growth_and_its_calibration_grows(tmp_path: Path) -> None:
     result, checks = judged(
