@@ -26,13 +26,12 @@ from armd.compensation.design.observability import (
 )
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import collect_observations
-from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.certificate import LEAST_PLACEMENTS
-from armd.compensation.identify.fit import fit
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import compute_pose
 from armd.errors import BadInput
 from support import synthetic
+from support.fitted import fit_constants
 from support.selection import parametrize_default
 
 
@@ -224,9 +223,7 @@ def campaign_errors(arm: Arm, q: np.ndarray, seeds: range) -> np.ndarray:
         measured = synthetic.tracked(arm, truth, rng, len(q))
         measured.states.q[:] = q
         measured.truth_mm[:] = compute_pose(q, truth)[0] + rng.normal(0.0, 0.1, (len(q), 3))
-        unknowns = Unknowns(list_free_constants(arm))
-        with threadpool_limits(limits=1, user_api="blas"):
-            found = fit(collect_observations([measured], arm), arm.nominal(), [], unknowns, 20.0)
+        found = fit_constants(collect_observations([measured], arm))
         fresh = rng.uniform(-2.5, 2.5, (300, arm.n_joints))
         wrong = compute_pose(fresh, found.constants)[0] - compute_pose(fresh, truth)[0]
         tip = compute_pose(fresh, truth)[0] - compute_pose(fresh, truth)[0].mean(axis=0)

@@ -23,16 +23,6 @@ from support.simulated_sessions import simulate_sessions
 NAMES = ("T14", "T20", "T26", "T32", "T38")
 
 
-@pytest.fixture(scope="module")
-def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return simulate_sessions(tmp_path_factory.mktemp("good") / "measured", "calibration")
-
-
-@pytest.fixture
-def measured(good: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(good, tmp_path / "measured"))
-
-
 def edited(file: Path, change: Callable[[str], str]) -> None:
     file.write_text(change(file.read_text()))
 

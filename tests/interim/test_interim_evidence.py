@@ -90,12 +90,8 @@ def judged(folder: Path, *plants: str) -> tuple[dict, Path]:
 
 def rms_um(checks: Path, calibration: Path, day: int) -> float:
     arm = load_arm(checks / "arm.toml")
-    found = evaluate(
-        load_sessions([checks / f"day-{day:02}"], arm),
-        arm,
-        load_calibration(calibration, arm).content,
-    )
-    return float(np.sqrt((found.distance_um**2).mean()))
+    sessions = load_sessions([checks / f"day-{day:02}"], arm)
+    return evaluate(sessions, arm, load_calibration(calibration, arm).content).rms_um
 
 
 @pytest.mark.slow

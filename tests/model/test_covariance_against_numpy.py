@@ -10,8 +10,8 @@ import numpy as np
 
 from armd import POINT
 from armd.compensation.kernel.model import Model
-from armd.compensation.model.state import States
 from support.drawn_calibration import REFERENCE_C, WARM, an_arm, calibrated, term
+from support.readings import states_of
 
 N_JOINTS = 6
 ARM = an_arm(N_JOINTS)
@@ -117,9 +117,7 @@ def test_a_thousand_points() -> None:
     scales = np.sqrt(variance[:, UPPER[0]] * variance[:, UPPER[1]])
 
     nothing = np.full((len(q), N_JOINTS), np.nan), np.full((len(q), 3), np.nan)
-    celsius = np.tile(CELSIUS, (len(q), 1))
-    same = np.zeros(len(q))
-    states = States(q, nothing[0], celsius, same, nothing[1], same.astype(np.int64))
+    states = states_of(q, temperature_c=np.tile(CELSIUS, (len(q), 1)), time_s=np.zeros(len(q)))
     slow = model.slow_values(states)
     points = np.zeros(len(q), POINT)
     model.correct(q, *nothing, points)

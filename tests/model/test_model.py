@@ -87,11 +87,6 @@ def test_each_factor_on_its_own(factor: dict[str, object]) -> None:
     check(an_arm(4), [term("theta_2", factor)])
 
 
-@pytest.mark.parametrize("name", ParameterLayout(3).names)
-def test_each_parameter_may_depend_on_the_pose(name: str) -> None:
-    check(an_arm(3), [term(name, POSE_FACTORS[0], WARM)])
-
-
 def test_no_terms_is_plain_forward_kinematics() -> None:
     check(an_arm(5), [])
 
