@@ -76,16 +76,6 @@ def test_taken_apart_a_projection_takes_the_same(
     np.testing.assert_allclose(apart.T @ apart, at_once.T @ at_once, atol=1e-7)
 
 
-def test_a_gauge_takes_nothing_of_what_is_orthogonal_to_it() -> None:
-    """Two equal columns: their difference is known by nothing, and explains nothing."""
-    one = np.eye(N)[:, :1]
-    model = LinearModel.from_rows([("a", one, np.full(1, np.inf)), ("b", one, np.full(1, np.inf))])
-    beside = np.eye(N)[:, 1:2]
-    across = np.vstack([one.T, one.T]) @ np.hstack([one, beside])
-    taken = model.project(across)
-    np.testing.assert_allclose(taken.T @ taken, np.diag([1.0, 0.0]), atol=1e-9)
-
-
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_solution_is_that_of_stacked_least_squares(seed) -> None:

@@ -35,19 +35,19 @@ def a_session(started: float, **artefact: object) -> Session:
     return session_of("s", "A-1", beam, states, started_unix_s=started)
 
 
-def entries(page: Page) -> dict[str, str]:
-    rows = re.findall(r"<dt>(.*?)</dt><dd[^>]*>(.*?)</dd>", page.to_html())
-    return dict(rows)
+def head_of(arm: Arm | None, *sessions: Session, about: About | None = None) -> dict[str, str]:
+    page = Page("P")
+    add_head(page, arm, sessions, about)
+    text = page.to_html()
+    shown = dict(re.findall(r"<dt>(.*?)</dt><dd[^>]*>(.*?)</dd>", text))
+    assert text.count('<dd class="blank"></dd>') == list(shown.values()).count("")
+    return shown
 
 
 def test_the_head_says_what_the_files_say() -> None:
-    page = Page("P")
-    sessions = [
-        a_session(1.7725e9, certificate="C-7", certificate_valid_until="2027-03-01"),
-        a_session(1.7727e9, certificate="C-7", certificate_valid_until="2027-03-01"),
-    ]
-    add_head(page, an_arm(None), sessions, About(document="K<1>", operator="Li"))
-    shown = entries(page)
+    certified = {"certificate": "C-7", "certificate_valid_until": "2027-03-01"}
+    sessions = [a_session(started, **certified) for started in (1.7725e9, 1.7727e9)]
+    shown = head_of(an_arm(None), *sessions, about=About(document="K<1>", operator="Li"))
     assert shown["document"] == "K&lt;1&gt;" and shown["operator"] == "Li"
     assert shown["arm, serial number"] == "A-1"
     assert shown["measured on"] == "2026-03-03 to 2026-03-05"
@@ -61,27 +61,22 @@ def test_the_head_says_what_the_files_say() -> None:
 
 
 def test_what_nobody_knows_is_a_line_to_fill_in() -> None:
-    page = Page("P")
-    add_head(page, None, [], None)
-    shown = entries(page)
+    shown = head_of(None)
     assert shown.pop("software") and set(shown.values()) == {""}
-    assert page.to_html().count('<dd class="blank"></dd>') == len(shown)
 
 
 def test_an_arm_of_points_alone_has_no_number_and_a_table_no_day() -> None:
-    page = Page("P")
     unnamed = an_arm(None).model_copy(update={"serial_number": "-"})
-    add_head(page, unnamed, [a_session(0.0)], None)
-    assert entries(page)["arm, serial number"] == ""
+    assert head_of(unnamed, a_session(0.0))["arm, serial number"] == ""
+    page = Page("P")
     add_session_facts(page, [a_session(0.0)], unnamed)
     assert "1970" not in page.to_html()
 
 
 def test_a_certificate_without_a_last_day_leaves_room_for_it() -> None:
-    page = Page("P")
-    add_head(page, an_arm(None), [a_session(0.0, certificate="C-7")], None)
-    assert entries(page)["certificate"] == "C-7, valid until __________"
-    assert entries(page)["measured on"] == ""  # an instant of 0 is nobody's
+    shown = head_of(an_arm(None), a_session(0.0, certificate="C-7"))
+    assert shown["certificate"] == "C-7, valid until __________"
+    assert shown["measured on"] == ""  # an instant of 0 is nobody's
 
 
 @pytest.mark.parametrize("day", ["2027-02-30", "next year"])

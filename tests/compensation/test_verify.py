@@ -83,6 +83,10 @@ class Measured:
         )
 
 
+def limits_of(mpe: dict[str, float], **more: object) -> PermissibleErrors:
+    return PermissibleErrors.model_validate({"schema": "armd.mpe/1", "mpe": mpe, **more})
+
+
 def only(verification: Verification, *keys: str) -> list[Figure]:
     found = {figure.key: figure for figure in verification.figures}
     assert set(found) == set(keys), verification.left_out
@@ -153,9 +157,7 @@ def test_lengths_at_the_artefacts_temperature() -> None:
     assert lengths.worst.length_mm == pytest.approx(1000.1)
     assert lengths.worst.standard_uncertainty_mm == pytest.approx(math.hypot(0.0005, 0.001))
     for range_mm, remarks in ((1500.0, 0), (1600.0, 1)):
-        limits = PermissibleErrors.model_validate(
-            {"schema": "armd.mpe/1", "measuring_range_mm": range_mm, "mpe": {"e_uni_mm": 0.05}}
-        )
+        limits = limits_of({"e_uni_mm": 0.05}, measuring_range_mm=range_mm)
         told = [one for one in judge(verification, limits).remarks if "measuring range" in one]
         assert len(told) == remarks
 
@@ -207,8 +209,7 @@ def test_what_is_incomplete_is_left_out_with_the_reason() -> None:
     assert verification.figures == ()
     assert verification.left_out["p_size"] == "24 of 25 points on SPHERE1.*"
     assert verification.left_out["spat_2s"] == "9 of 10 articulations in SPAT1"
-    limits = PermissibleErrors.model_validate({"schema": "armd.mpe/1", "mpe": {"p_size_mm": 0.01}})
-    verdict = judge(verification, limits)
+    verdict = judge(verification, limits_of({"p_size_mm": 0.01}))
     assert not verdict.passed
     assert set(verdict.not_tested) == {"p_size"}
 
@@ -217,10 +218,9 @@ def test_gauge_blocks_are_missed_only_where_they_have_a_limit() -> None:
     measured = Measured()
     measured.add("SPAT1", "SPAT1", *[(0.01 * (i % 2), 0, 0) for i in range(10)])
     verification = measured.figures()
-    verdicts = {}
-    for key in ("p_size_mm", "block_length_mm"):
-        limits = PermissibleErrors.model_validate({"schema": "armd.mpe/1", "mpe": {key: 0.01}})
-        verdicts[key] = judge(verification, limits)
+    verdicts = {
+        key: judge(verification, limits_of({key: 0.01})) for key in ("p_size_mm", "block_length_mm")
+    }
     assert "block_length" not in judge(verification, None).as_json()["not_supported"]
     assert "block_length" not in verdicts["p_size_mm"].as_json()["not_supported"]
     missed = verdicts["block_length_mm"].as_json()
@@ -250,14 +250,8 @@ def test_decision_rule(decision: str, error_mm: float, outcome: str) -> None:
     for repeat in (1, 2, 3):
         for i, point in enumerate(points):
             measured.add("EFFDIA", f"EFFDIA.{repeat}.{i}", point)
-    limits = PermissibleErrors.model_validate(
-        {
-            "schema": "armd.mpe/1",
-            "decision": decision,
-            "mpe": {"effective_diameter_mm": 0.02},
-            "uncertainty": {"artefact_temperature_c": 0.0},
-        }
-    )
+    known = {"artefact_temperature_c": 0.0}
+    limits = limits_of({"effective_diameter_mm": 0.02}, decision=decision, uncertainty=known)
     verdict = judge(measured.figures(limits.uncertainty), limits)
     (item,) = verdict.judged
     assert item.outcome == outcome
@@ -275,13 +269,7 @@ def test_the_largest_is_told_beside_what_decides() -> None:
         bar, length, error = ("BARS", 300.0, -0.0051) if i < 10 else ("BARL", 1200.0, 0.0041)
         measured.add(f"P{i}", f"{bar}.a", (0, 0, 0))
         measured.add(f"P{i}", f"{bar}.b", (length + error * (i % 10 == 3), 0, 0))
-    limits = PermissibleErrors.model_validate(
-        {
-            "schema": "armd.mpe/1",
-            "mpe": {"volumetric_max_mm": 0.02},
-            "uncertainty": {"artefact_temperature_c": 0.0},
-        }
-    )
+    limits = limits_of({"volumetric_max_mm": 0.02}, uncertainty={"artefact_temperature_c": 0.0})
     verdict = judge(measured.figures(limits.uncertainty), limits)
     told = verdict.as_json()["figures"]["volumetric_max"]
     assert told["value_mm"] == pytest.approx(-0.0051)
@@ -300,8 +288,7 @@ def test_a_verdict_names_what_it_covers_and_why_it_fails() -> None:
         measured.add(seat, seat, *[(0.001 * i, 0, 0) for i in range(10)])
 
     def verdict(uncertainty: dict[str, float] | None = None, **mpe: float) -> Verdict:
-        content = {"schema": "armd.mpe/1", "mpe": mpe, "uncertainty": uncertainty or {}}
-        limits = PermissibleErrors.model_validate(content)
+        limits = limits_of(mpe, uncertainty=uncertainty or {})
         return judge(measured.figures(limits.uncertainty), limits)
 
     passed = verdict(spat_max_mm=0.02)
@@ -352,9 +339,7 @@ def test_limits_that_would_let_everything_pass_are_refused(
 
 
 def test_the_limit_of_a_length_grows_with_it() -> None:
-    limits = PermissibleErrors.model_validate(
-        {"schema": "armd.mpe/1", "mpe": {"e_uni_mm": 0.02, "e_uni_mm_per_m": 0.01}}
-    )
+    limits = limits_of({"e_uni_mm": 0.02, "e_uni_mm_per_m": 0.01})
     assert limits.mpe.limit_mm("e_uni", 1500.0) == pytest.approx(0.035)
 
 

@@ -65,23 +65,16 @@ def measured(grown: Sequence[int] = (), artefact_per_k: float = 0.0) -> tuple[Se
     calibration, the artefact by *artefact_per_k* less than it says."""
     truth = synthetic.disturbed(ARM, np.random.default_rng(5), 0.1)
     rng = np.random.default_rng(6 + len(grown) + 10 * (artefact_per_k > 0.0))
-    return tuple(_measure(truth, c, grown, artefact_per_k, rng) for c in SHOP_C)
-
-
-def _measure(
-    truth: np.ndarray,
-    celsius: float,
-    grown: Sequence[int],
-    artefact_per_k: float,
-    rng: np.random.Generator,
-) -> Session:
-    session = synthetic.session(
-        ARM, truth, rng, terms=_grow(truth, grown), temperature_c=celsius, scatter_k=0.05,
-        targets=8, readings=96, encoder_rad=4e-6, uncertainty_mm=0.0003, name=f"{celsius}",
-    )  # fmt: skip
-    artefact = session.artefact.model_copy(update={"expansion_per_k": artefact_per_k})
-    artefact_c = np.full(session.n, celsius + rng.normal())
-    return replace(session, artefact=artefact, artefact_c=artefact_c)
+    sessions = []
+    for celsius in SHOP_C:
+        session = synthetic.session(
+            ARM, truth, rng, terms=_grow(truth, grown), temperature_c=celsius, scatter_k=0.05,
+            targets=8, readings=96, encoder_rad=4e-6, uncertainty_mm=0.0003, name=f"{celsius}",
+        )  # fmt: skip
+        artefact = session.artefact.model_copy(update={"expansion_per_k": artefact_per_k})
+        artefact_c = np.full(session.n, celsius + rng.normal())
+        sessions.append(replace(session, artefact=artefact, artefact_c=artefact_c))
+    return tuple(sessions)
 
 
 def _grow(truth: np.ndarray, links: Sequence[int]) -> list[Term]:

@@ -33,14 +33,6 @@ def test_the_covariance_is_the_sum_over_encoders_and_the_tips_own() -> None:
     assert NOISE.compute_typical_mm(joints) == pytest.approx(per_axis)
 
 
-def test_whitened_noise_has_unit_variance_by_weight() -> None:
-    covariance, weight = written_out(levers()), np.linspace(0.2, 1.0, N)
-    found = make_whitening(covariance, weight)
-    inverse = found.transpose(0, 2, 1) @ found
-    expected = weight[:, None, None] * np.linalg.inv(covariance)
-    assert inverse == pytest.approx(expected, rel=1e-9)
-
-
 def test_where_the_noise_was_found_it_weighs_as_it_was_found() -> None:
     joints, weight = levers(), np.full(N, 1.0)
     found = Weighting(NOISE, joints, weight).compute_whitening(joints)

@@ -97,15 +97,6 @@ def test_fewer_rows_than_unknowns_are_solved_with_the_drawing(n: int) -> None:
     assert (found.singular_values[found.is_known] > LEAST_KNOWN).all()
 
 
-def test_what_it_says_of_its_errors_is_what_they_are() -> None:
-    columns, _ = rows([900.0, 300.0, 70.0, 20.0])
-    rng = np.random.default_rng(8)
-    steps = np.array([leaned(columns, rng.normal(size=30)).step for _ in range(3000)])
-    stated = leaned(columns, np.zeros(30)).covariance(np.zeros((4, 0)))
-    np.testing.assert_allclose(np.cov(steps.T) / stated, 1.0, atol=0.25)
-    np.testing.assert_allclose(steps.std(axis=0), np.sqrt(np.diag(stated)), rtol=0.05)
-
-
 def test_rounding_of_readings_without_noise_is_not_taken_for_knowledge() -> None:
     """A gauge that products cannot show as zero: the directions known to ten digits stay apart."""
     columns, residual = rows([1e8, 3e7, 2e6, 0.0])

@@ -31,6 +31,7 @@ from armd.errors import BadInput
 from armd.files.schema import validate
 from support import synthetic
 from support.readings import session_of, states_of
+from support.slopes import compute_pose_slopes, compute_target_slopes
 
 RADIUS_MM = 3.0
 ARM = synthetic.arm().model_copy(
@@ -234,23 +235,14 @@ def test_columns_are_the_residuals_slopes() -> None:
     at = linearise(observations, constants, [], poses, 20.0)
     normal = poses.compute_normals(observations, position)
 
-    def residual(twist: F64, shift: F64) -> F64:
-        there = poses.moved(at.centre_mm, twist, shift)
-        along: F64 = np.einsum("ni,ni->n", normal, there.residual(observations, position))
-        return along
+    def along(there: Poses) -> F64:
+        return np.einsum("ni,ni->n", normal, there.residual(observations, position))
 
-    p, k = len(observations.placement_names), len(observations.target_names)
-    for axis in range(6):
-        twist = np.zeros((p, 6))
-        twist[:, axis] = 1e-5
-        ahead, behind = (residual(sign * twist, np.zeros((k, 3))) for sign in (1.0, -1.0))
-        slope = np.einsum("ni,ni->n", normal, at.pose_columns[:, :, axis])
-        np.testing.assert_allclose((ahead - behind) / 2e-5, slope, atol=2e-4)
-    shift = np.zeros((k, 3))
-    shift[:, 2] = 1e-5
-    ahead, behind = (residual(np.zeros((p, 6)), sign * shift) for sign in (1.0, -1.0))
-    slope = np.einsum("ni,ni->n", normal, at.target_columns[:, :, 2])
-    np.testing.assert_allclose((ahead - behind) / 2e-5, slope, atol=1e-6)
+    wanted = np.einsum("ni,nik->nk", normal, at.pose_columns)
+    np.testing.assert_allclose(compute_pose_slopes(at, along, 1e-5), wanted, atol=2e-4)
+    radius = np.einsum("ni,ni->n", normal, at.target_columns[:, :, 2])
+    by_radius = compute_target_slopes(at, along, 1e-5)[:, 2]
+    np.testing.assert_allclose(by_radius, radius, atol=1e-6)
     assert not at.target_columns[observations.on_surface, :, :2].any()
 
 

@@ -89,43 +89,27 @@ def test_calibrate_then_evaluate(measured: Path, tmp_path: Path) -> None:
     assert after["rms_um"] <= after["max_um"]
 
 
-@pytest.mark.slow
-def test_the_papers_own_way(
+def test_what_the_papers_own_way_needs_is_said(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    result = tmp_path / "result.json"
-    sessions = ("T16", "T20", "T24", "T28", "T30")
-    assert calibrate(measured, tmp_path, *sessions, more=("--offset",)) == 2
+    assert calibrate(measured, tmp_path, "T16", "T20", "T24", more=("--offset",)) == 2
     assert "--offset: found polynomial, expected" in capsys.readouterr().err
     few = ("--thermal-method", "per-temperature", "--thermal", "1")
     assert calibrate(measured, tmp_path, "T16", "T20", more=few) == 2
     assert "found 2 temperatures, expected at least 3 for order 1" in capsys.readouterr().err
     assert not (tmp_path / "cal.json").exists()
-    method = ("--thermal-method", "per-temperature", "--json", str(result))
-    report = ("--report", str(tmp_path / "report.html"))
-    heldout, arm = str(measured / "heldout-T22"), str(measured / "arm.toml")
-    for more, offset in ((), "0"), (("--offset",), "identified"):
-        assert calibrate(measured, tmp_path, *sessions, more=(*method, *more, *report)) == 0
-        figures = json.loads(result.read_text())
-        assert figures["thermal_method"] == "per-temperature"
-        assert figures["heldout_by"] == "temperature"
-        calibration = load_calibration(tmp_path / "cal.json").content
-        assert calibration.provenance["thermal_offset"] == offset
-        assert calibration.covariance_of[-1] == f"term {len(calibration.terms) - 1}"
-        written = ["--calibration", str(tmp_path / "cal.json"), "--json", str(result)]
-        assert armd(["evaluate", heldout, "--arm", arm, *written]) == 0
-        # Near what all at once gives (3 µm), although each temperature alone tells less.
-        assert json.loads(result.read_text())["rms_um"] < 10
 
 
 def test_one_temperature_gives_geometry_and_says_so(measured: Path, tmp_path: Path) -> None:
-    result = tmp_path / "result.json"
-    assert calibrate(measured, tmp_path, "T20", more=("--json", str(result))) == 0
+    result, report = tmp_path / "result.json", tmp_path / "report.html"
+    more = ("--json", str(result), "--report", str(report))
+    assert calibrate(measured, tmp_path, "T20", more=more) == 0
     figures = json.loads(result.read_text())
     assert figures["thermal_order"] == 0
     low, high = figures["temperature_range_c"]
     assert 19 < low < high < 25
     assert any("one temperature only" in note for note in figures["notes"])
+    assert "one temperature only" in report.read_text()
 
 
 @pytest.mark.slow
@@ -174,6 +158,7 @@ def test_truth_in_metres_is_refused(
     (metres / "session.toml").write_text(text)
     assert calibrate(measured, tmp_path, metres) == 2
     message = capsys.readouterr().err
+    assert message.startswith("armd: ") and not (tmp_path / "cal.json").exists()
     assert "metres: the session: found readings that miss by up to" in message
     assert "if its positions are taken as metres, expected positions in mm" in message
 
@@ -185,32 +170,6 @@ def test_a_thermal_model_of_one_temperature_is_refused(
     message = capsys.readouterr().err
     assert "temperatures: found 1 (" in message
     assert "expected at least 2 for a thermal model of order 1" in message
-    assert not (tmp_path / "cal.json").exists()
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"readings": (",q4,", ",angle4,")}, "column q4: found no such column"),
-        ({"session": ('angle_unit = "rad"', 'angle_unit = "deg"')}, "like radians"),
-        ({"readings": (r"\A((?:.*\n){5}[^,]*,[^,]*),B\d+,", r"\1,NaN,")}, "column target"),
-        ({"session": ('arm = "SIM-0001"', 'arm = "SIM-0002"')}, "'SIM-0001', as in arm.toml"),
-        ({"readings": (r"\A((?:.*\n){3})(?:.*\n)*", r"\1")}, "readings: found 2 poses"),
-        ({"readings": (r"\A((?:.*\n){3}[^,]*,[^,]*,[^,]*),[^,]*,", r"\1,x,")}, "row 3"),
-    ],
-)
-def test_bad_sessions_are_refused_with_exit_2(
-    measured: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    changes: dict[str, tuple[str, str]],
-    words: str,
-) -> None:
-    bad = changed(measured, tmp_path / "bad", **changes)
-    assert calibrate(measured, tmp_path, bad) == 2
-    message = capsys.readouterr().err
-    assert message.startswith("armd: ")
-    assert words in message
     assert not (tmp_path / "cal.json").exists()
 
 

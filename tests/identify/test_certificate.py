@@ -76,14 +76,6 @@ def test_a_joint_that_slips_between_placements_gets_none() -> None:
     assert "`armd diagnose " in certificate.next_step
 
 
-def test_a_tracker_needs_no_second_placement() -> None:
-    rng = np.random.default_rng(4)
-    seen = synthetic.tracked(ARM, synthetic.disturbed(ARM, rng), rng)
-    seen.states.q[:] += ARCSEC * rng.normal(size=seen.states.q.shape)
-    certificate = calibrate([seen], ARM, OPTIONS).certificate
-    assert certificate.granted, certificate.reason
-
-
 @pytest.mark.parametrize("distances", [[], [(0, 1)]])
 def test_without_a_length_it_is_not_for_lengths(distances: list[tuple[int, int]]) -> None:
     """Seats that nobody measured: the same readings fit an arm of any size."""

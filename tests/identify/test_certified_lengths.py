@@ -53,34 +53,25 @@ def test_only_lengths_between_seats_that_were_touched_are_told() -> None:
     assert bc.certified_mm == 500.0 and bc.error_mm == pytest.approx(0.0018, abs=1e-6)
 
 
-def test_a_distance_is_as_uncertain_as_the_means_at_both_ends() -> None:
-    """n readings of one seat in a placement leave n − 1 of their scatter: σ² = Σ r² / 3 (n − 1)."""
-    of = observations([0] * 4 + [1] * 9, [0] * 13)
-    (ab,) = lengths_of(of, scatter(13, 0.002))
-    ends = [0.002**2 * n / (n - 1) / n for n in (4, 9)]
-    assert ab.measured_uncertainty_mm == pytest.approx(np.sqrt(sum(ends)))
+SIZE_MM = 0.002
+ENDS = [0] * 4 + [1] * 4
+#: Targets and placements of the readings, certified targets, readings that each counts for; and the
+#: variance of the distance AB in units of `SIZE_MM` squared: n readings of one seat in a placement
+#: leave n − 1 of their scatter, Σ r² / 3 (n − 1), and their mean has 1 / n of it.
+VARIANCES: dict[str, tuple[list[int], list[int], tuple[int, ...], float, float]] = {
+    "means at both ends": ([0] * 4 + [1] * 9, [0] * 13, (), 1.0, 1 / 3 + 1 / 8),
+    "each of two placements": ([0, 1] * 8, [0] * 8 + [1] * 8, (), 1.0, 8 / 6 * 2 / 4 / 2),
+    "no placement has both ends": ([0] * 5 + [1] * 5, [0] * 5 + [1] * 5, (), 1.0, 2 / 4),
+    "one end certified": (ENDS, [0] * 8, (0,), 1.0, 1 / 3),
+    "both ends certified": (ENDS, [0] * 8, (0, 1), 1.0, 0.0),
+    "five readings in each": ([0, 1] * 2, [0] * 4, (), 5.0, 2 / 9),
+}
+
+
+@pytest.mark.parametrize("case", VARIANCES)
+def test_a_distance_is_as_uncertain_as_the_means_at_its_ends(case: str) -> None:
+    target, placement, known, count, variance = VARIANCES[case]
+    of, weight = observations(target, placement, known=known), np.full(len(target), count)
+    (ab,) = lengths_of(of, scatter(len(target), SIZE_MM), weight=weight)
+    assert ab.measured_uncertainty_mm == pytest.approx(SIZE_MM * np.sqrt(variance))
     assert ab.off == pytest.approx(0.003 / np.hypot(1e-3, ab.measured_uncertainty_mm))
-
-
-def test_each_placement_tells_it_for_itself() -> None:
-    """Two placements of four readings at each end: half the variance of one of them."""
-    target, placement = [0, 1] * 8, [0] * 8 + [1] * 8
-    (ab,) = lengths_of(observations(target, placement), scatter(16, 0.002))
-    of_seat = 0.002**2 * 8 / (8 - 2)  # a mean in each placement
-    assert ab.measured_uncertainty_mm == pytest.approx(np.sqrt(2.0 * of_seat / 4 / 2))
-
-
-def test_ends_that_no_placement_holds_both_of_are_taken_each_alone() -> None:
-    (ab,) = lengths_of(observations([0] * 5 + [1] * 5, [0] * 5 + [1] * 5), scatter(10, 0.002))
-    assert ab.measured_uncertainty_mm == pytest.approx(np.sqrt(2.0 * 0.002**2 / 4))
-
-
-def test_a_certified_end_adds_nothing_and_weights_count_readings() -> None:
-    of = observations([0] * 4 + [1] * 4, [0] * 8, known=(0,))
-    (ab,) = lengths_of(of, scatter(8, 0.002))
-    assert ab.measured_uncertainty_mm == pytest.approx(np.sqrt(0.002**2 * 4 / 3 / 4))
-    both = observations([0] * 4 + [1] * 4, [0] * 8, known=(0, 1))
-    (ab,) = lengths_of(both, scatter(8, 0.002))
-    assert ab.measured_uncertainty_mm == 0.0
-    few = lengths_of(observations([0, 1] * 2, [0] * 4), scatter(4, 0.002), weight=np.full(4, 5.0))
-    assert few[0].measured_uncertainty_mm == pytest.approx(np.sqrt(2.0 * 0.002**2 * 10 / 9 / 10))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +13,7 @@ from armd.compensation.identify.drawing import find_off_drawing
 from armd.compensation.identify.heldout import Errors
 from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import Arm
-from armd.daemon.cli import main as armd
 from support import synthetic
-from support.selection import parametrize_default
-from support.simulated_sessions import simulate_sessions
 
 ARCSEC = np.pi / 180 / 3600
 OPTIONS = Options(thermal_order=0)
@@ -149,40 +144,3 @@ def test_half_of_the_drawings_error_or_the_noise(
     record = judge(result.fit, True, misses, result.lengths)
     assert record.granted == granted
     assert ("shows a calibration to help" in record.reason) != granted
-
-
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return simulate_sessions(tmp_path_factory.mktemp("drawing") / "measured", "calibration")
-
-
-@pytest.mark.slow
-@parametrize_default(
-    ("drawn", "typed", "parameter", "off_mm"),
-    [
-        ("110.000000]", "10.000000]", "tip_z", 100.0),
-        ("520.000000", "460.000000", "a_2", 60.0),
-    ],
-)
-def test_calibrate_remarks_on_a_wrong_arm_toml(
-    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
-    drawn: str, typed: str, parameter: str, off_mm: float,
-) -> None:  # fmt: skip
-    """The simulator's arm is its own drawing to a millimetre or so."""
-    text = (measured / "arm.toml").read_text()
-    assert text.count(drawn) == 1
-    (tmp_path / "arm.toml").write_text(text.replace(drawn, typed))
-    outputs = [tmp_path / name for name in ("cal.json", "result.json", "report.html")]
-    more = ["-o", str(outputs[0]), "--json", str(outputs[1]), "--report", str(outputs[2])]
-    sessions = [str(measured / name) for name in ("T14", "T32")]
-    assert armd(["calibrate", *sessions, "--arm", str(tmp_path / "arm.toml"), *more]) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    result = json.loads(outputs[1].read_text())
-    assert result["certificate"]["granted"], result["certificate"]["reason"]
-    (remark,) = result["off_drawing"]
-    assert remark["parameter"] == parameter and remark["unit"] == "mm"
-    assert remark["difference"] == pytest.approx(off_mm, abs=1.5)
-    brief = f"{parameter} {remark['difference']:+.2f} mm"
-    for page in (said, outputs[2].read_text()):
-        assert f"arm.toml may be wrong: {parameter} (" in page
-        assert f"arm.toml is far off: {brief} (" in page

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.sessions.session import Session, load_sessions
-from armd.compensation.data.sessions.writing import write_session
 from armd.compensation.data.tables import pieces
 from armd.compensation.identify.evaluation import evaluate_files as streamed
 from armd.compensation.identify.evaluation.condensed import compute_moments
@@ -20,9 +19,10 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.errors import BadInput
 from support.drawn import drawn
+from support.measured_arm import write_folder
 from support.selection import parametrize_default
-from support.synthetic import STARTED, disturbed, session
 from support.synthetic import arm as synthetic_arm
+from support.synthetic import disturbed, session
 
 LAGGED = {"kind": "temperature", "weights": {"t2": 1.0}, "lag_s": 300.0}
 
@@ -41,26 +41,14 @@ def write(folder: Path, made: Session, rng: np.random.Generator, *, parquet: boo
     celsius[rng.random(made.n) < 0.01, 1] = np.nan
     known = made.artefact.targets[0].position_mm is not None
     read_c = np.where(np.arange(made.n) % 900 == 100, rng.uniform(15, 25, made.n), np.nan)
-    columns = {
-        "time_s": np.arange(made.n) * 0.5,
-        "placement": [made.placement_names[p] for p in made.placement],
-        "target": [made.artefact.target_names[k] for k in made.target],
-        **{f"q{k + 1}": q for k, q in enumerate(made.states.q.T)},
-        **{f"t{k + 1}": column for k, column in enumerate(celsius.T)},
-        # Where all points are seats, its size from reading to reading would weakly tell where its
-        # frame has its origin, and how weakly is a matter of rounding.
-        "artefact_c": np.round(read_c, 2) if known else np.full(made.n, 20.0),
-        **dict(zip(("x_mm", "y_mm", "z_mm"), made.truth_mm.T, strict=True)),
-    }
-    file = {
-        "schema": "armd.session/1",
-        "arm": made.arm,
-        "started": STARTED,
-        "angle_unit": "rad",
-        "artefact": made.artefact.model_dump(exclude_none=True, by_alias=True)
-        | {"expansion_per_k": 1.2e-5},
-    }
-    write_session(folder, file, columns, parquet=parquet)
+    # Where all points are seats, its size from reading to reading would weakly tell where its
+    # frame has its origin, and how weakly is a matter of rounding.
+    artefact_c = np.round(read_c, 2) if known else np.full(made.n, 20.0)
+    columns = {f"t{k}": column for k, column in enumerate(celsius.T, 1)}
+    write_folder(
+        folder, made, expansion_per_k=1.2e-5, parquet=parquet,
+        time_s=np.arange(made.n) * 0.5, artefact_c=artefact_c, **columns,
+    )  # fmt: skip
 
 
 def write_some(folder: Path, arm: Arm, readings: int = 2000) -> list[str]:

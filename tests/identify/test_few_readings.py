@@ -28,12 +28,8 @@ def test_a_nine_joint_arm_gains_tenfold(readings: int, placements: int, targets:
     fresh = synthetic.session(ARM, truth, rng, readings=100)
     result = calibrate([few], ARM, OPTIONS)
     assert not result.certificate.granted
-
-    def rms_um(distance_um: np.ndarray) -> float:
-        return float(np.sqrt(np.mean(distance_um**2)))
-
-    drawn = rms_um(evaluate([fresh], ARM, None).distance_um)
-    assert rms_um(evaluate([fresh], ARM, result.calibration).distance_um) < 0.1 * drawn
+    drawn = evaluate([fresh], ARM, None)
+    assert evaluate([fresh], ARM, result.calibration).rms_um < 0.1 * drawn.rms_um
 
 
 @pytest.mark.parametrize("readings", [1, 2, 3, 4, 5])

@@ -43,8 +43,7 @@ def test_readings_of_a_tracker(readings: int, wrong: int) -> None:
         without.append(result.heldout.without_far_um)
         assert result.heldout.n_far == len(result.fit.down_weighted) >= wrong // 2
         assert (" without the " in result.heldout.in_words()) == (result.heldout.n_far > 0)
-        found = evaluate([other], ARM, result.calibration)
-        elsewhere.append(float(np.sqrt(np.mean(found.distance_um**2))))
+        elsewhere.append(evaluate([other], ARM, result.calibration).rms_um)
     assert rms(printed) == pytest.approx(rms(elsewhere), rel=0.2)
     assert rms(without) <= rms(printed)
     assert (rms(without) < 0.8 * rms(printed)) == (wrong > 0)
@@ -66,8 +65,7 @@ def test_seats_at_other_places() -> None:
         result = calibrate([one], ARM, Options(thermal_order=0))
         assert result.heldout_by == "placement"
         printed.append(result.heldout_rms_um)
-        found = evaluate([other], ARM, result.calibration)
-        elsewhere.append(float(np.sqrt(np.mean(found.distance_um**2))))
+        elsewhere.append(evaluate([other], ARM, result.calibration).rms_um)
     # Evaluated, the other half finds its seats anew: it misses by a little less.
     assert 0.95 * rms(elsewhere) < rms(printed) < 1.25 * rms(elsewhere)
 

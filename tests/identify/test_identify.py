@@ -8,35 +8,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
-from armd.compensation.estimate.gauge import describe_unidentifiable, list_free_constants
-from armd.compensation.estimate.observations import Observations, collect_observations
+from armd.compensation.estimate.gauge import describe_unidentifiable
+from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.estimate.placements.fit_poses import fit_poses
-from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
-from armd.compensation.identify.fit import Identification, fit
+from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
 from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.parameters import ParameterLayout
-from armd.compensation.model.terms import Term
 from support import synthetic
+from support.fitted import fit_constants
 from support.synthetic import disturbed, session, tracked
 
 ARM = synthetic.arm()
 ARCSEC = np.pi / 180 / 3600
-
-
-def identify(
-    arm: Arm, observations: Observations, terms: list[Term] | None = None
-) -> Identification:
-    terms = terms or []
-    unknowns = Unknowns(list_free_constants(arm), range(len(terms)))
-    with threadpool_limits(limits=1, user_api="blas"):
-        return fit(observations, arm.nominal(), terms, unknowns, arm.reference_temperature_c)
 
 
 def known_directions(found: Identification) -> np.ndarray:
@@ -48,8 +37,8 @@ def test_a_noise_free_fit_returns_the_truth(n_joints: int) -> None:
     rng = np.random.default_rng(n_joints)
     arm = synthetic.arm(n_joints)
     truth = disturbed(arm, rng)  # up to 1 mm and 0.5° off
-    found = identify(
-        arm, collect_observations([tracked(arm, truth, rng, readings=40 * n_joints)], arm)
+    found = fit_constants(
+        collect_observations([tracked(arm, truth, rng, readings=40 * n_joints)], arm)
     )
     names = found.unknowns.names
     error = found.unknowns.values(found.constants, []) - found.unknowns.values(truth, [])
@@ -81,7 +70,7 @@ def test_thermal_coefficients_return_too() -> None:
         session(ARM, truth, rng, terms=true_terms, readings=100, temperature_c=t, name=f"{t}")
         for t in (15.0, 20.0, 26.0, 31.0)
     ]
-    found = identify(ARM, collect_observations(sessions, ARM), terms)
+    found = fit_constants(collect_observations(sessions, ARM), terms)
     for term, true in zip(found.terms, true_terms, strict=True):
         # The tip's axes turn with θ of the last joint, which is not identifiable.
         if not term.parameter.startswith("tip"):
@@ -102,7 +91,7 @@ def test_normalised_errors_have_unit_variance_over_100_seeds() -> None:
     for seed in range(100):
         noise = np.random.default_rng(1000 + seed)
         q = clean.states.q + ARCSEC * noise.normal(size=clean.states.q.shape)
-        found = identify(ARM, replace(clean, states=replace(clean.states, q=q)))
+        found = fit_constants(replace(clean, states=replace(clean.states, q=q)))
         scale, known = found.solution.scale, known_directions(found)
         error = found.unknowns.values(found.constants, []) - found.unknowns.values(truth, [])
         covariance = known.T @ (found.covariance / np.outer(scale, scale)) @ known
@@ -135,7 +124,7 @@ def test_rank_equals_theory(kind: str, noise: float) -> None:
     rng = np.random.default_rng(1)
     truth = disturbed(ARM, rng)
     measured = session(ARM, truth, rng, readings=240, encoder_rad=noise * ARCSEC, **settings)
-    found = identify(ARM, collect_observations([measured], ARM))
+    found = fit_constants(collect_observations([measured], ARM))
     assert found.converged
     assert found.solution.rank == rank
     words = describe_unidentifiable(found.solution.null, found.unknowns.names, ARM)
@@ -152,15 +141,11 @@ def test_hayati_replaces_d_between_parallel_axes() -> None:
     content = ARM.model_dump(by_alias=True)
     content["joint"][1] |= {"alpha_deg": 0.5, "a_mm": 300.0}
     arm = Arm.model_validate(content)
-    names = list_free_constants(arm)
-    assert "beta_2" in names
-    assert "d_2" not in names
-    assert "d_3" in names
     rng = np.random.default_rng(3)
     truth = disturbed(arm, rng)
     truth[ParameterLayout(6).index("beta_2")] = 0.003
     truth[ParameterLayout(6).index("d_2")] = arm.nominal()[ParameterLayout(6).index("d_2")]
-    found = identify(arm, collect_observations([session(arm, truth, rng, readings=300)], arm))
+    found = fit_constants(collect_observations([session(arm, truth, rng, readings=300)], arm))
     assert found.solution.rank == LENGTH
     assert found.constants[ParameterLayout(6).index("beta_2")] == pytest.approx(0.003, rel=1e-6)
 
@@ -171,7 +156,7 @@ def test_outliers_are_found_and_do_not_matter() -> None:
     measured = session(ARM, truth, rng, readings=240, encoder_rad=ARCSEC)
     wrong = rng.choice(240, 8, replace=False)
     measured.states.q[wrong, 2] += 3e-4  # about 0.2 mm at the tip
-    found = identify(ARM, collect_observations([measured], ARM))
+    found = fit_constants(collect_observations([measured], ARM))
     assert set(wrong) == set(found.outliers.tolist())
     along = known_directions(found).T @ (
         (found.unknowns.values(found.constants, []) - found.unknowns.values(truth, []))
@@ -190,7 +175,7 @@ def test_a_certified_position_s_uncertainty_shows_in_the_result() -> None:
         measured = session(
             ARM, truth, again, encoder_rad=ARCSEC, readings=240, uncertainty_mm=position_mm
         )
-        found = identify(ARM, collect_observations([measured], ARM))
+        found = fit_constants(collect_observations([measured], ARM))
         length = found.unknowns.names.index("d_3")
         return float(np.sqrt(found.covariance[length, length]))
 
@@ -201,8 +186,8 @@ def test_a_fit_s_arrays_go_with_it() -> None:
     """Were there a circle, they would stay until Python looks for circles: of 20,000 readings all
     steps' arrays stayed, a gigabyte."""
     rng = np.random.default_rng(51)
-    found = identify(
-        ARM, collect_observations([session(ARM, disturbed(ARM, rng), rng, readings=90)], ARM)
+    found = fit_constants(
+        collect_observations([session(ARM, disturbed(ARM, rng), rng, readings=90)], ARM)
     )
     columns = weakref.ref(found.arm_problem.columns)
     gc.disable()
@@ -211,18 +196,6 @@ def test_a_fit_s_arrays_go_with_it() -> None:
         assert columns() is None
     finally:
         gc.enable()
-
-
-def test_evaluation_fits_poses_and_seats_only() -> None:
-    rng = np.random.default_rng(41)
-    truth = disturbed(ARM, rng)
-    for settings in ({"known": True}, {"known": False}, {"known": False, "targets": 1}):
-        observations = collect_observations(
-            [session(ARM, truth, rng, readings=90, **settings)], ARM
-        )
-        assert evaluate_model(observations, truth, [], 20.0).distance_um.max() < 1e-4
-        wrong = evaluate_model(observations, ARM.nominal(), [], 20.0)
-        assert wrong.distance_um.max() > 100
 
 
 def test_poses_of_an_unweighted_fit_are_its_minimum() -> None:

@@ -23,16 +23,6 @@ from support.simulated_sessions import simulate_sessions
 NAMES = ("T14", "T20", "T26", "T32", "T38")
 
 
-@pytest.fixture(scope="module")
-def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return simulate_sessions(tmp_path_factory.mktemp("good") / "measured", "calibration")
-
-
-@pytest.fixture
-def measured(good: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(good, tmp_path / "measured"))
-
-
 def edited(file: Path, change: Callable[[str], str]) -> None:
     file.write_text(change(file.read_text()))
 
@@ -339,20 +329,6 @@ def test_another_stylus_is_told_of_the_coldest_session() -> None:
 def test_a_joint_that_was_knocked_is_no_other_stylus() -> None:
     told = changed_once({"theta_2": 0.004})
     assert "tip" not in told and "did the arm change" in told
-
-
-@pytest.mark.slow
-def test_one_bad_reading_is_no_bad_session(
-    measured: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Two readings of 160 under the wrong target's name are outliers, and told as such."""
-    lines = (measured / "T26/readings.csv").read_text().splitlines()
-    for i in (5, 40):
-        lines[i] = re.sub(r",B\d+,", ",B1,", lines[i])
-    (measured / "T26/readings.csv").write_text("\n".join(lines) + "\n")
-    assert run("calibrate", measured, "-o", str(measured / "cal.json")) == 0
-    told = " ".join(capsys.readouterr().out.split())
-    assert "outliers" in told and "does not fit" not in told
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from armd.arrays import F64
 from armd.compensation.data.sessions.session import load_session, load_sessions
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise.reading import ReadingNoise, estimate_turn_noise
@@ -21,6 +22,7 @@ from armd.compensation.estimate.orientations import (
     compute_turn_columns,
 )
 from armd.compensation.estimate.placements.fit_poses import fit_poses
+from armd.compensation.estimate.placements.poses import Poses
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.orientation import compute_orientation_gain
 from armd.compensation.identify.result import Result
@@ -30,6 +32,7 @@ from armd.daemon.cli import main
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from support.six_d_tracker import ENCODER_RAD, POINT_MM, TURN_RAD, write_six_d_session
+from support.slopes import compute_pose_slopes, compute_target_slopes
 from support.true_directions import errors_of
 
 
@@ -125,25 +128,15 @@ def test_residuals_follow_poses_and_bodies_as_their_columns_say(tmp_path: Path) 
     position = compute_observed(whole.states.q, np.tile(constants, (whole.n, 1)), whole.turned)
     poses = fit_poses(whole, position)
     at = linearise(whole, constants, [], poses, 20.0)
-    p, k, turned = len(whole.placement_names), len(whole.target_names), whole.turned
-    for axis in range(6):
-        twist = np.zeros((p, 6))
-        twist[:, axis] = 1e-3
-        ahead, behind = (
-            poses.moved(at.centre_mm, sign * twist, np.zeros((k, 3))).residual(whole, position)
-            for sign in (1.0, -1.0)
-        )
-        slope = (ahead - behind)[turned] / 2e-3
-        np.testing.assert_allclose(slope, at.pose_columns[turned, :, axis], atol=5e-3)
-    for axis in range(3):
-        shift = np.zeros((k, 3))
-        shift[-1, axis] = 1e-3
-        ahead, behind = (
-            poses.moved(at.centre_mm, np.zeros((p, 6)), sign * shift).residual(whole, position)
-            for sign in (1.0, -1.0)
-        )
-        slope = (ahead - behind)[turned] / 2e-3
-        np.testing.assert_allclose(slope, at.target_columns[turned, :, axis], atol=5e-3)
+
+    def moved(poses: Poses) -> F64:
+        return poses.residual(whole, position)[whole.turned]
+
+    for found, columns in (
+        (compute_pose_slopes(at, moved, 1e-3), at.pose_columns),
+        (compute_target_slopes(at, moved, 1e-3), at.target_columns),
+    ):
+        np.testing.assert_allclose(found, columns[whole.turned], atol=5e-3)
 
 
 def test_noise_of_turns_is_what_the_encoders_do_not_explain() -> None:
@@ -166,11 +159,6 @@ def test_urdfs_angles_are_the_same_orientation_as_quaternions(tmp_path: Path) ->
         turns.append(load_session(folder, load_arm(tmp_path / "arm.toml")).turn)
     assert turns[0] is not None and turns[1] is not None
     np.testing.assert_allclose(turns[0], turns[1], atol=1e-9)
-    # As URDF says it: roll about x, then pitch about y, then yaw about z, axes that stay.
-    about = zip((0.1, 0.2, 0.3), np.eye(3), strict=True)
-    x, y, z = (Rotation.from_rotvec(angle * axis).as_matrix() for angle, axis in about)
-    one = Rotation.from_euler("xyz", [0.1, 0.2, 0.3]).as_matrix()
-    np.testing.assert_allclose(one, z @ y @ x, atol=1e-12)
 
 
 def test_points_alone_gain_nothing(tmp_path: Path) -> None:

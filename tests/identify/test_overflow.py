@@ -46,8 +46,3 @@ def test_rows_that_overflow_are_named(coefficient: float) -> None:
             correct_positions(
                 session, ARM, LoadedCalibration(calibration, "0" * 64, Path("cal.json"))
             )
-
-
-def test_what_lacks_a_temperature_overflows_nowhere() -> None:
-    session, calibration = warm_row(slice(4, 6)), absurd(1e-3)
-    assert evaluate([session], ARM, calibration).n_unused == 1

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import collect_observations
-from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.row_groups import clear_rows, order_by_acquisition
-from armd.compensation.identify.fit import Identification, fit
+from armd.compensation.identify.fit import Identification
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from support import synthetic
+from support.fitted import fit_constants
 
 ARM = synthetic.arm()
 N = 60
@@ -35,9 +34,7 @@ def found() -> Identification:
                 seen, name=name, path=Path(name), states=states, truth_mm=seen.truth_mm + noise_mm
             )
         )
-    observations = collect_observations(sessions, ARM)
-    unknowns = Unknowns(list_free_constants(ARM))
-    return fit(observations, ARM.nominal(), [], unknowns, ARM.reference_temperature_c)
+    return fit_constants(collect_observations(sessions, ARM))
 
 
 def test_sessions_stand_by_their_start(found: Identification) -> None:

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
 from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import Observations, collect_observations
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.fit import Identification, fit
+from armd.compensation.identify.fit import Identification
 from support import synthetic
+from support.fitted import fit_constants
 from support.selection import parametrize_default
 
 ARM = synthetic.arm()
@@ -64,8 +64,7 @@ def test_a_larger_scatter_does_not_shrink_the_arm(encoder_rad: float) -> None:
     sizes, told, stated = [], [], []
     for seed in range(16):
         observations = disturbed(clean, encoder_rad, np.random.default_rng(1000 + seed))
-        with threadpool_limits(limits=1, user_api="blas"):
-            found = fit(observations, ARM.nominal(), [], UNKNOWNS, 20.0)
+        found = fit_constants(observations)
         assert found.converged
         error, uncertainty = size_of(found, truth)
         sizes.append(error)
@@ -105,7 +104,7 @@ def test_a_bar_measured_six_times_is_no_better_known() -> None:
     stated = []
     for artefacts in (["bar"] * 6, [f"bar {i}" for i in range(6)]):
         truth, observations = sessions_on_one_bar(np.random.default_rng(7), artefacts)
-        found = fit(observations, ARM.nominal(), [], UNKNOWNS, 20.0)
+        found = fit_constants(observations)
         share = CALLIPER_MM / float(observations.distances.length_mm[0])
         stated.append(size_of(found, truth)[1] / share / np.sqrt(found.variance_factor))
     assert stated[0] == pytest.approx(1.0, rel=0.03)
@@ -124,6 +123,6 @@ def test_lengths_to_a_seat_that_nobody_touched_say_nothing() -> None:
     touched = whole.rows(whole.target != 2)
     observations = collect_observations([touched], ARM)
     assert observations.distances.between.tolist() == [[i, j] for i, j in pairs if 2 not in (i, j)]
-    found = fit(observations, ARM.nominal(), [], UNKNOWNS, 20.0)
+    found = fit_constants(observations)
     error, uncertainty = size_of(found, truth)
     assert abs(error) < 4.0 * uncertainty

@@ -12,9 +12,7 @@ import pytest
 
 from armd.arrays import F64
 from armd.compensation.data.sessions.session import Session
-from armd.compensation.estimate.gauge import list_free_constants
 from armd.compensation.estimate.observations import collect_observations
-from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission import find_second_group as module
 from armd.compensation.identify.admission import group_fit
 from armd.compensation.identify.admission.find_second_group import find_second_group
@@ -24,6 +22,7 @@ from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.thermal.terms import make_length_terms
 from armd.compensation.model.terms import Term
 from support import synthetic
+from support.fitted import fit_constants
 from support.selection import parametrize_default
 
 ARM = synthetic.arm()
@@ -123,14 +122,8 @@ def in_the_air(rows: Sequence[int]) -> list[Session]:
     return [seen]
 
 
-def fitted(sessions: Sequence[Session]) -> Identification:
-    observations = collect_observations(sessions, ARM)
-    unknowns = Unknowns(list_free_constants(ARM))
-    return fit(observations, ARM.nominal(), [], unknowns, ARM.reference_temperature_c)
-
-
 def found_in(sessions: Sequence[Session]) -> SecondGroup | None:
-    return find_second_group(sessions, fitted(sessions))
+    return find_second_group(sessions, fit_constants(collect_observations(sessions, ARM)))
 
 
 def rows_of(group: SecondGroup) -> dict[str, list[int]]:
@@ -293,6 +286,7 @@ def test_a_tip_that_grows_as_it_may_is_none() -> None:
     ]
     result = calibrate(both, ARM)
     assert result.certificate.granted and result.second_group is None
+    assert result.as_json()["second_group"] is None
 
 
 @pytest.mark.slow
@@ -301,9 +295,3 @@ def test_of_two_sessions_one_is_calibrated_alone() -> None:
     assert "session U: measured with another tip than the 120 other readings" in certificate.reason
     (command,) = re.findall("`(.*)`", certificate.next_step)
     assert command.startswith("armd calibrate S --arm ")
-
-
-def test_in_good_order_nothing_is_said() -> None:
-    result = calibrate([touched(TRUTH, "S"), touched(TRUTH, "U", 6)], ARM)
-    assert result.certificate.granted and result.second_group is None
-    assert result.as_json()["second_group"] is None

@@ -47,10 +47,3 @@ def test_calibrate_names_them_and_what_to_do(
     assert "refused:" in said and "rows 1 to 61 of session T14: measured with another tip" in said
     assert "Next: one calibration holds one tip, delete rows 1 to 61 of session T14" in said
     assert "no set of constants" not in said and "armd diagnose" not in said
-
-
-def test_sessions_of_one_tip_are_ok(measured: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    sessions = [str(measured / name) for name in ("T20", "T26")]
-    assert armd(["check", str(measured / "arm.toml"), *sessions]) == 0
-    said = capsys.readouterr()
-    assert "another tip" not in said.out + said.err

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 import pytest
 
+from armd.compensation.data.sessions.session import Session
 from armd.compensation.estimate.observations import collect_observations
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate, evaluate_model
@@ -32,6 +36,16 @@ def with_coefficients(terms: list[Term], *by_order: float) -> list[Term]:
     ]
 
 
+def measured(seed: int, celsius: Iterable[float], **more: Any) -> list[Session]:
+    """A session at each temperature, by one arm."""
+    rng = np.random.default_rng(seed)
+    truth = synthetic.disturbed(ARM, rng, 0.2)
+    return [
+        synthetic.session(ARM, truth, rng, temperature_c=c, name=f"T{c:.1f}", **more)
+        for c in celsius
+    ]
+
+
 def calibrated(true_terms: list[Term], options: Options | None = None) -> Result:
     rng = np.random.default_rng(7)
     truth = synthetic.disturbed(ARM, rng, 0.2)
@@ -52,7 +66,7 @@ def calibrated(true_terms: list[Term], options: Options | None = None) -> Result
         result.fit.terms,
         ARM.reference_temperature_c,
     )
-    assert np.sqrt(np.mean(held.distance_um**2)) < 5
+    assert held.rms_um < 5
     return result
 
 
@@ -76,16 +90,9 @@ def test_linear_expansion_is_order_1() -> None:
 @pytest.mark.parametrize("placements", [1, 3])
 def test_one_temperature_between_two_does_not_hide_the_expansion(placements: int) -> None:
     """A fit without temperatures is right at the mean of them, which the one between is."""
-    rng = np.random.default_rng(placements)
-    truth = synthetic.disturbed(ARM, rng, 0.2)
     terms = with_coefficients(make_length_terms(ARM, [1]), 3e-3)
-    sessions = [
-        synthetic.session(
-            ARM, truth, rng, terms=terms, readings=60, placements=placements,
-            temperature_c=celsius, scatter_k=0.02, encoder_rad=ARCSEC, name=f"T{celsius:.0f}",
-        )
-        for celsius in (15.0, 20.0, 25.0)
-    ]  # fmt: skip
+    more = {"readings": 60, "placements": placements, "scatter_k": 0.02, "encoder_rad": ARCSEC}
+    sessions = measured(placements, (15.0, 20.0, 25.0), terms=terms, **more)
     result = calibrate(sessions, ARM)
     assert result.thermal_order == 1
     by_name = {trial.name: trial.heldout_rms_um for trial in result.trials}
@@ -152,6 +159,7 @@ def test_the_papers_own_way_can_be_chosen(offset: bool) -> None:
         assert term.standard_uncertainty is not None
         assert 0 < term.standard_uncertainty < 1e-3
         assert abs(term.coefficient - 5e-3) < 5 * term.standard_uncertainty
+    assert calibration.covariance_of[-1] == f"term {len(calibration.terms) - 1}"
     variances = np.diag(calibration.covariance)
     assert variances[-1] == pytest.approx(calibration.terms[-1].standard_uncertainty ** 2)
 
@@ -171,12 +179,7 @@ def test_c_is_what_makes_the_reference_differ() -> None:
 
 
 def test_placements_are_grouped_by_their_temperature() -> None:
-    rng = np.random.default_rng(1)
-    truth = synthetic.disturbed(ARM, rng, 0.2)
-    sessions = [
-        synthetic.session(ARM, truth, rng, readings=30, temperature_c=celsius)
-        for celsius in (20.0, 26.0, 20.2)
-    ]
+    sessions = measured(1, (20.0, 26.0, 20.2), readings=30)
     groups = group_temperatures(collect_observations(sessions, ARM))
     assert [int(mask.sum()) for _, mask in groups] == [60, 30]
     assert [mean for mean, _ in groups] == pytest.approx([20.1, 26.0], abs=0.2)
@@ -185,16 +188,10 @@ def test_placements_are_grouped_by_their_temperature() -> None:
 @pytest.mark.slow
 def test_placements_close_to_the_next_are_not_all_of_one_temperature() -> None:
     """A campaign of many days: no gap anywhere, and 11 K from the coldest to the warmest."""
-    rng = np.random.default_rng(2)
-    truth = synthetic.disturbed(ARM, rng, 0.2)
     slope = Term(parameter="a_2", coefficient=6e-3, basis=[Temperature(weights={"t2": 1.0})])
-    sessions = [
-        synthetic.session(
-            ARM, truth, rng, terms=[slope], readings=24, temperature_c=c, scatter_k=0.0,
-            encoder_rad=1e-6, name=f"T{c:.1f}",
-        )
-        for c in rng.permutation(np.arange(18.0, 29.1, 0.5))
-    ]  # fmt: skip
+    celsius = np.random.default_rng(2).permutation(np.arange(18.0, 29.1, 0.5))
+    more = {"readings": 24, "scatter_k": 0.0, "encoder_rad": 1e-6}
+    sessions = measured(2, celsius, terms=[slope], **more)
     observations = collect_observations(sessions, ARM)
     groups = group_temperatures(observations)
     assert [mean for mean, _ in groups] == sorted(mean for mean, _ in groups)
@@ -238,14 +235,7 @@ def test_close_temperatures_tell_expansion_where_there_is_some(
 
 @pytest.mark.parametrize("placements", [1, 2, 3, 4])
 def test_every_reading_is_left_out_once_and_each_end_keeps_some(placements: int) -> None:
-    rng = np.random.default_rng(3)
-    truth = synthetic.disturbed(ARM, rng, 0.2)
-    sessions = [
-        synthetic.session(
-            ARM, truth, rng, readings=24, placements=placements, temperature_c=c, name=f"T{c:.0f}"
-        )
-        for c in (15.0, 20.0, 25.0)
-    ]
+    sessions = measured(3, (15.0, 20.0, 25.0), readings=24, placements=placements)
     observations = collect_observations(sessions, ARM)
     groups = group_temperatures(observations)
     sets = validate_by_temperature(observations, groups)

@@ -141,23 +141,6 @@ def test_forty_arms_lie_within_their_stated_uncertainty_as_often_as_stated(
 
 
 @pytest.mark.slow
-def test_a_length_certified_wrong_is_contradicted(tmp_path: Path) -> None:
-    """Two blocks on one arm: what the one says of its size, the other's certificate must keep."""
-    workshop = Workshop(3)
-    planes = [plane("plate"), plane("head", 50.0, 1.0, 20.0), plane("step", 90.0, 1.0, 20.0)]
-    lengths = [
-        distance("plate", "head", 50.0, CERTIFIED_MM),
-        distance("plate", "step", 90.3, CERTIFIED_MM),
-    ]
-    workshop.session(tmp_path / "one", planes, 4, 20, lengths)
-    (tmp_path / "arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
-    arm = load_arm(tmp_path / "arm.toml")
-    found = calibrate(load_sessions([tmp_path / "one"], arm), arm, Options())
-    assert not found.certificate.granted
-    assert "certified length contradicts" in found.certificate.reason
-
-
-@pytest.mark.slow
 def test_readings_in_the_air_are_named_and_count_for_nothing(tmp_path: Path) -> None:
     workshop = measured(tmp_path, KINDS["ball"], 1)
     table = tmp_path / "session" / "readings.csv"
@@ -173,45 +156,25 @@ def test_readings_in_the_air_are_named_and_count_for_nothing(tmp_path: Path) -> 
     assert not found.certificate.granted
 
 
-# ---------------------------------------------------------------------------------- refused
-
-
-def one_spot(workshop: Workshop, folder: Path) -> None:
-    workshop.session(folder, [plane("plate", half_mm=0.2)], 3, 20)
-
-
-def one_line(workshop: Workshop, folder: Path) -> None:
-    line = plane("plate")
+def thin(surface: Surface) -> Surface:
+    """Touched within a tenth of a millimetre across."""
 
     def skin(rng: np.random.Generator, n: int) -> tuple[F64, F64]:
-        points, out = line.skin(rng, n)
-        points[:, 1] *= 1e-3
-        return points, out
+        points, out = surface.skin(rng, n)
+        return points * [1.0, 1e-3, 1.0], out
 
-    workshop.session(folder, [Surface("plate", skin, line.toml)], 3, 20)
-
-
-def one_cap(workshop: Workshop, folder: Path) -> None:
-    workshop.session(folder, [sphere("ball", 40.0, (40.0, CERTIFIED_MM), 0.97)], 3, 20)
+    return Surface(surface.name, skin, surface.toml)
 
 
-def one_circle(workshop: Workshop, folder: Path) -> None:
-    workshop.session(folder, [cylinder("pin", 40.0, (40.0, CERTIFIED_MM), 0.2)], 3, 20)
-
-
-def too_few(workshop: Workshop, folder: Path) -> None:
-    workshop.session(folder, [plane("plate"), plane("other", 30.0)], 12, 2)
-
-
+CAP = sphere("ball", 40.0, (40.0, CERTIFIED_MM), 0.97)
+RING = cylinder("pin", 40.0, (40.0, CERTIFIED_MM), 0.2)
+#: What is touched, in how many placements, how often in each; and what is said of the first.
 REFUSED = {
-    "spot": (one_spot, r"surface plate, placement P\d: found a plane touched at one spot"),
-    "line": (one_line, r"surface plate, placement P\d: found a plane touched along one line"),
-    "cap": (one_cap, r"surface ball, placement P\d: found a sphere touched on one cap"),
-    "circle": (
-        one_circle,
-        r"surface pin, placement P\d: found a cylinder touched around one circle",
-    ),
-    "few": (too_few, r"surface plate, placement P\d: found 2 readings, expected at least 3"),
+    "spot": ([plane("plate", half_mm=0.2)], 3, 20, "a plane touched at one spot"),
+    "line": ([thin(plane("plate"))], 3, 20, "a plane touched along one line"),
+    "cap": ([CAP], 3, 20, "a sphere touched on one cap"),
+    "circle": ([RING], 3, 20, "a cylinder touched around one circle"),
+    "few": ([plane("plate"), plane("other", 30.0)], 12, 2, "2 readings, expected at least 3"),
 }
 
 
@@ -219,8 +182,9 @@ REFUSED = {
 def test_surfaces_that_nobody_can_place_are_refused_by_name(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    touch, words = REFUSED[name]
-    touch(Workshop(2), tmp_path / "session")
+    surfaces, placements, each, words = REFUSED[name]
+    Workshop(2).session(tmp_path / "session", surfaces, placements, each)
+    first = f"/session: surface {surfaces[0].name}, placement P"
     arm = tmp_path / "arm.toml"
     arm.write_text(nominal.make_arm_toml(), encoding="utf-8")
     for command in ("calibrate", "evaluate"):
@@ -230,7 +194,7 @@ def test_surfaces_that_nobody_can_place_are_refused_by_name(
                      "--json", str(json_file)])  # fmt: skip
         error = capsys.readouterr().err
         assert code == 2
-        assert re.search(f"/session: {words}", error)
+        assert re.search(rf"{first}\d: found {words}", error)
         assert not json_file.exists() and not output.exists()
 
 

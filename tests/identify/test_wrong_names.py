@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,35 +19,25 @@ from armd.compensation.identify.admission.wrong_names import find_wrong_names
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main as armd
 from support.selection import parametrize_default
-from support.simulated_sessions import simulate_sessions
 
 NAMES = ("T14", "T20", "T26", "T32")
 Q2, TARGET = 4, 2
 
 
-@pytest.fixture(scope="module")
-def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return simulate_sessions(tmp_path_factory.mktemp("good") / "measured", "calibration")
-
-
-@pytest.fixture
-def measured(good: Path, tmp_path: Path) -> Path:
-    command = ["cp", "-r", str(good), str(tmp_path / "measured")]
-    subprocess.run(command, check=True)
-    return tmp_path / "measured"
+def rows_of(session: Path) -> list[list[str]]:
+    """The readings' cells; row 0 names the columns."""
+    return list(csv.reader((session / "readings.csv").read_text().splitlines()))
 
 
 def edited(session: Path, row: int, column: int, value: str) -> None:
-    """One cell of the readings; *row* counts from 1."""
-    file = session / "readings.csv"
-    rows = list(csv.reader(file.read_text().splitlines()))
+    rows = rows_of(session)
     rows[row][column] = value
-    file.write_text("".join(",".join(cells) + "\n" for cells in rows))
+    text = "".join(",".join(cells) + "\n" for cells in rows)
+    (session / "readings.csv").write_text(text)
 
 
 def target(session: Path, row: int) -> str:
-    rows = list(csv.reader((session / "readings.csv").read_text().splitlines()))
-    return rows[row][TARGET]
+    return rows_of(session)[row][TARGET]
 
 
 def sessions(measured: Path) -> list[str]:
@@ -87,6 +76,7 @@ def test_rows_under_another_name_are_outliers_and_told(
     assert calibrated(measured) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "T20: 3 readings of another target: " in said and told in said
+    assert "outliers" in said and "does not fit" not in said
     assert "refused: " in said and "delete them from the session or measure them again" in said
 
 
@@ -134,7 +124,7 @@ def test_a_reading_in_the_air_is_named_as_why_there_is_no_certificate(
     measured: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     session = measured / "T20"
-    rows = list(csv.reader((session / "readings.csv").read_text().splitlines()))
+    rows = rows_of(session)
     edited(session, 21, Q2, str(float(rows[21][Q2]) + 0.35))
     assert calibrated(measured) == 0
     said = " ".join(capsys.readouterr().out.split())
@@ -150,7 +140,7 @@ def test_check_names_a_reading_in_the_air(
 ) -> None:
     """One session under the drawing, and several against each other, where 0.3 mm show."""
     session = measured / "T20"
-    rows = list(csv.reader((session / "readings.csv").read_text().splitlines()))
+    rows = rows_of(session)
     edited(session, 21, Q2, str(float(rows[21][Q2]) + turn))
     assert armd(["check", str(measured / "arm.toml"), *(str(measured / n) for n in names)]) == 0
     told = [line for line in capsys.readouterr().out.splitlines() if "far off" in line]

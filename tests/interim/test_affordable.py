@@ -20,7 +20,7 @@ from armd.compensation.interim.report.average import (
     choose_affordable,
     compute_average,
 )
-from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, load_calibration, save_calibration
 from armd.errors import BadInput
 from armd.simulator.truth import nominal
@@ -31,11 +31,21 @@ BEGUN_UNIX_S = 1.77e9
 
 
 @pytest.fixture(scope="module")
-def arm_and_calibration(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibration]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("arm")
     (folder / "arm.toml").write_text(nominal.make_arm_toml())
-    arm = load_arm(folder / "arm.toml")
-    return arm, load_calibration(true_calibration(folder), arm).content
+    true_calibration(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def calibration(folder: Path) -> Calibration:
+    return load_calibration(folder / "calibration.json").content
+
+
+@pytest.fixture(scope="module")
+def causes(folder: Path, calibration: Calibration) -> list[Cause]:
+    return list_causes(load_arm(folder / "arm.toml"), calibration)
 
 
 def a_stack(causes: list[Cause]) -> Stack:
@@ -71,10 +81,8 @@ def written(
 
 @pytest.mark.slow
 def test_sixty_growths_in_doubt_make_a_calibration_that_is_read(
-    arm_and_calibration: tuple[Arm, Calibration], tmp_path: Path
+    causes: list[Cause], calibration: Calibration, tmp_path: Path
 ) -> None:
-    arm, calibration = arm_and_calibration
-    causes = list_causes(arm, calibration)
     of = a_stack(causes)
     ways = [(0.9**k, (a_growth(causes, k % len(causes), 2 + k % 5),)) for k in range(60)]
     with pytest.raises(BadInput, match="values, expected 100000 at most"):
@@ -93,10 +101,8 @@ def test_sixty_growths_in_doubt_make_a_calibration_that_is_read(
 
 
 def test_one_way_that_is_too_large_by_itself_goes_straight(
-    arm_and_calibration: tuple[Arm, Calibration], tmp_path: Path
+    causes: list[Cause], calibration: Calibration, tmp_path: Path
 ) -> None:
-    arm, calibration = arm_and_calibration
-    causes = list_causes(arm, calibration)
     largest = max(range(len(causes)), key=lambda k: len(causes[k].candidate.columns))
     way = tuple(a_growth(causes, (largest + k) % len(causes), 2 + k) for k in range(5))
     ((share, straight),) = choose_affordable([(0.4, way)], causes, 150)
@@ -106,18 +112,14 @@ def test_one_way_that_is_too_large_by_itself_goes_straight(
     assert len(made.covariance_of) <= MOST_ROWS
 
 
-def test_few_ways_stay_as_they_are(arm_and_calibration: tuple[Arm, Calibration]) -> None:
-    arm, calibration = arm_and_calibration
-    causes = list_causes(arm, calibration)
+def test_few_ways_stay_as_they_are(causes: list[Cause]) -> None:
     ways = [(0.75, (Change(0, False, 3, 3, 3, 2.0, 0.75),)), (0.25, (a_growth(causes, 1, 2),))]
     assert choose_affordable(ways, causes, 33) == ways
 
 
 def test_a_growth_of_many_bends_keeps_every_second_or_fourth(
-    arm_and_calibration: tuple[Arm, Calibration],
+    causes: list[Cause],
 ) -> None:
-    arm, calibration = arm_and_calibration
-    causes = list_causes(arm, calibration)
     bends = tuple(float(3 * k) for k in range(1, 140))
     few = min(range(len(causes)), key=lambda k: len(_list_terms(a_growth(causes, k, 2), causes)))
     long = replace(a_growth(causes, few, 2), bends_d=bends, bending=0.4)

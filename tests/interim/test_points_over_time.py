@@ -6,7 +6,7 @@ import datetime
 import json
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+from armd.arrays import F64
 from armd.compensation.interim.points.evidence import (
     LIMIT,
     OWN_SCATTER_CHECKS,
@@ -42,6 +43,17 @@ NOISE_MM, DAY_MM = 0.010, 0.004
 FIRST = datetime.datetime(2026, 3, 1, 9, tzinfo=datetime.UTC)
 
 
+def write_table(path: Path, week: int, rows: Iterable[tuple[str, F64]]) -> Path:
+    """Points by name, ten seconds apart, measured so many weeks after `FIRST`."""
+    begun = FIRST + datetime.timedelta(weeks=week)
+    lines = ["date,target,X [mm],Y [mm],Z [mm]"]
+    for i, (name, at) in enumerate(rows):
+        instant = begun + datetime.timedelta(seconds=10 * i)
+        lines.append(f"{instant:%Y-%m-%d %H:%M:%S},{name}," + ",".join(f"{x:.4f}" for x in at))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
 def table(
     path: Path, rng: np.random.Generator, week: int, *, scale: float = 1.0, dirt_mm: float = 0.0
 ) -> Path:
@@ -57,13 +69,7 @@ def table(
     ]
     sphere = scale * (12.5 * way) + rng.normal(size=(12, 3)) * NOISE_MM + [400, 100, 0]
     rows += [(f"SPHERE1.{i:02d}", at) for i, at in enumerate(sphere, 1)]
-    begun = FIRST + datetime.timedelta(weeks=week)
-    lines = ["date,target,X [mm],Y [mm],Z [mm]"]
-    for i, (name, at) in enumerate(rows):
-        instant = begun + datetime.timedelta(seconds=10 * i)
-        lines.append(f"{instant:%Y-%m-%d %H:%M:%S},{name}," + ",".join(f"{x:.4f}" for x in at))
-    path.write_text("\n".join(lines) + "\n")
-    return path
+    return write_table(path, week, rows)
 
 
 @pytest.fixture

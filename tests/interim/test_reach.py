@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.effects.location import joint
-from armd.compensation.estimate.placements.poses import make_rigid_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.report.possible_checks import (
@@ -37,17 +36,6 @@ def plain_tips(q: np.ndarray, **off: float) -> np.ndarray:
     for name, by in off.items():
         p[:, NAMES.index(name)] += by
     return tip_pose(q, p)[:, :3, 3]
-
-
-def test_a_rigid_motion_is_in_the_rigid_columns() -> None:
-    points = 300.0 * np.random.default_rng(1).normal(size=(20, 3))
-    small = 1e-6
-    shift = np.array([0.1, 0.2, -0.3])
-    turned = Rotation.from_rotvec([small, -2 * small, 3 * small]).apply(points) + shift
-    columns = make_rigid_columns(points).reshape(-1, 6)
-    way = (turned - points).ravel()
-    left = way - columns @ np.linalg.lstsq(columns, way)[0]
-    assert np.abs(left).max() < 1e-8
 
 
 @pytest.mark.parametrize("name", ["base_x", "base_rz", "theta_1", "d_1"])

@@ -40,19 +40,17 @@ from armd.compensation.interim.report.watch_memory import (
 from support.selection import parametrize_default
 
 
-def with_a_bad_check(seed: int, bad: int) -> tuple[Stack, list[Any]]:
-    """Checks without a change; in one of them the target lies elsewhere."""
-    of, causes = off_from(np.random.default_rng(seed), 99, 99)
+def with_a_bad_check(seed: int, bad: int, first: int) -> tuple[Stack, list[Any]]:
+    """Checks that are off from the *first* on; in one of them the target lies elsewhere."""
+    of, causes = off_from(np.random.default_rng(seed), first, 40)
     residual = list(of.residual)
     residual[bad] = residual[bad] + 3.0 * of.targets[bad] @ [1.0, -0.4, 0.3]
-    return Stack(
-        of.time_d, tuple(residual), of.columns, of.error_columns, of.targets, of.blocks
-    ), causes
+    return replace(of, residual=tuple(residual)), causes
 
 
 @parametrize_default("until", [1, 5, 9, 10, 11, 12, 13, 30], default=3)
 def test_watched_on_from_any_check_is_watched_from_the_first(until: int) -> None:
-    of, causes = with_a_bad_check(3, 9)
+    of, causes = with_a_bad_check(3, 9, 99)
     whole = detect_changes(of, causes)
     assert whole.alarm is None and whole.bad == (9,)
     before = detect_changes(of.select_checks(range(until)), causes).quiet
@@ -104,11 +102,15 @@ QUIET = EpochLooks(
 CHECKS: Any = tuple(FakeCheck(i) for i in range(5))
 
 
+def remember(folder: Path, looked: EpochLooks, checks: Any = CHECKS) -> None:
+    epoch = SimpleNamespace(checks=checks, detected=SimpleNamespace(looked=looked))
+    judgement: Any = SimpleNamespace(epochs=(epoch,))
+    write_memory(folder, judgement)
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=QUIET))
-    judgement: Any = SimpleNamespace(epochs=(epoch,))
-    write_memory(tmp_path, judgement)
+    remember(tmp_path, QUIET)
     return tmp_path
 
 
@@ -130,45 +132,34 @@ def test_what_is_remembered_is_of_these_checks_in_this_order(folder: Path) -> No
     assert found.recall_looks(CHECKS[:3]) == EpochLooks(QUIET.looks[:1], (), (1,))
 
 
-def broken(text: str, how: str) -> str:
-    data = json.loads(text)
-    match how:
-        case "torn":
-            return text[:100]
-        case "edited":
-            data["epochs"][0]["looks"][0]["statistic"][1] = 1.5
-        case "of another version":
-            data["armd"] = "0.1.0"
-        case "of another state of the code":
-            data["code"] = f"{int(data['code'], 16) ^ 1:016x}"
-        case "of no state of the code":
-            del data["code"]
-        case "another schema":
-            data["schema"] = "armd.interim.watched/2"
-        case "not finite":
-            return text.replace("4.7", "NaN")
-        case "a key more":
-            data["more"] = 1
-    return json.dumps(data)
+def edited(change: Callable[[dict[str, Any]], object]) -> Callable[[str], str]:
+    def edit(text: str) -> str:
+        data = json.loads(text)
+        change(data)
+        return json.dumps(data)
+
+    return edit
 
 
-@pytest.mark.parametrize(
-    "how",
-    [
-        "torn",
-        "edited",
-        "of another version",
-        "of another state of the code",
-        "of no state of the code",
-        "another schema",
-        "not finite",
-        "a key more",
-    ],
-)
+BROKEN: dict[str, Callable[[str], str]] = {
+    "torn": lambda text: text[:100],
+    "not finite": lambda text: text.replace("4.7", "NaN"),
+    "edited": edited(lambda d: d["epochs"][0]["looks"][0]["statistic"].__setitem__(1, 1.5)),
+    "of another version": edited(lambda d: d.update(armd="0.1.0")),
+    "of another state of the code": edited(
+        lambda d: d.update(code=f"{int(d['code'], 16) ^ 1:016x}")
+    ),
+    "of no state of the code": edited(lambda d: d.pop("code")),
+    "another schema": edited(lambda d: d.update(schema="armd.interim.watched/2")),
+    "a key more": edited(lambda d: d.update(more=1)),
+}
+
+
+@pytest.mark.parametrize("how", BROKEN)
 def test_what_is_in_doubt_is_not_believed(folder: Path, how: str) -> None:
     path = folder / WATCHED
     text = path.read_text()
-    path.write_text(broken(text, how))
+    path.write_text(BROKEN[how](text))
     assert read_memory(folder) == NOTHING
     path.unlink()
     assert read_memory(folder) == NOTHING
@@ -200,17 +191,10 @@ def test_any_edit_makes_another_state_of_the_code(tmp_path: Path) -> None:
 @parametrize_default("late", [0, 5, 13, 25, 38])
 def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late: int) -> None:
     """What was remembered without it says what a search that remembers nothing says."""
-    of, causes = off_from(np.random.default_rng(2), 12, 40)
-    residual = list(of.residual)
-    residual[25] = residual[25] + 3.0 * of.targets[25] @ [1.0, -0.4, 0.3]  # a bad check
-    of = replace(of, residual=tuple(residual))
+    of, causes = with_a_bad_check(2, 25, 12)
     others = [i for i in range(of.n) if i != late]
     looked = find(of.select_checks(others), causes).looked
-    epoch = SimpleNamespace(
-        checks=[*map(FakeCheck, others)], detected=SimpleNamespace(looked=looked)
-    )
-    judgement: Any = SimpleNamespace(epochs=(epoch,))
-    write_memory(tmp_path, judgement)
+    remember(tmp_path, looked, [*map(FakeCheck, others)])
     every: Any = [*map(FakeCheck, range(of.n))]
     before = read_memory(tmp_path).recall_looks(every)
     assert all(look.until <= late for look in before.looks)
@@ -236,17 +220,13 @@ def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late
 )
 def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: EpochLooks) -> None:
     """A statistic over the limit, or a bad check that is none of these: its hash may be right."""
-    epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=looked))
-    judgement: Any = SimpleNamespace(epochs=(epoch,))
-    write_memory(tmp_path, judgement)
+    remember(tmp_path, looked)
     assert read_memory(tmp_path) == NOTHING
 
 
 def test_where_it_cannot_be_written_nothing_is_lost(tmp_path: Path) -> None:
     (tmp_path / WATCHED).mkdir()
-    epoch = SimpleNamespace(checks=CHECKS, detected=SimpleNamespace(looked=QUIET))
-    judgement: Any = SimpleNamespace(epochs=(epoch,))
-    write_memory(tmp_path, judgement)
+    remember(tmp_path, QUIET)
     assert read_memory(tmp_path) == NOTHING
 
 
@@ -271,12 +251,9 @@ def weighings(monkeypatch: pytest.MonkeyPatch, search: Callable[[], ChangesFound
 def test_after_a_change_a_check_more_is_searched_on_from_what_was_looked_at(
     grows: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    of, causes = off_from(np.random.default_rng(2), 12, 40)
+    of, causes = with_a_bad_check(2, 25, 12)
     if grows:
         causes = [replace(cause, prior_sudden=0.0, prior_gradual=0.5) for cause in causes]
-    residual = list(of.residual)
-    residual[25] = residual[25] + 3.0 * of.targets[25] @ [1.0, -0.4, 0.3]  # a bad check
-    of = replace(of, residual=tuple(residual))
     before = NEVER_YET
     for n in range(14, of.n + 1):
         some = of.select_checks(range(n))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import datetime
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from test_points_over_time import FIRST, add, result_of, write_table
 
 from armd.arrays import F64
 from armd.compensation.data.foreign.points import read_points
@@ -16,7 +16,6 @@ from armd.compensation.interim.points.surface_figures import (
     compute_sphere_figures,
     compute_surface_figures,
 )
-from armd.daemon.cli import main
 from armd.daemon.files.session_folder import load_artefact
 
 ARTEFACT = """[artefact]
@@ -36,7 +35,6 @@ between = ["foot", "head"]
 length_mm = 25.0
 """
 TIP_MM, NOISE_MM = 3.0, 0.01
-FIRST = datetime.datetime(2026, 3, 1, 9, tzinfo=datetime.UTC)
 
 
 def table(path: Path, rng: np.random.Generator, week: int, worn_mm: float = 0.0) -> Path:
@@ -47,14 +45,8 @@ def table(path: Path, rng: np.random.Generator, week: int, worn_mm: float = 0.0)
     points: list[tuple[str, F64]] = [("ball", (12.7 + radius_mm) * one) for one in way]
     for name, height in (("foot", 100.0 - radius_mm), ("head", 125.0 + radius_mm)):
         points += [(name, np.array([*rng.uniform(0.0, 40.0, 2), height])) for _ in range(10)]
-    begun = FIRST + datetime.timedelta(weeks=week)
-    lines = ["date,target,X [mm],Y [mm],Z [mm]"]
-    for i, (name, at) in enumerate(points):
-        at = at + NOISE_MM * rng.normal(size=3)
-        instant = begun + datetime.timedelta(seconds=10 * i)
-        lines.append(f"{instant:%Y-%m-%d %H:%M:%S},{name}," + ",".join(f"{x:.4f}" for x in at))
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return path
+    noisy = ((name, at + NOISE_MM * rng.normal(size=3)) for name, at in points)
+    return write_table(path, week, noisy)
 
 
 def artefact_file(folder: Path) -> Path:
@@ -86,21 +78,16 @@ def test_too_few_points_on_a_surface_have_no_figure(tmp_path: Path) -> None:
     assert list(compute_sphere_figures("ball", np.vstack([flat, flat]), 25.4, TIP_MM)) == []
 
 
-def test_a_worn_tip_is_seen_when_it_wore(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_worn_tip_is_seen_when_it_wore(tmp_path: Path) -> None:
     artefact, rng = artefact_file(tmp_path), np.random.default_rng(2)
     tables = [
         table(tmp_path / f"w{week:02}.csv", rng, week, worn_mm=0.05 * (week >= 6))
         for week in range(10)
     ]
-    words = ["--artefact", str(artefact), "--history", str(tmp_path / "checks"), "-q",
-             "--tip-radius-mm", str(TIP_MM)]  # fmt: skip
-    assert main(["interim", "add", *map(str, tables[:6]), *words]) == 0
-    assert main(["interim", "add", *map(str, tables[6:]), *words]) == 1
-    capsys.readouterr()
-    found = json.loads((tmp_path / "checks" / "report.json").read_text(encoding="utf-8"))
-    (change,) = found["changes"]
+    tip = ("--tip-radius-mm", str(TIP_MM))
+    assert add(tables[:6], artefact, *tip) == 0
+    assert add(tables[6:], artefact, *tip) == 1
+    (change,) = result_of(artefact)["changes"]
     low, high = map(datetime.datetime.fromisoformat, change["between"])
     assert low < FIRST + datetime.timedelta(weeks=5.9) < high
     moved = {figure["name"]: figure for figure in change["figures"]}

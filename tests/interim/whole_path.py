@@ -3,18 +3,14 @@ command `armd interim add` itself."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 import sys
-import tempfile
 from collections.abc import Sequence
 from contextlib import redirect_stdout
-from pathlib import Path
 
 from bench import Bench
 from scipy.stats import beta
-from threadpoolctl import threadpool_limits
 
 from armd.compensation.interim.checks.chain import REPORT
 from armd.daemon.cli import main as main_command
@@ -65,23 +61,3 @@ def _added(bench: Bench, history: interim.CheckSeries, seed: int) -> dict:
     found: dict = json.loads((folder / "kept" / REPORT).read_text())
     shutil.rmtree(folder)
     return found
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--arms", type=int, default=16)
-    parser.add_argument("--histories", type=int, default=48)
-    parser.add_argument("--checks", type=int, default=100, help="of each history")
-    args = parser.parse_args()
-    with tempfile.TemporaryDirectory() as name, threadpool_limits(limits=1):
-        benches = [Bench(100 * args.seed + k, Path(name) / f"arm-{k}") for k in range(args.arms)]
-        alarms, watched, bad = whole_path(benches, args.seed, args.checks, args.histories)
-    often, seldom = interval(alarms, watched)
-    print(f"{alarms} in {watched} checks (95 %: 1 in {often:.0f} to 1 in {seldom:.0f}), {bad} good "
-          "checks called bad")  # fmt: skip
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

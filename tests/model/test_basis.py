@@ -65,6 +65,7 @@ S = some_states()
 Q, W, T, A = S.q, S.rate, S.temperature_c, S.approach
 MEAN = {"t1": 0.25, "t2": 0.75}
 MEAN_C = T @ [0.25, 0.75]
+CURVE = [0.0, 1.0, -2.0, 0.5, 3.0]
 DEFINITIONS = [
     ({"kind": "temperature", "weights": MEAN, "order": 3}, (MEAN_C - 20) ** 3),
     ({"kind": "temperature", "weights": {"t2": 1}, "reference_c": 22}, T[:, 1] - 22),
@@ -101,6 +102,14 @@ DEFINITIONS = [
     ({"kind": "side", "joint": 1}, np.sign(W[:, 0])),
     ({"kind": "rate", "joint": 2}, W[:, 1]),
     ({"kind": "approach", "axis": "y"}, A[:, 1]),
+    (
+        {"kind": "approach", "axis": "z", "frame": "tip"},
+        np.einsum("ni,ni->n", compute_pose(Q, an_arm().nominal())[1][:, :, 2], A),
+    ),
+    (
+        {"kind": "curve", "joint": 2, "values": CURVE},
+        CubicSpline(np.linspace(0.0, math.tau, 6), [*CURVE, CURVE[0]], bc_type="periodic")(Q[:, 1]),
+    ),
 ]
 
 
@@ -114,22 +123,6 @@ def test_a_term_is_the_product_of_its_factors() -> None:
     expected = np.prod([values for _, values in DEFINITIONS], axis=0)
     assert value_of(factors, S) == pytest.approx(expected, rel=1e-10)
     assert value_of([], S) == pytest.approx(np.ones(50))
-
-
-def test_approach_in_the_tip_frame() -> None:
-    last = compute_pose(Q, an_arm().nominal())[1]
-    expected = [last[i, :, 2] @ A[i] for i in range(50)]
-    got = value_of([{"kind": "approach", "axis": "z", "frame": "tip"}], S)
-    assert got == pytest.approx(expected, abs=1e-12)
-
-
-def test_a_curve_goes_through_its_values_and_round_the_turn() -> None:
-    values = [0.0, 1.0, -2.0, 0.5, 3.0]
-    q = np.zeros((10, 4))
-    q[:, 1] = math.tau / 5 * np.arange(-5, 5)
-    states = States(q, W[:10], T[:10], S.time_s[:10], A[:10], S.series[:10])
-    got = value_of([{"kind": "curve", "joint": 2, "values": values}], states)
-    assert got == pytest.approx(values * 2, abs=1e-12)
 
 
 def test_missing_values() -> None:

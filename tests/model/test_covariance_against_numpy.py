@@ -7,12 +7,11 @@ the covariance J Σ J' with nothing left out.
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from armd import POINT
 from armd.compensation.kernel.model import Model
-from armd.compensation.model.state import States
 from support.drawn_calibration import REFERENCE_C, WARM, an_arm, calibrated, term
+from support.readings import states_of
 
 N_JOINTS = 6
 ARM = an_arm(N_JOINTS)
@@ -24,7 +23,6 @@ TERMS = [
 ]
 CELSIUS = np.array([26.0, 23.5])
 ENCODER_RAD, TEMPERATURE_C, READING_MM = 2e-6, 0.05, 3e-3
-AT_ONCE = 1 << 14
 #: xx xy xz yy yz zz.
 UPPER = np.triu_indices(3)
 
@@ -85,7 +83,7 @@ def by_numpy(q: np.ndarray, constants: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return tip, derivatives, derivatives[:, :, 10] * np.sin(q[:, 2])[:, None]
 
 
-def compare(n: int) -> None:
+def test_a_thousand_points() -> None:
     rng = np.random.default_rng(4)
     # Correlated as a fit's results are: most of a parameter's variance no point ever shows.
     scale = np.array(
@@ -105,39 +103,27 @@ def compare(n: int) -> None:
     model, constants = Model(ARM, calibration), calibration.content.vector(N_JOINTS)
     model.fold(CELSIUS, 0.0)
     warm = float(np.dot([0.4, 0.6], CELSIUS) - REFERENCE_C)
-    for _ in range(0, n, AT_ONCE):
-        q = rng.uniform(-3, 3, (min(n, AT_ONCE), N_JOINTS))
-        tip, derivatives, by_term = by_numpy(q, constants)
-        a_2 = derivatives[:, :, PARAMETERS.index("a_2")]
-        by_all = np.dstack([derivatives, warm * a_2, by_term])
-        covariance = np.matmul(by_all @ identified, np.swapaxes(by_all, 1, 2))
-        angles = ENCODER_RAD * derivatives[:, :, ::5]
-        sensors = 1e-2 * TEMPERATURE_C * a_2[:, :, None] * np.array([0.4, 0.6])
-        for part in (angles, sensors):
-            covariance += part @ np.swapaxes(part, 1, 2)
-        covariance += READING_MM**2 * np.eye(3)
-        variance = np.diagonal(covariance, axis1=1, axis2=2)
-        scales = np.sqrt(variance[:, UPPER[0]] * variance[:, UPPER[1]])
+    q = rng.uniform(-3, 3, (1000, N_JOINTS))
+    tip, derivatives, by_term = by_numpy(q, constants)
+    a_2 = derivatives[:, :, PARAMETERS.index("a_2")]
+    by_all = np.dstack([derivatives, warm * a_2, by_term])
+    covariance = np.matmul(by_all @ identified, np.swapaxes(by_all, 1, 2))
+    angles = ENCODER_RAD * derivatives[:, :, ::5]
+    sensors = 1e-2 * TEMPERATURE_C * a_2[:, :, None] * np.array([0.4, 0.6])
+    for part in (angles, sensors):
+        covariance += part @ np.swapaxes(part, 1, 2)
+    covariance += READING_MM**2 * np.eye(3)
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    scales = np.sqrt(variance[:, UPPER[0]] * variance[:, UPPER[1]])
 
-        nothing = np.full((len(q), N_JOINTS), np.nan), np.full((len(q), 3), np.nan)
-        celsius = np.tile(CELSIUS, (len(q), 1))
-        same = np.zeros(len(q))
-        states = States(q, nothing[0], celsius, same, nothing[1], same.astype(np.int64))
-        slow = model.slow_values(states)
-        points = np.zeros(len(q), POINT)
-        model.correct(q, *nothing, points)
-        for position, found in (
-            (model.position_rows(states, slow), model.covariance_rows(states, slow)),
-            (points["position_mm"], points["covariance_mm2"]),
-        ):
-            assert np.abs(position - tip).max() < 1e-9
-            assert (np.abs(found - covariance[:, *UPPER]) / scales).max() < 1e-6
-
-
-def test_a_thousand_points() -> None:
-    compare(1000)
-
-
-@pytest.mark.slow
-def test_a_million_points() -> None:
-    compare(1_000_000)
+    nothing = np.full((len(q), N_JOINTS), np.nan), np.full((len(q), 3), np.nan)
+    states = states_of(q, temperature_c=np.tile(CELSIUS, (len(q), 1)), time_s=np.zeros(len(q)))
+    slow = model.slow_values(states)
+    points = np.zeros(len(q), POINT)
+    model.correct(q, *nothing, points)
+    for position, found in (
+        (model.position_rows(states, slow), model.covariance_rows(states, slow)),
+        (points["position_mm"], points["covariance_mm2"]),
+    ):
+        assert np.abs(position - tip).max() < 1e-9
+        assert (np.abs(found - covariance[:, *UPPER]) / scales).max() < 1e-6

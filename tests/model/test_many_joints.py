@@ -10,43 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.sessions.writing import write_session
 from armd.daemon import cli
 from support import synthetic
+from support.measured_arm import write_arm, write_folder
 
 COUNT_RAD = 2e-6
-
-
-def _arm_toml(n: int) -> str:
-    arm = synthetic.arm(n)
-    text = 'schema = "armd.arm/1"\nserial_number = "SYN-1"\n'
-    text += "".join(f'[[temperature_sensor]]\nname = "{name}"\n' for name in arm.sensors)
-    for k, joint in enumerate(arm.joint, 1):
-        text += f"[[joint]]\nd_mm = {joint.d_mm}\na_mm = {joint.a_mm}\n"
-        text += f'alpha_deg = {joint.alpha_deg}\ntemperature = "t{k}"\n'
-    return text + f"[tip]\noffset_mm = {list(arm.tip.offset_mm)}\n"
-
-
-def _write(folder: Path, measured: synthetic.Session) -> str:
-    """As the folder of a session."""
-    states = measured.states
-    columns = {
-        "time_s": states.time_s - measured.started_unix_s,
-        "placement": [measured.placement_names[i] for i in measured.placement],
-        "target": [measured.artefact.target_names[i] for i in measured.target],
-    }
-    columns |= {f"{axis}_mm": measured.truth_mm[:, i] for i, axis in enumerate("xyz")}
-    for k in range(states.q.shape[1]):
-        columns |= {f"q{k + 1}": states.q[:, k], f"t{k + 1}": states.temperature_c[:, k]}
-    file = {
-        "schema": "armd.session/1",
-        "arm": "SYN-1",
-        "started": synthetic.STARTED,
-        "angle_unit": "rad",
-        "artefact": measured.artefact.model_dump(exclude_none=True, by_alias=True),
-    }
-    write_session(folder, file, columns)
-    return str(folder)
 
 
 def _measured(n: int, truth: np.ndarray, rng: np.random.Generator) -> synthetic.Session:
@@ -64,10 +32,9 @@ def _measured(n: int, truth: np.ndarray, rng: np.random.Generator) -> synthetic.
 def test_calibrated_judged_and_the_next_poses_chosen(n: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(n)
     truth = synthetic.disturbed(synthetic.arm(n), rng)
-    arm = tmp_path / "arm.toml"
-    arm.write_text(_arm_toml(n))
-    measured = _write(tmp_path / "measured", _measured(n, truth, rng))
-    fresh = _write(tmp_path / "fresh", _measured(n, truth, rng))
+    arm = write_arm(tmp_path, synthetic.arm(n))
+    measured = write_folder(tmp_path / "measured", _measured(n, truth, rng))
+    fresh = write_folder(tmp_path / "fresh", _measured(n, truth, rng))
     cal, poses, judged = (str(tmp_path / f) for f in ("cal.json", "poses.csv", "judged.json"))
     assert cli.main(["check", str(arm), measured]) == 0
     assert cli.main(["calibrate", measured, "--arm", str(arm), "-o", cal]) == 0

@@ -16,7 +16,7 @@ from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import compute_basis_values, compute_parameter_rows
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compensation.model.kinematics import compute_jacobian, compute_pose
+from armd.compensation.model.kinematics import compute_pose
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
 from support.drawn_calibration import REFERENCE_C, WARM, an_arm, calibrated, term
@@ -85,11 +85,6 @@ def check(arm: Arm, terms: list[dict[str, object]], n: int = 150) -> None:
 @pytest.mark.parametrize("factor", POSE_FACTORS + SLOW_FACTORS, ids=lambda f: str(f)[9:50])
 def test_each_factor_on_its_own(factor: dict[str, object]) -> None:
     check(an_arm(4), [term("theta_2", factor)])
-
-
-@pytest.mark.parametrize("name", ParameterLayout(3).names)
-def test_each_parameter_may_depend_on_the_pose(name: str) -> None:
-    check(an_arm(3), [term(name, POSE_FACTORS[0], WARM)])
 
 
 def test_no_terms_is_plain_forward_kinematics() -> None:
@@ -181,34 +176,6 @@ def test_half_turns_have_an_orientation() -> None:
     assert np.abs(points["orientation"][0]) == pytest.approx([0, 0, 1, 0], abs=1e-12)
 
 
-def test_covariance_is_jacobian_times_covariance() -> None:
-    """At the parameters of each row, its pose-dependent terms included."""
-    content = calibrated(LIVE_ARM, LIVE_TERMS).content
-    constants = content.vector(4)
-    folded = np.full_like(STATES.temperature_c, 1.0) * [25.0, 24.0]
-    states = replace(STATES, temperature_c=folded, time_s=np.full(STATES.n, 1.7e9))
-    values = compute_basis_values(content.terms, states, LIVE_ARM, REFERENCE_C, constants)
-    derivatives = compute_jacobian(
-        STATES.q, compute_parameter_rows(constants, content.terms, values)
-    )[1]
-    index = {name: i for i, name in enumerate(ParameterLayout(4).names)}
-    harmonic = np.sin(STATES.q[:, 1])
-    warm = 0.4 * 25.0 + 0.6 * 24.0 - REFERENCE_C
-    columns = [
-        derivatives[:, :, index["theta_1"]] * 1e-5,
-        derivatives[:, :, index["a_2"]] * 1e-2,
-        derivatives[:, :, index["theta_2"]] * (harmonic * 1e-5)[:, None],
-        derivatives[:, :, index["a_1"]] * (warm * 1e-4),
-        *(derivatives[:, :, index[f"theta_{k}"]] * 1e-6 for k in range(1, 5)),
-        derivatives[:, :, index["a_1"]] * (1e-4 * 0.4 * 0.01),
-        derivatives[:, :, index["a_1"]] * (1e-4 * 0.6 * 0.01),
-    ]
-    expected = sum(np.einsum("ni,nj->nij", c, c) for c in columns)
-    upper = expected[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
-    largest = np.trace(expected, axis1=1, axis2=2)[:, None]
-    assert (np.abs(WHOLE["covariance_mm2"] - upper) < 1e-6 * largest).all()
-
-
 def test_without_a_calibration_uncertainty_is_unknown() -> None:
     points = points_of(Model(LIVE_ARM, None), STATES, [])
     assert np.isnan(points["covariance_mm2"]).all()
@@ -223,14 +190,6 @@ def test_uncorrected_is_by_the_constants_alone() -> None:
     position = np.empty((STATES.n, 3))
     kernel.compute_uncorrected(np.ascontiguousarray(STATES.q), LIVE.flat, position)
     assert position == pytest.approx(compute_pose(STATES.q, constants)[0], abs=1e-9)
-
-
-def test_a_missing_temperature_gives_no_position() -> None:
-    arm = an_arm(3)
-    states = some_states(5, 3)
-    states.temperature_c[2, 1] = np.nan
-    position, _ = Model(arm, calibrated(arm, [term("a_1", WARM)])).correct_states(states)
-    assert np.flatnonzero(np.isnan(position).any(axis=1)).tolist() == [2]
 
 
 @pytest.mark.parametrize("parameter", ["d_1", "theta_1", "base_y", "base_z", "base_rz", "tip_x"])

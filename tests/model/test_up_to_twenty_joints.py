@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 
 from armd.daemon import cli
+from support.plain_kinematics import tip_pose
+from support.plain_urdf import tip_poses
 from support.selection import parametrize_default
 
 NOISE_MM = 0.002
+TIP_MM = [10.0, 20.0, 80.0]
 
 
 def row_of(k: int) -> tuple[float, float, float]:
@@ -22,25 +25,10 @@ def row_of(k: int) -> tuple[float, float, float]:
     return (120.0, 0.0, 40.0)[k % 3], (0.0, 60.0, 25.0)[k % 3], 90.0 if k % 2 else -90.0
 
 
-def turn(axis: str, angle: float) -> np.ndarray:
-    out, (i, j) = np.eye(4), {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    out[i, i] = out[j, j] = math.cos(angle)
-    out[j, i], out[i, j] = math.sin(angle), -math.sin(angle)
-    return out
-
-
-def shift(x: float, y: float, z: float) -> np.ndarray:
-    out = np.eye(4)
-    out[:3, 3] = x, y, z
-    return out
-
-
-def tip_mm(rows: np.ndarray, offset_mm: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Where the tip is, of rows (n, 4): theta, d, a, alpha in rad and mm."""
-    pose = np.eye(4)
-    for (theta, d, a, alpha), angle in zip(rows, q, strict=True):
-        pose = pose @ turn("z", angle + theta) @ shift(a, 0, d) @ turn("x", alpha)
-    return (pose @ np.append(offset_mm, 1.0))[:3]
+def drawn_parameters(n: int) -> np.ndarray:
+    """(5 n + 9,) as `support.plain_kinematics` has them."""
+    rows = [(0.0, d, a, math.radians(alpha), 0.0) for d, a, alpha in map(row_of, range(n))]
+    return np.concatenate([*rows, TIP_MM, np.zeros(6)])
 
 
 class Chain:
@@ -49,22 +37,22 @@ class Chain:
     def __init__(self, folder: Path, n: int) -> None:
         self.n, self.folder = n, folder
         self.rng = rng = np.random.default_rng(n)
-        drawn = np.array([(0.0, d, a, math.radians(t)) for d, a, t in map(row_of, range(n))])
-        self.offset_mm = np.array([10.0, 20.0, 80.0])
-        made = rng.uniform(-1.0, 1.0, (n, 4)) * [0.005, 0.3, 0.3, 0.005]
-        self.rows = drawn + made
+        made = np.zeros((n, 5))
+        made[:, :4] = rng.uniform(-1.0, 1.0, (n, 4)) * [0.005, 0.3, 0.3, 0.005]
+        self.made = drawn_parameters(n)
+        self.made[: 5 * n] += made.ravel()
         text = 'schema = "armd.arm/1"\nserial_number = "LONG"\n'
         for d, a, alpha in map(row_of, range(n)):
             text += f"[[joint]]\nd_mm = {d}\na_mm = {a}\nalpha_deg = {alpha}\n"
             text += "min_deg = -150.0\nmax_deg = 150.0\n"
-        (folder / "arm.toml").write_text(text + "[tip]\noffset_mm = [10.0, 20.0, 80.0]\n")
+        (folder / "arm.toml").write_text(text + f"[tip]\noffset_mm = {TIP_MM}\n")
         self.arm = str(folder / "arm.toml")
 
     def postures(self, count: int) -> np.ndarray:
         return self.rng.uniform(-2.5, 2.5, (count, self.n))
 
     def tips(self, q: np.ndarray) -> np.ndarray:
-        return np.array([tip_mm(self.rows, self.offset_mm, one) for one in q])
+        return tip_pose(q, np.tile(self.made, (len(q), 1)))[:, :3, 3]
 
     def table(self, name: str, q: np.ndarray, points: np.ndarray | None = None) -> Path:
         columns = [f"q{k}" for k in range(1, self.n + 1)]
@@ -141,20 +129,12 @@ def test_the_urdf_of_a_long_chain(n: int, tmp_path: Path) -> None:
     again = tmp_path / "again.toml"
     assert cli.main(["import", str(urdf), "-o", str(again), "-q"]) == 0
     assert again.read_text().count("[[joint]]") == n
-    joints = ElementTree.parse(urdf).getroot().findall("joint")
-    assert sum(joint.get("type") == "revolute" for joint in joints) == n
-    drawn = np.array([(0.0, d, a, math.radians(t)) for d, a, t in map(row_of, range(n))])
-    for q in chain.postures(20):
-        pose, angles = np.eye(4), iter(q)
-        for joint in joints:
-            origin = joint.find("origin")
-            assert origin is not None
-            xyz = [1e3 * float(x) for x in origin.get("xyz", "0 0 0").split()]
-            roll, pitch, yaw = (float(x) for x in origin.get("rpy", "0 0 0").split())
-            pose = pose @ shift(*xyz) @ turn("z", yaw) @ turn("y", pitch) @ turn("x", roll)
-            if joint.get("type") == "revolute":
-                pose = pose @ turn("z", next(angles))
-        assert pose[:3, 3] == pytest.approx(tip_mm(drawn, chain.offset_mm, q), abs=1e-6)
+    robot = ElementTree.parse(urdf).getroot()
+    assert sum(joint.get("type") == "revolute" for joint in robot.findall("joint")) == n
+    q = chain.postures(20)
+    expected = tip_pose(q, np.tile(drawn_parameters(n), (len(q), 1)))
+    found = tip_poses(robot, q, "LONG_ball")
+    assert found[:, :3, 3] == pytest.approx(expected[:, :3, 3], abs=1e-6)
 
 
 def test_more_are_refused_and_the_daemon_says_its_limit(
