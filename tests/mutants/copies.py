@@ -7,6 +7,7 @@ is the copy's, also in processes that tests start with another environment, fold
 from __future__ import annotations
 
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 HAS_LIBRARY = "from armd.compiled import library; assert library.load_libraries()"
-#: Far more than a library takes to compile.
+#: Of a processor: far more than a library takes to compile.
 LIBRARY_S = 400
 SCRIPTS_LEFT_OUT = ("activate", "Activate", "python")
 
@@ -54,7 +55,7 @@ def make_copy(repository: Path, commit: str, root: Path) -> Copy:
     subprocess.run([*git, "add", "--quiet", "--detach", "--force", str(root), commit], check=True)
     _make_environment(root)
     copy = Copy(root, root.parent / f"{root.name}-compiled")
-    has_library = [str(copy.python), "-c", HAS_LIBRARY]
+    has_library = [str(copy.python), "-I", "-c", HAS_LIBRARY]
     if subprocess.run(has_library, env=copy.environment()).returncode:
         make_library(copy)
     return copy
@@ -70,11 +71,15 @@ def make_library(copy: Copy) -> bool:
     """Whether the functions of the copy's sources compile; its library then has them."""
     words = ["-I", "-m", "armd.compiled.ahead", "--into", str(copy.library_folder)]
     command, environment = [str(copy.python), *words], copy.environment()
-    try:
-        done = subprocess.run(command, env=environment, capture_output=True, timeout=LIBRARY_S)
-    except subprocess.TimeoutExpired:  # a mutant may never end
-        return False
+    done = subprocess.run(
+        command, env=environment, capture_output=True, preexec_fn=_limit_processor_time
+    )
     return done.returncode == 0
+
+
+def _limit_processor_time() -> None:
+    """Where a mutant never ends, in the process that makes the library."""
+    resource.setrlimit(resource.RLIMIT_CPU, (LIBRARY_S, LIBRARY_S))
 
 
 def _make_environment(root: Path) -> None:

@@ -32,16 +32,23 @@ class Verdict:
     seconds: float = 0.0
     failing: tuple[str, ...] = ()  # tests that fail without it, too
 
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether tests that might catch it failed without it, too: on a machine that is busy."""
+        return self.outcome == SURVIVED and bool(self.failing)
+
     def to_json(self) -> str:
         return json.dumps(asdict(self), ensure_ascii=False)
 
 
 def read_verdicts(path: Path) -> list[Verdict]:
+    """One for each mutant: the last that was written."""
     rows = map(json.loads, path.read_text(encoding="utf-8").splitlines())
-    return [
+    verdicts = (
         Verdict(**row | {"mutant": Mutant(**row["mutant"]), "failing": tuple(row["failing"])})
         for row in rows
-    ]
+    )
+    return list({verdict.mutant.name: verdict for verdict in verdicts}.values())
 
 
 def judge(mutant: Mutant, covering: Covering, trial: Trial) -> Verdict:

@@ -2,7 +2,8 @@
 
 The sources are those of HEAD, or of a revision: HEAD=rev. Each mutation is tried in a copy of
 them, by the tests that run its line, the quickest first, until one fails. What was measured is kept
-under .cache/mutants by commit; a run that was stopped continues.
+under .cache/mutants by commit; a run that was stopped continues, and tries those again whose tests
+also failed without the mutation, as a busy machine makes them.
 
 BEFORE=FILE takes the mutations of an earlier run's file, and tries those again whose catching test
 is gone or changed since.
@@ -114,10 +115,16 @@ def _try_all(
             print(f"{len(verdicts)} of {len(mutants)}: {verdict.outcome} {place} {verdict.test} "
                   f"({verdict.seconds:.0f} s)", file=sys.stderr, flush=True)  # fmt: skip
 
-    missing = [mutant for mutant in mutants if mutant.name not in verdicts]
+    missing = [
+        mutant
+        for mutant in mutants
+        if mutant.name not in verdicts or verdicts[mutant.name].is_doubtful
+    ]
     with ThreadPoolExecutor(len(copies)) as pool:
         list(pool.map(try_one, missing))
-    return [verdicts[mutant.name] for mutant in mutants]
+    ordered = [verdicts[mutant.name] for mutant in mutants]
+    results.write_text("".join(f"{one.to_json()}\n" for one in ordered), encoding="utf-8")
+    return ordered
 
 
 def _find_verdict(

@@ -20,7 +20,7 @@ from mutants.covering import TOOL
 from mutants.mutant import Mutant, read_source
 
 #: Of one test; one that the mutant keeps from ending is caught. And where numba compiles in it.
-TEST_S, COMPILING_TEST_S = 60, 120
+TEST_S, COMPILING_TEST_S = 120, 240
 #: A list that grows for ever is caught before the machine is full.
 MEMORY_BYTES = 8 * 2**30
 #: How many tests run at once: most mutants are caught by one of the first.
@@ -86,7 +86,7 @@ class Trial:
 
     def _hash_sources(self) -> tuple[str, ...]:
         """The digest and the library's file name; nothing where the package cannot be imported."""
-        command, environment = [str(self.copy.python), "-c", HASH], self.copy.environment()
+        command, environment = [str(self.copy.python), "-I", "-c", HASH], self.copy.environment()
         try:
             done = subprocess.run(
                 command, env=environment, capture_output=True, text=True, timeout=TEST_S
