@@ -10,7 +10,7 @@ SCRIPT := PYTHONPATH=tests $(BIN)/python
 # Hundreds of tests start a process each; without these files each would compile all of armd
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-reliability hidden-ablation hidden-sweep hidden-predictive outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-parallel test-serial test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-reliability hidden-ablation hidden-sweep hidden-predictive mutants outsider interim interim-reliability soak fuzz scale system-test deb paper real so101 so101-live circle page browser picture
 .PHONY: develop notebooks docs
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # A command, and after it what it did and the seconds it took: $(call timed,WHAT,COMMAND)
@@ -192,6 +192,12 @@ hidden-sweep: develop
 # Does the planted cause's own variable leave its band most? make hidden-predictive CASES=5 SEED=7
 hidden-predictive: develop
 	OPENBLAS_NUM_THREADS=1 $(SCRIPT) tests/hidden/predictive_numbers.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
+
+# Which fast test catches each of some drawn mutations of the sources: make mutants SEED=421 CASES=200
+# and, once tests changed, whether each is still caught: make mutants BEFORE=FILE, the first run's
+mutants: develop
+	OPENBLAS_NUM_THREADS=1 $(SCRIPT) tests/mutants/run.py --head "$(or $(HEAD),HEAD)" \
+	    --seed $(FROZEN_SEED) --cases $(or $(CASES_ASKED),200) $(if $(BEFORE),--before "$(BEFORE)") $(MUTANTS_ARGS)
 
 # Simulator, daemon and subscribers under random faults, every point accounted for:
 # make soak MINUTES=60 SEED=3
