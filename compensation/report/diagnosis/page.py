@@ -37,7 +37,7 @@ RULE = (
     "Decision rule: a cause is reported where noise alone would reach its score, anywhere among the"
     " candidates, once in a hundred data sets at most. It is confirmed where it improves the"
     " prediction of readings that had no part in finding it: the 95 % interval of the gain is above"
-    " zero, or most placements and targets improve (sign test)."
+    " zero."
 )
 
 
