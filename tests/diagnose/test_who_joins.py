@@ -71,10 +71,20 @@ def test_what_is_likeliest_must_be_significant_itself(scatter: dict[int, float])
     assert selection.choose(NOTHING, scores, TESTS) is OTHER
 
 
-def test_what_few_rests_bear_is_refused_for_the_next(scatter: dict[int, float]) -> None:
+def test_what_few_rests_bear_is_refused_for_the_next(
+    scatter: dict[int, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
     scores = scores_of([FIRST, SECOND, OTHER], [-30.0, -31.0, -25.0], [0.3, 0.4, 0.3])
     scatter[id(SECOND)] = scatter[id(FIRST)] = -1.0
+    compared = []
+
+    def likelier(admitted: Candidate, refused: list[Candidate], *_: object) -> Candidate:
+        compared.append([c.place for c in refused])
+        return admitted
+
+    monkeypatch.setattr(selection, "_likelier", likelier)
     assert selection.choose(NOTHING, scores, TESTS) is OTHER
+    assert compared == [[SECOND.place, FIRST.place]]  # and asked whether it is the same signal
     scatter[id(OTHER)] = -1.0
     assert selection.choose(NOTHING, scores, TESTS) is None
 

@@ -19,6 +19,7 @@ from armd.compensation.diagnose.constants import (
     MOST_RICHER,
     STRONG,
 )
+from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.signatures import identify_kind
 from armd.compensation.diagnose.scoring.candidates import (
     ScoredCandidates,
@@ -26,8 +27,8 @@ from armd.compensation.diagnose.scoring.candidates import (
     score_candidates,
 )
 from armd.compensation.diagnose.scoring.evidence import Scores, score
-from armd.compensation.diagnose.scoring.projection import Projection
-from armd.compensation.diagnose.scoring.robust_refit import compute_unclipped_gain
+from armd.compensation.diagnose.scoring.projection import Projection, make_projection
+from armd.compensation.diagnose.scoring.robust_refit import clip_about, compute_unclipped_gain
 from armd.compensation.diagnose.scoring.scatter import compute_log_p_by_scatter
 from armd.compensation.diagnose.scoring.threshold import is_significant
 from armd.compensation.effects.effect import Candidate, join_finding
@@ -61,6 +62,7 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
     for place, share in zip(places, np.exp(weight - weight.max()), strict=True):
         total[place] = total.get(place, 0.0) + float(share)
     significant_indices = {int(i) for i in np.flatnonzero(is_significant(log_p, tests))}
+    refused: list[Candidate] = []
     while significant_indices:
         likeliest_place = max(
             (places[i] for i in significant_indices), key=lambda place: total[place]
@@ -69,12 +71,15 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
             (i for i in significant_indices if places[i] == likeliest_place),
             key=lambda i: weight[i],
         )
+        about = projection
         if log_p[best] < STRONG:
             best = _if_bent(
                 best, significant_indices.intersection(alike), candidates, clipped, projection
             )
-        if is_significant(compute_log_p_by_scatter(candidates[best], projection), tests):
-            return candidates[best]
+            about = clip_about(candidates[best], projection)
+        if is_significant(compute_log_p_by_scatter(candidates[best], about), tests):
+            return _likelier(candidates[best], refused, projection, tests)
+        refused.append(candidates[best])
         significant_indices.remove(best)
     return None
 
@@ -152,6 +157,23 @@ def _with_own_tails(
         [candidates[i] for i in indices], weight[indices], projection
     )
     return weight
+
+
+def _likelier(
+    admitted: Candidate, refused: Sequence[Candidate], projection: Projection, tests: int
+) -> Candidate:
+    """The admitted candidate, or the likelier one that few rests bear, if it is the same signal.
+
+    That something is there the admitted one shows; what it is, the likelier one says, if nothing
+    of the admitted one is left with it in the model.
+    """
+    for likelier in refused:
+        about = clip_about(likelier, projection).fit
+        findings = join_finding(about.findings, likelier)
+        with_it = make_projection(solve_again(about, findings, projection.arm), projection.arm)
+        if not is_significant(score_candidates(with_it, [admitted]).scores.log_p[0], tests):
+            return likelier
+    return admitted
 
 
 def _if_bent(

@@ -83,6 +83,9 @@ RULES = (
         "strong ones compared with their own tails", SEARCH + "selection:_with_own_tails", give(0),
         lambda result, weight, *_: int(np.argmax(result)) != int(np.argmax(weight)),
     ),
+    Rule("the likelier one that few rests bear", SEARCH + "selection:_likelier", give(0)),
+    Rule("clipped about the chosen one", SCORING + "robust_refit:clip_about",
+         lambda _original, _candidate, projection: projection),
     Rule(
         "significant by its rests' own scatter", SCORING + "scatter:compute_log_p_by_scatter",
         always(-1e9), lambda result, *_: result > ABOUT_SIGNIFICANT,
