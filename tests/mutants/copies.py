@@ -16,6 +16,8 @@ import venv
 from dataclasses import dataclass
 from pathlib import Path
 
+from hidden.frozen.revision import make_environment
+
 HAS_LIBRARY = "from armd.compiled import library; assert library.load_libraries()"
 #: Of a processor: far more than a library takes to compile.
 LIBRARY_S = 400
@@ -40,12 +42,10 @@ class Copy:
         return self.root / ".venv/share/armd"
 
     def environment(self, **more: str) -> dict[str, str]:
-        """That of this process without its Python settings, one thread, and *more*."""
-        kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "ARMD_"))}
-        path = f"{self.python.parent}:{kept.get('PATH', '')}"
-        one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
-        own = {"PATH": path, "VIRTUAL_ENV": str(self.root / ".venv")}
-        return kept | one_thread | own | {"NUMBA_CACHE_DIR": str(self.compiled)} | more
+        """That of a revision, this environment's programs first, and *more*."""
+        path = f"{self.python.parent}:{os.environ.get('PATH', '')}"
+        venv_paths = {"PATH": path, "VIRTUAL_ENV": str(self.root / ".venv")}
+        return make_environment(self.compiled) | venv_paths | more
 
 
 def make_copy(repository: Path, commit: str, root: Path) -> Copy:

@@ -18,22 +18,23 @@ import os
 import resource
 import shutil
 import sys
-import tempfile
 import time
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from hidden.frozen.case import read_truth, sessions
+from hidden.frozen.case import Truth, read_truth
 from hidden.frozen.freeze import CACHE, ROOT, wanted_cases
 from hidden.frozen.revision import commit_of
 from hidden.frozen.rules import RULES
-from hidden.frozen.run import Ran, read_answer
+from hidden.frozen.run import Ran, Refused, copy_case, diagnose_and_evaluate, make_given
 from hidden.frozen.score import WORSE, score
 from hidden.frozen.switches import Rule, switch_off, watch
+
+from armd.files.writing import write_whole
 
 MOST_S = 900
 DRAWN_BY = 44
@@ -44,7 +45,7 @@ COLUMNS = ("changed", "run", "other", "better", "worse")
 class Task:
     case: Path
     rule: str  # "": none is off, and all are watched
-    kept: Path  # the folder of this rule's answers
+    answers: Path  # their folder
 
 
 @dataclass(frozen=True)
@@ -65,18 +66,18 @@ def main() -> int:
     parser.add_argument("--csv", type=Path, help="a table whose rows of these rules are replaced")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     args = parser.parse_args()
-    kept = CACHE / "ablation" / commit_of(ROOT, "HEAD")[:12]
+    answers = CACHE / "ablation" / commit_of(ROOT, "HEAD")[:12]
     cases = [
         CACHE / seed / wanted.name
         for seed in args.seeds.split(",")
         for wanted in wanted_cases(args.kinds, args.cases)
         if (CACHE / seed / wanted.name).exists()
     ]
-    whole = find_answers([Task(case, "", kept) for case in cases], args.workers)
+    whole = find_answers([Task(case, "", answers) for case in cases], args.workers)
     with_all = {task.case: answer for task, answer in whole.items()}
     rules = [rule for rule in RULES if not args.rules or rule.name in args.rules]
     tasks = [
-        Task(case, rule.name, kept)
+        Task(case, rule.name, answers)
         for rule in rules
         for case in draw_cases(rule, with_all, args.most)
     ]
@@ -111,7 +112,7 @@ def find_answers(tasks: Sequence[Task], workers: int) -> dict[Task, Answer]:
 
 
 def _file(task: Task) -> Path:
-    return task.kept / f"{task.case.parent.name}-{task.case.name}" / f"{_key(task.rule)}.json"
+    return task.answers / f"{task.case.parent.name}-{task.case.name}" / f"{_key(task.rule)}.json"
 
 
 def _key(rule: str) -> str:
@@ -135,89 +136,56 @@ def _run(task: Task) -> Task:
     """In a process of its own: what is switched off stays off."""
     resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S + 5))
     _import_all()
-    given, counts = _file(task).with_name("given.json"), Counter[str]()
-    is_diagnosed = read_truth(task.case).given == "diagnose"
-    if not (is_diagnosed or given.exists()):
-        _make_given(task.case, given)
-    if task.rule:
-        switch_off(next(rule for rule in RULES if rule.name == task.rule))
-    else:
-        watch(RULES, counts)
-    if is_diagnosed:  # by the same rules as what follows
-        given = _file(task).with_suffix(".given")
-        _make_given(task.case, given)
-    ran = _diagnosed(task.case, given)
-    path = _file(task)
-    part = path.with_suffix(f".{os.getpid()}")
-    part.write_text(json.dumps({"ran": asdict(ran), "changed": dict(counts)}), encoding="utf-8")
-    part.replace(path)
+    truth, counts = read_truth(task.case), Counter[str]()
+    is_diagnosed = truth.given == "diagnose"
+    with copy_case(task.case) as folder, contextlib.chdir(folder):
+        try:
+            if not is_diagnosed:
+                _make_given_once(_file(task).with_name("given.json"), truth)
+            _prepare(task.rule, counts)
+            if is_diagnosed:  # by the same rules as what follows
+                make_given(_run_here, Path(), truth)
+            ran = diagnose_and_evaluate(_run_here, Path(), truth)
+        except Refused as refused:
+            ran = Ran(refused=str(refused), failed=refused.failed)
+    _file(task).parent.mkdir(parents=True, exist_ok=True)
+    write_whole(_file(task), json.dumps({"ran": asdict(ran), "changed": dict(counts)}))
     return task
 
 
-def _make_given(case: Path, given: Path) -> None:
-    """Write the case's calibration; where none can be made, what was said."""
-    given.parent.mkdir(parents=True, exist_ok=True)
-    with _inside(case):
-        here, made = Path(), Path("given.json")
-        before, diagnosed = sessions(here, "before"), sessions(here, "session")
-        if read_truth(case).given == "diagnose":
-            _armd("diagnose", *before, "--arm", "arm.toml", "--json", "first.json",
-                  "--extended", str(made))  # fmt: skip
-        else:
-            _armd("calibrate", *(before or diagnosed), "--arm", "arm.toml", "-o", str(made))
-        part = given.with_suffix(f".{os.getpid()}")
-        shutil.copy(made if made.exists() else "output.txt", part)
-        part.replace(given)
+def _make_given_once(kept: Path, truth: Truth) -> None:
+    """The case's calibration, which no rule of a diagnosis changes."""
+    if kept.exists():
+        shutil.copy(kept, "given.json")
+        return
+    make_given(_run_here, Path(), truth)
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(kept, Path("given.json").read_bytes())
 
 
-def _diagnosed(case: Path, given: Path) -> Ran:
-    truth = read_truth(case)
-    if not (said := given.read_text(encoding="utf-8")).startswith("{"):
-        return Ran(refused=said)
-    with _inside(case):
-        here = Path()
-        shutil.copy(given, "given.json")
-        further = sessions(here, "further")
-        words = ["diagnose", *sessions(here, "session"), "--arm", "arm.toml"]
-        words += ["--calibration", "given.json"] if truth.given else []
-        words += ["--holdout", *further] if truth.holdout_given else []
-        words += ["--json", "diagnosis.json", "--extended", "extended.json"]
-        began = time.process_time()
-        if code := _armd(*words):
-            said = Path("output.txt").read_text(errors="replace")[-1500:]
-            return Ran(refused=said, failed=code != 2)
-        spent = time.process_time() - began
-        for name in ("given", "extended"):
-            if Path(f"{name}.json").exists():
-                _armd("evaluate", *further, "--arm", "arm.toml", "--calibration", f"{name}.json",
-                      "--json", f"{name}-error.json")  # fmt: skip
-        return read_answer(here, spent)
+def _prepare(rule_name: str, counts: Counter[str]) -> None:
+    """Switch the rule of that name off; without a name, watch all."""
+    if rule_name:
+        switch_off(next(rule for rule in RULES if rule.name == rule_name))
+    else:
+        watch(RULES, counts)
 
 
-@contextlib.contextmanager
-def _inside(case: Path) -> Iterable[None]:
-    """In a copy of a case, without its truth."""
-    before = Path.cwd()
-    with tempfile.TemporaryDirectory(prefix="armd-ablation-") as made:
-        shutil.copytree(case, made, dirs_exist_ok=True,
-                        ignore=shutil.ignore_patterns("truth.json"))  # fmt: skip
-        os.chdir(made)
-        try:
-            yield
-        finally:
-            os.chdir(before)
-
-
-def _armd(*words: str) -> int:
-    """Run a command of armd in this process, what it says in output.txt; its exit code."""
+def _run_here(*words: str) -> float:
+    """Processor seconds of a command of armd in this process and folder; raises `Refused` if it
+    ends with an error."""
     from armd.daemon.cli import main as armd
 
+    began = time.process_time()
     with (
         Path("output.txt").open("w") as out,
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(out),
     ):
-        return int(armd(list(words)))
+        code = armd(list(words))
+    if code:
+        raise Refused.from_output(words[0], Path(), code)
+    return time.process_time() - began
 
 
 def count_rows(

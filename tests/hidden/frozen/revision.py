@@ -29,9 +29,15 @@ class Revision:
 
     def environment(self, cache: Path) -> dict[str, str]:
         """With one thread, and compiled functions kept in *cache*."""
-        kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "ARMD_"))}
-        one = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
-        return kept | one | {"PYTHONPATH": str(self.path), "NUMBA_CACHE_DIR": str(cache)}
+        return make_environment(cache) | {"PYTHONPATH": str(self.path)}
+
+
+def make_environment(cache: Path) -> dict[str, str]:
+    """That of this process without its settings of Python and armd; one thread, and what numba
+    compiles kept in *cache*."""
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "ARMD_"))}
+    one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+    return inherited | one_thread | {"NUMBA_CACHE_DIR": str(cache)}
 
 
 def commit_of(root: Path, name: str) -> str:

@@ -8,8 +8,8 @@ import resource
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,9 @@ from hidden.frozen.case import Truth, read_truth, sessions
 from hidden.frozen.revision import Revision
 
 MOST_S = 1800
+ARM = ("--arm", "arm.toml")
+#: Runs one command of armd in a case's folder; processor seconds, or raises `Refused`.
+RunCommand = Callable[..., float]
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,12 @@ class Refused(Exception):
     def __init__(self, message: str, failed: bool) -> None:
         super().__init__(message)
         self.failed = failed
+
+    @classmethod
+    def from_output(cls, command: str, folder: Path, code: int) -> Refused:
+        """Of a command that ended with *code*, what it printed in output.txt."""
+        output = (folder / "output.txt").read_text(errors="replace")
+        return cls(f"armd {command}: {output[-1500:]}", code != 2)
 
 
 class Commands:
@@ -63,44 +72,53 @@ class Commands:
         spent = usage.ru_utime + usage.ru_stime
         self.seconds += spent
         if process.returncode:
-            said = (self.folder / "output.txt").read_text(errors="replace")
-            raise Refused(f"armd {words[0]}: {said[-1500:]}", process.returncode != 2)
+            raise Refused.from_output(words[0], self.folder, process.returncode)
         return float(spent)
 
 
 def run_case(revision: Revision, case: Path, cache: Path) -> Ran:
     """Calibrate, diagnose and evaluate a case by the revision's commands."""
     truth = read_truth(case)
+    with copy_case(case) as folder:
+        commands = Commands(revision, folder, cache)
+        try:
+            make_given(commands.run, folder, truth)
+            ran = diagnose_and_evaluate(commands.run, folder, truth)
+        except Refused as refused:
+            return Ran(refused=str(refused), failed=refused.failed, seconds=commands.seconds)
+        return replace(ran, seconds=commands.seconds)
+
+
+@contextmanager
+def copy_case(case: Path) -> Iterator[Path]:
+    """A copy of a case without its truth."""
     with tempfile.TemporaryDirectory(prefix="armd-frozen-") as made:
         folder = Path(made) / "case"
         shutil.copytree(case, folder, ignore=shutil.ignore_patterns("truth.json"))
-        commands = Commands(revision, folder, cache)
-        try:
-            return _run(commands, truth)
-        except Refused as refused:
-            return Ran(refused=str(refused), failed=refused.failed, seconds=commands.seconds)
+        yield folder
 
 
-def _run(commands: Commands, truth: Truth) -> Ran:
-    folder = commands.folder
-    before, further = sessions(folder, "before"), sessions(folder, "further")
-    diagnosed = sessions(folder, "session")
-    arm = ("--arm", "arm.toml")
+def make_given(run: RunCommand, folder: Path, truth: Truth) -> None:
+    """Write given.json, the model under test, into a case's folder."""
+    before, diagnosed = sessions(folder, "before"), sessions(folder, "session")
     if truth.given == "diagnose":
-        commands.run("diagnose", *before, *arm, "--json", "first.json", "--extended", "given.json")
+        run("diagnose", *before, *ARM, "--json", "first.json", "--extended", "given.json")
     else:
-        commands.run("calibrate", *(before or diagnosed), *arm, "-o", "given.json")
+        run("calibrate", *(before or diagnosed), *ARM, "-o", "given.json")
+
+
+def diagnose_and_evaluate(run: RunCommand, folder: Path, truth: Truth) -> Ran:
+    """Diagnose a case whose given.json there is, and evaluate that and the extended model."""
+    diagnosed, further = sessions(folder, "session"), sessions(folder, "further")
     given = ("--calibration", "given.json") if truth.given else ()
-    holdout = ("--holdout", *further)
-    spent = commands.run(
-        "diagnose", *diagnosed, *arm, *given, *(holdout if truth.holdout_given else ()),
-        "--json", "diagnosis.json", "--extended", "extended.json",
-    )  # fmt: skip
+    holdout = ("--holdout", *further) if truth.holdout_given else ()
+    spent = run("diagnose", *diagnosed, *ARM, *given, *holdout,
+                "--json", "diagnosis.json", "--extended", "extended.json")  # fmt: skip
     for name in ("given", "extended"):
         if (folder / f"{name}.json").exists():
-            commands.run("evaluate", *further, *arm, "--calibration", f"{name}.json",
-                         "--json", f"{name}-error.json")  # fmt: skip
-    return replace(read_answer(folder, spent), seconds=commands.seconds)
+            run("evaluate", *further, *ARM, "--calibration", f"{name}.json",
+                "--json", f"{name}-error.json")  # fmt: skip
+    return read_answer(folder, spent)
 
 
 def read_answer(folder: Path, diagnose_s: float) -> Ran:
