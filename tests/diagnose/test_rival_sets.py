@@ -76,4 +76,7 @@ def test_what_was_refused_is_not_looked_for_at_its_place() -> None:
     refusals = Refusals([WOBBLE, GEARS])
     refusals.add(GEARS, "it would move d_2 by 12 mm")
     assert refusals.candidates == [WOBBLE] and refusals.places == {GEARS.place}
-    assert [r.candidate for r in refusals.refused] == [GEARS]
+    remaining = refusals.candidates
+    refusals.add(GEARS, "it would move d_2 by 12 mm")
+    assert refusals.candidates is remaining, "a new list would be compiled and counted anew"
+    assert [r.candidate for r in refusals.refused] == [GEARS, GEARS]

@@ -23,4 +23,6 @@ class Refusals:
     def add(self, candidate: Candidate, reason: str) -> None:
         """Look for it no more."""
         self.refused.append(RefusedCandidate(candidate, reason))
-        self.candidates = [c for c in self.candidates if c.place != candidate.place]
+        remaining = [c for c in self.candidates if c.place != candidate.place]
+        if len(remaining) < len(self.candidates):
+            self.candidates = remaining
