@@ -141,6 +141,23 @@ def test_forty_arms_lie_within_their_stated_uncertainty_as_often_as_stated(
 
 
 @pytest.mark.slow
+def test_a_length_certified_wrong_is_contradicted(tmp_path: Path) -> None:
+    """Two blocks on one arm: what the one says of its size, the other's certificate must keep."""
+    workshop = Workshop(3)
+    planes = [plane("plate"), plane("head", 50.0, 1.0, 20.0), plane("step", 90.0, 1.0, 20.0)]
+    lengths = [
+        distance("plate", "head", 50.0, CERTIFIED_MM),
+        distance("plate", "step", 90.3, CERTIFIED_MM),
+    ]
+    workshop.session(tmp_path / "one", planes, 4, 20, lengths)
+    (tmp_path / "arm.toml").write_text(nominal.make_arm_toml(), encoding="utf-8")
+    arm = load_arm(tmp_path / "arm.toml")
+    found = calibrate(load_sessions([tmp_path / "one"], arm), arm, Options())
+    assert not found.certificate.granted
+    assert "certified length contradicts" in found.certificate.reason
+
+
+@pytest.mark.slow
 def test_readings_in_the_air_are_named_and_count_for_nothing(tmp_path: Path) -> None:
     workshop = measured(tmp_path, KINDS["ball"], 1)
     table = tmp_path / "session" / "readings.csv"

@@ -18,6 +18,7 @@ from armd.compensation.model.kinematics import compute_jacobian, compute_pose
 from armd.daemon.catalogue.known_arms import KNOWN, read_arm_text
 from armd.daemon.catalogue.urdf.urdf import compute_denavit_hartenberg, read_chain
 from armd.daemon.cli import main
+from armd.files.toml_text import format_toml
 from armd.offline.model import Model
 from support.drawn import drawn
 from support.own_urdf import OWN
@@ -162,3 +163,17 @@ def test_a_persons_own_urdf(terms: list[dict[str, Any]], tmp_path: Path) -> None
     base[:3, :3], base[:3, 3] = compute_denavit_hartenberg(chain)[2], chain.origins[0]
     peer = Peer(tmp_path / "new.urdf", "tool0", "finger", "other_finger")
     assert_same(peer, arm, geometry.parameters, base)
+
+
+def test_a_chain_of_twenty_joints(tmp_path: Path) -> None:
+    joint = {"d_mm": 60.0, "a_mm": 90.0, "alpha_deg": 65.0, "min_deg": -150.0, "max_deg": 150.0}
+    content = {
+        "schema": "armd.arm/1", "serial_number": "LONG", "joint": [joint] * 20,
+        "tip": {"offset_mm": [10.0, 20.0, 80.0]},
+    }  # fmt: skip
+    (tmp_path / "arm.toml").write_text(format_toml(content))
+    arm = load_arm(tmp_path / "arm.toml")
+    calibration = calibrate(tmp_path, arm, [])
+    write(tmp_path / "arm.toml", calibration, tmp_path / "new.urdf")
+    geometry = compute_geometry(arm, load_calibration(calibration, arm).content, None)
+    assert_same(Peer(tmp_path / "new.urdf", "LONG_ball"), arm, geometry.parameters)
